@@ -1,0 +1,52 @@
+"""A user's α_y table from a CSV file: columns β [deg], α_y [N/cm³], or β, γ [deg], α_y on a full grid."""
+
+from pathlib import Path
+
+import numpy as np
+
+from rft_ros.errors import InputError
+from rft_ros.rft import Table
+
+__all__ = ["read_alpha_y_table"]
+
+
+def read_alpha_y_table(file: str) -> Table:
+    """Read and check a table; a first line of names and lines that begin with # are passed over.
+
+    Raises InputError that names the file and what is wrong in it.
+    """
+    path = Path(file).expanduser()
+    rows: list[list[float]] = []
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"alpha_y.table '{file}' cannot be read: {error}") from None
+    for number, line in enumerate(lines, start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        try:
+            rows.append([float(cell) for cell in line.split(",")])
+        except ValueError:
+            if rows or number > 1:
+                raise InputError(f"alpha_y.table '{file}' line {number}: '{line.strip()}' is not numbers") from None
+    widths = {len(row) for row in rows}
+    if widths not in ({2}, {3}):
+        raise InputError(f"alpha_y.table '{file}' needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")
+    data = np.array(rows)
+    if not np.isfinite(data).all():
+        raise InputError(f"alpha_y.table '{file}' has a value that is not finite")
+    if (data[:, -1] < 0.0).any():
+        raise InputError(
+            f"alpha_y.table '{file}' has a negative alpha_y ({data[:, -1].min():g}); it opposes the motion"
+        )
+    gammas = data[:, 1] if data.shape[1] == 3 else np.zeros(len(data))
+    beta, i = np.unique(data[:, 0], return_inverse=True)
+    gamma, j = np.unique(gammas, return_inverse=True)
+    values = np.full((len(beta), len(gamma)), np.nan)
+    values[i, j] = data[:, -1]
+    if len(data) != values.size or np.isnan(values).any():
+        raise InputError(
+            f"alpha_y.table '{file}' has {len(data)} rows; a grid of {len(beta)} beta x {len(gamma)} gamma values"
+            f" needs each pair once ({values.size} rows)"
+        )
+    return Table(np.deg2rad(beta), np.deg2rad(gamma), values)

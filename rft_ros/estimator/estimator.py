@@ -1,0 +1,215 @@
+"""The estimator: stamped samples in; at each pose, an estimate or a named reason. It reads no clock and no ROS."""
+
+import math
+from collections import Counter
+
+import numpy as np
+
+from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator.samples import Estimate, PoseSample, Reason, TwistSample, Withheld, Wrench, WrenchSample
+from rft_ros.estimator.settings import Model, Settings
+from rft_ros.estimator.tare import Tare
+from rft_ros.rft import COLUMNS, STATE, rotation_matrix, unit_quaternion, wrenches
+
+__all__ = ["TIME_JUMP", "Estimator"]
+
+TIME_JUMP = 1_000_000_000
+"""A stamp this far [ns] before the last one of its stream is a new beginning (a bag that loops), not a late sample."""
+
+
+class Estimator:
+    """Predicted, compensated and residual wrench from poses, twists and load-cell samples, in the order they come.
+
+    A pose is answered from the newest usable twist and wrench pushed before it; `max_input_age` bounds how far their
+    stamps may lie from the pose's. `counts` adds up estimates, and samples turned away or unanswered by reason.
+    """
+
+    def __init__(self, settings: Settings, model: Model) -> None:
+        self.counts: Counter[str] = Counter()
+        self._state = np.zeros((1, len(STATE)))
+        self._result = np.zeros((1, len(COLUMNS)))
+        self._in_sensor = [0.0] * 12
+        self._pose: PoseSample | None = None
+        self._answered = 0
+        self._twist: TwistSample | None = None
+        self._wrench: WrenchSample | None = None
+        self._difference = PoseDifference()
+        self._tare = Tare()
+        self.model = model
+        self.settings = settings
+        self._apply(settings)
+
+    def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
+        """Take new settings or a new model from the next sample on; what was pushed before is kept."""
+        if model is not None:
+            self.model = model
+        if settings is not None:
+            self.settings = settings
+            self._apply(settings)
+
+    def _apply(self, settings: Settings) -> None:
+        self._frame = LoadCellFrame(settings.load_cell)
+        self._max_age = round(settings.max_input_age * 1e9)
+        # a little slack, so that a 125 Hz stream with jittering stamps passes a limit of 125 Hz
+        self._period = round(0.9e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
+        self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
+
+    def push_twist(self, sample: TwistSample) -> Reason | None:
+        """Take a twist; the reason if it cannot be used."""
+        last = self._twist
+        reason = None
+        if sample.stamp <= 0:
+            reason = Reason.TWIST_STAMP_ZERO
+        elif not math.isfinite(sum(sample.linear) + sum(sample.angular)):
+            reason = Reason.TWIST_NOT_FINITE
+        elif sample.frame != self.settings.world_frame and sample.frame != self.settings.tool_frame:
+            reason = Reason.TWIST_FRAME_UNKNOWN
+        elif last is not None and 0 < last.stamp - sample.stamp < TIME_JUMP:
+            reason = Reason.TWIST_OUT_OF_ORDER
+        if reason is None:
+            self._twist = sample
+        else:
+            self.counts[reason.value] += 1
+        return reason
+
+    def push_wrench(self, sample: WrenchSample) -> Reason | None:
+        """Take a load-cell sample; the reason if it cannot be used."""
+        last = self._wrench
+        reason = None
+        if sample.stamp <= 0:
+            reason = Reason.WRENCH_STAMP_ZERO
+        elif not math.isfinite(sum(sample.wrench)):
+            reason = Reason.WRENCH_NOT_FINITE
+        elif sample.frame != self.settings.sensor_frame:
+            reason = Reason.WRENCH_FRAME_UNKNOWN
+        elif last is not None and 0 < last.stamp - sample.stamp < TIME_JUMP:
+            reason = Reason.WRENCH_OUT_OF_ORDER
+        if reason is None:
+            self._wrench = sample
+            self._tare.push(sample)
+        else:
+            self.counts[reason.value] += 1
+        return reason
+
+    def push_pose(self, sample: PoseSample) -> Estimate | Withheld:
+        """Answer a pose: an estimate, or the reason why there is none."""
+        answer = self._answer(sample)
+        if isinstance(answer, Reason):
+            self.counts[answer.value] += 1
+            return Withheld(sample.stamp, answer)
+        self.counts["estimates"] += 1
+        if answer.no_wrench is not None:
+            self.counts[answer.no_wrench.value] += 1
+        return answer
+
+    def _answer(self, sample: PoseSample) -> Estimate | Reason:
+        settings, model = self.settings, self.model
+        stamp = sample.stamp
+        if stamp <= 0:
+            return Reason.POSE_STAMP_ZERO
+        if not math.isfinite(sum(sample.position) + sum(sample.quaternion)):
+            return Reason.POSE_NOT_FINITE
+        quaternion = unit_quaternion(*sample.quaternion)
+        if quaternion is None:
+            return Reason.POSE_QUATERNION_NOT_UNIT
+        if sample.frame != settings.world_frame:
+            return Reason.POSE_FRAME_UNKNOWN
+        if self._pose is not None and stamp <= self._pose.stamp:
+            if stamp == self._pose.stamp:
+                return Reason.POSE_REPEATED
+            if self._pose.stamp - stamp < TIME_JUMP:
+                return Reason.POSE_OUT_OF_ORDER
+            self._pose, self._answered = None, 0
+            self._difference.reset()
+            self.counts[Reason.TIME_JUMP.value] += 1
+        pose = self._pose = PoseSample(stamp, sample.frame, sample.position, quaternion)
+
+        state = self._state[0]
+        state[0:3] = pose.position
+        state[3:7] = quaternion
+        twist = self._twist_into_state(pose)
+        if self._period and stamp - self._answered < self._period:
+            return Reason.POSE_THINNED
+        if twist is not None:
+            self._tare.disturb(stamp, f"the tool's velocity was not known ({twist.value})")
+            return twist
+        self._answered = stamp
+
+        vx, vy, vz, wx, wy, wz = state[7:13].tolist()
+        speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * model.tool.plates.reach
+        wrenches(
+            model.tool.plates,
+            model.law,
+            self._state,
+            surface_height=settings.surface_height,
+            threads=1,
+            out=self._result,
+        )
+        submerged = float(self._result[0, 6])
+        if submerged > 0.0:
+            self._tare.disturb(stamp, "the tool was in the grains")
+            if speed < settings.rest_speed:
+                return Reason.AT_REST
+        elif speed >= settings.rest_speed:
+            self._tare.disturb(stamp, f"the tool moved at {speed:.4f} m/s")
+        else:
+            self._tare.still(stamp)
+
+        # The weight's share is kept for a tare that may follow.
+        self._in_sensor = numbers = self._frame.into_sensor(state[3:7], self._result[0])
+        if not math.isfinite(sum(numbers)):
+            return Reason.ESTIMATE_NOT_FINITE
+        predicted = (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
+        wrench = self._wrench
+        no_wrench = None
+        compensated: Wrench | None = None
+        residual: Wrench | None = None
+        if wrench is None:
+            no_wrench = Reason.WRENCH_MISSING
+        elif not -self._max_age <= stamp - wrench.stamp <= self._max_age:
+            no_wrench = Reason.WRENCH_STALE
+        else:
+            s, b, m, w = self._frame.sign, self._frame.bias, wrench.wrench, numbers
+            compensated = (
+                s * (m[0] - b[0]) - w[6],
+                s * (m[1] - b[1]) - w[7],
+                s * (m[2] - b[2]) - w[8],
+                s * (m[3] - b[3]) - w[9],
+                s * (m[4] - b[4]) - w[10],
+                s * (m[5] - b[5]) - w[11],
+            )
+            c, p = compensated, predicted
+            residual = (c[0] - p[0], c[1] - p[1], c[2] - p[2], c[3] - p[3], c[4] - p[4], c[5] - p[5])
+        return Estimate(stamp, predicted, compensated, residual, no_wrench, speed, submerged, model.generation)
+
+    def tare(self, window: float) -> Wrench:
+        """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].
+
+        Nothing is changed: give it back through `use` as the load cell's `bias`. InputError says why it is refused: the
+        tool moved or was in the grains, its velocity is not known, or there are too few load-cell samples.
+        """
+        mean = self._tare.mean(window)
+        sign, weight = self._frame.sign, self._in_sensor[6:12]
+        fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
+        return fx, fy, fz, tx, ty, tz
+
+    def _twist_into_state(self, pose: PoseSample) -> Reason | None:
+        """Write the tool's velocity in world axes into the state, or say why there is none."""
+        state = self._state[0]
+        if self.settings.twist_source == "pose_difference":
+            ready = self._difference.push(pose)
+            state[7:13] = self._difference.twist
+            return None if ready else Reason.POSE_HISTORY_SHORT
+        twist = self._twist
+        if twist is None:
+            return Reason.TWIST_MISSING
+        if not -self._max_age <= pose.stamp - twist.stamp <= self._max_age:
+            return Reason.TWIST_STALE
+        state[7:10] = twist.linear
+        state[10:13] = twist.angular
+        if twist.frame == self.settings.tool_frame:
+            to_world = rotation_matrix(pose.quaternion)
+            state[7:10] = to_world @ state[7:10]
+            state[10:13] = to_world @ state[10:13]
+        return None

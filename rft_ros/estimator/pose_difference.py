@@ -1,0 +1,91 @@
+"""Twist by differencing poses on SE(3): the slope of a line through the last poses, which tames encoder noise."""
+
+import math
+
+import numba
+import numpy as np
+
+from rft_ros.estimator.samples import PoseSample
+
+__all__ = ["PoseDifference"]
+
+_CAPACITY = 256
+_FEWEST = 3
+
+
+@numba.njit(cache=True, error_model="numpy")
+def _slopes(ring, newest, window, oldest_allowed, twist):  # type: ignore[no-untyped-def]
+    """Least-squares slopes over the poses of the window; rotations as vectors from the newest pose, world axes.
+
+    `ring`: rows stamp [s], position, quaternion xyzw. Writes vx..wz to `twist`; returns the number of poses used.
+    """
+    capacity = ring.shape[0]
+    t0 = ring[newest, 0]
+    ax, ay, az, aw = -ring[newest, 4], -ring[newest, 5], -ring[newest, 6], ring[newest, 7]
+    n = 0
+    st = stt = 0.0
+    s = np.zeros(6)
+    stx = np.zeros(6)
+    x = np.zeros(6)
+    for back in range(capacity):
+        row = ring[(newest - back) % capacity]
+        t = row[0] - t0
+        if np.isnan(t) or -t > oldest_allowed or (-t > window and n >= _FEWEST):
+            break
+        # rotation from the newest pose to this one: q_row * conj(q_newest), as a rotation vector
+        bx, by, bz, bw = row[4], row[5], row[6], row[7]
+        rx = bw * ax + bx * aw + by * az - bz * ay
+        ry = bw * ay - bx * az + by * aw + bz * ax
+        rz = bw * az + bx * ay - by * ax + bz * aw
+        rw = bw * aw - bx * ax - by * ay - bz * az
+        if rw < 0.0:
+            rx, ry, rz, rw = -rx, -ry, -rz, -rw
+        sine = math.sqrt(rx * rx + ry * ry + rz * rz)
+        scale = 2.0 * math.atan2(sine, rw) / sine if sine > 1e-12 else 2.0
+        for k in range(3):
+            x[k] = row[1 + k] - ring[newest, 1 + k]
+        x[3], x[4], x[5] = rx * scale, ry * scale, rz * scale
+        n += 1
+        st += t
+        stt += t * t
+        for k in range(6):
+            s[k] += x[k]
+            stx[k] += t * x[k]
+    spread = n * stt - st * st
+    for k in range(6):
+        twist[k] = (n * stx[k] - st * s[k]) / spread if spread > 0.0 else 0.0
+    return n
+
+
+class PoseDifference:
+    """Ring of the last poses. Causal: the twist is that of the window's middle, half a window ago."""
+
+    def __init__(self) -> None:
+        self.window = 0.0
+        self.max_age = 0.0
+        self._ring = np.full((_CAPACITY, 8), np.nan)
+        self._newest = -1
+        self._epoch = 0
+        self.twist = np.zeros(6)
+
+    def span(self, *, window: float, max_age: float) -> None:
+        """Fit the line to the poses of the last `window` [s], at least three, none older than `max_age` [s]."""
+        self.window = window
+        self.max_age = max(max_age, window)
+
+    def push(self, pose: PoseSample) -> bool:
+        """Add a pose; True once `twist` (vx, vy, vz, wx, wy, wz; world axes) holds the answer for it."""
+        if self._newest < 0:
+            self._epoch = pose.stamp
+        self._newest = (self._newest + 1) % _CAPACITY
+        row = self._ring[self._newest]
+        row[0] = (pose.stamp - self._epoch) * 1e-9
+        row[1:4] = pose.position
+        row[4:8] = pose.quaternion
+        used: int = _slopes(self._ring, self._newest, self.window, self.max_age, self.twist)
+        return used >= _FEWEST
+
+    def reset(self) -> None:
+        """Forget all poses."""
+        self._ring.fill(np.nan)
+        self._newest = -1

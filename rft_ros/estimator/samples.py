@@ -1,0 +1,92 @@
+"""What goes into the estimator and what comes out: stamped samples, estimates, and named reasons for giving none."""
+
+from enum import Enum
+from typing import NamedTuple
+
+__all__ = ["Estimate", "PoseSample", "Reason", "TwistSample", "Vector", "Withheld", "Wrench", "WrenchSample"]
+
+Vector = tuple[float, float, float]
+Wrench = tuple[float, float, float, float, float, float]
+"""Force [N] and torque [N m]: fx, fy, fz, tx, ty, tz."""
+
+
+class PoseSample(NamedTuple):
+    """Tool frame in the frame named: stamp [ns], position [m], quaternion xyzw."""
+
+    stamp: int
+    frame: str
+    position: Vector
+    quaternion: tuple[float, float, float, float]
+
+
+class TwistSample(NamedTuple):
+    """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], in the axes of the frame named."""
+
+    stamp: int
+    frame: str
+    linear: Vector
+    angular: Vector
+
+
+class WrenchSample(NamedTuple):
+    """What the load cell's driver publishes, bias and weight included: force [N], torque [N m], in the frame named."""
+
+    stamp: int
+    frame: str
+    wrench: Wrench
+
+
+class Reason(str, Enum):
+    """Why a sample was not used, or why a pose brought no estimate or no residual. Values are what users read."""
+
+    POSE_NOT_FINITE = "pose_not_finite"
+    POSE_QUATERNION_NOT_UNIT = "pose_quaternion_not_unit"
+    POSE_FRAME_UNKNOWN = "pose_frame_unknown"
+    POSE_STAMP_ZERO = "pose_stamp_zero"
+    POSE_REPEATED = "pose_repeated"
+    POSE_OUT_OF_ORDER = "pose_out_of_order"
+    POSE_THINNED = "pose_thinned"
+    POSE_HISTORY_SHORT = "pose_history_short"
+    TIME_JUMP = "time_jump"
+    TWIST_MISSING = "twist_missing"
+    TWIST_STALE = "twist_stale"
+    TWIST_NOT_FINITE = "twist_not_finite"
+    TWIST_FRAME_UNKNOWN = "twist_frame_unknown"
+    TWIST_STAMP_ZERO = "twist_stamp_zero"
+    TWIST_OUT_OF_ORDER = "twist_out_of_order"
+    AT_REST = "at_rest"
+    ESTIMATE_NOT_FINITE = "estimate_not_finite"
+    WRENCH_MISSING = "wrench_missing"
+    WRENCH_STALE = "wrench_stale"
+    WRENCH_NOT_FINITE = "wrench_not_finite"
+    WRENCH_FRAME_UNKNOWN = "wrench_frame_unknown"
+    WRENCH_STAMP_ZERO = "wrench_stamp_zero"
+    WRENCH_OUT_OF_ORDER = "wrench_out_of_order"
+
+    def __str__(self) -> str:
+        return self.value
+
+
+class Estimate(NamedTuple):
+    """The answer to one pose; wrenches are on the tool, in sensor axes about the sensor's origin.
+
+    `predicted`: by the grains, from RFT. `compensated`: measured less bias and tool weight; None without a usable
+    load-cell sample (`no_wrench` says why). `residual`: compensated - predicted. `speed`: an upper bound of the plates'
+    speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered.
+    """
+
+    stamp: int
+    predicted: Wrench
+    compensated: Wrench | None
+    residual: Wrench | None
+    no_wrench: Reason | None
+    speed: float
+    submerged_area: float
+    generation: int
+
+
+class Withheld(NamedTuple):
+    """No estimate for this pose, and why."""
+
+    stamp: int
+    reason: Reason

@@ -1,0 +1,57 @@
+"""What the estimator needs to know of the cell it runs in, and of the tool and grains it models."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from rft_ros.estimator.samples import Vector, Wrench
+from rft_ros.rft import Law
+from rft_ros.tool import Tool
+
+__all__ = ["LoadCell", "Model", "Settings", "TwistSource"]
+
+TwistSource = Literal["topic", "pose_difference"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LoadCell:
+    """Where the load cell sits, how its driver counts, and what hangs on it.
+
+    `position` [m] and `quaternion` xyzw: sensor frame in the tool frame. `sign`: +1 if the driver reports the force on
+    the tool, -1 if the force by the tool. `bias`: what the driver reports with nothing attached, [N], [N m], raw sign.
+    `mass` [kg] and `center_of_mass` [m, sensor frame]: of all that hangs below the cell.
+    """
+
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    sign: float = 1.0
+    bias: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    mass: float = 0.0
+    center_of_mass: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Settings:
+    """Frames, sources, gates. Lengths in m, times in s; `max_rate` 0 answers every pose."""
+
+    world_frame: str = "world"
+    tool_frame: str = "tool"
+    sensor_frame: str = "ft_sensor"
+    load_cell: LoadCell = field(default_factory=LoadCell)
+    surface_height: float = 0.0
+    twist_source: TwistSource = "topic"
+    twist_window: float = 0.05
+    max_input_age: float = 0.1
+    max_rate: float = 0.0
+    rest_speed: float = 2e-4
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Model:
+    """One immutable bundle of tool, medium and α_y model; `generation` counts the bundles of a run."""
+
+    tool: Tool
+    law: Law
+    medium: str
+    zeta: float
+    alpha_y: str
+    generation: int = 0

@@ -1,0 +1,100 @@
+"""/diagnostics at 1 Hz: inputs, estimates and model, each OK, WARN or ERROR (REP 107)."""
+
+from collections import Counter
+from statistics import median
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from rft_ros.estimator import Estimator, Reason
+
+__all__ = ["Diagnostics"]
+
+_LATENCIES = 1000
+_SLOW = 0.025  # m/s: the fastest the paper measured
+
+
+class Diagnostics:
+    """Adds up what happens between two reports."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self._latencies: list[float] = []
+        self._last: Counter[str] = Counter()
+        self.received: Counter[str] = Counter()
+        self._received_last: Counter[str] = Counter()
+        self.last_swap_failure = ""
+        self.preparing = ""
+        self.speed = 0.0
+
+    def tick(self, seconds: float, speed: float) -> None:
+        """Note one answered pose: time from its callback's start to the last publication [s], speed [m/s]."""
+        if len(self._latencies) < _LATENCIES:
+            self._latencies.append(seconds)
+        self.speed = speed
+
+    def report(self, stamp: object, estimator: Estimator, period: float) -> tuple[DiagnosticArray, list[str]]:
+        """The message, and the reasons that came up since the last one as sentences for the log."""
+        new = Counter(estimator.counts)
+        new.subtract(self._last)
+        self._last = Counter(estimator.counts)
+        rates = {k: (self.received[k] - self._received_last[k]) / period for k in ("pose", "twist", "wrench")}
+        self._received_last = Counter(self.received)
+        reasons = {k: n for k, n in new.items() if n and k != "estimates"}
+        array = DiagnosticArray()
+        array.header.stamp = stamp
+        array.status = [
+            self._inputs(rates, reasons, estimator),
+            self._estimates(new, reasons, estimator),
+            self._model(estimator),
+        ]
+        self._latencies.clear()
+        return array, [f"{reason}: {n} in the last {period:.0f} s" for reason, n in sorted(reasons.items())]
+
+    def _status(self, component: str, level: bytes, message: str, values: dict[str, object]) -> DiagnosticStatus:
+        pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
+        return DiagnosticStatus(level=level, name=f"{self._name}: {component}", message=message, values=pairs)
+
+    def _inputs(self, rates: dict[str, float], reasons: dict[str, int], estimator: Estimator) -> DiagnosticStatus:
+        values: dict[str, object] = {f"{k}_rate_hz": r for k, r in rates.items()}
+        values.update({f"count.{k}": n for k, n in estimator.counts.items() if k != "estimates"})
+        if rates["pose"] == 0.0:
+            return self._status("inputs", DiagnosticStatus.ERROR, "no poses", values)
+        bad = [r for r in reasons if r not in (Reason.AT_REST.value, Reason.POSE_THINNED.value)]
+        if bad:
+            return self._status("inputs", DiagnosticStatus.WARN, ", ".join(sorted(bad)), values)
+        return self._status("inputs", DiagnosticStatus.OK, "inputs arrive", values)
+
+    def _estimates(self, new: Counter[str], reasons: dict[str, int], estimator: Estimator) -> DiagnosticStatus:
+        values: dict[str, object] = {
+            "estimates": estimator.counts["estimates"],
+            "last_reason": max(reasons, key=lambda r: reasons[r]) if reasons else "",
+            "speed_m_s": self.speed,
+        }
+        if self._latencies:
+            ordered = sorted(self._latencies)
+            values["latency_median_us"] = 1e6 * median(ordered)
+            values["latency_p99_us"] = 1e6 * ordered[int(0.99 * (len(ordered) - 1))]
+        if not new["estimates"]:
+            return self._status("estimates", DiagnosticStatus.WARN, "no estimates", values)
+        if self.speed > _SLOW:
+            message = f"{self.speed:.3f} m/s is faster than the model was measured at ({_SLOW} m/s)"
+            return self._status("estimates", DiagnosticStatus.WARN, message, values)
+        return self._status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
+
+    def _model(self, estimator: Estimator) -> DiagnosticStatus:
+        model = estimator.model
+        values: dict[str, object] = {
+            "tool": model.tool.name,
+            "plates": len(model.tool.plates),
+            "medium": model.medium,
+            "zeta": model.zeta,
+            "alpha_y": model.alpha_y,
+            "generation": model.generation,
+            "preparing": self.preparing,
+            "last_swap_failure": self.last_swap_failure,
+        }
+        if self.last_swap_failure:
+            return self._status("model", DiagnosticStatus.WARN, self.last_swap_failure, values)
+        findings = "; ".join(f.message for f in model.tool.findings)
+        level = DiagnosticStatus.WARN if findings else DiagnosticStatus.OK
+        return self._status("model", level, findings or "in force", values)

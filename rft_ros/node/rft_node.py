@@ -1,0 +1,193 @@
+"""The node `rft`: converts, calls the estimator once per pose, publishes."""
+
+from collections.abc import Mapping
+from time import perf_counter
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.node import Node
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from std_srvs.srv import Trigger
+
+from rft_ros.errors import InputError
+from rft_ros.estimator import Estimate, Estimator, Model
+from rft_ros.estimator.parameters import Value, model_of, settings_of
+from rft_ros.node.diagnostics import Diagnostics
+from rft_ros.node.mesh_swap import MeshPreparation
+from rft_ros.node.messages import fill_wrench, pose_sample, twist_sample, wrench_sample
+from rft_ros.node.node_parameters import NodeParameters
+from rft_ros.tool import Tool, locate_mesh
+
+__all__ = ["RftNode"]
+
+_INPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort matches every publisher, reliable or not; the depth takes bursts of a 1,000 Hz stream."""
+
+_OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE)
+
+_TARE_WINDOW = 1.0  # s
+_DIAGNOSTICS_PERIOD = 1.0  # s
+_SWAP_POLL_PERIOD = 0.05  # s
+_MESH = frozenset({"mesh.file", "mesh.scale", "mesh.origin"})
+
+
+class RftNode(Node):
+    """One estimator between three subscriptions and three publications."""
+
+    def __init__(self) -> None:
+        super().__init__("rft")
+        self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
+        for name in self._table.undeclared():
+            if not name.startswith("qos_overrides.") and name != "use_sim_time":
+                self.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
+        values = self._table.values
+        self._generation = 0
+        self._mesh_in_force = {k: values[k] for k in _MESH}
+        self._preparation: MeshPreparation | None = None
+        self.estimator = Estimator(settings_of(values), model_of(values))
+        self._diagnostics = Diagnostics(self.get_name())
+
+        def published(topic: str) -> tuple[object, WrenchStamped]:
+            return self.create_publisher(WrenchStamped, topic, _OUTPUTS), WrenchStamped()
+
+        self._predicted, self._predicted_message = published("~/wrench_predicted")
+        self._compensated, self._compensated_message = published("~/wrench_compensated")
+        self._residual, self._residual_message = published("~/wrench_residual")
+        self._name_frame()
+        # Of inputs that are ready together, rclpy serves the first created first: the pose, which asks, comes last.
+        overridable = QoSOverridingOptions.with_default_policies()
+        for message, topic, callback in (
+            (WrenchStamped, "~/wrench_measured", self._on_wrench),
+            (TwistStamped, "~/twist", self._on_twist),
+            (PoseStamped, "~/pose", self._on_pose),
+        ):
+            self.create_subscription(message, topic, callback, _INPUTS, qos_overriding_options=overridable)
+        self.create_service(Trigger, "~/tare", self._on_tare)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
+        self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
+        self._swap_timer.cancel()
+
+    @property
+    def executor_name(self) -> str:
+        """Which executor the parameters ask for."""
+        return str(self._table.values["executor"])
+
+    def describe(self) -> str:
+        """Tool, medium and models in force, in one line."""
+        m = self.estimator.model
+        return (
+            f"tool {m.tool.name} ({len(m.tool.plates)} plates), medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
+        )
+
+    # --- the tick
+
+    def _on_wrench(self, message: WrenchStamped) -> None:
+        self._diagnostics.received["wrench"] += 1
+        self.estimator.push_wrench(wrench_sample(message))
+
+    def _on_twist(self, message: TwistStamped) -> None:
+        self._diagnostics.received["twist"] += 1
+        self.estimator.push_twist(twist_sample(message))
+
+    def _on_pose(self, message: PoseStamped) -> None:
+        start = perf_counter()
+        self._diagnostics.received["pose"] += 1
+        answer = self.estimator.push_pose(pose_sample(message))
+        if not isinstance(answer, Estimate):
+            return
+        stamp = answer.stamp
+        self._predicted.publish(fill_wrench(self._predicted_message, stamp, answer.predicted))
+        if answer.compensated is not None and answer.residual is not None:
+            self._compensated.publish(fill_wrench(self._compensated_message, stamp, answer.compensated))
+            self._residual.publish(fill_wrench(self._residual_message, stamp, answer.residual))
+        self._diagnostics.tick(perf_counter() - start, answer.speed)
+
+    # --- parameters and swaps
+
+    def _name_frame(self) -> None:
+        for message in (self._predicted_message, self._compensated_message, self._residual_message):
+            message.header.frame_id = str(self._table.values["sensor_frame"])
+
+    def _validate(self, values: Mapping[str, Value]) -> None:
+        locate_mesh(str(values["mesh.file"]))
+        settings_of(values)
+        if values["alpha_y.model"] == "table":
+            self._model(values, self.estimator.model.tool) if hasattr(self, "estimator") else model_of(values)
+
+    def _model(self, values: Mapping[str, Value], tool: Tool) -> Model:
+        return model_of(values, tool=tool, generation=self._generation)
+
+    def _apply(self, values: Mapping[str, Value], changed: frozenset[str]) -> None:
+        self.estimator.use(settings=settings_of(values))
+        self._name_frame()
+        if changed & _MESH:
+            self._cancel_preparation()
+            if all(values[k] == v for k, v in self._mesh_in_force.items()):
+                return
+            self._preparation = MeshPreparation(values)
+            self._diagnostics.preparing = str(values["mesh.file"])
+            self._swap_timer.reset()
+        if changed & {"medium.name", "medium.zeta", "alpha_y.model", "alpha_y.table"}:
+            self._generation += 1
+            self.estimator.use(model=self._model(values, self.estimator.model.tool))
+            self.get_logger().info(f"generation {self._generation}: {self.describe()}")
+
+    def _cancel_preparation(self) -> None:
+        if self._preparation is not None:
+            self._preparation.cancel()
+            self._preparation = None
+        self._diagnostics.preparing = ""
+
+    def _on_swap_poll(self) -> None:
+        if self._preparation is None:
+            self._swap_timer.cancel()
+            return
+        answer = self._preparation.poll()
+        if answer is None:
+            return
+        asked = self._preparation.values
+        self._preparation = None
+        self._diagnostics.preparing = ""
+        self._swap_timer.cancel()
+        if isinstance(answer, str):
+            self._diagnostics.last_swap_failure = answer
+            self.get_logger().error(f"mesh not swapped, {self.estimator.model.tool.name} stays: {answer}")
+            self._table.set_all(self._mesh_in_force)
+            return
+        self._mesh_in_force = {k: asked[k] for k in _MESH}
+        self._diagnostics.last_swap_failure = ""
+        self._generation += 1
+        self.estimator.use(model=self._model(self._table.values, answer))
+        self.get_logger().info(f"generation {self._generation}: {self.describe()}")
+        for finding in answer.findings:
+            self.get_logger().warning(f"mesh {answer.name}: {finding.message}")
+
+    # --- services and reports
+
+    def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        try:
+            bias = self.estimator.tare(_TARE_WINDOW)
+        except InputError as error:
+            response.success, response.message = False, str(error)
+            return response
+        self._table.set_all({"sensor.bias": bias})
+        response.success = True
+        response.message = "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
+        return response
+
+    def _on_diagnostics(self) -> None:
+        stamp = self.get_clock().now().to_msg()
+        message, sentences = self._diagnostics.report(stamp, self.estimator, _DIAGNOSTICS_PERIOD)
+        self._diagnostics_publisher.publish(message)
+        for sentence in sentences:
+            self.get_logger().warning(sentence, throttle_duration_sec=10.0)
+
+    def destroy_node(self) -> None:
+        """End a preparation that still runs, then the node."""
+        self._cancel_preparation()
+        super().destroy_node()

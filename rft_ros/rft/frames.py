@@ -1,0 +1,61 @@
+"""Frames: rotations from unit quaternions (xyzw), and states checked before they reach the kernel."""
+
+import math
+
+import numba
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["STATE", "UNIT_TOLERANCE", "checked_states", "rotation", "rotation_matrix", "unit_quaternion"]
+
+STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
+"""Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
+
+UNIT_TOLERANCE = 0.01
+"""How far a quaternion's norm may lie from 1 and still be taken as rounding, to be made unit length."""
+
+
+@numba.njit(inline="always")
+def rotation(
+    qx: float, qy: float, qz: float, qw: float
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """Rotation matrix of a unit quaternion, row by row: columns are the frame's axes in the outer frame."""
+    xx, yy, zz = 2.0 * qx * qx, 2.0 * qy * qy, 2.0 * qz * qz
+    xy, xz, yz = 2.0 * qx * qy, 2.0 * qx * qz, 2.0 * qy * qz
+    wx, wy, wz = 2.0 * qw * qx, 2.0 * qw * qy, 2.0 * qw * qz
+    return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
+
+
+def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
+    """Rotation matrix of a unit quaternion xyzw, shape [3, 3]."""
+    qx, qy, qz, qw = np.asarray(quaternion, dtype=np.float64)
+    return np.array(rotation.py_func(qx, qy, qz, qw)).reshape(3, 3)
+
+
+def unit_quaternion(qx: float, qy: float, qz: float, qw: float) -> tuple[float, float, float, float] | None:
+    """The quaternion at unit length, or None where its norm is not within `UNIT_TOLERANCE` of 1 (zero, NaN)."""
+    norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
+    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+        return None
+    return qx / norm, qy / norm, qz / norm, qw / norm
+
+
+def checked_states(states: ArrayLike) -> NDArray[np.float64]:
+    """States ready for the kernel: float64, shape [n, 13], finite, quaternions at unit length.
+
+    Raises ValueError with the row (counted from 0) and column of the first value that cannot be used.
+    """
+    s = np.array(states, dtype=np.float64, ndmin=2)
+    if s.ndim != 2 or s.shape[1] != len(STATE):
+        raise ValueError(f"states have shape {s.shape}; they need {len(STATE)} columns: {', '.join(STATE)}")
+    bad = np.argwhere(~np.isfinite(s))
+    if len(bad):
+        row, column = bad[0]
+        raise ValueError(f"row {row}: {STATE[column]} is {s[row, column]}; it must be a finite number")
+    norm = np.linalg.norm(s[:, 3:7], axis=1)
+    bad_norm = np.flatnonzero(np.abs(norm - 1.0) > UNIT_TOLERANCE)
+    if len(bad_norm):
+        row = bad_norm[0]
+        raise ValueError(f"row {row}: the quaternion qx, qy, qz, qw has norm {norm[row]:g}; it must be 1")
+    s[:, 3:7] /= norm[:, None]
+    return s

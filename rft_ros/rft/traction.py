@@ -1,0 +1,133 @@
+"""Traction per depth of one plate from its normal and velocity: the law, and the only place that knows which law.
+
+A law is a NamedTuple of numbers plus a function ``traction_per_depth(law, n, v) -> t``, all in world axes with z up.
+The wrench of many plates (``rft_ros.rft.wrench``) calls `traction_per_depth` and nothing else; a second law is a second
+NamedTuple and one line in `_FUNCTIONS`.
+"""
+
+from collections.abc import Callable
+from math import sqrt
+from typing import NamedTuple
+
+from numba import types
+from numba.extending import overload
+
+from rft_ros.rft.alpha_y import AlphaY, alpha_y
+from rft_ros.rft.media import Medium
+from rft_ros.rft.velocity_weights import f1, f23
+
+__all__ = ["FLAT", "Law", "Treers2021", "traction_per_depth", "treers2021"]
+
+N_PER_CM3 = 1e6  # 1 N/cm³ in N/m³
+
+FLAT = 1.0 - 1e-3
+"""A plate with abs(n·E3) at or above this counts as horizontal: its e2 comes from the velocity (released code)."""
+
+_NUDGE = 1e-5
+"""What the released code adds to a unit velocity's x, so that e2 of a horizontal plate exists in vertical motion."""
+
+
+class Treers2021(NamedTuple):
+    """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013.
+
+    `stiffness`: ζ in N/m³ per N/cm³. The sums and differences of Li's coefficients are those that appear once
+    sin(±2β + γ) and cos(±2β + γ) are multiplied out, so that no angle needs computing.
+    """
+
+    stiffness: float
+    z_one: float
+    z_cos2b: float
+    z_cos2b_sing: float
+    z_sin2b_cosg: float
+    z_sing: float
+    x_cosg: float
+    x_cos2b_cosg: float
+    x_sin2b_sing: float
+    x_sin2b: float
+    alpha_y: AlphaY
+
+
+Law = Treers2021
+
+
+def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> Treers2021:
+    """The law for a medium scaled by ζ (> 0) with a model of α_y."""
+    if not 0.0 < zeta < float("inf"):
+        raise ValueError(f"medium.zeta is {zeta}; it must be a positive number")
+    m = medium
+    return Treers2021(
+        stiffness=zeta * N_PER_CM3,
+        z_one=m.A00,
+        z_cos2b=m.A10,
+        z_cos2b_sing=m.B11 + m.Bm11,
+        z_sin2b_cosg=m.B11 - m.Bm11,
+        z_sing=m.B01,
+        x_cosg=m.C01,
+        x_cos2b_cosg=m.C11 + m.Cm11,
+        x_sin2b_sing=m.Cm11 - m.C11,
+        x_sin2b=m.D10,
+        alpha_y=alpha_y_model,
+    )
+
+
+def _treers2021(law, nx, ny, nz, vx, vy, vz):  # type: ignore[no-untyped-def]
+    # e2: the normal's horizontal direction, or for a horizontal plate the velocity's (2D RFT holds); e1 = e2 x E3
+    flat = abs(nz) >= FLAT
+    hx = vx + _NUDGE if flat else nx
+    hy = vy if flat else ny
+    h = sqrt(hx * hx + hy * hy)
+    e2x = hx / h if h > 0.0 else 1.0
+    e2y = hy / h if h > 0.0 else 0.0
+
+    # attack angle: β = atan2(n·E3, n·e2) + 90°
+    n2 = nx * e2x + ny * e2y
+    n23 = sqrt(n2 * n2 + nz * nz)
+    per_n23 = 1.0 / n23 if n23 > 0.0 else 0.0
+    sin_b = n2 * per_n23
+    cos_b = -nz * per_n23
+    cos_2b = 1.0 - 2.0 * sin_b * sin_b
+    sin_2b = 2.0 * sin_b * cos_b
+
+    # intrusion angle: γ = -atan2(v23·E3, v23·e2)
+    v1 = vx * e2y - vy * e2x
+    v2 = vx * e2x + vy * e2y
+    v23 = sqrt(v2 * v2 + vz * vz)
+    per_v23 = 1.0 / v23 if v23 > 0.0 else 0.0
+    cos_g = v2 * per_v23
+    sin_g = -vz * per_v23
+
+    alpha_z = (
+        law.z_one
+        + law.z_cos2b * cos_2b
+        + law.z_cos2b_sing * cos_2b * sin_g
+        + law.z_sin2b_cosg * sin_2b * cos_g
+        + law.z_sing * sin_g
+    )
+    alpha_x = (
+        law.x_cosg * cos_g
+        + law.x_cos2b_cosg * cos_2b * cos_g
+        + law.x_sin2b_sing * sin_2b * sin_g
+        + law.x_sin2b * sin_2b
+    )
+    along = law.stiffness * f1(abs(v1)) * alpha_y(law.alpha_y, sin_b, cos_b, sin_g, cos_g)
+    t1 = -along if v1 > 0.0 else along  # v1 = 0 has f1 = 0
+    weight = law.stiffness * f23(v23)
+    t2 = -weight * alpha_x
+    return t1 * e2y + t2 * e2x, t2 * e2y - t1 * e2x, weight * alpha_z
+
+
+_FUNCTIONS: dict[type, Callable[..., tuple[float, float, float]]] = {Treers2021: _treers2021}
+
+
+def traction_per_depth(
+    law: Law, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float
+) -> tuple[float, float, float]:
+    """Traction per depth on a leading plate [N/m³], from its outward unit normal and unit velocity; z up."""
+    return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz)
+
+
+@overload(traction_per_depth, inline="always")
+def _compiled_traction(law, nx, ny, nz, vx, vy, vz):  # type: ignore[no-untyped-def]
+    if isinstance(law, types.BaseNamedTuple):
+        return _FUNCTIONS.get(law.instance_class)
+    return None

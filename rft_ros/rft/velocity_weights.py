@@ -1,0 +1,72 @@
+"""How much of the speed along and across a plate becomes force: f1 and f23 (Treers et al. 2021, eqs. 5-6).
+
+Both are fits to a plate dragged horizontally at angle ψ, exactly 0 at 0 and exactly 1 at 1. The paper prints them
+rounded and without the atanh; these are the released code's digits. The kernels below are rational (minimax in the
+square of the argument, relative error under 5e-13, refitted by ``bench/fit_rationals.py``), because library calls of
+tanh and atanh would cost three quarters of a plate's time and keep the loop over plates from using vector registers.
+"""
+
+import math
+
+import numba
+
+__all__ = ["A1", "A2", "A3", "B1", "B2", "B3", "exact_f1", "exact_f23", "f1", "f23"]
+
+A1, A2, A3 = 0.440850096954369, 3.62263982880971, 1.60910808139526
+B1, B2, B3 = 1.99392673405210, 1.61146827229181, 0.973746396532650
+
+
+def exact_f1(u: float) -> float:
+    """f1 by the library's tanh: weight of the force along e1, from u = abs(v1)/abs(v) in [0, 1]."""
+    bracket_at_1 = math.tanh(A2 - A3) + math.tanh(A3)
+    return (math.tanh(A2 * u - A3) + math.tanh(A3)) / bracket_at_1
+
+
+def exact_f23(w: float) -> float:
+    """f23 by the library's atanh: weight of the force in the e2-E3 plane, from w = abs(v23)/abs(v) in [0, 1]."""
+    bracket_at_1 = math.atanh(B2 - B3) + math.atanh(B3)
+    return (math.atanh(B2 * w - B3) + math.atanh(B3)) / bracket_at_1
+
+
+_TANH_A3 = math.tanh(A3)
+_ATANH_B3 = math.atanh(B3)
+_F1_SCALE = 1.0 / (math.tanh(A2 - A3) + _TANH_A3)
+_F23_SCALE = 1.0 / (math.atanh(B2 - B3) + _ATANH_B3)
+
+
+@numba.njit(inline="always")
+def _tanh(x: float) -> float:
+    """tanh on [-2.02, 2.02]."""
+    y = x * x
+    p = 0.9999999999999886 + y * (0.13302099960519095 + y * (0.003381084867620261 + y * 1.7142159321202105e-05))
+    q = 1.0 + y * (
+        0.46635433293806744 + y * (0.02549919584996656 + y * (0.0003045503448204258 + y * 4.6455496565101557e-07))
+    )
+    return x * p / q
+
+
+@numba.njit(inline="always")
+def _atanh(x: float) -> float:
+    """atanh on [-B3, B3], in s = 1 - x² so that every term is positive and nothing cancels."""
+    s = 1.0 - x * x
+    p = 12300803.010922123 + s * (9560971.1590504 + s * (2056962.9007124235 + s * 53230.14975437819))
+    p = 942294.1898347555 + s * (5548958.519711758 + s * p)
+    p = 4.289115687171275 + s * (1132.1464818246257 + s * (58434.8494029061 + s * p))
+    q = 10390843.33103938 + s * (11547977.837189073 + s * (4209592.087113166 + s * 331184.6682444988))
+    q = 23508.22782228692 + s * (473971.42322102754 + s * (3545352.247192668 + s * q))
+    q = 1.0 + s * (360.39315043415434 + s * q)
+    return x * p / q
+
+
+@numba.njit(inline="always")
+def f1(u: float) -> float:
+    """Rational `exact_f1`; u in [0, 1], clamped above 1 against rounding."""
+    f = _F1_SCALE * (_tanh(A2 * min(u, 1.0) - A3) + _TANH_A3)
+    return f if u > 0.0 else 0.0
+
+
+@numba.njit(inline="always")
+def f23(w: float) -> float:
+    """Rational `exact_f23`; w in [0, 1], clamped above 1 against rounding."""
+    f = _F23_SCALE * (_atanh(B2 * min(w, 1.0) - B3) + _ATANH_B3)
+    return f if w > 0.0 else 0.0

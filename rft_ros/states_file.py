@@ -1,0 +1,70 @@
+"""The CSV files of ``rft predict``: states in, wrenches out."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.rft import STATE, checked_states
+
+__all__ = ["WRENCH_HEADER", "read_states", "write_wrenches"]
+
+STATES_HEADER = ("t", *STATE)
+WRENCH_HEADER = ("t", "fx", "fy", "fz", "tx", "ty", "tz")
+
+
+def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times, shape [n], and checked states, shape [n, 13], of a CSV with the columns t, px .. wz in any order.
+
+    Raises InputError that names the file, line and column.
+    """
+    try:
+        lines = file.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"states file '{file}' cannot be read: {error}") from None
+    if not lines or not lines[0].strip():
+        raise InputError(f"states file '{file}' is empty; its first line must be {','.join(STATES_HEADER)}")
+    header = [name.strip() for name in lines[0].split(",")]
+    missing = [name for name in STATES_HEADER if name not in header]
+    if missing:
+        raise InputError(f"states file '{file}' has no column {', '.join(missing)} (header: {lines[0].strip()})")
+    rows = []
+    for number, line in enumerate(lines[1:], start=2):
+        if not line.strip():
+            continue
+        cells = line.split(",")
+        if len(cells) != len(header):
+            raise InputError(f"states file '{file}' line {number}: {len(cells)} values for {len(header)} columns")
+        for name, cell in zip(header, cells, strict=True):
+            try:
+                float(cell)
+            except ValueError:
+                raise InputError(
+                    f"states file '{file}' line {number}: {name} is '{cell.strip()}', not a number"
+                ) from None
+        rows.append((number, [float(cell) for cell in cells]))
+    if not rows:
+        raise InputError(f"states file '{file}' has a header and no states")
+    table = np.array([values for _, values in rows])[:, [header.index(name) for name in STATES_HEADER]]
+    for (number, _), t in zip(rows, table[:, 0], strict=True):
+        if not np.isfinite(t):
+            raise InputError(f"states file '{file}' line {number}: t is {t}; it must be a finite number")
+    try:
+        return table[:, 0], checked_states(table[:, 1:])
+    except ValueError as error:
+        # checked_states counts rows from 0
+        text = str(error)
+        row = int(text.split(":")[0].removeprefix("row "))
+        raise InputError(f"states file '{file}' line {rows[row][0]}{text[text.index(':') :]}") from None
+
+
+def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.float64]) -> None:
+    """Write t and the wrenches, shape [n, 6 or more], with every digit that float64 holds."""
+    try:
+        with file.open("w", encoding="utf-8", newline="\n") as out:
+            out.write(",".join(WRENCH_HEADER) + "\n")
+            for t, row in zip(times.tolist(), wrenches[:, :6].tolist(), strict=True):
+                out.write(",".join(repr(value) for value in (t, *row)) + "\n")
+    except OSError as error:
+        raise InputError(f"cannot write '{file}': {error.strerror}") from None

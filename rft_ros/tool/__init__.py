@@ -1,0 +1,17 @@
+"""From a mesh file to a tool of plates: locate, read, check."""
+
+from rft_ros.tool.check import Finding, check_mesh
+from rft_ros.tool.locate import locate_mesh, share_directory
+from rft_ros.tool.mesh_file import read_mesh
+from rft_ros.tool.tool import Tool, describe_tool, load_tool
+
+__all__ = [
+    "Finding",
+    "Tool",
+    "check_mesh",
+    "describe_tool",
+    "load_tool",
+    "locate_mesh",
+    "read_mesh",
+    "share_directory",
+]

@@ -1,0 +1,120 @@
+"""What is wrong with a mesh that can be used all the same: findings, each with its numbers."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    import trimesh
+
+__all__ = ["LARGEST", "SMALLEST", "Finding", "FindingKind", "check_mesh", "degenerate_facets"]
+
+LARGEST = 5.0
+"""A tool with a larger extent [m] has probably the wrong unit."""
+
+SMALLEST = 1e-3
+"""A tool with no larger extent than this [m] has probably the wrong unit."""
+
+_COLLINEAR = 1e-12  # of the longest edge squared; what rounding leaves of a cross product of parallel edges
+
+_SHUT = 0.01  # of the area; area vectors of a closed surface sum to zero, and with small holes to little
+
+FindingKind = Literal[
+    "not_closed",
+    "inconsistent_winding",
+    "inside_out",
+    "duplicate_facets",
+    "degenerate_facets",
+    "size",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing that the user should know of a mesh: a sentence with numbers."""
+
+    kind: FindingKind
+    message: str
+
+
+def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
+    """Which facets have no area, and so no normal: shape [m]."""
+    a, b, c = np.asarray(mesh.vertices)[np.asarray(mesh.faces).T]
+    longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
+    doubled_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return np.asarray(doubled_area <= _COLLINEAR * longest)
+
+
+def check_mesh(mesh: "trimesh.Trimesh") -> tuple[Finding, ...]:
+    """Findings on a mesh in metres of which at least one facet has an area; none if it is good."""
+    return (*_of_surface(mesh), *_of_facets(mesh), *_of_size(mesh))
+
+
+def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+    """Findings on how facets join and which way they face."""
+    joined = _joined(mesh)
+    ends = joined.edges_sorted
+    keys = ends[:, 0] * len(joined.vertices) + ends[:, 1]
+    _, edge, facets = np.unique(keys, return_inverse=True, return_counts=True)
+    open_edges, crowded = int((facets == 1).sum()), int((facets > 2).sum())
+    if open_edges or crowded:
+        yield Finding(
+            "not_closed",
+            f"the surface is not closed (open edges: {open_edges:,}; edges of three or more facets: {crowded:,})",
+        )
+
+    # two facets that face the same way run along their common edge in opposite directions
+    balance = np.bincount(edge, np.where(joined.edges[:, 0] == ends[:, 0], 1.0, -1.0))
+    if twisted := int(((facets == 2) & (balance != 0.0)).sum()):
+        yield Finding(
+            "inconsistent_winding",
+            f"the winding is inconsistent (edges between an outward and an inward facet: {twisted:,})",
+        )
+    elif (volume := _volume_if_shut(mesh)) < 0.0:
+        yield Finding(
+            "inside_out",
+            f"the surface is inside out (volume {volume * 1e6:.3g} cm³), so trailing facets count as leading",
+        )
+
+    first = joined.faces.argmin(axis=1)[:, None]
+    same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
+    if repeated := len(same_start) - len(np.unique(same_start, axis=0)):
+        yield Finding("duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}")
+
+
+def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
+    """A copy of unit size whose facets share vertices (to 1e-6), less the facets that this folds up."""
+    import trimesh
+
+    joined = trimesh.Trimesh(mesh.vertices / mesh.extents.max(), mesh.faces, process=False)
+    joined.merge_vertices(digits_vertex=6)
+    a, b, c = joined.faces.T
+    joined.update_faces((a != b) & (b != c) & (c != a))
+    return joined
+
+
+def _volume_if_shut(mesh: "trimesh.Trimesh") -> float:
+    """Signed volume [m³] of a surface that is shut, even as a soup without shared edges; 0 of an open one."""
+    triangles = mesh.triangles - mesh.triangles.mean(axis=(0, 1))
+    area_vectors = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2.0
+    gap = np.linalg.norm(area_vectors.sum(axis=0)) / np.linalg.norm(area_vectors, axis=1).sum()
+    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if gap < _SHUT else 0.0
+
+
+def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+    if n := int(degenerate_facets(mesh).sum()):
+        yield Finding("degenerate_facets", f"{n:,} of {len(mesh.faces):,} facets have no area and are dropped")
+
+
+def _of_size(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+    extent = float(mesh.extents.max())
+    step = 1e-3 if extent > LARGEST else 1e3
+    factor = 1.0
+    while not SMALLEST <= extent * factor <= LARGEST:
+        factor *= step
+    if factor != 1.0:
+        meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale by {factor:g}"
+        yield Finding("size", f"the largest extent is {extent:.3g} m; {meant}")

@@ -1,0 +1,126 @@
+"""From a mesh file to a mesh in the tool frame, in metres."""
+
+import io
+import logging
+import math
+import re
+import warnings
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.tool.check import degenerate_facets
+
+if TYPE_CHECKING:
+    import trimesh
+
+__all__ = ["MAX_BYTES", "MAX_FACETS", "SUFFIXES", "read_mesh"]
+
+SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
+
+MAX_BYTES = 256 * 2**20
+"""The largest mesh file that is read."""
+
+MAX_FACETS = 2_000_000
+"""The most facets that a mesh may have."""
+
+# At these trimesh would start another mesh, which costs the facets their order and drops those with NaN.
+_SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n]*"}
+
+_TOO_BIG = 1e100  # beyond this, areas and volumes overflow
+
+# Without a handler, Python prints trimesh's warnings of textures and the like on stderr, traceback and all.
+logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+
+def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
+    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file; vertices become (vertices - origin) * scale.
+
+    `scale`: metres per mesh unit; units and up-axes that the file declares are not applied. `origin`: where the
+    tool frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh, its transforms
+    applied. Facets keep their order and winding; none is dropped or repaired (but pycollada reads a NaN in DAE as 0).
+
+    Raises InputError that names the file, or `mesh.scale` or `mesh.origin` with its value.
+    """
+    if not 0.0 < scale < math.inf:
+        raise InputError(f"mesh.scale is {scale}; it must be a positive number")
+    shift = np.asarray(origin, dtype=np.float64)
+    if shift.shape != (3,) or not np.isfinite(shift).all():
+        raise InputError(f"mesh.origin is {list(origin)}; it must be three finite numbers")
+
+    loaded = _load(_bytes_of(path), path)
+    if len(loaded.faces) == 0:
+        raise InputError(f"mesh file '{path}' has no facets: it is empty, cut short or no {_kind(path)} file")
+    if len(loaded.faces) > MAX_FACETS:
+        raise InputError(f"mesh file '{path}' has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
+    if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
+        raise InputError(f"mesh file '{path}' has facets with vertices that are not in it")
+    return _in_tool_frame(loaded, path, scale, shift)
+
+
+def _kind(path: Path) -> str:
+    return path.suffix[1:].upper()
+
+
+def _bytes_of(path: Path) -> bytes:
+    if path.is_dir():
+        raise InputError(f"mesh file '{path}' is a folder")
+    if path.suffix.lower() not in SUFFIXES:
+        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join(SUFFIXES)}")
+    try:
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise InputError(f"mesh file '{path}' has {size / 2**20:.0f} MiB; the limit is {MAX_BYTES / 2**20:.0f} MiB")
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"mesh file '{path}' does not exist") from None
+    except OSError as error:
+        raise InputError(f"mesh file '{path}' cannot be read: {error.strerror}") from None
+    if not data:
+        raise InputError(f"mesh file '{path}' is empty")
+    return data
+
+
+def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
+    import trimesh
+
+    suffix = path.suffix.lower()
+    if suffix in _SEAMS:
+        data = re.sub(_SEAMS[suffix], b"", data)
+    try:
+        with warnings.catch_warnings():
+            # numpy before 2.3 stops at a word among the numbers, and only warns
+            warnings.filterwarnings("error", message="string or file could not be read")
+            return trimesh.load(
+                io.BytesIO(data),
+                file_type=suffix[1:],
+                force="mesh",
+                process=False,
+                skip_materials=True,
+                maintain_order=True,
+            )
+    except ImportError as error:
+        raise InputError(f"mesh file '{path}' needs a package that is not installed: {error}") from None
+    except Exception as error:  # each format's reader fails in its own ways
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InputError(f"mesh file '{path}' is no {_kind(path)} file that trimesh can read: {reason}") from None
+
+
+def _in_tool_frame(
+    loaded: "trimesh.Trimesh", path: Path, scale: float, origin: NDArray[np.float64]
+) -> "trimesh.Trimesh":
+    import trimesh
+
+    with np.errstate(over="ignore", invalid="ignore"):
+        vertices = (np.asarray(loaded.vertices, dtype=np.float64) - origin) * scale
+    bad = int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum())
+    if bad:
+        raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
+    mesh = trimesh.Trimesh(vertices, loaded.faces, process=False)
+    if degenerate_facets(mesh).all():
+        raise InputError(f"mesh file '{path}' has no facet of any area, at mesh.scale {scale}")
+    return mesh

@@ -1,0 +1,103 @@
+"""A tool: the plates of a mesh, and what else is needed to place and draw it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft.plates import Plates
+from rft_ros.tool.check import Finding, check_mesh, degenerate_facets
+from rft_ros.tool.locate import locate_mesh
+from rft_ros.tool.mesh_file import read_mesh
+
+__all__ = ["Tool", "describe_tool", "load_tool"]
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class Tool:
+    """A rigid tool in its own frame [m]. Its arrays are read-only, also after pickling.
+
+    `name`: the mesh file's stem. `file`: the path it was read from. `plates`: one plate element a face, same order.
+    `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
+    `findings`: what looks wrong with the mesh. `corners`: the vertices that can be lowest, shape [k, 3].
+    """
+
+    name: str
+    file: str
+    plates: Plates
+    vertices: NDArray[np.float64]
+    faces: NDArray[np.int64]
+    findings: tuple[Finding, ...]
+    corners: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for array in (self.plates.packed, self.vertices, self.faces, self.corners):
+            array.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Unpickled arrays are writeable, another type to numba: the first tick would wait for a compilation.
+        return _restore, ({f.name: getattr(self, f.name) for f in fields(self)},)
+
+    def lowest_point(self, rotation: NDArray[np.float64]) -> float:
+        """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3]."""
+        return float((self.corners @ rotation[2]).min())
+
+
+def _restore(values: dict[str, Any]) -> Tool:
+    return Tool(**values)
+
+
+def load_tool(file: str, *, scale: float = 0.001, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Tool:
+    """The tool of a mesh file: path, package:// URI or name of a shipped mesh.
+
+    `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
+    Normals come from the facets' winding, not from the file. Facets without area are dropped.
+    Raises InputError, one sentence, for what cannot be used; what can, but looks wrong, is in the tool's `findings`.
+    """
+    path = locate_mesh(file)
+    mesh = read_mesh(path, scale=scale, origin=origin)
+    vertices = np.array(mesh.vertices, dtype=np.float64)
+    faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
+    a, b, c = vertices[faces.T]
+    area_vectors = np.cross(b - a, c - a) / 2.0
+    return Tool(
+        name=path.stem,
+        file=str(path),
+        plates=Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1)),
+        vertices=vertices,
+        faces=faces,
+        findings=check_mesh(mesh),
+        corners=_corners(vertices[_used(vertices, faces)]),
+    )
+
+
+def _used(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.bool_]:
+    used = np.zeros(len(vertices), dtype=np.bool_)
+    used[faces] = True
+    return used
+
+
+def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The vertices of the convex hull; all of them where they span no volume."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return np.asarray(vertices[ConvexHull(vertices).vertices])
+    except QhullError:
+        return np.unique(vertices, axis=0)
+
+
+def describe_tool(tool: Tool) -> list[str]:
+    """Lines that tell a user what was loaded: size and place in the tool frame, area, volume if closed, findings."""
+    used = 1e3 * tool.vertices[_used(tool.vertices, tool.faces)]
+    x, y, z, nx, ny, nz, area = tool.plates.packed
+    lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.plates):,}"]
+    for axis, low, high in zip("xyz", used.min(axis=0), used.max(axis=0), strict=True):
+        lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
+    lines.append(f"area: {tool.plates.area * 1e6:.1f} mm²")
+    if not {"not_closed", "inconsistent_winding"} & {f.kind for f in tool.findings}:
+        volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
+        lines.append(f"volume: {volume * 1e9:.1f} mm³")
+    return lines + [f"warning: {f.message}" for f in tool.findings]

@@ -1,0 +1,20 @@
+"""What all tests share: where the reference data is, and repeatable hypothesis runs."""
+
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+# The first example compiles the kernel: no deadline. The same examples every time: a failure is a change, not luck.
+settings.register_profile("rft", deadline=None, derandomize=True)
+settings.load_profile("rft")
+
+SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+@pytest.fixture(scope="session")
+def shared_data() -> Path:
+    """The folder of reference data that lies beside the project, never in it."""
+    if not SHARED_DATA.is_dir():
+        pytest.skip(f"the reference data is not at {SHARED_DATA}")
+    return SHARED_DATA

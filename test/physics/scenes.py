@@ -1,0 +1,63 @@
+"""Random bodies and states, laws to try them with, and hypothesis strategies for directions."""
+
+import numpy as np
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, rotation_matrix, treers2021
+
+Array = NDArray[np.float64]
+
+GENERIC = MEDIA["generic"]
+CONSTANT = treers2021(GENERIC, alpha_y_model("constant", GENERIC))
+LINEAR = treers2021(GENERIC, alpha_y_model("linear", GENERIC))
+
+FLAT = 1.0 - 1e-3
+"""Plates with abs(n·E3) at or above this follow the released code's rule for horizontal plates."""
+
+seeds = st.integers(0, 2**32 - 1)
+
+
+def unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
+
+
+def random_plates(rng: np.random.Generator, n: int) -> Plates:
+    return Plates.from_arrays(rng.uniform(-0.04, 0.04, (n, 3)), unit(rng.normal(size=(n, 3))), rng.uniform(0, 1e-4, n))
+
+
+def random_scene(rng: np.random.Generator, n: int) -> Array:
+    """States near the surface at z = 0: about half of a 4 cm body is under it."""
+    return checked_states(
+        np.hstack(
+            [
+                rng.uniform(-0.03, 0.03, (n, 3)),
+                unit(rng.normal(size=(n, 4))),
+                rng.normal(0, 0.02, (n, 3)),
+                rng.normal(0, 0.5, (n, 3)),
+            ]
+        )
+    )
+
+
+def without_flat(plates: Plates, state: Array, margin: float = 1e-4) -> Plates:
+    """The plates that are not within the horizontal cap in this state, where the nudge along x breaks symmetry."""
+    nz = (rotation_matrix(state[3:7]) @ plates.packed[3:6])[2]
+    keep = np.abs(nz) < FLAT - margin
+    r, n, a = plates.packed[:3, keep], plates.packed[3:6, keep], plates.packed[6, keep]
+    return Plates.from_arrays(r.T, n.T, a)
+
+
+def listed(plates: Plates) -> list[tuple[list[float], list[float], float]]:
+    """Plates as plain Python numbers, for the slow reference."""
+    return [(c[:3], c[3:6], c[6]) for c in plates.packed.T.tolist()]
+
+
+@st.composite
+def directions(draw: st.DrawFn, steepest: float = 1.0) -> tuple[float, float, float]:
+    """A unit vector with abs(z) <= steepest."""
+    z = draw(st.floats(-steepest, steepest))
+    azimuth = draw(st.floats(0.0, 2.0 * np.pi))
+    h = np.sqrt(1.0 - z * z)
+    x, y, z = unit(np.array([h * np.cos(azimuth), h * np.sin(azimuth), z])).tolist()
+    return x, y, z

@@ -1,0 +1,104 @@
+"""Models of α_y, the stress per depth along e1 (DESIGN 2)."""
+
+import math
+
+import numpy as np
+import published_rule as rule
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rft_ros.rft import MEDIA, Table, alpha_y_model, treers2021, wrenches
+from rft_ros.rft.alpha_y import alpha_y
+
+attack = st.floats(0.0, 180.0)
+intrusion = st.floats(-179.999, 179.999)
+
+# β every 10°, γ every 60°: values with no symmetry, so that swapped axes or indices cannot hide
+BETA_DEG = np.arange(0.0, 181.0, 10.0)
+GAMMA_DEG = np.arange(-120.0, 121.0, 60.0)
+UNEVEN = Table(
+    np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), 0.05 + 0.001 * BETA_DEG[:, None] ** 1.3 + 1e-6 * GAMMA_DEG[None] ** 2
+)
+
+
+def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
+    b, g = math.radians(beta_deg), math.radians(gamma_deg)
+    return alpha_y(model, math.sin(b), math.cos(b), math.sin(g), math.cos(g))
+
+
+@pytest.mark.parametrize("name", rule.MEDIA)
+@given(beta=attack, gamma=intrusion)
+def test_constant_is_alpha_x_of_the_flat_plate_at_every_attitude(name, beta, gamma):
+    model = alpha_y_model("constant", MEDIA[name])
+    assert at(model, beta, gamma) == pytest.approx(rule.alpha_x(name, 0.0, 0.0), abs=1e-15)
+
+
+@given(beta=attack, gamma=intrusion)
+def test_linear_falls_by_0_0015_a_degree_from_0_2035(beta, gamma):
+    assert at(alpha_y_model("linear", MEDIA["generic"]), beta, gamma) == pytest.approx(0.2035 - 0.0015 * beta, abs=1e-12)
+
+
+def test_linear_passes_through_the_constant_value_at_45_degrees():
+    generic = MEDIA["generic"]
+    assert at(alpha_y_model("linear", generic), 45.0) == pytest.approx(0.136, abs=1e-12)
+    assert at(alpha_y_model("linear", generic), 45.0) == pytest.approx(at(alpha_y_model("constant", generic), 45.0))
+
+
+def test_linear_counts_degrees_not_radians_of_radians():
+    """The released code's slip makes α_y all but constant at 0.2035; a vertical plate then gets 3 times too much."""
+    assert at(alpha_y_model("linear", MEDIA["generic"]), 90.0) == pytest.approx(0.0685, abs=1e-12)
+
+
+def test_linear_is_negative_above_135_7_degrees_as_published():
+    """Steeply upward-facing plates get a force along their motion: a limit of the published line, not of the port."""
+    zero_crossing = 0.2035 / 0.0015
+    linear = alpha_y_model("linear", MEDIA["generic"])
+    assert at(linear, zero_crossing - 1e-6) > 0.0 > at(linear, zero_crossing + 1e-6)
+
+
+@pytest.mark.parametrize("i", [0, 7, 18])
+@pytest.mark.parametrize("j", [0, 2, 4])
+def test_a_table_gives_its_values_at_its_nodes(i, j):
+    assert at(UNEVEN, BETA_DEG[i], GAMMA_DEG[j]) == pytest.approx(UNEVEN.values[i, j], abs=1e-12)
+
+
+@given(beta=st.floats(0.0, 180.0), gamma=st.floats(-120.0, 120.0))
+def test_a_table_is_bilinear_between_its_nodes(beta, gamma):
+    in_gamma = [np.interp(gamma, GAMMA_DEG, row) for row in UNEVEN.values]
+    assert at(UNEVEN, beta, gamma) == pytest.approx(float(np.interp(beta, BETA_DEG, in_gamma)), abs=1e-11)
+
+
+@given(beta=st.floats(0.0, 180.0), beyond=st.floats(0.0, 59.9))
+def test_a_table_is_held_beyond_its_edges(beta, beyond):
+    assert at(UNEVEN, beta, 120.0 + beyond) == pytest.approx(at(UNEVEN, beta, 120.0), abs=1e-11)
+    assert at(UNEVEN, beta, -120.0 - beyond) == pytest.approx(at(UNEVEN, beta, -120.0), abs=1e-11)
+    narrow = Table(np.deg2rad([60.0, 120.0]), np.array([0.0]), np.array([[0.3], [0.1]]))
+    expected = 0.3 - 0.2 * (min(max(beta, 60.0), 120.0) - 60.0) / 60.0
+    assert at(narrow, beta, beyond) == pytest.approx(expected, abs=1e-11)
+
+
+def test_a_table_of_one_value_is_that_value_everywhere():
+    one = Table(np.array([0.7]), np.array([0.0]), np.array([[0.123]]))
+    assert {at(one, beta, gamma) for beta in (0, 40, 180) for gamma in (-170, 0, 90)} == {0.123}
+
+
+@given(beta=attack, gamma=intrusion)
+def test_a_table_sampled_from_the_linear_model_is_the_linear_model(beta, gamma):
+    sampled = Table(np.deg2rad(BETA_DEG), np.array([0.0]), (0.2035 - 0.0015 * BETA_DEG)[:, None])
+    assert at(sampled, beta, gamma) == pytest.approx(at(alpha_y_model("linear", MEDIA["generic"]), beta), abs=1e-12)
+
+
+def test_a_table_of_the_constant_gives_the_wrench_of_the_constant_model(random_body, random_states):
+    generic = MEDIA["generic"]
+    flat_table = Table(np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), np.full(UNEVEN.values.shape, 0.136))
+    by_constant = wrenches(random_body, treers2021(generic, alpha_y_model("constant", generic)), random_states)
+    by_table = wrenches(random_body, treers2021(generic, alpha_y_model("table", generic, flat_table)), random_states)
+    np.testing.assert_allclose(by_table, by_constant, rtol=0, atol=1e-12 * np.abs(by_constant).max())
+
+
+def test_an_unknown_model_and_a_missing_table_are_refused_with_a_sentence():
+    with pytest.raises(ValueError, match=r"alpha_y\.model 'cubic' is none of constant, linear, table"):
+        alpha_y_model("cubic", MEDIA["generic"])
+    with pytest.raises(ValueError, match=r"alpha_y\.model 'table' needs alpha_y\.table to name a CSV file"):
+        alpha_y_model("table", MEDIA["generic"])

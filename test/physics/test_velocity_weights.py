@@ -1,0 +1,63 @@
+"""How much of the speed along and across a plate becomes force (DESIGN 2, Treers et al. 2021 eqs. 5-6)."""
+
+import math
+
+import numpy as np
+import published_rule as rule
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rft_ros.rft import velocity_weights as vw
+
+WEIGHTS = pytest.mark.parametrize(
+    ("rational", "by_library", "published"),
+    [(vw.f1, vw.exact_f1, rule.f1), (vw.f23, vw.exact_f23, rule.f23)],
+    ids=["f1", "f23"],
+)
+
+
+@WEIGHTS
+def test_a_weight_is_exactly_zero_at_zero_and_one_at_one(rational, by_library, published):
+    assert rational(0.0) == 0.0
+    assert by_library(0.0) == 0.0
+    assert by_library(1.0) == 1.0
+    assert rational(1.0) == pytest.approx(1.0, abs=1e-13)
+
+
+@WEIGHTS
+@given(fraction=st.floats(0.0, 1.0))
+def test_the_rational_weight_is_the_published_one_to_1e_12(rational, by_library, published, fraction):
+    assert rational(fraction) == pytest.approx(published(fraction), abs=1e-12)
+    assert by_library(fraction) == pytest.approx(published(fraction), abs=1e-14)
+
+
+@WEIGHTS
+def test_a_weight_rises_with_its_share_of_the_speed(rational, by_library, published):
+    shares = np.linspace(0.0, 1.0, 2001)
+    values = np.array([rational(float(share)) for share in shares])
+    # The published slope is positive everywhere: f1' > 0 as sech² > 0, f23' > 0 as |B2 w - B3| < 1.
+    assert (np.diff(values) > 0.0).all()
+
+
+@WEIGHTS
+@given(excess=st.floats(0.0, 1e-9))
+def test_rounding_of_the_share_above_one_does_not_raise_the_weight(rational, by_library, published, excess):
+    assert rational(1.0 + excess) == rational(1.0)
+
+
+def test_the_normalisers_are_the_brackets_at_one():
+    """N1 and N23 as DESIGN 2 prints them, with the leading A1 and B1."""
+    assert vw.A1 * (math.tanh(vw.A2 - vw.A3) + math.tanh(vw.A3)) == pytest.approx(0.832324700111401, rel=1e-14)
+    assert vw.B1 * (math.atanh(vw.B2 - vw.B3) + math.atanh(vw.B3)) == pytest.approx(5.81083560370960, rel=1e-14)
+
+
+def test_a_port_that_divides_by_the_printed_a4_and_b4_gets_forces_2_03_and_1_35_times_too_large():
+    """A4 = 0.41 and B4 = 4.31 are the offsets A1 tanh A3 and B1 atanh B3, not the normalisers."""
+    A4, B4 = 0.41, 4.31
+    assert round(vw.A1 * math.tanh(vw.A3), 2) == A4
+    assert round(vw.B1 * math.atanh(vw.B3), 2) == B4
+    misread1 = vw.A1 * (math.tanh(vw.A2 - vw.A3) + math.tanh(vw.A3)) / A4
+    misread23 = vw.B1 * (math.atanh(vw.B2 - vw.B3) + math.atanh(vw.B3)) / B4
+    assert round(misread1 / vw.f1(1.0), 2) == 2.03
+    assert round(misread23 / vw.f23(1.0), 2) == 1.35
