@@ -72,8 +72,7 @@ def paraboloid(*, radius: float, length: float, around: int, along: int, across:
     arc = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(r), np.diff(z)))])
     side = np.interp(np.linspace(0.0, arc[-1], along + 1), arc, r)
     rings = np.concatenate([side, np.linspace(radius, 0.0, across + 1)[1:]])
-    heights = np.minimum(0.0, length * ((rings / radius) ** 2 - 1.0))
-    heights[along:] = 0.0
+    heights = np.concatenate([length * ((side / radius) ** 2 - 1.0), np.zeros(across)])
     angle = 2.0 * np.pi / around * (np.arange(around + 1) % around)
     p = np.stack(
         [np.outer(rings, np.cos(angle)), np.outer(rings, np.sin(angle)), np.outer(heights, np.ones(around + 1))],

@@ -51,9 +51,11 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 
 def _demo(arguments: argparse.Namespace) -> int:
-    from rft_ros.demo.main import run_demo
-
-    return run_demo(arguments.output, seconds=arguments.seconds)
+    try:
+        from rft_ros.node.demo import demo
+    except ImportError as error:
+        raise InputError(f"the demo needs ROS 2 ({error.name} is missing): pip install 'rft_ros[ros]'") from None
+    return demo(arguments.output, seconds=arguments.seconds)
 
 
 def _finite(text: str) -> float:

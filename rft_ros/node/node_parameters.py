@@ -26,6 +26,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=parameter.description + unit,
         additional_constraints=f"one of: {', '.join(parameter.choices)}" if parameter.choices else "",
         read_only=parameter.applies == "restart",
+        dynamic_typing=True,  # so that a wrong type is answered by the table's sentence, not by "Wrong parameter type"
     )
     if parameter.type == "double" and parameter.low > -float("inf"):
         descriptor.floating_point_range = [FloatingPointRange(from_value=parameter.low, to_value=parameter.high)]
@@ -35,8 +36,8 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 class NodeParameters:
     """The node's values of the table.
 
-    `validate(values)`: raises InputError if a set of checked values cannot be used; called before a change, without side
-    effects. `apply(values, changed)`: called after it. A refused value leaves everything as it was.
+    `validate(values)`: raises InputError if a set of checked values cannot be used; called before a change, without
+    side effects. `apply(values, changed)`: called after it. A refused value leaves everything as it was.
     """
 
     def __init__(

@@ -8,6 +8,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
@@ -48,9 +49,9 @@ class RftNode(Node):
         self._mesh_in_force = {k: values[k] for k in _MESH}
         self._preparation: MeshPreparation | None = None
         self.estimator = Estimator(settings_of(values), model_of(values))
-        self._diagnostics = Diagnostics(self.get_name())
+        self._diagnostics = Diagnostics(self.get_fully_qualified_name())
 
-        def published(topic: str) -> tuple[object, WrenchStamped]:
+        def published(topic: str) -> tuple[Publisher, WrenchStamped]:
             return self.create_publisher(WrenchStamped, topic, _OUTPUTS), WrenchStamped()
 
         self._predicted, self._predicted_message = published("~/wrench_predicted")
@@ -114,7 +115,8 @@ class RftNode(Node):
             message.header.frame_id = str(self._table.values["sensor_frame"])
 
     def _validate(self, values: Mapping[str, Value]) -> None:
-        locate_mesh(str(values["mesh.file"]))
+        if not (path := locate_mesh(str(values["mesh.file"]))).is_file():
+            raise InputError(f"mesh.file '{path}' is not there")
         settings_of(values)
         if values["alpha_y.model"] == "table":
             self._model(values, self.estimator.model.tool) if hasattr(self, "estimator") else model_of(values)

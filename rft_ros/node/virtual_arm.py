@@ -1,9 +1,9 @@
 """A virtual arm for the demo: 125 Hz pose, twist and load cell of the ellipsoid that pitches its way into the grains.
 
-The motion is the paper's (Treers et al. 2021, V-A): straight down at 5 mm/s, pitching ±9° at 0.625 Hz, after a pause in the
-air for a tare. Its grains are this package's own model (generic, ζ = 0.33, α_y linear): the demo shows the wiring, the
-frames and the load cell's arithmetic, not how true the model is. The load cell adds a bias, the tool's weight, noise and
-a frame of its own.
+The motion is the paper's (Treers et al. 2021, V-A): straight down at 5 mm/s, pitching ±9° at 0.625 Hz, after a pause in
+the air for a tare. Its grains are this package's own model (generic, ζ = 0.33, α_y linear): the demo shows the wiring,
+the frames and the load cell's arithmetic, not how true the model is. The load cell adds a bias, the tool's weight,
+noise and a frame of its own.
 """
 
 import argparse
@@ -65,9 +65,7 @@ def raw_reading(
 ) -> Wrench:
     """What the load cell reports: the grains' wrench and the weight in its frame, its bias, and noise."""
     numbers = frame.into_sensor(quaternion, on_tool)
-    fx, fy, fz, tx, ty, tz = (
-        frame.sign * (numbers[k] + numbers[k + 6]) + frame.bias[k] + noise[k] for k in range(6)
-    )
+    fx, fy, fz, tx, ty, tz = (frame.sign * (numbers[k] + numbers[k + 6]) + frame.bias[k] + noise[k] for k in range(6))
     return fx, fy, fz, tx, ty, tz
 
 

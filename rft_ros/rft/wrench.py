@@ -35,7 +35,8 @@ def _wrenches(plates, reach, law, surface_height, states, out):  # type: ignore[
         vx, vy, vz, wx, wy, wz = states[k, 7:]
 
         # The law is rate-independent, so a common factor is free: it keeps squares of speeds from over- and underflow.
-        fastest = max(abs(vx), abs(vy), abs(vz), reach * max(abs(wx), abs(wy), abs(wz)))
+        # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
+        fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
         per_fastest = 1.0 / fastest if fastest > 1e-290 else 0.0
         vx, vy, vz = vx * per_fastest, vy * per_fastest, vz * per_fastest
         wx, wy, wz = wx * per_fastest, wy * per_fastest, wz * per_fastest

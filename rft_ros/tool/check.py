@@ -100,8 +100,8 @@ def _volume_if_shut(mesh: "trimesh.Trimesh") -> float:
     """Signed volume [m³] of a surface that is shut, even as a soup without shared edges; 0 of an open one."""
     triangles = mesh.triangles - mesh.triangles.mean(axis=(0, 1))
     area_vectors = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2.0
-    gap = np.linalg.norm(area_vectors.sum(axis=0)) / np.linalg.norm(area_vectors, axis=1).sum()
-    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if gap < _SHUT else 0.0
+    shut = np.linalg.norm(area_vectors.sum(axis=0)) < _SHUT * np.linalg.norm(area_vectors, axis=1).sum()
+    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if shut else 0.0
 
 
 def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[Finding]:

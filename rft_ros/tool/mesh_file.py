@@ -50,13 +50,15 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
         raise InputError(f"mesh.scale is {scale}; it must be a positive number")
     shift = np.asarray(origin, dtype=np.float64)
     if shift.shape != (3,) or not np.isfinite(shift).all():
-        raise InputError(f"mesh.origin is {list(origin)}; it must be three finite numbers")
+        raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
 
     loaded = _load(_bytes_of(path), path)
-    if len(loaded.faces) == 0:
+    if len(getattr(loaded, "faces", ())) == 0:  # points have none
         raise InputError(f"mesh file '{path}' has no facets: it is empty, cut short or no {_kind(path)} file")
     if len(loaded.faces) > MAX_FACETS:
         raise InputError(f"mesh file '{path}' has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
+    if loaded.vertices.shape[1] != 3:
+        raise InputError(f"mesh file '{path}' has vertices with {loaded.vertices.shape[1]} coordinates instead of 3")
     if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
         raise InputError(f"mesh file '{path}' has facets with vertices that are not in it")
     return _in_tool_frame(loaded, path, scale, shift)
@@ -89,10 +91,12 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     import trimesh
 
     suffix = path.suffix.lower()
-    if suffix in _SEAMS:
-        data = re.sub(_SEAMS[suffix], b"", data)
+    if suffix in _SEAMS and not _is_binary_stl(data):
+        # to trimesh, text that is not UTF-8 (in a comment or a name) needs another package
+        data = re.sub(_SEAMS[suffix], b"", data.decode(errors="replace").encode())
     try:
         with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             # numpy before 2.3 stops at a word among the numbers, and only warns
             warnings.filterwarnings("error", message="string or file could not be read")
             return trimesh.load(
@@ -104,10 +108,14 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
                 maintain_order=True,
             )
     except ImportError as error:
-        raise InputError(f"mesh file '{path}' needs a package that is not installed: {error}") from None
+        raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception as error:  # each format's reader fails in its own ways
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"mesh file '{path}' is no {_kind(path)} file that trimesh can read: {reason}") from None
+
+
+def _is_binary_stl(data: bytes) -> bool:
+    return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
 def _in_tool_frame(

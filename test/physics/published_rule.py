@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Sequence
 from math import atan2, atanh, cos, degrees, hypot, pi, sin, tanh
 
 Vec = Sequence[float]
-AlphaY = Callable[[float, float], float]  # β [rad], γ [rad] -> N/cm³
+AlphaY = Callable[[float], float]  # β [rad] -> N/cm³
 
 # A00, A10, B11, B01, B-11, C11, C01, C-11, D10 (Li, Zhang, Goldman 2013, table S2)
 MEDIA = {
@@ -29,9 +29,7 @@ def f23(w: float) -> float:
 
 def alpha_z(medium: str, beta: float, gamma: float) -> float:
     A00, A10, B11, B01, Bm11, *_ = MEDIA[medium]
-    return (
-        A00 + A10 * cos(2 * beta) + B11 * sin(2 * beta + gamma) + B01 * sin(gamma) + Bm11 * sin(-2 * beta + gamma)
-    )
+    return A00 + A10 * cos(2 * beta) + B11 * sin(2 * beta + gamma) + B01 * sin(gamma) + Bm11 * sin(-2 * beta + gamma)
 
 
 def alpha_x(medium: str, beta: float, gamma: float) -> float:
@@ -41,10 +39,10 @@ def alpha_x(medium: str, beta: float, gamma: float) -> float:
 
 def constant(medium: str) -> AlphaY:
     value = alpha_x(medium, 0.0, 0.0)
-    return lambda beta, gamma: value
+    return lambda _beta: value
 
 
-def linear(beta: float, gamma: float) -> float:
+def linear(beta: float) -> float:
     return 0.2035 - 0.0015 * degrees(beta)
 
 
@@ -85,7 +83,7 @@ def plate_force(n: Vec, v: Vec, depth: float, area: float, medium: str, zeta: fl
     v23 = hypot(dot(v, e2), v[2])
     speed = hypot(*v)
     sign = (v1 > 0) - (v1 < 0)
-    along_e1 = -f1(abs(v1) / speed) * alpha_y(beta, gamma) * sign
+    along_e1 = -f1(abs(v1) / speed) * alpha_y(beta) * sign
     along_e2 = -f23(v23 / speed) * alpha_x(medium, beta, gamma)
     along_e3 = f23(v23 / speed) * alpha_z(medium, beta, gamma)
     scale = zeta * 1e6 * depth * area

@@ -36,7 +36,8 @@ def test_constant_is_alpha_x_of_the_flat_plate_at_every_attitude(name, beta, gam
 
 @given(beta=attack, gamma=intrusion)
 def test_linear_falls_by_0_0015_a_degree_from_0_2035(beta, gamma):
-    assert at(alpha_y_model("linear", MEDIA["generic"]), beta, gamma) == pytest.approx(0.2035 - 0.0015 * beta, abs=1e-12)
+    model = alpha_y_model("linear", MEDIA["generic"])
+    assert at(model, beta, gamma) == pytest.approx(0.2035 - 0.0015 * beta, abs=1e-12)
 
 
 def test_linear_passes_through_the_constant_value_at_45_degrees():

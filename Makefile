@@ -1,0 +1,32 @@
+# Two commands do everything on a fresh Debian or Ubuntu with Python 3.10-3.13: make demo, make test.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+.PHONY: demo test venv bench lint clean
+
+demo: venv
+	$(BIN)/rft demo -o out/demo
+
+test: venv lint
+	$(BIN)/python -m pytest test -n 2 --dist loadfile -q
+
+lint: venv
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+bench: venv
+	$(BIN)/python bench/kernel.py
+
+venv: $(STAMP)
+
+$(STAMP): setup.py
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --upgrade pip
+	$(BIN)/python -m pip install --quiet --editable '.[ros,test,dev]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) out build dist *.egg-info

@@ -1,0 +1,183 @@
+"""Storage files that rosbags cannot open, as their end or index is missing: read from the front, up to the damage."""
+
+import bz2
+import mmap
+import sqlite3
+import struct
+import sys
+from collections.abc import Collection, Iterator
+from contextlib import closing
+from pathlib import Path
+from urllib.parse import quote
+from zlib import crc32
+
+import lz4.frame  # type: ignore[import-untyped]
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+__all__ = ["DamagedFile"]
+
+_Message = tuple[int, str, str, bytes]  # receive time [ns], topic, type, serialised message
+_Topics = dict[int, tuple[str, str]]
+
+_CUT = "the file ends inside a record"
+
+
+class DamagedFile:
+    """One .mcap, .db3 or .bag file as a sequence of records. Goes through all of it once, to see what there is."""
+
+    def __init__(self, file: Path) -> None:
+        self.name = file.name
+        self._file = file
+        self.topics: set[tuple[str, str]] = set()
+        self.count = 0
+        self.first = 2**63 - 1
+        self.last = 0
+        try:
+            for time, topic, msgtype, _ in self._all():
+                self.topics.add((topic, msgtype))
+                self.count += 1
+                self.first, self.last = min(self.first, time), max(self.last, time)
+        except ValueError:  # `messages` meets it again
+            pass
+
+    def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
+        """Receive time in [start, stop) [ns], topic, content, in the file's order; ValueError where the damage is."""
+        for time, topic, _, data in self._all():
+            if topic in topics and start <= time < stop:
+                yield time, topic, data
+
+    def close(self) -> None:
+        """Nothing is held open."""
+
+    def _all(self) -> Iterator[_Message]:
+        try:
+            if self._file.suffix == ".db3":
+                yield from _sqlite3(self._file)
+                return
+            with self._file.open("rb") as stream:
+                data = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
+            yield from _ros1(data) if self._file.suffix == ".bag" else _mcap(data)
+        except (struct.error, LookupError) as error:
+            raise ValueError(f"a record makes no sense ({error})") from None
+        except (zstd.ZstdError, RuntimeError, OSError, EOFError, sqlite3.Error) as error:
+            raise ValueError(str(error)) from None
+
+
+def _mcap(data: memoryview) -> Iterator[_Message]:
+    """The MCAP format: https://mcap.dev/spec."""
+    if bytes(data[:8]) != b"\x89MCAP0\r\n":
+        raise ValueError("it does not begin as an MCAP file")
+    yield from _mcap_records(data[8:], {}, {})
+
+
+def _mcap_records(data: memoryview, schemas: dict[int, str], channels: _Topics) -> Iterator[_Message]:
+    at = 0
+    while at < len(data):
+        op, length = struct.unpack_from("<BQ", data, at) if len(data) - at >= 9 else (0, len(data))
+        body = data[at + 9 : at + 9 + length]
+        if op == 0x06:
+            yield from _mcap_records(_mcap_chunk(body), schemas, channels)
+        if len(body) < length:
+            raise ValueError(_CUT)
+        if op == 0x03:
+            key, size = struct.unpack_from("<HI", body)
+            schemas[key] = str(body[6 : 6 + size], "utf-8")
+        elif op == 0x04:
+            key, schema, size = struct.unpack_from("<HHI", body)
+            (encoding,) = struct.unpack_from("<I", body, 8 + size)
+            encoded = str(body[12 + size : 12 + size + encoding], "utf-8")
+            msgtype = schemas.get(schema, "of no type")
+            channels[key] = str(body[8 : 8 + size], "utf-8"), msgtype if encoded == "cdr" else f"{msgtype} as {encoded}"
+        elif op == 0x05:
+            key, _, time = struct.unpack_from("<HIQ", body)
+            yield time, *channels[key], bytes(body[22:])
+        elif op in (0x02, 0x0F):  # footer, end of data: an index follows
+            return
+        at += 9 + length
+
+
+def _mcap_chunk(body: memoryview) -> memoryview:
+    """A chunk's records; as much of them as there is, if the chunk is cut."""
+    if len(body) < 40:
+        raise ValueError(_CUT)
+    _, _, size, crc, length = struct.unpack_from("<QQQII", body)
+    compression = str(body[32 : 32 + length], "utf-8")
+    packed = body[40 + length :]
+    if compression == "zstd":
+        packed = memoryview(zstd.ZstdDecompressor().decompress(packed))
+    elif compression == "lz4":
+        packed = memoryview(lz4.frame.LZ4FrameDecompressor().decompress(packed))
+    elif compression:
+        raise ValueError(f"its chunks are compressed with '{compression}'")
+    if crc and len(packed) == size and crc32(packed) != crc:
+        raise ValueError("a chunk has the wrong checksum")
+    return packed
+
+
+def _ros1(data: memoryview) -> Iterator[_Message]:
+    """The ROS 1 format: https://wiki.ros.org/Bags/Format/2.0."""
+    if bytes(data[:13]) != b"#ROSBAG V2.0\n":
+        raise ValueError("it does not begin as a ROS 1 bag")
+    yield from _ros1_records(data[13:], {})
+
+
+def _ros1_records(data: memoryview, connections: _Topics) -> Iterator[_Message]:
+    at = 0
+    while at < len(data):
+        header, body, length = _ros1_record(data, at)
+        op = header[b"op"][0]
+        if op == 0x05:
+            yield from _ros1_records(_ros1_chunk(header[b"compression"], body), connections)
+        if at + length > len(data):
+            raise ValueError(_CUT)
+        key = int.from_bytes(header.get(b"conn", b""), "little")
+        if op == 0x07:
+            package, _, name = _ros1_fields(body)[b"type"].decode().partition("/")
+            connections[key] = header[b"topic"].decode(), f"{package}/msg/{name}"
+        elif op == 0x02:
+            seconds, nanoseconds = struct.unpack("<II", header[b"time"])
+            yield seconds * 1_000_000_000 + nanoseconds, *connections[key], bytes(body)
+        at += length
+
+
+def _ros1_record(data: memoryview, at: int) -> tuple[dict[bytes, bytes], memoryview, int]:
+    """Header, content (as much as there is) and length of the record."""
+    try:
+        (of_header,) = struct.unpack_from("<I", data, at)
+        (of_body,) = struct.unpack_from("<I", data, at + 4 + of_header)
+    except struct.error:
+        raise ValueError(_CUT) from None
+    begin = at + 8 + of_header
+    return _ros1_fields(data[at + 4 : at + 4 + of_header]), data[begin : begin + of_body], 8 + of_header + of_body
+
+
+def _ros1_fields(header: memoryview) -> dict[bytes, bytes]:
+    fields = {}
+    at = 0
+    while at < len(header):
+        (length,) = struct.unpack_from("<I", header, at)
+        name, _, value = bytes(header[at + 4 : at + 4 + length]).partition(b"=")
+        fields[name] = value
+        at += 4 + length
+    return fields
+
+
+def _ros1_chunk(compression: bytes, body: memoryview) -> memoryview:
+    if compression == b"bz2":
+        return memoryview(bz2.BZ2Decompressor().decompress(body))
+    if compression == b"lz4":
+        return memoryview(lz4.frame.LZ4FrameDecompressor().decompress(body))
+    return body
+
+
+def _sqlite3(file: Path) -> Iterator[_Message]:
+    with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as database:
+        # Without this, sqlite refuses a file that is shorter than its first page says.
+        database.execute("PRAGMA writable_schema = ON")
+        topics = {key: (name, msgtype) for key, name, msgtype in database.execute("SELECT id, name, type FROM topics")}
+        for key, time, data in database.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED"):
+            yield time, *topics[key], data

@@ -1,0 +1,217 @@
+"""Recordings in: stamped samples of rosbag2 (MCAP, sqlite3) and ROS 1 bags, in one order, as far as there are any."""
+
+import heapq
+import re
+from collections import Counter
+from collections.abc import Callable, Collection, Iterator, Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol
+
+from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag2 import Reader as Reader2
+
+from rft_ros.bags.damaged import DamagedFile
+from rft_ros.bags.messages import TYPES, Role, Sample, decoder
+from rft_ros.errors import InputError
+
+__all__ = ["Recording"]
+
+_RANK: tuple[Role, ...] = ("wrench", "twist", "pose")
+
+_LATEST = 100_000_000
+"""A message that comes up to this far [ns] too late in its file (split and damaged bags) is still put in order."""
+
+_SUFFIXES = (".mcap", ".db3", ".bag")
+
+
+class _Part(Protocol):
+    """A bag or one file of it: its topics with their types, number of messages, first and last receive time [ns]."""
+
+    name: str
+    topics: set[tuple[str, str]]
+    count: int
+    first: int
+    last: int
+
+    def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]: ...
+    def close(self) -> None: ...
+
+
+class _IndexedPart:
+    """What rosbags can open: a folder or a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.name = path.name
+        self._reader = Reader1(path) if path.suffix == ".bag" and path.is_file() else Reader2(path)
+        self._reader.open()
+        self.topics = {(c.topic, c.msgtype) for c in self._reader.connections}
+        self.count = self._reader.message_count
+        self.first = self._reader.start_time
+        self.last = self._reader.end_time - 1
+
+    def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
+        connections = [c for c in self._reader.connections if c.topic in topics]
+        if connections:  # to rosbags, none means all
+            for connection, time, data in self._reader.messages(connections, start, stop):
+                yield time, connection.topic, data
+
+    def close(self) -> None:
+        self._reader.close()
+
+
+class Recording:
+    """The samples of one bag, for use in a `with` block and one `for` loop.
+
+    Memory does not grow with the bag, save for the index of a ROS 1 bag, which rosbags keeps.
+
+    `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: the topic of each role that is wanted; only
+    these are read. `start`, `end`: seconds of receive time after the bag's first message, of whatever topic.
+
+    Order: receive time (the bag's log time); at equal times wrench, twist, pose; then the order in the file.
+
+    A bag without pose topic, or without the twist topic where one is asked for, a topic of another type and a path that
+    is no bag are InputErrors. A damaged bag is used up to the damage, and `damage` then says where that was and why.
+    """
+
+    def __init__(
+        self, bag: Path, topics: Mapping[Role, str], *, start: float | None = None, end: float | None = None
+    ) -> None:
+        self.bag = bag
+        self.counts: Counter[Role] = Counter()
+        self.time = 0
+        """Receive time of the last sample [ns]."""
+        self._topics = dict(topics)
+        self._offsets = (start, end)
+        self._parts: list[_Part] = []
+        self._why = ""
+
+    def __enter__(self) -> "Recording":
+        try:
+            self._open()
+            if not sum(part.count for part in self._parts):
+                raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
+            self._check_topics()
+            self._set_span()
+        except OSError as error:
+            self._close()
+            raise InputError(f"bag '{self.bag}' cannot be read: {error}") from None
+        except BaseException:
+            self._close()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._close()
+
+    def _set_span(self) -> None:
+        first, last = min(p.first for p in self._parts), max(p.last for p in self._parts)
+        start, end = self._offsets
+        self.first = self.time = first if start is None else first + round(start * 1e9)
+        self.last = last if end is None else min(last, first + round(end * 1e9))
+        if self.first > self.last:
+            span = f"from {start or 0:g} s to {'its end' if end is None else f'{end:g} s'}"
+            raise InputError(f"bag '{self.bag}' lasts {(last - first) * 1e-9:.3f} s; it has nothing {span}")
+
+    @property
+    def damage(self) -> str | None:
+        """Why the bag could not be read as it should be, and what was used; None for a good bag. Ask after the loop."""
+        if not self._why:
+            return None
+        used, seconds = sum(self.counts.values()), (self.time - self.first) * 1e-9
+        return f"{self._why}; {used} messages were used, up to {seconds:.3f} s after the start"
+
+    def __iter__(self) -> Iterator[Sample]:
+        """The samples in order."""
+        ros1 = self.bag.suffix == ".bag" and self.bag.is_file()
+        decode: list[Callable[[bytes], Sample]] = [decoder(role, ros1=ros1) for role in _RANK]
+        for time, rank, _, data in self._in_order():
+            try:
+                sample = decode[rank](data)
+            except Exception as error:
+                self._why = f"a message on {self._topics[_RANK[rank]]} cannot be decoded ({error})"
+                return
+            self.time = time
+            self.counts[_RANK[rank]] += 1
+            yield sample
+
+    def _in_order(self) -> Iterator[tuple[int, int, int, bytes]]:
+        rank = {topic: _RANK.index(role) for role, topic in self._topics.items()}
+        queue: list[tuple[int, int, int, bytes]] = []
+        newest = 0
+        for number, (time, topic, data) in enumerate(self._messages(rank)):
+            heapq.heappush(queue, (time, rank[topic], number, data))
+            newest = max(newest, time)
+            while queue[0][0] < newest - _LATEST:
+                yield heapq.heappop(queue)
+        while queue:
+            yield heapq.heappop(queue)
+
+    def _messages(self, topics: Collection[str]) -> Iterator[tuple[int, str, bytes]]:
+        for part in self._parts:
+            try:
+                yield from part.messages(topics, self.first, self.last + 1)
+            except Exception as error:  # whatever the damage does to rosbags' parsers
+                self._why = f"{part.name} is damaged: {_sentence(error)}"
+                return
+
+    def _open(self) -> None:
+        """Through rosbags if it can; else file by file, and a file that rosbags cannot open by its records."""
+        bag = self.bag
+        if not bag.exists():
+            raise InputError(f"bag '{bag}' does not exist")
+        if bag.is_file() and bag.suffix not in _SUFFIXES:
+            raise InputError(
+                f"'{bag}' is no bag: a bag is a rosbag2 folder or a file that ends in {', '.join(_SUFFIXES)}"
+            )
+        files = sorted((f for f in bag.iterdir() if f.suffix in _SUFFIXES[:2]), key=_natural) if bag.is_dir() else [bag]
+        if not files and not (bag / "metadata.yaml").exists():
+            raise InputError(f"folder '{bag}' is no bag: it has no metadata.yaml and no .mcap or .db3 file")
+        try:
+            self._parts = [_IndexedPart(bag)]
+        except Exception as error:
+            self._why = _sentence(error)
+        if self._why and bag.is_dir() and not (bag / "metadata.yaml").exists():
+            self._why = "metadata.yaml is missing"
+        for file in files if self._why else []:
+            try:
+                part: _Part = _IndexedPart(file)
+            except Exception as error:
+                self._why = f"{file.name} is damaged: {_sentence(error)}"
+                self._parts.append(DamagedFile(file))
+                return
+            self._parts.append(part)
+
+    def _close(self) -> None:
+        for part in self._parts:
+            part.close()
+        self._parts = []
+
+    def _check_topics(self) -> None:
+        found: dict[str, set[str]] = {}
+        for topic, msgtype in sorted(t for part in self._parts for t in part.topics):
+            found.setdefault(topic, set()).add(msgtype)
+        there = ", ".join(f"{topic} ({' and '.join(sorted(types))})" for topic, types in found.items())
+        for role, topic in self._topics.items():
+            wanted = TYPES[role]
+            if topic not in found:
+                fits = next((t for t, types in found.items() if types == {wanted}), "TOPIC")
+                advice = f"--remap ~/{role}:={fits}"
+                if role == "twist":
+                    advice = f"twist_source: pose_difference, or {advice}"
+                if role != "wrench":
+                    raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' (use {advice}); it has {there}")
+            elif found[topic] != {wanted}:
+                is_ = " and ".join(sorted(found[topic]))
+                raise InputError(f"bag '{self.bag}': {role} topic '{topic}' is {is_}; it must be {wanted}")
+
+
+def _natural(file: Path) -> list[str]:
+    """Numbers in a name by value, so that part 10 of a split bag comes after part 9."""
+    return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
+
+
+def _sentence(error: Exception) -> str:
+    return str(error).strip().rstrip(".") or type(error).__name__

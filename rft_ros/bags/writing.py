@@ -1,0 +1,77 @@
+"""Recordings out: a rosbag2 folder with one MCAP file."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+
+import yaml
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from rft_ros.bags.messages import TYPES, wrench_cdr
+from rft_ros.errors import InputError
+from rft_ros.estimator import Wrench
+
+__all__ = ["BagWriter"]
+
+_MARK = {"written_by": "rft_ros"}
+"""Custom data of the bags that this program wrote, and may replace."""
+
+
+class BagWriter:
+    """Writes a rosbag2 folder, for use in a `with` block; the same messages give the same bytes.
+
+    A bag at `path` that a BagWriter wrote is replaced; anything else there is an InputError. What was written before an
+    exception leaves the block is kept as a whole bag.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._types = get_typestore(Stores.ROS2_JAZZY)
+        self._connections: dict[str, Connection] = {}
+        self._serialise: dict[str, Callable[[int, Wrench], bytes]] = {}
+
+    def __enter__(self) -> "BagWriter":
+        try:
+            self._make_room()
+            self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
+            self._writer.open()
+        except OSError as error:
+            raise InputError(f"bag '{self.path}' cannot be written: {error}") from None
+        for key, value in _MARK.items():
+            self._writer.set_custom_data(key, value)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._writer.close()
+
+    def write_wrench(self, topic: str, stamp: int, frame: str, wrench: Wrench) -> None:
+        """Write a WrenchStamped; `stamp` [ns] is also its log time."""
+        serialise = self._serialise.get(frame)
+        if serialise is None:
+            serialise = self._serialise[frame] = wrench_cdr(frame)
+        self.write_raw(topic, TYPES["wrench"], stamp, serialise(stamp, wrench))
+
+    def write_raw(self, topic: str, msgtype: str, stamp: int, cdr: bytes) -> None:
+        """Write a serialised message (CDR) of any type of ROS 2 Jazzy's common interfaces at log time `stamp` [ns]."""
+        connection = self._connections.get(topic)
+        if connection is None:
+            connection = self._writer.add_connection(topic, msgtype, typestore=self._types)
+            self._connections[topic] = connection
+        self._writer.write(connection, stamp, cdr)
+
+    def _make_room(self) -> None:
+        if not self.path.exists():
+            return
+        try:
+            metadata = yaml.safe_load((self.path / "metadata.yaml").read_text(encoding="utf-8"))
+            ours = metadata["rosbag2_bagfile_information"]["custom_data"] == _MARK
+        except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
+            ours = False
+        if not ours:
+            raise InputError(f"'{self.path}' is there already and no bag that rft_ros wrote; it is not overwritten")
+        shutil.rmtree(self.path)

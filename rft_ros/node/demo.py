@@ -1,0 +1,205 @@
+"""``rft demo``: a real node, a virtual arm, and what a user would do beside them: watch, tare, swap, record."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+from std_srvs.srv import Trigger
+
+from rft_ros.bags.writing import BagWriter
+from rft_ros.errors import InputError
+from rft_ros.node.virtual_arm import PAUSE
+from rft_ros.report.depth_figure import DepthTrace, draw_force_over_depth
+from rft_ros.tool import share_directory
+
+__all__ = ["demo"]
+
+_TOPICS: dict[str, tuple[type, str]] = {
+    "/rft/pose": (PoseStamped, "geometry_msgs/msg/PoseStamped"),
+    "/rft/twist": (TwistStamped, "geometry_msgs/msg/TwistStamped"),
+    "/rft/wrench_measured": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
+    "/rft/wrench_predicted": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
+    "/rft/wrench_compensated": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
+    "/rft/wrench_residual": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
+}
+_SHOWN = ("predicted", "compensated", "residual")
+_WAIT = 60.0  # s, for a process that has to compile first
+
+
+class Watcher:
+    """What `ros2 bag record`, `ros2 topic echo`, `ros2 service call` and `ros2 param set` would do."""
+
+    def __init__(self, bag: BagWriter) -> None:
+        self.node = rclpy.create_node("rft_demo")
+        self._bag = bag
+        self.counts = dict.fromkeys(_TOPICS, 0)
+        self.depth: dict[int, float] = {}
+        self.forces: dict[str, list[tuple[int, float, float, float]]] = {name: [] for name in _SHOWN}
+        self.wrench: dict[str, tuple[float, ...]] = {}
+        for topic, (message_type, type_name) in _TOPICS.items():
+            self.node.create_subscription(
+                message_type, topic, self._recorder(topic, message_type, type_name), QoSProfile(depth=500), raw=True
+            )
+
+    def _recorder(self, topic: str, message_type: type, type_name: str) -> Any:
+        name = topic.rsplit("_", 1)[-1]
+
+        def record(data: bytes) -> None:
+            received = self.node.get_clock().now().nanoseconds
+            self._bag.write_raw(topic, type_name, received, data)
+            self.counts[topic] += 1
+            if message_type is TwistStamped or name == "measured":
+                return
+            message = deserialize_message(data, message_type)
+            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+            if message_type is PoseStamped:
+                self.depth[stamp] = -message.pose.position.z
+                return
+            f, t = message.wrench.force, message.wrench.torque
+            self.wrench[name] = (f.x, f.y, f.z, t.x, t.y, t.z)
+            self.forces[name].append((stamp, f.x, f.y, f.z))
+
+        return record
+
+    def spin(self, seconds: float) -> None:
+        """Take what comes for a while."""
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0.0:
+            rclpy.spin_once(self.node, timeout_sec=min(left, 0.02))
+
+    def call(self, service_type: type, name: str, request: Any) -> Any:
+        """The service's answer; InputError if there is none in time."""
+        client = self.node.create_client(service_type, name)
+        try:
+            if client.wait_for_service(timeout_sec=_WAIT):
+                future = client.call_async(request)
+                rclpy.spin_until_future_complete(self.node, future, timeout_sec=_WAIT)
+                if future.done():
+                    return future.result()
+        finally:
+            self.node.destroy_client(client)
+        raise InputError(f"the service {name} gave no answer within {_WAIT:g} s")
+
+    def trace(self) -> DepthTrace:
+        """Force over depth of the tool frame's origin, for the figure."""
+        columns = {
+            name: [(self.depth[s], x, y, z) for s, x, y, z in rows if s in self.depth]
+            for name, rows in self.forces.items()
+        }
+        return DepthTrace(measured=columns["compensated"], predicted=columns["predicted"], residual=columns["residual"])
+
+
+@contextmanager
+def _process(module: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
+    """A child that is asked to stop, and made to, however this block ends."""
+    process = subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True)
+    try:
+        yield process
+    finally:
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+            try:
+                process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+
+
+def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
+    table = Table(title=f"t = {elapsed:4.1f} s   alpha_y: {model}   [sensor frame, force on the tool by the grains]")
+    for column in ("", "fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
+        table.add_column(column, justify="right", min_width=8)
+    for name in _SHOWN:
+        wrench = watcher.wrench.get(name)
+        cells = ["-"] * 6 if wrench is None else [f"{v:.3f}" for v in wrench]
+        table.add_row(name, *cells)
+    return table
+
+
+def demo(output: Path, *, seconds: float) -> int:
+    """Run the demo for `seconds` of arm motion; writes the recorded bag and a figure to `output`."""
+    console = Console()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    output.mkdir(parents=True, exist_ok=True)
+    parameters = share_directory("rft_ros") / "config" / "demo.yaml"
+    console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains; a real ROS 2 node")
+    console.print(
+        "predicts the wrench, takes bias and weight off the load cell, and publishes the residual. By hand:\n"
+    )
+    console.print(f"  rft_node --ros-args --params-file {parameters}")
+    console.print(f"  python -m rft_ros.node.virtual_arm --seconds {seconds:g}")
+    console.print("  ros2 topic echo /rft/wrench_residual")
+    console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger")
+    console.print("  ros2 param set /rft alpha_y.model linear\n", highlight=False)
+    rclpy.init()
+    try:
+        with BagWriter(output / "bag") as bag:
+            watcher = Watcher(bag)
+            with _process("rft_ros.node.main", "--ros-args", "--params-file", str(parameters)):
+                console.print("waiting for the node (the first start compiles its kernels, about 15 s) ...")
+                watcher.call(GetParameters, "/rft/get_parameters", GetParameters.Request(names=["mesh.file"]))
+                with _process("rft_ros.node.virtual_arm", "--seconds", str(seconds), "--listeners", "2") as arm:
+                    _watch(watcher, console, arm, seconds)
+            watcher.spin(0.2)
+            trace = watcher.trace()
+            watcher.node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    if not trace.predicted or not trace.measured:
+        console.print("[red]no estimates came[/red]; what the node said stands above")
+        return 1
+    figure = output / "force_over_depth.png"
+    draw_force_over_depth(trace, figure, title="Demo: ellipsoid pitching ±9° on its way down at 5 mm/s")
+    console.print(
+        "messages recorded: " + ", ".join(f"{t.removeprefix('/rft/')} {n}" for t, n in watcher.counts.items())
+    )
+    console.print(f"wrote {output / 'bag'} (rosbag2, MCAP) and {figure}")
+    return 0
+
+
+def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", seconds: float) -> None:
+    """Show the wrenches until the arm is done; tare in the pause, swap the α_y model half-way down."""
+    deadline = time.monotonic() + _WAIT
+    while not watcher.counts["/rft/pose"]:
+        watcher.spin(0.05)
+        if arm.poll() is not None or time.monotonic() > deadline:
+            raise InputError("the virtual arm did not start")
+    start = time.monotonic()
+    swap_at = PAUSE + (seconds - PAUSE) / 2.0
+    model, tared, said = "constant", False, -1.0
+    with Live(console=console, refresh_per_second=8, transient=False) as live:
+        while arm.poll() is None:
+            watcher.spin(0.1)
+            elapsed = time.monotonic() - start
+            if not tared and elapsed > PAUSE - 0.7:
+                tared = True
+                answer = watcher.call(Trigger, "/rft/tare", Trigger.Request())
+                live.console.print(f"t = {elapsed:.1f} s  tare: {answer.message}", highlight=False)
+            if model == "constant" and elapsed > swap_at:
+                value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="linear")
+                request = SetParameters.Request(parameters=[Parameter(name="alpha_y.model", value=value)])
+                result = watcher.call(SetParameters, "/rft/set_parameters", request).results[0]
+                model = "linear" if result.successful else f"constant (refused: {result.reason})"
+                live.console.print(f"t = {elapsed:.1f} s  alpha_y.model set to {model}", highlight=False)
+            if console.is_terminal:
+                live.update(_table(watcher, elapsed, model))
+            elif elapsed - said >= 1.0:
+                said = elapsed
+                shown = {n: watcher.wrench.get(n) for n in _SHOWN}
+                text = "   ".join(f"{n} fz {w[2]:7.3f} N" for n, w in shown.items() if w is not None)
+                console.print(f"t = {elapsed:4.1f} s   {text}", highlight=False)

@@ -1,0 +1,86 @@
+"""A smooth wheel in sand: another group's code of the same model, and their measurements."""
+
+import numpy as np
+import pytest
+
+from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.tool import load_tool
+
+SLIP_ANGLE, RIM_SPEED = 1, 2  # columns of smooth_expected.csv: [deg], [mm/s]
+MODEL, MEASURED = slice(4, 7), slice(7, 10)
+
+
+@pytest.fixture(scope="module")
+def wheel(shared_data):
+    return load_tool(str(shared_data / "cmu_wheel" / "smooth.stl"), scale=0.001).plates
+
+
+@pytest.fixture(scope="module")
+def states(shared_data):
+    return checked_states(np.loadtxt(shared_data / "cmu_wheel/smooth_states.csv", delimiter=",", skiprows=1)[:, 1:])
+
+
+@pytest.fixture(scope="module")
+def expected(shared_data):
+    return np.loadtxt(shared_data / "cmu_wheel/smooth_expected.csv", delimiter=",", skiprows=1)
+
+
+@pytest.fixture(scope="module")
+def forces(wheel, states):
+    generic = MEDIA["generic"]
+    law = treers2021(generic, alpha_y_model("constant", generic), zeta=0.6)
+    return wrenches(wheel, law, states)[:, :3]
+
+
+@pytest.fixture(scope="module")
+def knife_edge(expected):
+    """Cases that move straight along the wheel's axle without turning."""
+    return (expected[:, SLIP_ANGLE] == 90.0) & (expected[:, RIM_SPEED] == 0.0)
+
+
+def median_error(forces, expected):
+    """Median over the cases of the relative error of the force vector against the measured one."""
+    measured = expected[:, MEASURED]
+    return np.median(np.linalg.norm(forces - measured, axis=1) / np.linalg.norm(measured, axis=1))
+
+
+def test_the_wheel_has_37526_plate_elements_and_190_cases(wheel, states, expected):
+    assert len(wheel) == 37_526
+    assert len(states) == len(expected) == 190
+
+
+def test_forces_agree_with_the_other_groups_code_to_1e_3_newton_in_all_but_three_cases(forces, expected, knife_edge):
+    error = np.abs(forces - expected[:, MODEL]).max(axis=1)
+    assert knife_edge.sum() == 3
+    assert (error[~knife_edge] <= 1e-3).all()
+    assert (error[knife_edge] > 1.0).all()
+
+
+def test_the_three_cases_balance_on_thousands_of_facets_that_are_parallel_to_the_motion(
+    wheel, states, forces, expected, knife_edge
+):
+    """Rounding in the file decides which of them lead: both codes lie between none and all of them."""
+    generic = MEDIA["generic"]
+    law = treers2021(generic, alpha_y_model("constant", generic), zeta=0.6)
+    r, n, area = wheel.packed[:3].T, wheel.packed[3:6].T, wheel.packed[6]
+    for k in np.flatnonzero(knife_edge):
+        state = states[k]
+        assert not state[10:13].any()
+        forward = state[7:10] / np.linalg.norm(state[7:10])
+        submerged = r[:, 2] + state[2] < 0.0  # the wheel's orientation is the identity
+        assert (np.abs(n @ forward) <= 1e-12)[submerged].sum() > 2_000
+        parallel = np.abs(n @ forward) <= 1e-4  # to the single precision of an STL file
+        assert parallel[submerged].sum() > 10_000
+        none = Plates.from_arrays(r, n, np.where(parallel, 0.0, area))
+        tipped = np.where(parallel[:, None], n + 1e-3 * forward, n)
+        least, most = (
+            wrenches(plates, law, state[None])[0, 0] for plates in (none, Plates.from_arrays(r, tipped, area))
+        )
+        assert most > 2.0 * least
+        assert least < expected[k, MODEL][0] < most
+        assert least < forces[k, 0] < most
+
+
+def test_the_published_models_median_error_against_the_measurements_is_35_percent(forces, expected):
+    assert median_error(expected[:, MODEL], expected) == pytest.approx(0.35, abs=0.005)
+    assert median_error(forces, expected) == pytest.approx(0.35, abs=0.01)

@@ -1,0 +1,114 @@
+"""Inputs where the rule divides zero by zero: finite numbers, and the ones that physics asks for."""
+
+import numpy as np
+import published_rule as rule
+import pytest
+from scenes import CONSTANT, GENERIC, LINEAR, unit
+
+from rft_ros.rft import Plates, Table, checked_states, treers2021, wrenches
+
+TABLE = treers2021(GENERIC, Table(np.array([0.0, 1.5]), np.zeros(1), np.full((2, 1), 0.1)))
+LAWS = pytest.mark.parametrize("law", [CONSTANT, LINEAR, TABLE], ids=["constant", "linear", "table"])
+
+AXES = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
+BOX = Plates.from_arrays(0.01 * np.array(AXES), AXES, np.full(6, 4e-4))
+"""The six faces of a 2 cm cube, exactly along the axes."""
+
+
+def wrench(plates, law, velocity, angular=(0, 0, 0), pz=-0.05):
+    return wrenches(plates, law, checked_states([0, 0, pz, 0, 0, 0, 1, *velocity, *angular]))[0, :6]
+
+
+@LAWS
+@pytest.mark.parametrize("nz", [-1.0, 1.0])
+@pytest.mark.parametrize("vz", [-1.0, 1.0])
+def test_an_exactly_flat_plate_in_exactly_vertical_motion_is_pushed_vertically_or_not_at_all(law, nz, vz):
+    """Against the motion: α_z(0, 90°) = 1 N/cm³ and α_z(180°, -90°) = 0.206 + 0.169 - 0.212 - 0.358 - 0.055 = -0.25."""
+    force = wrench(Plates.from_arrays([[0, 0, 0]], [[0, 0, nz]], [1e-4]), law, (0, 0, vz))
+    stress = (1.0 if nz < 0.0 else -0.25) if nz * vz > 0.0 else 0.0
+    assert force[2] == pytest.approx(stress * 5.0, abs=1e-9)
+    assert force[:2] == pytest.approx([0, 0], abs=1e-4)  # the nudge tilts the velocity by 1e-5
+
+
+@LAWS
+def test_flat_plates_whose_horizontal_velocity_is_exactly_minus_the_nudge_are_finite(law):
+    """There the nudged velocity is exactly vertical and e2 has no direction at all."""
+    v = (-1e-5, 0.0, -np.sqrt(1 - 1e-10))
+    force = wrench(Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [1e-4]), law, v)
+    assert force[2] == pytest.approx(5.0, rel=1e-3)
+    assert np.isfinite(force).all()
+
+
+@LAWS
+def test_a_tool_at_rest_has_no_wrench(law):
+    assert wrench(BOX, law, (0, 0, 0)).tolist() == [0.0] * 6
+
+
+@LAWS
+def test_a_tool_without_a_leading_plate_has_no_wrench(law):
+    bottom = Plates.from_arrays([[0, 0, 0], [0.01, 0, 0]], [[0, 0, -1], [0.1, 0, -1]], [1e-4, 1e-4])
+    assert wrench(bottom, law, (0, 0, 1)).tolist() == [0.0] * 6
+
+
+@LAWS
+def test_a_tool_above_the_grains_has_no_wrench(law):
+    assert wrench(BOX, law, (0.1, 0.2, -0.3), (1, 2, 3), pz=0.011).tolist() == [0.0] * 6
+
+
+@pytest.mark.parametrize("velocity", AXES)
+def test_a_cube_that_moves_along_an_axis_is_pushed_by_its_leading_face_alone(velocity):
+    force = wrench(BOX, CONSTANT, velocity)
+    centroid = [0.01 * component for component in velocity]
+    expected = rule.plate_force(velocity, velocity, 0.05 - centroid[2], 4e-4, "generic", 1.0, rule.constant("generic"))
+    assert force[:3] == pytest.approx(expected, abs=1e-9)
+    assert force[3:] == pytest.approx(rule.cross(centroid, expected), abs=1e-9)
+
+
+def test_a_plate_of_no_area_carries_nothing():
+    assert not wrench(Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [0.0]), CONSTANT, (0, 0, -1)).any()
+
+
+@LAWS
+@pytest.mark.parametrize("speed", [1e-280, 1e-160, 1e160, 1e200])
+def test_speeds_whose_squares_have_no_number_give_the_same_wrench(law, speed):
+    direction = np.array([0.6, -0.48, -0.64])
+    np.testing.assert_allclose(wrench(BOX, law, speed * direction), wrench(BOX, law, direction), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("speed", [5e-324, 1e-310])
+def test_denormal_speeds_count_as_rest(speed):
+    assert wrench(BOX, CONSTANT, (0, speed, -speed)).tolist() == [0.0] * 6
+
+
+@LAWS
+def test_one_plate_at_the_tool_frames_origin_is_finite_at_any_angular_velocity(law):
+    """The plate itself does not move with it, however fast the tool turns."""
+    plate = Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [1e-4])
+    for linear, angular in ((1e-200, 1e200), (1.0, 1e200), (0.0, 1e200), (1e-3, 1e3)):
+        assert np.isfinite(wrench(plate, law, (0, 0, -linear), (angular, -angular, angular))).all()
+
+
+@LAWS
+def test_ten_thousand_states_of_special_numbers_give_no_nan(law):
+    rng = np.random.default_rng(11)
+    n = 10_000
+    special = np.array([0.0, -0.0, 1.0, -1.0, 0.5, 1e-5, -1e-5, 5e-324, 1e-310, 1e-160, 1e-16, 1e160, -1e200])
+    where = np.array([0.0, -0.0, -0.01, 0.01, -1e-300, 0.05, -0.05, -1e6, 1e6])
+
+    def mixed(columns, values):
+        """Half random numbers, half special ones."""
+        drawn = rng.normal(size=(n, columns))
+        return np.where(rng.random((n, columns)) < 0.5, rng.choice(values, (n, columns)), drawn)
+
+    turns = unit(rng.normal(size=(n, 4)))
+    halves = unit(np.array([[0, 0, 0, 1], [1, 0, 0, 0], [0, 1, 0, 0], [1, 0, 0, 1], [0, 1, 0, -1], [1, 1, 1, 1.0]]))
+    q = np.where(rng.random((n, 1)) < 0.5, halves[rng.integers(0, len(halves), n)], turns)
+    states = checked_states(np.hstack([mixed(3, where), q, mixed(6, special)]))
+    r = np.vstack([0.01 * np.array(AXES), np.zeros((6, 3)), rng.normal(0, 0.02, (20, 3))])
+    normals = np.vstack([AXES, AXES, rng.normal(size=(20, 3))])
+    body = Plates.from_arrays(r, normals, np.full(32, 1e-4))
+    at_origin = Plates.from_arrays(np.zeros((6, 3)), AXES, np.full(6, 1e-4))
+    for plates in (body, at_origin):
+        result = wrenches(plates, law, states)
+        assert np.isfinite(result).all(), f"state {states[~np.isfinite(result).all(axis=1)][0].tolist()}"
+        assert (result[:, :6] != 0.0).any(axis=1).sum() > n // 10

@@ -1,0 +1,100 @@
+"""The wrench of many plates: against the slow reference, which plates count, and one state as a row of many."""
+
+import numpy as np
+import published_rule as rule
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import CONSTANT, GENERIC, LINEAR, listed, random_plates, random_scene, seeds, without_flat
+
+from rft_ros.rft import Plates, alpha_y_model, checked_states, treers2021, wrenches
+
+DOWN = [0, 0, 0, 0, 0, 0, 1, 0, 0, -0.01, 0, 0, 0]
+
+
+@pytest.mark.parametrize(
+    ("name", "alpha_y"), [("constant", rule.constant("generic")), ("linear", rule.linear)], ids=["constant", "linear"]
+)
+@given(seed=seeds, zeta=st.floats(0.1, 10.0), surface=st.floats(-0.02, 0.02))
+def test_force_and_torque_of_a_tumbling_body_are_the_published_rules(name, alpha_y, seed, zeta, surface):
+    rng = np.random.default_rng(seed)
+    state = random_scene(rng, 1)
+    body = without_flat(random_plates(rng, 60), state[0])  # the cap is compared plate by plate in test_traction
+    expected = rule.wrench(listed(body), state[0].tolist(), "generic", zeta, alpha_y, surface)
+    law = treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=zeta)
+    actual = wrenches(body, law, state, surface_height=surface)[0, :6]
+    scale = max(abs(component) for component in expected[:3])
+    assert actual == pytest.approx(expected, abs=1e-10 * scale)
+
+
+def test_a_rotating_tool_without_linear_velocity_is_pushed_by_its_plates_velocities():
+    """One vertical plate at 10 cm on the x axis, turning about z at 0.1 rad/s, moves along y at 1 cm/s."""
+    plate = Plates.from_arrays([[0.1, 0, 0]], [[0, 1, 0]], [2e-4])
+    state = checked_states([0, 0, -0.03, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0.1])
+    fx, fy, fz, tx, ty, tz, _ = wrenches(plate, CONSTANT, state)[0]
+    depth_area = 3.0 * 2.0  # cm, cm²
+    assert (fx, fy, fz) == pytest.approx((0, -(0.124 + 0.253 - 0.007) * depth_area, 0.037 * depth_area), abs=1e-9)
+    assert (tx, ty, tz) == pytest.approx((0, -0.1 * fz, 0.1 * fy), abs=1e-9)
+
+
+def test_plates_above_the_surface_and_in_it_carry_nothing():
+    for height in (0.0, 1e-12, 1.0):
+        state = checked_states([[0, 0, height, *DOWN[3:]]])
+        plates = Plates.from_arrays([[0, 0, 0], [0.01, 0, 0]], [[0, 0, -1], [1, 0, -1]], [1e-4, 1e-4])
+        assert wrenches(plates, CONSTANT, state).tolist() == [[0.0] * 7]
+
+
+@given(seed=seeds)
+def test_trailing_plates_carry_nothing(seed):
+    rng = np.random.default_rng(seed)
+    body = random_plates(rng, 60)
+    state = checked_states([0, 0, -0.1, 0, 0, 0, 1, *rng.normal(size=3), 0, 0, 0])
+    trailing = body.packed[:, (body.packed[3:6].T @ state[0, 7:10]) < 0.0]
+    result = wrenches(Plates.from_arrays(trailing[:3].T, trailing[3:6].T, trailing[6]), LINEAR, state)
+    assert not result[0, :6].any()
+    assert result[0, 6] == pytest.approx(trailing[6].sum())
+
+
+def test_a_plate_that_slides_along_itself_is_not_leading():
+    plate = Plates.from_arrays([[0, 0, 0]], [[1, 0, 0]], [1e-4])
+    assert not wrenches(plate, CONSTANT, checked_states([0, 0, -0.1, 0, 0, 0, 1, 0, 0.3, -0.7, 0, 0, 0]))[0, :6].any()
+
+
+@given(seed=seeds)
+def test_the_submerged_area_is_that_of_the_plates_below_the_surface_whatever_their_motion(seed):
+    rng = np.random.default_rng(seed)
+    body, state = random_plates(rng, 60), random_scene(rng, 1)
+    expected = sum(
+        area
+        for centroid, _, area in listed(body)
+        if state[0, 2] + rule.turned(state[0, 3:7].tolist(), centroid)[2] < 0.0
+    )
+    assert wrenches(body, CONSTANT, state)[0, 6] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("law", [CONSTANT, LINEAR], ids=["constant", "linear"])
+@pytest.mark.parametrize("plates", [1, 2, 7, 16, 33, 250])
+def test_one_state_is_its_row_of_a_batch_bit_for_bit(law, plates, random_states):
+    body = random_plates(np.random.default_rng(plates), plates)
+    batch = wrenches(body, law, random_states)
+    for k in range(len(random_states)):
+        np.testing.assert_array_equal(wrenches(body, law, random_states[k : k + 1]), batch[k : k + 1])
+
+
+@pytest.mark.parametrize("threads", [2, 3, 8, None])
+def test_the_number_of_threads_changes_not_a_bit(threads):
+    rng = np.random.default_rng(5)
+    body, states = random_plates(rng, 997), random_scene(rng, 2000)  # enough work for eight threads
+    alone = wrenches(body, LINEAR, states, threads=1)
+    np.testing.assert_array_equal(wrenches(body, LINEAR, states, threads=threads), alone)
+    assert np.unique(alone[:, 0]).size == len(states)
+
+
+def test_the_result_can_be_written_into_the_callers_array(random_body, random_states):
+    out = np.full((len(random_states), 7), np.nan)
+    assert wrenches(random_body, CONSTANT, random_states, out=out) is out
+    np.testing.assert_array_equal(out, wrenches(random_body, CONSTANT, random_states))
+
+
+def test_no_states_give_no_rows(random_body):
+    assert wrenches(random_body, CONSTANT, np.empty((0, 13))).shape == (0, 7)

@@ -1,0 +1,194 @@
+"""A robot cell for tests: a real ``rft_node`` process, and a peer that publishes its inputs and collects its outputs."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.qos import QoSProfile
+from std_srvs.srv import Trigger
+
+OUTPUTS = ("wrench_predicted", "wrench_compensated", "wrench_residual")
+WAIT = 60.0
+
+
+class Cell:
+    def __init__(self, *arguments: str, namespace: str = "", log: Path | None = None) -> None:
+        name = self.name = f"{namespace}/rft"
+        self._stamp = 0
+        self.log = log
+        self._log_file = log.open("wb") if log else None
+        self.process = subprocess.Popen(
+            [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "-r", f"__ns:={namespace or '/'}", *arguments],
+            stderr=self._log_file,
+            stdout=self._log_file,
+        )
+        self.node = rclpy.create_node("peer")
+        qos = QoSProfile(depth=1000)
+        self.pose = self.node.create_publisher(PoseStamped, f"{name}/pose", qos)
+        self.twist = self.node.create_publisher(TwistStamped, f"{name}/twist", qos)
+        self.wrench = self.node.create_publisher(WrenchStamped, f"{name}/wrench_measured", qos)
+        self.received: dict[str, list[WrenchStamped]] = {topic: [] for topic in OUTPUTS}
+        for topic in OUTPUTS:
+            self.node.create_subscription(WrenchStamped, f"{name}/{topic}", self.received[topic].append, qos)
+        self.diagnostics: list[DiagnosticArray] = []
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, qos)
+        self._clients: dict[str, object] = {}
+
+    # --- life
+
+    def wait_ready(self) -> "Cell":
+        """Until its services answer and every topic is matched."""
+        self.get("mesh.file")
+        publishers = (self.pose, self.twist, self.wrench)
+        self.until(
+            lambda: all(p.get_subscription_count() > 0 for p in publishers)
+            and all(self.node.count_publishers(f"{self.name}/{t}") > 0 for t in OUTPUTS)
+        )
+        return self
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        status = self.process.wait(15.0)
+        self.node.destroy_node()
+        if self._log_file:
+            self._log_file.close()
+        return status
+
+    def said(self) -> str:
+        assert self.log is not None
+        return self.log.read_text()
+
+    # --- waiting
+
+    def spin(self, seconds: float = 0.0) -> None:
+        end = time.monotonic() + seconds
+        while True:
+            rclpy.spin_once(self.node, timeout_sec=0.01)
+            if time.monotonic() >= end:
+                return
+
+    def until(self, condition: Callable[[], object], timeout: float = WAIT) -> None:
+        end = time.monotonic() + timeout
+        while not condition():
+            assert self.process.poll() is None, f"the node ended with status {self.process.returncode}"
+            assert time.monotonic() < end, "waited in vain"
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+
+    # --- services
+
+    def call(self, service: type, name: str, request: object) -> object:
+        client = self._clients.get(name)
+        if client is None:
+            client = self._clients[name] = self.node.create_client(service, f"{self.name}/{name}")
+        assert client.wait_for_service(timeout_sec=WAIT), f"no service {name}"
+        future = client.call_async(request)
+        self.until(future.done)
+        return future.result()
+
+    def get(self, name: str) -> ParameterValue:
+        return self.call(GetParameters, "get_parameters", GetParameters.Request(names=[name])).values[0]
+
+    def set(self, **values: object) -> tuple[bool, str]:
+        """Set one parameter (dots as double underscores); (successful, reason)."""
+        parameters = [Parameter(name=k.replace("__", "."), value=parameter_value(v)) for k, v in values.items()]
+        request = SetParametersAtomically.Request(parameters=parameters)
+        result = self.call(SetParametersAtomically, "set_parameters_atomically", request).result
+        return result.successful, result.reason
+
+    def set_each(self, **values: object) -> list[tuple[bool, str]]:
+        parameters = [Parameter(name=k.replace("__", "."), value=parameter_value(v)) for k, v in values.items()]
+        results = self.call(SetParameters, "set_parameters", SetParameters.Request(parameters=parameters)).results
+        return [(r.successful, r.reason) for r in results]
+
+    def tare(self) -> tuple[bool, str]:
+        answer = self.call(Trigger, "tare", Trigger.Request())
+        return answer.success, answer.message
+
+    # --- inputs
+
+    def moment(self) -> int:
+        """A stamp [ns] ten seconds after the last one."""
+        self._stamp += 10 * 1_000_000_000
+        return self._stamp
+
+    def send(
+        self,
+        stamp: int,
+        *,
+        z: float = -0.01,
+        quaternion: tuple[float, ...] = (0.0, 0.0, 0.0, 1.0),
+        frame: str = "world",
+        linear: tuple[float, float, float] | None = (0.0, 0.0, -0.01),
+        force: tuple[float, float, float] | None = (0.0, 0.0, 0.0),
+        twist_stamp: int | None = None,
+    ) -> None:
+        """One moment of the cell: wrench and twist first, then the pose that asks; None leaves an input out."""
+        if force is not None:
+            m = WrenchStamped()
+            m.header.frame_id = "ft_sensor"
+            set_stamp(m, stamp)
+            m.wrench.force.x, m.wrench.force.y, m.wrench.force.z = force
+            self.wrench.publish(m)
+        if linear is not None:
+            t = TwistStamped()
+            t.header.frame_id = "world"
+            set_stamp(t, stamp if twist_stamp is None else twist_stamp)
+            t.twist.linear.x, t.twist.linear.y, t.twist.linear.z = linear
+            self.twist.publish(t)
+        p = PoseStamped()
+        p.header.frame_id = frame
+        set_stamp(p, stamp)
+        p.pose.position.z = z
+        o = p.pose.orientation
+        o.x, o.y, o.z, o.w = quaternion
+        self.pose.publish(p)
+
+    def ask(self, stamp: int, **inputs: object) -> WrenchStamped:
+        """Send a moment and wait for its prediction."""
+        predicted = self.received["wrench_predicted"]
+        self.send(stamp, **inputs)
+        self.until(lambda: any(stamp_of(m) == stamp for m in predicted), timeout=10.0)
+        return next(m for m in predicted if stamp_of(m) == stamp)
+
+    def diagnostic(self, component: str) -> tuple[bytes, str, dict[str, str]]:
+        """The next report of a component: level, message, values."""
+        seen = len(self.diagnostics)
+        self.until(lambda: len(self.diagnostics) > seen, timeout=10.0)
+        status = next(s for s in self.diagnostics[-1].status if s.name == f"{self.name}: {component}")
+        return status.level, status.message, {v.key: v.value for v in status.values}
+
+
+def parameter_value(value: object) -> ParameterValue:
+    if isinstance(value, str):
+        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
+    if isinstance(value, bool):
+        return ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=value)
+    if isinstance(value, int):
+        return ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
+    if isinstance(value, float):
+        return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
+    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=list(value))
+
+
+def set_stamp(message: object, stamp: int) -> None:
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+
+
+def stamp_of(message: object) -> int:
+    return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+
+
+def own_domain() -> None:
+    """A DDS domain of this process's own, on loopback."""
+    os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -1,0 +1,229 @@
+"""Reading mesh files: every format, placed and scaled; and the sentence for each file that cannot be used."""
+
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from rft_ros.errors import InputError
+from rft_ros.tool import mesh_file, read_mesh
+
+SUFFIXES = ["stl", "obj", "ply", "glb", "dae"]
+ORIGIN = (0.0, 0.0, 0.0)
+TRIANGLES = trimesh.creation.icosphere(subdivisions=1, radius=20.0).triangles
+
+
+def soup(triangles):
+    return trimesh.Trimesh(np.reshape(triangles, (-1, 3)), np.arange(3 * len(triangles)).reshape(-1, 3), process=False)
+
+
+def written(folder, triangles, suffix="stl", name="mesh", **options):
+    path = folder / f"{name}.{suffix}"
+    soup(triangles).export(path, **options)
+    return path
+
+
+def refused(path, *, scale=0.001, origin=ORIGIN):
+    with pytest.raises(InputError) as caught:
+        read_mesh(path, scale=scale, origin=origin)
+    assert "\n" not in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_every_format_keeps_facets_order_and_winding(tmp_path, suffix):
+    mesh = read_mesh(written(tmp_path, TRIANGLES, suffix), scale=1.0, origin=ORIGIN)
+    np.testing.assert_allclose(mesh.triangles, TRIANGLES, atol=1e-5)
+
+
+def test_ascii_stl(tmp_path):
+    mesh = read_mesh(written(tmp_path, TRIANGLES, file_type="stl_ascii"), scale=1.0, origin=ORIGIN)
+    np.testing.assert_allclose(mesh.triangles, TRIANGLES, atol=1e-5)
+
+
+def test_upper_case_suffix(tmp_path):
+    path = written(tmp_path, TRIANGLES).rename(tmp_path / "MESH.STL")
+    assert len(read_mesh(path, scale=1.0, origin=ORIGIN).faces) == len(TRIANGLES)
+
+
+def test_ascii_stl_of_several_solids_keeps_order(tmp_path):
+    path = tmp_path / "solids.stl"
+    halves = np.split(TRIANGLES, 2)
+    path.write_text("".join(soup(half).export(file_type="stl_ascii") for half in halves))
+    np.testing.assert_allclose(read_mesh(path, scale=1.0, origin=ORIGIN).triangles, TRIANGLES, atol=1e-5)
+
+
+def test_obj_of_several_materials_keeps_order(tmp_path):
+    corners = "".join(f"v {x} {y} {z}\n" for x, y, z in TRIANGLES[:4].reshape(-1, 3))
+    faces = "".join(f"usemtl m{i % 2}\nf {3 * i + 1} {3 * i + 2} {3 * i + 3}\n" for i in range(4))
+    (tmp_path / "m.obj").write_text(f"mtllib absent.mtl\n{corners}{faces}")
+    mesh = read_mesh(tmp_path / "m.obj", scale=1.0, origin=ORIGIN)
+    np.testing.assert_allclose(mesh.triangles, TRIANGLES[:4], atol=1e-5)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "obj"])
+def test_names_that_are_not_utf_8(tmp_path, suffix):
+    text = soup(TRIANGLES).export(file_type="stl_ascii" if suffix == "stl" else "obj")
+    head, _, rest = text.partition("\n")
+    (tmp_path / f"m.{suffix}").write_bytes(f"{head} café\n{rest}".encode("latin-1"))
+    assert len(read_mesh(tmp_path / f"m.{suffix}", scale=1.0, origin=ORIGIN).faces) == len(TRIANGLES)
+
+
+def test_squares_become_triangles(tmp_path):
+    (tmp_path / "square.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    mesh = read_mesh(tmp_path / "square.obj", scale=1.0, origin=ORIGIN)
+    assert len(mesh.faces) == 2
+    assert mesh.area == pytest.approx(1.0)
+
+
+@pytest.mark.parametrize("suffix", ["glb", "dae"])
+def test_scene_is_one_mesh_with_its_transforms_applied(tmp_path, suffix):
+    box = trimesh.creation.box(extents=(1.0, 2.0, 3.0))
+    if suffix == "glb":
+        scene = trimesh.Scene()
+        scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([10.0, 0.0, 0.0]))
+        scene.add_geometry(box, transform=np.diag([-1.0, 1.0, 1.0, 1.0]))  # a mirror must not turn it inside out
+        scene.export(tmp_path / "scene.glb")
+    else:
+        text = box.export(file_type="dae").decode()
+        moved = "<matrix>1 0 0 10 0 1 0 0 0 0 1 0 0 0 0 1</matrix><instance_geometry"
+        assert "<instance_geometry" in text
+        (tmp_path / "scene.dae").write_text(text.replace("<instance_geometry", moved, 1))
+    mesh = read_mesh(tmp_path / f"scene.{suffix}", scale=1.0, origin=ORIGIN)
+    assert mesh.volume == pytest.approx(6.0 * len(mesh.faces) / 12)
+    assert mesh.bounds[1].tolist() == [10.5, 1.0, 1.5]
+
+
+def test_scale_and_origin(tmp_path):
+    mesh = read_mesh(written(tmp_path, TRIANGLES), scale=0.001, origin=(1.0, 2.0, -3.0))
+    np.testing.assert_allclose(mesh.triangles, (TRIANGLES - [1.0, 2.0, -3.0]) * 0.001, atol=1e-8)
+
+
+@pytest.mark.parametrize("scale", [0.0, -0.001, float("nan"), float("inf")])
+def test_bad_scale(tmp_path, scale):
+    assert refused(written(tmp_path, TRIANGLES), scale=scale) == f"mesh.scale is {scale}; it must be a positive number"
+
+
+@pytest.mark.parametrize("origin", [(0.0, 0.0), (0.0, 0.0, float("nan")), (float("inf"), 0.0, 0.0), ()])
+def test_bad_origin(tmp_path, origin):
+    message = f"mesh.origin is {list(origin)}; it must be three finite numbers"
+    assert refused(written(tmp_path, TRIANGLES), origin=origin) == message
+
+
+@pytest.mark.parametrize("name", ["absent.stl", "absent/mesh.stl"])
+def test_missing_file(tmp_path, name):
+    assert refused(tmp_path / name) == f"mesh file '{tmp_path / name}' does not exist"
+
+
+def test_folder(tmp_path):
+    (tmp_path / "folder.stl").mkdir()
+    assert refused(tmp_path / "folder.stl") == f"mesh file '{tmp_path / 'folder.stl'}' is a folder"
+
+
+def test_file_below_a_file(tmp_path):
+    (tmp_path / "file").touch()
+    assert "cannot be read: Not a directory" in refused(tmp_path / "file" / "mesh.stl")
+
+
+@pytest.mark.parametrize("name", ["mesh.step", "mesh"])
+def test_unsupported_suffix_lists_the_supported_ones(tmp_path, name):
+    (tmp_path / name).write_text("ISO-10303-21;")
+    assert refused(tmp_path / name).endswith("has no supported suffix; these are .stl, .obj, .ply, .glb, .dae")
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_empty_file(tmp_path, suffix):
+    path = tmp_path / f"mesh.{suffix}"
+    path.touch()
+    assert refused(path) == f"mesh file '{path}' is empty"
+
+
+@pytest.mark.parametrize("content", [b"grains of sand\n" * 100, b"\0" * 84, b"\x93\xff" * 500])
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_not_a_mesh(tmp_path, suffix, content):
+    path = tmp_path / f"mesh.{suffix}"
+    path.write_bytes(content)
+    message = refused(path)
+    assert message.startswith(f"mesh file '{path}' ")
+    assert f"no {suffix.upper()} file" in message
+
+
+@pytest.mark.parametrize("options", [{}, {"file_type": "stl_ascii"}])
+def test_stl_without_facets(tmp_path, options):
+    path = written(tmp_path, TRIANGLES[:0], **options)
+    assert refused(path) == f"mesh file '{path}' has no facets: it is empty, cut short or no STL file"
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_file_cut_short(tmp_path, suffix):
+    path = written(tmp_path, TRIANGLES, suffix)
+    content = path.read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+    assert refused(path).startswith(f"mesh file '{path}' ")
+
+
+def test_word_among_the_numbers_of_an_ascii_stl(tmp_path):
+    path = written(tmp_path, TRIANGLES, file_type="stl_ascii")
+    lines = path.read_text().splitlines()
+    lines[12] = "vertex 1.0 oops 2.0"
+    path.write_text("\n".join(lines))
+    assert "is no STL file that trimesh can read" in refused(path)
+
+
+def test_points_without_facets(tmp_path):
+    trimesh.PointCloud(TRIANGLES[:, 0]).export(tmp_path / "points.ply")
+    assert "has no facets" in refused(tmp_path / "points.ply")
+
+
+@pytest.mark.parametrize("number", ["7", "-1"])
+def test_facet_of_a_vertex_that_is_not_there(tmp_path, number):
+    header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    face = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
+    (tmp_path / "m.ply").write_text(f"{header}{face}0 0 0\n1 0 0\n0 1 0\n3 0 1 {number}\n")
+    assert "has facets with vertices that are not in it" in refused(tmp_path / "m.ply")
+
+
+def test_vertices_of_two_coordinates(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
+    assert "has vertices with 2 coordinates instead of 3" in refused(tmp_path / "flat.obj")
+
+
+@pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # from writing the file
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+@pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb"])
+def test_vertices_that_are_no_numbers_are_counted(tmp_path, suffix, value):
+    triangles = TRIANGLES.copy()
+    triangles[3, 1, 2] = triangles[5, 0, 0] = value
+    path = written(tmp_path, triangles, suffix)
+    assert refused(path) == f"mesh file '{path}' has 2 of {triangles.size // 3} vertices that are NaN or infinite"
+
+
+def test_nan_in_the_second_solid_is_not_lost(tmp_path):
+    text = soup(TRIANGLES).export(file_type="stl_ascii")
+    spoilt = text.replace("vertex 0.0 ", "vertex nan ", 1)
+    assert spoilt != text
+    (tmp_path / "m.stl").write_text(text + spoilt)
+    assert "has 1 of 480 vertices that are NaN" in refused(tmp_path / "m.stl")
+
+
+def test_only_facets_without_area(tmp_path):
+    line = [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], [[5.0, 5.0, 5.0]] * 3]
+    assert "has no facet of any area" in refused(written(tmp_path, np.array(line)))
+
+
+def test_too_large_a_file(tmp_path, monkeypatch):
+    monkeypatch.setattr(mesh_file, "MAX_BYTES", 1000)
+    assert "the limit is" in refused(written(tmp_path, TRIANGLES))
+
+
+def test_too_many_facets(tmp_path, monkeypatch):
+    monkeypatch.setattr(mesh_file, "MAX_FACETS", 79)
+    path = written(tmp_path, TRIANGLES)
+    assert refused(path) == f"mesh file '{path}' has 80 facets; the limit is 79"
+
+
+def test_missing_reader_is_named(tmp_path, monkeypatch):
+    path = written(tmp_path, TRIANGLES, "dae")
+    monkeypatch.setitem(sys.modules, "collada", None)
+    assert "pip install pycollada" in refused(path)

@@ -1,0 +1,79 @@
+"""The meshes that rft_ros ships: made by their script, with the papers' dimensions."""
+
+import runpy
+from math import asin, pi, sqrt
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rft_ros.tool import describe_tool, load_tool
+
+MESHES = Path(__file__).parents[2] / "meshes"
+if not (MESHES / "generate.py").is_file():
+    pytest.skip("runs in a source checkout only", allow_module_level=True)
+GENERATE = runpy.run_path(str(MESHES / "generate.py"))
+
+
+def spheroid_area(a, c):
+    e = sqrt(1.0 - (a / c) ** 2)
+    return 2.0 * pi * a**2 * (1.0 + c / (a * e) * asin(e))
+
+
+def paraboloid_area(r, h):
+    side = pi * r / (6.0 * h**2) * ((r**2 + 4.0 * h**2) ** 1.5 - r**3)
+    return side + pi * r**2
+
+
+# low and high corner [mm], facets, volume [mm³], area [mm²]
+EXPECTED = {
+    "plate": ([-25.5, -25.5, -1.6], [25.5, 25.5, 1.6], 672, 51 * 51 * 3.2, 2 * 51 * 51 + 4 * 51 * 3.2),
+    "abb_plate": (
+        [-21.32, -16.285, -3.0],
+        [21.32, 16.285, 0.0],
+        392,
+        42.64 * 32.57 * 3,
+        2 * (42.64 * 32.57 + 42.64 * 3 + 32.57 * 3),
+    ),
+    "ellipsoid": ([-9.5, -9.5, -18.0], [9.5, 9.5, 18.0], 2352, 4 / 3 * pi * 9.5**2 * 18, spheroid_area(9.5, 18.0)),
+    "sphere": ([-25.0] * 3, [25.0] * 3, 1200, 4 / 3 * pi * 25**3, 4 * pi * 25**2),
+    "root_tip": ([-10.0, -10.0, -34.5], [10.0, 10.0, 0.0], 1232, pi / 2 * 10**2 * 34.5, paraboloid_area(10.0, 34.5)),
+}
+
+
+def test_every_mesh_is_tested():
+    assert EXPECTED.keys() == {p.stem for p in MESHES.glob("*.stl")} == GENERATE["meshes"]().keys()
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_script_makes_the_same_bytes(name):
+    assert GENERATE["stl"](name, GENERATE["meshes"]()[name]) == (MESHES / f"{name}.stl").read_bytes()
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_dimensions(name):
+    low, high, facets, volume, area = EXPECTED[name]
+    tool = load_tool(str(MESHES / f"{name}.stl"))
+    assert tool.findings == ()
+    assert len(tool.plates) == facets
+    np.testing.assert_allclose(tool.vertices.min(axis=0), np.array(low) / 1e3, atol=1e-8)
+    np.testing.assert_allclose(tool.vertices.max(axis=0), np.array(high) / 1e3, atol=1e-8)
+    assert tool.plates.area == pytest.approx(area * 1e-6, rel=0.02)
+    stated = float(describe_tool(tool)[-1].removeprefix("volume: ").removesuffix(" mm³"))
+    assert stated == pytest.approx(volume, rel=0.02)
+
+
+@pytest.mark.parametrize("name", ["plate", "abb_plate", "ellipsoid", "sphere"])
+def test_middle_is_on_the_axis(name):
+    packed = load_tool(str(MESHES / f"{name}.stl")).plates.packed
+    np.testing.assert_allclose((packed[:2] * packed[6]).sum(axis=1), 0.0, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", EXPECTED)
+def test_facets_are_of_even_size_and_no_slivers(name):
+    tool = load_tool(str(MESHES / f"{name}.stl"))
+    area = tool.plates.packed[6]
+    corners = tool.vertices[tool.faces]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    assert area.max() < 7.0 * area.min()
+    assert (longest**2 < 12.0 * area).all()

@@ -1,0 +1,154 @@
+"""Tools: plates from a mesh file, the lowest point, pickling, and the description."""
+
+import pickle
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from rft_ros.errors import InputError
+from rft_ros.tool import describe_tool, load_tool
+
+
+@pytest.fixture
+def ball(tmp_path):
+    """A ball of 20 mm radius, in mm, 5 mm off the origin."""
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=20.0)
+    mesh.apply_translation([5.0, 0.0, 0.0])
+    mesh.export(tmp_path / "ball.stl")
+    return load_tool(str(tmp_path / "ball.stl"))
+
+
+def test_plates_are_the_facets(ball):
+    x, y, z, nx, ny, nz, area = ball.plates.packed
+    assert len(ball.plates) == len(ball.faces) == 1280
+    normals = np.stack([nx, ny, nz], axis=1)
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=1e-12)
+    outwards = np.stack([x - 0.005, y, z], axis=1)
+    assert ((outwards * normals).sum(axis=1) > 0.019).all()
+    assert area.sum() == pytest.approx(4.0 * np.pi * 0.02**2, rel=0.01)
+    np.testing.assert_allclose(ball.vertices[ball.faces].mean(axis=1), np.stack([x, y, z], axis=1), atol=1e-15)
+
+
+def test_normals_come_from_the_winding_not_from_the_file(tmp_path):
+    mesh = trimesh.creation.box(extents=(10.0, 10.0, 10.0))
+    data = bytearray(mesh.export(file_type="stl"))
+    for facet in range(12):
+        start = 84 + 50 * facet
+        data[start : start + 12] = np.array([0.6, 0.0, 0.8], dtype="<f4").tobytes()
+    (tmp_path / "box.stl").write_bytes(data)
+    np.testing.assert_allclose(load_tool(str(tmp_path / "box.stl")).plates.packed[3:6].T, mesh.face_normals, atol=1e-6)
+
+
+def test_area_vectors_of_a_closed_tool_sum_to_zero(ball):
+    packed = ball.plates.packed
+    np.testing.assert_allclose((packed[3:6] * packed[6]).sum(axis=1), 0.0, atol=1e-12)
+
+
+def test_scale_and_origin_place_the_tool(ball):
+    moved = load_tool(ball.file, scale=0.002, origin=(5.0, 1.0, 0.0))
+    np.testing.assert_allclose(moved.vertices, 2.0 * (ball.vertices - [0.005, 0.001, 0.0]), atol=1e-15)
+
+
+def test_facets_without_area_are_dropped(tmp_path):
+    good = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0]]
+    line = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 0.0, 0.0]]
+    corners = np.array([line, good, line]).reshape(-1, 3)
+    trimesh.Trimesh(corners, np.arange(9).reshape(3, 3), process=False).export(tmp_path / "m.ply")
+    tool = load_tool(str(tmp_path / "m.ply"))
+    assert len(tool.plates) == len(tool.faces) == 1
+    assert tool.plates.area == pytest.approx(50e-6)
+    assert "degenerate_facets" in {f.kind for f in tool.findings}
+    assert tool.lowest_point(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])) == pytest.approx(-0.01)
+
+
+def test_name_and_file(ball, tmp_path):
+    assert (ball.name, ball.file) == ("ball", str(tmp_path / "ball.stl"))
+    assert load_tool("plate").name == "plate"
+
+
+def test_errors_of_the_file_come_through(tmp_path):
+    with pytest.raises(InputError, match="does not exist"):
+        load_tool(str(tmp_path / "absent.stl"))
+
+
+@pytest.mark.parametrize("name", ["ellipsoid", "root_tip", "abb_plate"])
+def test_lowest_point_is_that_of_all_vertices(name):
+    tool = load_tool(name)
+    for rotation in Rotation.random(50, random_state=1).as_matrix():
+        assert tool.lowest_point(rotation) == pytest.approx((tool.vertices @ rotation.T)[:, 2].min(), abs=1e-12)
+
+
+def test_lowest_point_of_a_flat_tool(tmp_path):
+    trimesh.Trimesh([[0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]]).export(tmp_path / "flat.stl")
+    tool = load_tool(str(tmp_path / "flat.stl"))
+    assert tool.lowest_point(np.eye(3)) == 0.0
+    assert tool.lowest_point(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])) == pytest.approx(-0.01)
+
+
+def test_vertices_of_no_facet_are_not_the_lowest(tmp_path):
+    (tmp_path / "m.obj").write_text(
+        "v 0 0 -99\nv 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 2 4 3\nf 2 3 5\nf 2 5 4\nf 3 4 5\n"
+    )
+    assert load_tool(str(tmp_path / "m.obj")).lowest_point(np.eye(3)) == 0.0
+
+
+def arrays(tool):
+    return (tool.plates.packed, tool.vertices, tool.faces, tool.corners)
+
+
+@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+def test_pickled_tool_is_the_same_and_read_only(ball, protocol):
+    copy = pickle.loads(pickle.dumps(ball, protocol))
+    assert (copy.name, copy.file, copy.findings, copy.plates.reach) == (
+        ball.name,
+        ball.file,
+        ball.findings,
+        ball.plates.reach,
+    )
+    for there, here in zip(arrays(copy), arrays(ball), strict=True):
+        assert np.array_equal(there, here)
+        assert there.flags.c_contiguous == here.flags.c_contiguous
+        assert not there.flags.writeable
+
+
+def test_arrays_are_read_only(ball):
+    for array in arrays(ball):
+        with pytest.raises(ValueError, match="read-only"):
+            array[:] = 0
+
+
+def test_description_of_a_good_tool():
+    assert describe_tool(load_tool("plate"))[1:] == [
+        "facets: 672",
+        "x: -25.500 to 25.500 mm (extent 51.000 mm)",
+        "y: -25.500 to 25.500 mm (extent 51.000 mm)",
+        "z: -1.600 to 1.600 mm (extent 3.200 mm)",
+        "area: 5854.8 mm²",
+        "volume: 8323.2 mm³",
+    ]
+
+
+def test_description_of_an_open_tool_warns_and_gives_no_volume(tmp_path):
+    trimesh.Trimesh([[0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]]).export(tmp_path / "flat.stl")
+    lines = describe_tool(load_tool(str(tmp_path / "flat.stl")))
+    assert lines[-2:] == [
+        "area: 50.0 mm²",
+        "warning: the surface is not closed (open edges: 3; edges of three or more facets: 0)",
+    ]
+
+
+@pytest.mark.parametrize(
+    ("file", "facets", "kinds", "area"),
+    [
+        ("paper/ellipsoid-exp.stl", 2352, set(), 1871.9),
+        ("paper/root-tip.stl", 1232, set(), 1797.6),
+        ("cmu_wheel/smooth.stl", 37526, {"not_closed"}, 35601.8),
+    ],
+)
+def test_meshes_of_the_reference_data(shared_data, file, facets, kinds, area):
+    tool = load_tool(str(shared_data / file))
+    assert len(tool.plates) == facets
+    assert {f.kind for f in tool.findings} == kinds
+    assert tool.plates.area * 1e6 == pytest.approx(area, abs=0.05)
