@@ -9,7 +9,7 @@ NAME = "rft_ros"
 setup(
     name=NAME,
     version="0.1.0",
-    description="The wrench that dry granular material puts on a robot's tool, in real time (3D Resistive Force Theory).",
+    description="The wrench that dry granular material puts on a robot's tool, in real time, by 3D RFT.",
     license="Apache-2.0",
     maintainer="rft_ros maintainers",
     maintainer_email="maintainers@rft-ros.invalid",
@@ -31,6 +31,7 @@ setup(
         "numba>=0.60",
         "scipy>=1.11",
         "trimesh>=4.4",
+        "pycollada>=0.8",
         "rosbags>=0.10.9",
         "PyYAML>=6.0",
         "rich>=13.0",
@@ -39,7 +40,7 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
         "sweep": ["dask[distributed]>=2024.1"],
-        "test": ["pytest>=8", "pytest-xdist>=3.5", "hypothesis>=6.100", "pycollada>=0.8"],
+        "test": ["pytest>=8", "pytest-xdist>=3.5", "hypothesis>=6.100"],
         "dev": ["mypy>=1.10", "ruff>=0.6", "types-PyYAML", "scipy-stubs; python_version >= '3.11'"],
     },
     entry_points={"console_scripts": ["rft = rft_ros.cli:main", "rft_node = rft_ros.node.main:main"]},

@@ -1,10 +1,13 @@
 """A recording through the estimator: estimates as a bag and a table, a summary, a figure."""
 
 import json
+import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import numpy as np
 
 from rft_ros.bags.messages import Role, Sample
 from rft_ros.bags.progress import with_progress
@@ -160,7 +163,7 @@ def replay(
 
     from rft_ros.report.replay_figure import draw_replay
 
-    draw_replay(out / "estimates.csv", out / "replay.png", title=summary.bag)
+    draw_replay(out / "estimates.csv", out / "replay.png", title=summary.bag, vertical=motion.vertical_axis())
     return summary
 
 
@@ -203,6 +206,8 @@ class _Motion:
         self._difference = PoseDifference()
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
         self._newest = 0
+        self._deepest = -math.inf
+        self._up = np.array([0.0, 0.0, 1.0])
 
     def push(self, pose: PoseSample, answer: Estimate | Withheld) -> tuple[float | None, bool]:
         """Depth of the lowest point below the surface [m], None if the pose does not tell; whether it goes down."""
@@ -213,9 +218,17 @@ class _Motion:
             self._difference.reset()
         self._newest = pose.stamp
         known = self._difference.push(pose)
-        lowest = pose.position[2] + self._tool.lowest_point(rotation_matrix(quaternion))
-        sinking = known and -self._difference.twist[2] >= self._settings.rest_speed
-        return self._settings.surface_height - lowest, bool(sinking)
+        rotation = rotation_matrix(quaternion)
+        depth = self._settings.surface_height - pose.position[2] - self._tool.lowest_point(rotation)
+        if depth > self._deepest:
+            self._deepest, self._up = depth, rotation[2]
+        return depth, known and bool(-self._difference.twist[2] >= self._settings.rest_speed)
+
+    def vertical_axis(self) -> tuple[str, str]:
+        """The sensor axis nearest to vertical where the tool was deepest, and where it points."""
+        up = self._up @ rotation_matrix(self._settings.load_cell.quaternion)
+        axis = int(np.argmax(np.abs(up)))
+        return "xyz"[axis], "up" if up[axis] > 0.0 else "down"
 
 
 def _row(stamp: int, depth: float | None, answer: Estimate | Withheld) -> str:

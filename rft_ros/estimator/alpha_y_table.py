@@ -10,25 +10,35 @@ from rft_ros.rft import Table
 __all__ = ["read_alpha_y_table"]
 
 
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
 def read_alpha_y_table(file: str) -> Table:
-    """Read and check a table; a first line of names and lines that begin with # are passed over.
+    """Read and check a table; lines that begin with # and a line of names before the numbers are passed over.
 
     Raises InputError that names the file and what is wrong in it.
     """
     path = Path(file).expanduser()
     rows: list[list[float]] = []
+    names_may_come = True
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = path.read_text(encoding="utf-8-sig").splitlines()
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"alpha_y.table '{file}' cannot be read: {error}") from None
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
-        try:
-            rows.append([float(cell) for cell in line.split(",")])
-        except ValueError:
-            if rows or number > 1:
-                raise InputError(f"alpha_y.table '{file}' line {number}: '{line.strip()}' is not numbers") from None
+        cells = [_number(cell) for cell in line.split(",")]
+        numbers = [cell for cell in cells if cell is not None]
+        if len(numbers) == len(cells):
+            rows.append(numbers)
+        elif numbers or not names_may_come:
+            raise InputError(f"alpha_y.table '{file}' line {number}: '{line.strip()}' is not numbers")
+        names_may_come = False
     widths = {len(row) for row in rows}
     if widths not in ({2}, {3}):
         raise InputError(f"alpha_y.table '{file}' needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")

@@ -31,7 +31,6 @@ class Estimator:
         self._result = np.zeros((1, len(COLUMNS)))
         self._in_sensor = [0.0] * 12
         self._pose: PoseSample | None = None
-        self._answered = 0
         self._twist: TwistSample | None = None
         self._wrench: WrenchSample | None = None
         self._difference = PoseDifference()
@@ -51,8 +50,8 @@ class Estimator:
     def _apply(self, settings: Settings) -> None:
         self._frame = LoadCellFrame(settings.load_cell)
         self._max_age = round(settings.max_input_age * 1e9)
-        # a little slack, so that a 125 Hz stream with jittering stamps passes a limit of 125 Hz
-        self._period = round(0.9e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
+        self._period = round(1e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
+        self._due = 0
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
@@ -120,7 +119,7 @@ class Estimator:
                 return Reason.POSE_REPEATED
             if self._pose.stamp - stamp < TIME_JUMP:
                 return Reason.POSE_OUT_OF_ORDER
-            self._pose, self._answered = None, 0
+            self._pose, self._due = None, 0
             self._difference.reset()
             self.counts[Reason.TIME_JUMP.value] += 1
         pose = self._pose = PoseSample(stamp, sample.frame, sample.position, quaternion)
@@ -129,12 +128,13 @@ class Estimator:
         state[0:3] = pose.position
         state[3:7] = quaternion
         twist = self._twist_into_state(pose)
-        if self._period and stamp - self._answered < self._period:
+        # a little slack, so that a 125 Hz stream with jittering stamps passes a limit of 125 Hz
+        if stamp + self._period // 10 < self._due:
             return Reason.POSE_THINNED
         if twist is not None:
             self._tare.disturb(stamp, f"the tool's velocity was not known ({twist.value})")
             return twist
-        self._answered = stamp
+        self._due = max(self._due, stamp) + self._period
 
         vx, vy, vz, wx, wy, wz = state[7:13].tolist()
         speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * model.tool.plates.reach

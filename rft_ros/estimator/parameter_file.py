@@ -1,5 +1,6 @@
 """Reading a ROS 2 parameter file without ROS: the same YAML that ``rft_node --params-file`` takes."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,15 @@ __all__ = ["node_parameters", "read_parameter_file"]
 _NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
 
 
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; to PyYAML alone they are strings."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
+
+
 def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in tree.items():
         if isinstance(value, dict):
@@ -25,7 +35,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
 def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
     """What a parameter file says for the nodes named, flat, later keys over earlier ones; {} if it names none."""
     try:
-        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+        tree = yaml.load(file.read_text(encoding="utf-8"), Loader=_Loader)
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"parameter file '{file}' cannot be read: {error}") from None
     except yaml.YAMLError as error:

@@ -17,6 +17,7 @@ class Tare:
     def __init__(self) -> None:
         self._samples: deque[WrenchSample] = deque(maxlen=_CAPACITY)
         self._seen = False
+        self._still = 0
         self._disturbed = 0
         self._disturbance = ""
 
@@ -32,7 +33,7 @@ class Tare:
 
     def still(self, stamp: int) -> None:
         """Note that at `stamp` [ns] the tool hung still in the air."""
-        self._seen = True
+        self._seen, self._still = True, stamp
         if stamp < self._disturbed:  # time jump
             self._disturbed = 0
 
@@ -44,6 +45,8 @@ class Tare:
         start = newest - round(window * 1e9)
         if self._disturbed > start:
             raise InputError(f"tare refused: within the last {window:g} s {self._disturbance}")
+        if self._still <= start:
+            raise InputError(f"tare refused: within the last {window:g} s no pose has shown the tool at rest")
         used = [s.wrench for s in self._samples if s.stamp > start]
         if len(used) < _FEWEST:
             raise InputError(

@@ -25,7 +25,8 @@ from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.node.virtual_arm import PAUSE
 from rft_ros.report.depth_figure import DepthTrace, draw_force_over_depth
-from rft_ros.tool import share_directory
+from rft_ros.rft import rotation_matrix
+from rft_ros.tool import load_tool, share_directory
 
 __all__ = ["demo"]
 
@@ -47,8 +48,10 @@ class Watcher:
     def __init__(self, bag: BagWriter) -> None:
         self.node = rclpy.create_node("rft_demo")
         self._bag = bag
+        self._tool = load_tool("ellipsoid")
         self.counts = dict.fromkeys(_TOPICS, 0)
         self.depth: dict[int, float] = {}
+        self.swap: float | None = None
         self.forces: dict[str, list[tuple[int, float, float, float]]] = {name: [] for name in _SHOWN}
         self.wrench: dict[str, tuple[float, ...]] = {}
         for topic, (message_type, type_name) in _TOPICS.items():
@@ -68,7 +71,8 @@ class Watcher:
             message = deserialize_message(data, message_type)
             stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
             if message_type is PoseStamped:
-                self.depth[stamp] = -message.pose.position.z
+                q, p = message.pose.orientation, message.pose.position
+                self.depth[stamp] = -p.z - self._tool.lowest_point(rotation_matrix((q.x, q.y, q.z, q.w)))
                 return
             f, t = message.wrench.force, message.wrench.torque
             self.wrench[name] = (f.x, f.y, f.z, t.x, t.y, t.z)
@@ -96,12 +100,18 @@ class Watcher:
         raise InputError(f"the service {name} gave no answer within {_WAIT:g} s")
 
     def trace(self) -> DepthTrace:
-        """Force over depth of the tool frame's origin, for the figure."""
+        """Force over depth on the way down, for the figure."""
+        first = min(self.depth.values())
         columns = {
-            name: [(self.depth[s], x, y, z) for s, x, y, z in rows if s in self.depth]
+            name: [(self.depth[s], x, y, z) for s, x, y, z in rows if self.depth.get(s, first) > first]
             for name, rows in self.forces.items()
         }
-        return DepthTrace(measured=columns["compensated"], predicted=columns["predicted"], residual=columns["residual"])
+        return DepthTrace(
+            measured=columns["compensated"],
+            predicted=columns["predicted"],
+            residual=columns["residual"],
+            swap=self.swap,
+        )
 
 
 @contextmanager
@@ -137,10 +147,9 @@ def demo(output: Path, *, seconds: float) -> int:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     output.mkdir(parents=True, exist_ok=True)
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
-    console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains; a real ROS 2 node")
-    console.print(
-        "predicts the wrench, takes bias and weight off the load cell, and publishes the residual. By hand:\n"
-    )
+    console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains;")
+    console.print("a real ROS 2 node predicts the wrench, takes bias and weight off the load cell,")
+    console.print("and publishes the residual. By hand, in terminals of your own:\n")
     console.print(f"  rft_node --ros-args --params-file {parameters}")
     console.print(f"  python -m rft_ros.node.virtual_arm --seconds {seconds:g}")
     console.print("  ros2 topic echo /rft/wrench_residual")
@@ -151,7 +160,7 @@ def demo(output: Path, *, seconds: float) -> int:
         with BagWriter(output / "bag") as bag:
             watcher = Watcher(bag)
             with _process("rft_ros.node.main", "--ros-args", "--params-file", str(parameters)):
-                console.print("waiting for the node (the first start compiles its kernels, about 15 s) ...")
+                console.print("waiting for the node (its first start compiles, about 15 s) ...")
                 watcher.call(GetParameters, "/rft/get_parameters", GetParameters.Request(names=["mesh.file"]))
                 with _process("rft_ros.node.virtual_arm", "--seconds", str(seconds), "--listeners", "2") as arm:
                     _watch(watcher, console, arm, seconds)
@@ -165,10 +174,9 @@ def demo(output: Path, *, seconds: float) -> int:
         return 1
     figure = output / "force_over_depth.png"
     draw_force_over_depth(trace, figure, title="Demo: ellipsoid pitching ±9° on its way down at 5 mm/s")
-    console.print(
-        "messages recorded: " + ", ".join(f"{t.removeprefix('/rft/')} {n}" for t, n in watcher.counts.items())
-    )
-    console.print(f"wrote {output / 'bag'} (rosbag2, MCAP) and {figure}")
+    for topic, count in watcher.counts.items():
+        console.print(f"recorded {count:5d} {topic}", highlight=False)
+    console.print(f"wrote {output / 'bag'} (rosbag2, MCAP)\nwrote {figure}", soft_wrap=True)
     return 0
 
 
@@ -194,6 +202,7 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
                 value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="linear")
                 request = SetParameters.Request(parameters=[Parameter(name="alpha_y.model", value=value)])
                 result = watcher.call(SetParameters, "/rft/set_parameters", request).results[0]
+                watcher.swap = list(watcher.depth.values())[-1]
                 model = "linear" if result.successful else f"constant (refused: {result.reason})"
                 live.console.print(f"t = {elapsed:.1f} s  alpha_y.model set to {model}", highlight=False)
             if console.is_terminal:
@@ -201,5 +210,5 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
             elif elapsed - said >= 1.0:
                 said = elapsed
                 shown = {n: watcher.wrench.get(n) for n in _SHOWN}
-                text = "   ".join(f"{n} fz {w[2]:7.3f} N" for n, w in shown.items() if w is not None)
-                console.print(f"t = {elapsed:4.1f} s   {text}", highlight=False)
+                text = "  ".join(f"{n} {w[2]:6.3f}" for n, w in shown.items() if w is not None)
+                console.print(f"t = {elapsed:4.1f} s  fz [N]: {text}", highlight=False)

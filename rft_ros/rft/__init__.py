@@ -18,7 +18,7 @@ from rft_ros.rft.frames import STATE, checked_states, rotation_matrix, unit_quat
 from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import Law, Treers2021, traction_per_depth, treers2021
-from rft_ros.rft.wrench import COLUMNS, wrenches
+from rft_ros.rft.wrench import COLUMNS, plate_forces, wrenches
 
 __all__ = [
     "ALPHA_Y_MODELS",
@@ -36,6 +36,7 @@ __all__ = [
     "alpha_y_model",
     "checked_states",
     "medium_named",
+    "plate_forces",
     "rotation_matrix",
     "traction_per_depth",
     "treers2021",

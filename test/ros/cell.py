@@ -1,4 +1,4 @@
-"""A robot cell for tests: a real ``rft_node`` process, and a peer that publishes its inputs and collects its outputs."""
+"""A robot cell for tests: a real ``rft_node`` process, and a peer that feeds it and collects its answers."""
 
 import os
 import signal

@@ -1,0 +1,206 @@
+"""``make bench-node``: rft_node beside a bare echo node, in turn, over loopback DDS, at several rates and tool sizes.
+
+A driver process publishes wrench, twist and pose at the rate and times each answer by its stamp. Figures of each node:
+ticks lost, round trip (median, 99th percentile), CPU seconds per second, resident memory.
+"""
+
+import argparse
+import contextlib
+import os
+import platform
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+import rclpy
+import trimesh
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rich.console import Console
+from rich.table import Table
+
+_TICK = os.sysconf("SC_CLK_TCK")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """What one node did at one rate."""
+
+    sent: int
+    lost: int
+    median_us: float
+    p99_us: float
+    cpu: float
+    resident_mb: float
+
+
+class Driver:
+    """Publishes the three inputs and times the answers."""
+
+    def __init__(self) -> None:
+        self.node = rclpy.create_node("driver")
+        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        self._pose = self.node.create_publisher(PoseStamped, "/rft/pose", qos)
+        self._twist = self.node.create_publisher(TwistStamped, "/rft/twist", qos)
+        self._wrench = self.node.create_publisher(WrenchStamped, "/rft/wrench_measured", qos)
+        self._arrived: dict[int, int] = {}
+        self.node.create_subscription(WrenchStamped, "/rft/wrench_predicted", self._on_answer, qos)
+        self._epoch = time.time_ns()
+        self.messages = PoseStamped(), TwistStamped(), WrenchStamped()
+        pose, twist, wrench = self.messages
+        pose.header.frame_id = twist.header.frame_id = "world"
+        wrench.header.frame_id = "ft_sensor"
+        pose.pose.position.z = -0.02
+        pose.pose.orientation.w = 1.0
+        twist.twist.linear.z = -0.01
+
+    def _on_answer(self, message: WrenchStamped) -> None:
+        stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        self._arrived.setdefault(stamp, time.perf_counter_ns())
+
+    def wait_for_node(self) -> None:
+        """Until it answers."""
+        end = time.monotonic() + 60.0
+        before = len(self._arrived)
+        while len(self._arrived) == before:
+            if time.monotonic() > end:
+                raise RuntimeError("the node does not answer")
+            self._send(self._new_stamp())
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+
+    def _new_stamp(self) -> int:
+        self._epoch = max(self._epoch + 1, time.time_ns())
+        return self._epoch
+
+    def _send(self, stamp: int) -> int:
+        pose, twist, wrench = self.messages
+        for message in self.messages:
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+        self._wrench.publish(wrench)
+        self._twist.publish(twist)
+        start = time.perf_counter_ns()
+        self._pose.publish(pose)
+        return start
+
+    def drive(self, pid: int, rate: float, seconds: float) -> Run:
+        """Send at the rate for the seconds; the first tenth warms up and is not counted."""
+        count = round(rate * seconds)
+        warm = count // 10
+        sent: dict[int, int] = {}
+        self._arrived.clear()
+        start = time.perf_counter()
+        cpu = 0.0
+        for k in range(count):
+            due = start + k / rate
+            while (left := due - time.perf_counter()) > 0.0:
+                rclpy.spin_once(self.node, timeout_sec=left)
+            if k == warm:
+                cpu, wall = _cpu_seconds(pid), time.perf_counter()
+            stamp = self._new_stamp()
+            sent[stamp] = self._send(stamp)
+        used = (_cpu_seconds(pid) - cpu) / (time.perf_counter() - wall)
+        end = time.perf_counter() + 1.0
+        while len(self._arrived) < len(sent) and time.perf_counter() < end:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        counted = list(sent.items())[warm:]
+        trips = np.array([self._arrived[s] - t for s, t in counted if s in self._arrived]) / 1e3
+        return Run(
+            sent=len(counted),
+            lost=len(counted) - len(trips),
+            median_us=float(np.median(trips)),
+            p99_us=float(np.percentile(trips, 99)),
+            cpu=used,
+            resident_mb=_resident_mb(pid),
+        )
+
+
+def _cpu_seconds(pid: int) -> float:
+    fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
+    return (int(fields[11]) + int(fields[12])) / _TICK
+
+
+def _resident_mb(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+@contextlib.contextmanager
+def _node(*command: str) -> Iterator[int]:
+    process = subprocess.Popen([sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        yield process.pid
+    finally:
+        process.send_signal(signal.SIGINT)
+        process.wait(20.0)
+
+
+def _sphere(folder: Path, elements: int) -> Path:
+    """A UV sphere of 50 mm with about as many facets."""
+    n = max(4, round((elements / 4) ** 0.5))
+    mesh = trimesh.creation.uv_sphere(radius=25.0, count=[n, 2 * n])
+    file = folder / f"sphere_{len(mesh.faces)}.stl"
+    mesh.export(file)
+    return file
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rates", type=float, nargs="+", default=[125.0, 500.0, 1000.0])
+    parser.add_argument("--elements", type=int, nargs="+", default=[1000, 10_000, 50_000])
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--executor", choices=("single", "events"), default="single")
+    arguments = parser.parse_args()
+    os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    rclpy.init()
+    driver = Driver()
+    executor = ["-p", f"executor:={arguments.executor}"]
+    echo = [str(Path(__file__).with_name("echo_node.py")), "--ros-args", *executor]
+    table = Table(title=f"executor {arguments.executor}, {arguments.seconds:g} s a run, median of {arguments.repeat} runs")
+    for column in ("rate Hz", "node", "lost / sent", "median us", "p99 us", "CPU %", "MB", "x median", "x p99", "x CPU"):
+        table.add_column(column, justify="right")
+    with tempfile.TemporaryDirectory() as folder:
+        for rate in arguments.rates:
+            nodes = {"echo": echo}
+            for elements in arguments.elements:
+                mesh = _sphere(Path(folder), elements)
+                nodes[mesh.stem] = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={mesh}", *executor]
+            runs: dict[str, list[Run]] = {name: [] for name in nodes}
+            for _ in range(arguments.repeat):
+                for name, command in nodes.items():
+                    with _node(*command) as pid:
+                        driver.wait_for_node()
+                        runs[name].append(driver.drive(pid, rate, arguments.seconds))
+            _add_rows(table, rate, runs)
+    console = Console(width=120)
+    console.print(table)
+    console.print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+
+
+def _add_rows(table: Table, rate: float, runs: dict[str, list[Run]]) -> None:
+    def of(name: str, field: str) -> float:
+        return median(getattr(run, field) for run in runs[name])
+
+    for name, own in runs.items():
+        ratios = [f"{of(name, f) / of('echo', f):.2f}" for f in ("median_us", "p99_us", "cpu")]
+        table.add_row(
+            f"{rate:g}",
+            name,
+            f"{sum(r.lost for r in own)} / {sum(r.sent for r in own)}",
+            f"{of(name, 'median_us'):.0f}",
+            f"{of(name, 'p99_us'):.0f}",
+            f"{100 * of(name, 'cpu'):.1f}",
+            f"{of(name, 'resident_mb'):.0f}",
+            *ratios,
+        )
+
+
+if __name__ == "__main__":
+    main()

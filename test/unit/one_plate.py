@@ -1,0 +1,60 @@
+"""A tool of one plate, and samples for it: what the estimator's tests push."""
+
+import math
+
+import numpy as np
+
+from rft_ros.estimator import Estimator, LoadCell, Model, PoseSample, Settings, TwistSample, WrenchSample
+from rft_ros.rft import MEDIA, Plates, alpha_y_model, treers2021
+from rft_ros.tool import Tool
+
+SECOND = 1_000_000_000
+START = 100 * SECOND
+LEVEL = (0.0, 0.0, 0.0, 1.0)
+AREA = 4e-4
+"""One plate of 4 cm² at the tool frame's origin that faces down: 4 N for each cm of depth when it is pushed down."""
+
+
+def plate_tool() -> Tool:
+    corners = np.array([[-0.01, -0.01, 0.0], [0.01, -0.01, 0.0], [0.0, 0.03, 0.0]])
+    return Tool(
+        name="one_plate",
+        file="",
+        plates=Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [AREA]),
+        vertices=corners,
+        faces=np.array([[0, 2, 1]]),
+        findings=(),
+        corners=corners,
+    )
+
+
+def plate_model(*, zeta: float = 1.0, generation: int = 0, tool: Tool | None = None) -> Model:
+    generic = MEDIA["generic"]
+    law = treers2021(generic, alpha_y_model("constant", generic), zeta=zeta)
+    return Model(
+        tool=tool or plate_tool(), law=law, medium="generic", zeta=zeta, alpha_y="constant", generation=generation
+    )
+
+
+def estimator(*, load_cell: LoadCell | None = None, model: Model | None = None, **settings) -> Estimator:
+    return Estimator(Settings(load_cell=load_cell or LoadCell(), **settings), model or plate_model())
+
+
+def pose(stamp=START, position=(0.0, 0.0, -0.01), quaternion=LEVEL, frame="world") -> PoseSample:
+    """By default the tool frame's origin 1 cm under the surface."""
+    return PoseSample(stamp, frame, position, quaternion)
+
+
+def twist(stamp=START, linear=(0.0, 0.0, -0.01), angular=(0.0, 0.0, 0.0), frame="world") -> TwistSample:
+    """By default straight down at 1 cm/s."""
+    return TwistSample(stamp, frame, linear, angular)
+
+
+def wrench(stamp=START, numbers=(0.0,) * 6, frame="ft_sensor") -> WrenchSample:
+    return WrenchSample(stamp, frame, tuple(float(n) for n in numbers))
+
+
+def about(axis, degrees) -> tuple[float, float, float, float]:
+    """The quaternion of a turn about a unit axis."""
+    s, c = math.sin(math.radians(degrees) / 2), math.cos(math.radians(degrees) / 2)
+    return axis[0] * s, axis[1] * s, axis[2] * s, c

@@ -1,0 +1,202 @@
+"""Every reason for giving no estimate or no residual is reached, named, counted, and does not outlast its cause."""
+
+import math
+from dataclasses import replace
+
+import pytest
+from one_plate import SECOND, START, estimator, pose, twist, wrench
+
+from rft_ros.estimator import Estimate, Reason
+
+MS = SECOND // 1000
+AGE = 100 * MS  # the default max_input_age
+
+
+def pushed(*samples, **settings):
+    """An estimator that was given these samples in this order, and what it said to the last one."""
+    e = estimator(**settings)
+    answer = None
+    for sample in samples:
+        push = {"PoseSample": e.push_pose, "TwistSample": e.push_twist, "WrenchSample": e.push_wrench}
+        answer = push[type(sample).__name__](sample)
+    return e, answer
+
+
+SCENES = {
+    Reason.POSE_NOT_FINITE: (twist(), pose(position=(0.0, math.nan, 0.0))),
+    Reason.POSE_QUATERNION_NOT_UNIT: (twist(), pose(quaternion=(0.0, 0.0, 0.0, 0.0))),
+    Reason.POSE_FRAME_UNKNOWN: (twist(), pose(frame="camera")),
+    Reason.POSE_STAMP_ZERO: (twist(), pose(stamp=0)),
+    Reason.POSE_REPEATED: (twist(), pose(), pose()),
+    Reason.POSE_OUT_OF_ORDER: (twist(), pose(), pose(START - 1)),
+    Reason.POSE_THINNED: (twist(), pose(), pose(START + MS)),
+    Reason.POSE_HISTORY_SHORT: (pose(), pose(START + MS)),
+    Reason.TWIST_MISSING: (pose(),),
+    Reason.TWIST_STALE: (twist(), pose(START + AGE + 1)),
+    Reason.TWIST_NOT_FINITE: (twist(linear=(math.nan, 0.0, 0.0)),),
+    Reason.TWIST_FRAME_UNKNOWN: (twist(frame="flange"),),
+    Reason.TWIST_STAMP_ZERO: (twist(stamp=0),),
+    Reason.TWIST_OUT_OF_ORDER: (twist(), twist(START - 1)),
+    Reason.AT_REST: (twist(linear=(0.0, 0.0, 0.0)), pose()),
+    Reason.ESTIMATE_NOT_FINITE: (twist(), pose(position=(0.0, 0.0, -1e308))),
+    Reason.WRENCH_NOT_FINITE: (wrench(numbers=(0, 0, math.inf, 0, 0, 0)),),
+    Reason.WRENCH_FRAME_UNKNOWN: (wrench(frame="tool"),),
+    Reason.WRENCH_STAMP_ZERO: (wrench(stamp=0),),
+    Reason.WRENCH_OUT_OF_ORDER: (wrench(), wrench(START - 1)),
+}
+SETTINGS = {
+    Reason.POSE_THINNED: {"max_rate": 100.0},
+    Reason.POSE_HISTORY_SHORT: {"twist_source": "pose_difference"},
+}
+NO_RESIDUAL = {
+    Reason.WRENCH_MISSING: (twist(), pose()),
+    Reason.WRENCH_STALE: (twist(), wrench(START - AGE - 1), pose()),
+}
+BESIDE_AN_ANSWER = {Reason.TIME_JUMP}
+
+
+def test_every_reason_has_a_scene_here():
+    assert {*SCENES, *NO_RESIDUAL, *BESIDE_AN_ANSWER} == set(Reason)
+
+
+@pytest.mark.parametrize("reason", SCENES, ids=str)
+def test_the_last_sample_is_turned_away_with_its_reason_and_counted(reason):
+    e, answer = pushed(*SCENES[reason], **SETTINGS.get(reason, {}))
+    sample = SCENES[reason][-1]
+    if type(sample).__name__ == "PoseSample":
+        assert answer == (sample.stamp, reason)
+    else:
+        assert answer is reason
+    assert e.counts[reason.value] >= 1
+
+
+@pytest.mark.parametrize("reason", SCENES, ids=str)
+def test_the_estimator_goes_on_with_the_next_good_samples(reason):
+    e, _ = pushed(*SCENES[reason], **SETTINGS.get(reason, {}))
+    answer = None
+    for k in range(4):
+        stamp = START + 2 * SECOND + 20 * k * MS
+        e.push_twist(twist(stamp))
+        e.push_wrench(wrench(stamp))
+        answer = e.push_pose(pose(stamp, (0.0, 0.0, -0.01 - 2e-4 * k)))
+    assert isinstance(answer, Estimate)
+    assert answer.predicted[2] == pytest.approx(400.0 * (0.01 + 6e-4), rel=1e-6)
+    assert answer.residual is not None
+
+
+@pytest.mark.parametrize("reason", NO_RESIDUAL, ids=str)
+def test_without_a_usable_load_cell_sample_there_is_a_prediction_alone_and_the_reason(reason):
+    e, answer = pushed(*NO_RESIDUAL[reason])
+    assert isinstance(answer, Estimate)
+    assert answer.no_wrench is reason
+    assert (answer.compensated, answer.residual) == (None, None)
+    assert answer.predicted[2] == pytest.approx(4.0, rel=1e-6)
+    assert e.counts == {"estimates": 1, reason.value: 1}
+
+
+@pytest.mark.parametrize("age", [-AGE, 0, AGE])
+def test_inputs_as_old_or_as_new_as_max_input_age_are_used(age):
+    _, answer = pushed(twist(START - age), wrench(START - age), pose())
+    assert answer.residual is not None
+
+
+@pytest.mark.parametrize("stamp", [START - AGE - 1, START + AGE + 1])
+def test_inputs_from_further_in_the_past_or_the_future_are_stale(stamp):
+    _, no_twist = pushed(twist(stamp), pose())
+    assert no_twist.reason is Reason.TWIST_STALE
+    _, no_wrench = pushed(twist(), wrench(stamp), pose())
+    assert no_wrench.no_wrench is Reason.WRENCH_STALE
+
+
+@pytest.mark.parametrize("quaternion", [(0, 0, 0, 0.98), (0, 0, 0, 1.02), (0, 0, 0, 0)])
+def test_a_quaternion_more_than_a_hundredth_from_unit_length_is_turned_away(quaternion):
+    _, answer = pushed(twist(), pose(quaternion=quaternion))
+    assert answer.reason is Reason.POSE_QUATERNION_NOT_UNIT
+
+
+@pytest.mark.parametrize("bad", [pose(START + 1, frame="camera"), pose(START + 1, position=(math.inf, 0.0, 0.0))])
+def test_a_pose_that_was_turned_away_does_not_count_as_the_last_one(bad):
+    _, answer = pushed(twist(), bad, pose())
+    assert isinstance(answer, Estimate)
+
+
+def test_a_late_twist_does_not_replace_the_newer_one():
+    _, answer = pushed(twist(START, (0.0, 0.0, -0.01)), twist(START - MS, (0.0, 0.0, 1.0)), pose())
+    assert answer.speed == pytest.approx(0.01)
+
+
+def test_a_jump_back_by_a_second_or_more_is_a_new_beginning():
+    """A bag that loops: the first pose after the jump is answered, the history before it is forgotten."""
+    e, answer = pushed(twist(), pose(), twist(START - SECOND), pose(START - SECOND))
+    assert isinstance(answer, Estimate)
+    assert e.counts == {"estimates": 2, "time_jump": 1, "wrench_missing": 2}
+
+    poses = [pose(START + k * MS) for k in range(5)]
+    e, answer = pushed(*poses, pose(START - 2 * SECOND), twist_source="pose_difference")
+    assert answer.reason is Reason.POSE_HISTORY_SHORT
+    assert e.counts[Reason.TIME_JUMP.value] == 1
+
+
+def test_a_jump_back_by_less_is_a_late_pose():
+    e, answer = pushed(twist(), pose(), pose(START - SECOND + 1))
+    assert answer.reason is Reason.POSE_OUT_OF_ORDER
+    assert Reason.TIME_JUMP.value not in e.counts
+
+
+def test_after_a_jump_back_inputs_from_before_it_are_stale():
+    _, answer = pushed(twist(), wrench(), pose(), pose(START - 2 * SECOND))
+    assert answer.reason is Reason.TWIST_STALE
+
+
+@pytest.mark.parametrize("rate", [125.0, 60.0, 25.0, 1.0])
+@pytest.mark.parametrize("period", [8 * MS, MS])
+def test_max_rate_bounds_how_many_poses_are_answered_in_ten_seconds(rate, period):
+    e = estimator(max_rate=rate)
+    poses = 10 * SECOND // period
+    for k in range(poses):
+        e.push_twist(twist(START + k * period))
+        e.push_pose(pose(START + k * period))
+    assert 0.85 * rate * 10 <= e.counts["estimates"] <= rate * 10 + 1
+    assert e.counts["estimates"] + e.counts[Reason.POSE_THINNED.value] == poses
+
+
+def test_a_limit_at_the_streams_own_rate_thins_nothing_though_its_stamps_jitter():
+    """Jitter within a tenth of the period."""
+    e = estimator(max_rate=125.0)
+    for k in range(1000):
+        stamp = START + 8 * k * MS + (k * 7919) % 800_000
+        e.push_twist(twist(stamp))
+        assert isinstance(e.push_pose(pose(stamp)), Estimate)
+
+
+def test_a_new_max_rate_counts_from_the_next_pose():
+    e = estimator(max_rate=0.001)
+    for k, settings in enumerate([None, None, replace(e.settings, max_rate=100.0)]):
+        e.use(settings=settings)
+        e.push_twist(twist(START + k * 20 * MS))
+        e.push_pose(pose(START + k * 20 * MS))
+    assert e.counts["estimates"] == 2
+
+
+def test_the_first_pose_is_never_thinned_even_when_the_clock_starts_at_zero():
+    _, answer = pushed(twist(1), pose(1), max_rate=1.0)
+    assert isinstance(answer, Estimate)
+
+
+@pytest.mark.parametrize("angular", [(0.0, 0.0, 0.0), (0.0, 0.0, 1e-9)])
+def test_a_tool_at_rest_is_told_apart_in_the_grains_only(angular):
+    """In the grains the force of a tool that stopped is not what RFT gives; in the air it is zero."""
+    still = twist(linear=(0.0, 0.0, -1e-4), angular=angular)
+    _, inside = pushed(still, pose())
+    assert inside.reason is Reason.AT_REST
+    _, outside = pushed(still, pose(position=(0.0, 0.0, 0.01)))
+    assert outside.predicted == (0.0,) * 6
+
+
+def test_a_tool_that_turns_on_the_spot_is_not_at_rest():
+    """Its fastest point counts: with plates within 0 m of the origin nothing moves, with a far plate it does."""
+    turning = twist(linear=(0.0, 0.0, -1e-4), angular=(10.0, 0.0, 0.0))
+    _, answer = pushed(turning, pose())
+    assert answer.reason is Reason.AT_REST
+    _, answer = pushed(turning, pose(), rest_speed=5e-5)
+    assert isinstance(answer, Estimate)
