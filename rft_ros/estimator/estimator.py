@@ -4,6 +4,7 @@ import math
 from collections import Counter
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.pose_difference import PoseDifference
@@ -38,6 +39,12 @@ class Estimator:
         self.model = model
         self.settings = settings
         self._apply(settings)
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """The state of the last answered pose, shape [13], columns `rft_ros.rft.STATE`; overwritten by the next."""
+        row: NDArray[np.float64] = self._state[0]
+        return row
 
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Take new settings or a new model from the next sample on; what was pushed before is kept."""

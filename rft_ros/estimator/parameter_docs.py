@@ -1,11 +1,11 @@
-"""``python -m rft_ros.estimator.parameter_docs``: write config/default.yaml and the README's table from the parameter table."""
+"""``python -m rft_ros.estimator.parameter_docs``: write config/default.yaml and the README's table."""
 
 import math
 from pathlib import Path
 
 from rft_ros.estimator.parameters import PARAMETERS, Parameter, Value
 
-__all__ = ["BEGIN", "END", "default_yaml", "markdown_table", "main"]
+__all__ = ["BEGIN", "END", "default_yaml", "main", "markdown_table"]
 
 BEGIN, END = "<!-- parameters: begin (generated) -->\n", "<!-- parameters: end -->\n"
 

@@ -17,6 +17,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model
 from rft_ros.estimator.parameters import Value, model_of, settings_of
 from rft_ros.node.diagnostics import Diagnostics
+from rft_ros.node.markers import Markers
 from rft_ros.node.mesh_swap import MeshPreparation
 from rft_ros.node.messages import fill_wrench, pose_sample, twist_sample, wrench_sample
 from rft_ros.node.node_parameters import NodeParameters
@@ -32,6 +33,7 @@ _OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=Re
 _TARE_WINDOW = 1.0  # s
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
+_MARKER_PERIOD = 0.1  # s
 _MESH = frozenset({"mesh.file", "mesh.scale", "mesh.origin"})
 
 
@@ -50,6 +52,7 @@ class RftNode(Node):
         self._preparation: MeshPreparation | None = None
         self.estimator = Estimator(settings_of(values), model_of(values))
         self._diagnostics = Diagnostics(self.get_fully_qualified_name())
+        self._last_estimate: Estimate | None = None
 
         def published(topic: str) -> tuple[Publisher, WrenchStamped]:
             return self.create_publisher(WrenchStamped, topic, _OUTPUTS), WrenchStamped()
@@ -70,6 +73,8 @@ class RftNode(Node):
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
+        markers = Markers(self, self.estimator)
+        self.create_timer(_MARKER_PERIOD, lambda: markers.publish(self._last_estimate), clock=steady)
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
 
@@ -106,6 +111,7 @@ class RftNode(Node):
         if answer.compensated is not None and answer.residual is not None:
             self._compensated.publish(fill_wrench(self._compensated_message, stamp, answer.compensated))
             self._residual.publish(fill_wrench(self._residual_message, stamp, answer.residual))
+        self._last_estimate = answer
         self._diagnostics.tick(perf_counter() - start, answer.speed)
 
     # --- parameters and swaps

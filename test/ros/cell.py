@@ -50,8 +50,10 @@ class Cell:
         self.get("mesh.file")
         publishers = (self.pose, self.twist, self.wrench)
         self.until(
-            lambda: all(p.get_subscription_count() > 0 for p in publishers)
-            and all(self.node.count_publishers(f"{self.name}/{t}") > 0 for t in OUTPUTS)
+            lambda: (
+                all(p.get_subscription_count() > 0 for p in publishers)
+                and all(self.node.count_publishers(f"{self.name}/{t}") > 0 for t in OUTPUTS)
+            )
         )
         return self
 

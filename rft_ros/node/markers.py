@@ -1,0 +1,132 @@
+"""~/markers for RViz and Foxglove: the tool coloured by traction, the forces, the surface; nothing if nobody listens.
+
+A tool is thousands of points and colours, 50 ms as Python messages; the tool's marker is spliced as CDR bytes instead:
+a serialised marker without points, cut where its points and colours belong.
+"""
+
+import struct
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point
+from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.serialization import serialize_message
+from visualization_msgs.msg import Marker, MarkerArray
+
+from rft_ros.estimator import Estimate, Estimator, Model
+from rft_ros.rft import plate_forces, rotation_matrix
+
+__all__ = ["Markers"]
+
+_MOST_FACETS = 5000  # drawn; of finer tools every k-th facet, so that a report stays around a millisecond
+_METRES_PER_NEWTON = 0.01
+_SENTINEL = 0x5AFEC0DE
+_PREDICTED, _MEASURED = (0.85, 0.1, 0.1), (0.1, 0.5, 0.1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Drawn:
+    """Of one model's tool, what does not change: facets drawn and the bytes of their corners, in the tool frame."""
+
+    model: Model
+    facets: NDArray[np.intp]
+    corners: bytes
+
+
+def _drawn(model: Model) -> _Drawn:
+    count = len(model.tool.faces)
+    facets = np.arange(0, count, 1 + (count - 1) // _MOST_FACETS)
+    corners = model.tool.vertices[model.tool.faces[facets]]
+    return _Drawn(model, facets, np.ascontiguousarray(corners, dtype="<f8").tobytes())
+
+
+def _colours(traction: NDArray[np.float64]) -> NDArray[np.float32]:
+    """RGBA of each corner, shape [3 n, 4]: light grey without traction, then yellow to red at the greatest."""
+    greatest = traction.max()
+    x = traction / greatest if greatest > 0.0 else traction
+    rgba = np.ones((len(x), 4), dtype=np.float32)
+    loaded = x > 0.0
+    rgba[:, 0] = np.where(loaded, 0.95 - 0.15 * x, 0.8)
+    rgba[:, 1] = np.where(loaded, 0.85 * (1.0 - x), 0.8)
+    rgba[:, 2] = np.where(loaded, 0.1, 0.8)
+    return np.repeat(rgba, 3, axis=0)
+
+
+def _splice(marker: Marker, corners: bytes, colours: NDArray[np.float32]) -> bytes:
+    """The serialised MarkerArray of one marker, with points and colours put in.
+
+    Points follow lifetime and frame_locked; all after them is aligned to 4 bytes at most, so nothing else moves.
+    """
+    marker.lifetime.sec = _SENTINEL
+    template = serialize_message(MarkerArray(markers=[marker]))
+    lifetime = template.index(struct.pack("<i", _SENTINEL))
+    points = 4 + (lifetime - 4 + 8 + 1 + 3) // 4 * 4
+    head = template[:lifetime] + b"\x00\x00\x00\x00" + template[lifetime + 4 : points]
+    count = struct.pack("<I", len(colours))
+    padding = b"\x00" * (-len(head) % 8)  # the doubles start at a multiple of 8 from byte 4, after a length of 4 bytes
+    return head + count + padding + corners + count + colours.astype("<f4").tobytes() + template[points + 8 :]
+
+
+class Markers:
+    """Publishes when someone listens and there is a new estimate; called by a timer, between ticks."""
+
+    def __init__(self, node: Node, estimator: Estimator) -> None:
+        self._estimator = estimator
+        self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
+        self._drawn: _Drawn | None = None
+        self._last = 0
+
+    def publish(self, answer: Estimate | None) -> None:
+        """Draw the last estimate, unless nobody listens or it has been drawn."""
+        if answer is None or answer.stamp == self._last or not self._publisher.get_subscription_count():
+            return
+        self._last = answer.stamp
+        model, settings = self._estimator.model, self._estimator.settings
+        state = self._estimator.state
+        if self._drawn is None or self._drawn.model.tool is not model.tool:
+            self._drawn = _drawn(model)
+        forces = plate_forces(model.tool.plates, model.law, state, surface_height=settings.surface_height)
+        facets = self._drawn.facets
+        traction = np.linalg.norm(forces[facets], axis=1) / model.tool.plates.packed[6, facets]
+        tool = self._marker(answer.stamp, 0, Marker.TRIANGLE_LIST)
+        p, q = tool.pose.position, tool.pose.orientation
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w = state[:7].tolist()
+        tool.scale.x = tool.scale.y = tool.scale.z = 1.0
+        self._publisher.publish(_splice(tool, self._drawn.corners, _colours(traction)))
+        self._publisher.publish(MarkerArray(markers=self._small(answer, state)))
+
+    def _small(self, answer: Estimate, state: NDArray[np.float64]) -> list[Marker]:
+        """Arrows of the forces from the tool frame's origin, and the surface around the tool."""
+        cell = self._estimator.settings.load_cell
+        to_world = rotation_matrix(state[3:7]) @ rotation_matrix(cell.quaternion)
+        markers = []
+        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, answer.compensated, _MEASURED)):
+            if wrench is None:
+                continue
+            arrow = self._marker(answer.stamp, number, Marker.ARROW)
+            tip = state[:3] + _METRES_PER_NEWTON * (to_world @ np.array(wrench[:3]))
+            arrow.points = [_point(state[:3]), _point(tip)]
+            arrow.scale.x, arrow.scale.y, arrow.scale.z = 0.003, 0.006, 0.008
+            arrow.color.r, arrow.color.g, arrow.color.b = colour
+            arrow.color.a = 1.0
+            markers.append(arrow)
+        surface = self._marker(answer.stamp, 3, Marker.CUBE)
+        surface.pose.position.x, surface.pose.position.y = state[0].item(), state[1].item()
+        surface.pose.position.z = self._estimator.settings.surface_height
+        surface.scale.x = surface.scale.y = 10.0 * self._estimator.model.tool.plates.reach
+        surface.scale.z = 1e-4
+        surface.color.r, surface.color.g, surface.color.b, surface.color.a = 0.76, 0.7, 0.5, 0.4
+        markers.append(surface)
+        return markers
+
+    def _marker(self, stamp: int, number: int, kind: int) -> Marker:
+        marker = Marker(ns="rft", id=number, type=kind, action=Marker.ADD)
+        marker.header.frame_id = self._estimator.settings.world_frame
+        marker.header.stamp.sec, marker.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+        return marker
+
+
+def _point(x: Any) -> Point:
+    return Point(x=float(x[0]), y=float(x[1]), z=float(x[2]))

@@ -1,0 +1,30 @@
+"""~/markers: drawn for whoever listens, from real estimates."""
+
+import numpy as np
+import pytest
+from visualization_msgs.msg import Marker, MarkerArray
+
+from rft_ros.tool import load_tool
+
+
+def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(cell):
+    drawn: list[Marker] = []
+    listener = cell.node.create_subscription(MarkerArray, f"{cell.name}/markers", lambda m: drawn.extend(m.markers), 10)
+    stamp = cell.moment()
+    cell.ask(stamp, z=-0.01, force=(0.0, 0.0, 4.0))
+    cell.until(lambda: cell.send(cell.moment(), force=(0.0, 0.0, 4.0)) or {m.id for m in drawn} >= {0, 1, 2, 3}, 20.0)
+    cell.node.destroy_subscription(listener)
+    by_id = {m.id: m for m in drawn}
+    tool, mesh = by_id[0], load_tool("plate")
+    corners = np.array([(p.x, p.y, p.z) for p in tool.points])
+    np.testing.assert_array_equal(corners.reshape(-1, 3, 3), mesh.vertices[mesh.faces])
+    assert tool.pose.position.z == -0.01
+    assert tool.lifetime.sec == 0
+    colours = np.array([(c.r, c.g, c.b, c.a) for c in tool.colors])[::3]
+    leading = mesh.plates.packed[5] < -0.5  # moving down, the lower face leads
+    np.testing.assert_allclose(colours[leading, 2], 0.1, atol=1e-6)
+    np.testing.assert_allclose(colours[~leading, 2], 0.8, atol=1e-6)
+    predicted, measured, surface = by_id[1], by_id[2], by_id[3]
+    assert predicted.points[1].z - predicted.points[0].z > 0.0
+    assert measured.points[1].z - measured.points[0].z == pytest.approx(0.04)
+    assert surface.pose.position.z == 0.0
