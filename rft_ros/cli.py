@@ -45,9 +45,23 @@ def _check_mesh(arguments: argparse.Namespace) -> int:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
-    from rft_ros.bags.command import replay_command
+    from rft_ros.bags.replay import ReplayOptions, read_replay_options, replay
+    from rft_ros.estimator.parameter_file import read_parameter_file
+    from rft_ros.estimator.parameters import defaults
 
-    return replay_command(arguments)
+    file = arguments.params
+    values = read_parameter_file(file) if file else defaults()
+    options = read_replay_options(file) if file else ReplayOptions()
+    given = {name: getattr(arguments, name) for name in ("tare", "start", "end")}
+    summary = replay(
+        arguments.bag,
+        arguments.output,
+        values,
+        remap=[*options.remap, *arguments.remap],
+        **{name: getattr(options, name) if value is None else value for name, value in given.items()},
+    )
+    print("\n".join(summary.lines()))
+    return 0
 
 
 def _demo(arguments: argparse.Namespace) -> int:

@@ -1,6 +1,7 @@
 """The one table of parameters: the node declares them, the replay reads them, the docs print them."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -240,8 +241,11 @@ def checked(name: str, value: object) -> Value:
     return numbers
 
 
+_LARGEST = sys.float_info.max  # also bounds integers that are no double, which math.isfinite raises at
+
+
 def _number(parameter: Parameter, value: object) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
         raise InputError(f"{parameter.name} is {value!r}; it must be a finite number (such as 1.0)")
     if not parameter.low <= value <= parameter.high:
         raise InputError(f"{parameter.name} is {value:g}; it must lie between {parameter.low:g} and {parameter.high:g}")

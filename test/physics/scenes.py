@@ -54,9 +54,9 @@ def listed(plates: Plates) -> list[tuple[list[float], list[float], float]]:
 
 
 @st.composite
-def directions(draw: st.DrawFn, steepest: float = 1.0) -> tuple[float, float, float]:
-    """A unit vector with abs(z) <= steepest."""
-    z = draw(st.floats(-steepest, steepest))
+def directions(draw: st.DrawFn, lowest: float = -1.0, highest: float = 1.0) -> tuple[float, float, float]:
+    """A unit vector with z between lowest and highest."""
+    z = draw(st.floats(lowest, highest))
     azimuth = draw(st.floats(0.0, 2.0 * np.pi))
     h = np.sqrt(1.0 - z * z)
     x, y, z = unit(np.array([h * np.cos(azimuth), h * np.sin(azimuth), z])).tolist()

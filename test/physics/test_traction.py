@@ -43,7 +43,9 @@ def test_the_force_on_any_plate_is_the_published_rule(law, alpha_y, n, v):
 
 @given(n=directions(), v=directions(), zeta=zetas, name=st.sampled_from(sorted(rule.MEDIA)))
 def test_the_law_in_plain_python_is_the_published_rule_for_every_medium(n, v, zeta, name):
-    assume(rule.dot(n, v) > 1e-12 and abs(abs(n[2]) - FLAT) > 1e-12)
+    assume(abs(rule.dot(n, v)) > 1e-12 and abs(abs(n[2]) - FLAT) > 1e-12)
+    if rule.dot(n, v) < 0.0:
+        v = tuple(-c for c in v)
     law = treers2021(MEDIA[name], alpha_y_model("constant", MEDIA[name]), zeta=zeta)
     expected = rule.plate_force(n, v, 1.0, 1.0, name, zeta, rule.constant(name))
     assert traction_per_depth(law, *n, *v) == pytest.approx(expected, abs=1e-10 * zeta * 1e6)
@@ -92,7 +94,7 @@ def test_across_e1_the_law_is_the_nine_term_fit_of_li_2013(medium, beta, gamma):
     assert tz == pytest.approx(1e6 * rule.alpha_z(medium, b, g), abs=1e-4)
 
 
-@given(n=directions(steepest=0.7), v=directions())
+@given(n=directions(-0.7, 0.7), v=directions())
 def test_along_e1_the_force_opposes_the_motion(n, v):
     """Up to β = 135.7°, beyond which the published line is negative: abs(n·E3) <= 0.7 keeps β under 134.4°."""
     e1, _ = rule.directions(n, v)
@@ -113,10 +115,9 @@ def test_the_force_on_a_plate_grows_with_depth_area_and_zeta_alone(n, v, factor)
     assert force(stronger, n, v) == pytest.approx(scaled, abs=tolerance)
 
 
-@given(azimuth=st.floats(0.0, 360.0), v=directions())
+@given(azimuth=st.floats(0.0, 360.0), v=directions(-0.999, -0.1))
 def test_just_under_the_horizontal_threshold_e2_is_the_normals_and_just_above_it_the_velocitys(azimuth, v):
     """The rule jumps there, as published; on either side it is continuous, so that a hair changes a hair."""
-    assume(math.hypot(v[0], v[1]) > 1e-2 and v[2] < -0.1)
     a = math.radians(azimuth)
     for nz, e2 in ((FLAT - 1e-9, (math.cos(a), math.sin(a))), (FLAT + 1e-9, (v[0] + 1e-5, v[1]))):
         h = math.sqrt(1.0 - nz * nz)

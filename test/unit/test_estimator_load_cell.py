@@ -23,7 +23,9 @@ def weight_in_sensor(cell, orientation):
     return np.concatenate([force, np.cross(cell.center_of_mass, force)])
 
 
-def answer(cell, reading, *, position=IN_AIR, quaternion=LEVEL, linear=(0.0, 0.0, -0.01), angular=(0.0, 0.0, 0.0), **model):
+def answer(
+    cell, reading, *, position=IN_AIR, quaternion=LEVEL, linear=(0.0, 0.0, -0.01), angular=(0.0, 0.0, 0.0), **model
+):
     e = estimator(load_cell=cell, model=plate_model(**model))
     e.push_twist(twist(linear=linear, angular=angular))
     e.push_wrench(wrench(numbers=reading))
@@ -54,10 +56,14 @@ def test_a_mass_of_1_kg_below_a_level_sensor_pulls_it_down_by_9_80665_newton():
     assert estimate.compensated == pytest.approx([0, 0, GRAVITY, 0, -0.1 * GRAVITY, 0], abs=1e-12)
 
 
-@given(st.tuples(*[st.floats(-100.0, 100.0)] * 6), st.tuples(*[st.floats(-10.0, 10.0)] * 6), st.sampled_from([1.0, -1.0]))
+@given(
+    st.tuples(*[st.floats(-100.0, 100.0)] * 6), st.tuples(*[st.floats(-10.0, 10.0)] * 6), st.sampled_from([1.0, -1.0])
+)
 def test_bias_is_taken_off_in_the_drivers_sign_before_the_sign_is_turned(reading, bias, sign):
     estimate = answer(LoadCell(sign=sign, bias=bias), reading)
-    assert estimate.compensated == pytest.approx([sign * (m - b) for m, b in zip(reading, bias, strict=True)], abs=1e-12)
+    assert estimate.compensated == pytest.approx(
+        [sign * (m - b) for m, b in zip(reading, bias, strict=True)], abs=1e-12
+    )
 
 
 def test_the_push_of_the_grains_is_positive_upwards_and_equals_a_drivers_reading_of_the_force_on_the_tool():
@@ -95,7 +101,14 @@ def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin
     cell = LoadCell(position=(0.03, -0.05, 0.12), quaternion=MOUNT)
     linear, angular = (0.01, -0.02, -0.03), (0.4, -0.2, 0.1)
     estimate = answer(
-        cell, [0.0] * 6, position=(0, 0, -0.1), quaternion=orientation, linear=linear, angular=angular, zeta=0.7, tool=tool
+        cell,
+        [0.0] * 6,
+        position=(0, 0, -0.1),
+        quaternion=orientation,
+        linear=linear,
+        angular=angular,
+        zeta=0.7,
+        tool=tool,
     )
     law = plate_model(zeta=0.7).law
     world = wrenches(tool.plates, law, checked_states([0, 0, -0.1, *orientation, *linear, *angular]))[0]

@@ -26,7 +26,7 @@ def differenced(poses, *, window=0.05, max_age=0.1):
 
 
 def screw(v, w, *, times, lever=(0.0, 0.0, 0.0), start=(0.1, -0.2, 0.3), turned=(0.1, 0.2, -0.3)):
-    """Poses of a body that turns at w [rad/s] while its axis moves at v [m/s]; its origin lies at `lever` from the axis."""
+    """Poses of a body that turns at w [rad/s] on an axis that moves at v [m/s]; its origin lies at `lever` from it."""
     poses = []
     for t in times:
         spin = Rotation.from_rotvec(np.array(w) * t)
@@ -58,7 +58,9 @@ def test_a_point_off_the_axis_gets_the_velocity_of_the_windows_middle_less_a_ten
     """The slope of sin over [-a, a] is 3 (sin a - a cos a) / a³, that is 1 - a²/10; a = ω T/2."""
     w, lever, window = 2.0, 0.1, 0.2
     times = np.linspace(0.0, window, 101)
-    found, _ = differenced(screw((0, 0, 0), (0, 0, w), times=times, lever=(lever, 0, 0)), window=window + 1e-6, max_age=1)
+    found, _ = differenced(
+        screw((0, 0, 0), (0, 0, w), times=times, lever=(lever, 0, 0)), window=window + 1e-6, max_age=1
+    )
     a = w * window / 2
     shrink = 3 * (math.sin(a) - a * math.cos(a)) / a**3
     assert shrink == pytest.approx(1 - a**2 / 10, abs=1e-4)
@@ -90,7 +92,10 @@ def test_noise_in_the_poses_shrinks_as_least_squares_predicts(window):
 def test_poses_older_than_the_window_do_not_count():
     slow = screw((0.01, 0, 0), (0, 0, 0), times=np.arange(0, 0.2, 0.005))
     last = slow[-1]
-    fast = [pose(last.stamp + k * 5 * MS, (last.position[0] + 5e-4 * k, *last.position[1:]), last.quaternion) for k in range(1, 12)]
+    fast = [
+        pose(last.stamp + k * 5 * MS, (last.position[0] + 5e-4 * k, *last.position[1:]), last.quaternion)
+        for k in range(1, 12)
+    ]
     found, _ = differenced([*slow, *fast], window=0.049)
     assert found[0] == pytest.approx(0.1, abs=1e-9)
 
@@ -113,7 +118,10 @@ def test_after_a_gap_the_history_starts_anew():
 
 
 def test_hours_into_a_recording_the_twist_is_as_exact():
-    late = [p._replace(stamp=p.stamp + 10**6 * SECOND) for p in screw((0.1, 0, 0), (0, 0, 1), times=np.arange(0, 0.064, 0.008))]
+    late = [
+        p._replace(stamp=p.stamp + 10**6 * SECOND)
+        for p in screw((0.1, 0, 0), (0, 0, 1), times=np.arange(0, 0.064, 0.008))
+    ]
     found, _ = differenced([pose(START), *late])
     assert found == pytest.approx([0.1, 0, 0, 0, 0, 1], abs=1e-6)
 
@@ -132,7 +140,9 @@ def test_the_estimator_predicts_from_poses_what_it_predicts_from_the_twist_topic
 
 def test_thinned_poses_still_count_as_history():
     e = estimator(twist_source="pose_difference", max_rate=50.0)
-    answers = [e.push_pose(p) for p in screw((0, 0, -0.02), (0, 0, 0), times=np.arange(0, 0.05, 0.005), start=(0, 0, -0.01))]
+    answers = [
+        e.push_pose(p) for p in screw((0, 0, -0.02), (0, 0, 0), times=np.arange(0, 0.05, 0.005), start=(0, 0, -0.01))
+    ]
     assert sum(isinstance(a, Estimate) for a in answers) == 2
     assert e.counts[Reason.POSE_THINNED.value] == 6
 
