@@ -42,9 +42,16 @@ class Estimator:
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """The state of the last answered pose, shape [13], columns `rft_ros.rft.STATE`; overwritten by the next."""
+        """State of the last answered pose, shape [13], columns `rft_ros.rft.STATE`; overwritten by the next."""
         row: NDArray[np.float64] = self._state[0]
         return row
+
+    def depth(self) -> float:
+        """Depth of the tool's lowest point below the surface at the last pose [m]; negative above it, NaN before any."""
+        if self._pose is None:
+            return math.nan
+        lowest = self._pose.position[2] + self.model.tool.lowest_point(rotation_matrix(self._pose.quaternion))
+        return self.settings.surface_height - lowest
 
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Take new settings or a new model from the next sample on; what was pushed before is kept."""

@@ -11,6 +11,8 @@ __all__ = ["Diagnostics"]
 
 _LATENCIES = 1000
 _SLOW = 0.025  # m/s: the fastest the paper measured
+_INERTIA = 0.2  # m/s
+_KINDS = ("pose", "twist", "wrench")
 
 
 class Diagnostics:
@@ -22,40 +24,61 @@ class Diagnostics:
         self._last: Counter[str] = Counter()
         self.received: Counter[str] = Counter()
         self._received_last: Counter[str] = Counter()
+        self.newest: dict[str, int] = {}
         self.last_swap_failure = ""
         self.preparing = ""
-        self.speed = 0.0
+        self._speed = 0.0
+        self._fastest = 0.0
+
+    def received_one(self, kind: str, stamp: int) -> None:
+        """Note that a pose, twist or wrench with this stamp [ns] arrived."""
+        self.received[kind] += 1
+        self.newest[kind] = stamp
 
     def tick(self, seconds: float, speed: float) -> None:
         """Note one answered pose: time from its callback's start to the last publication [s], speed [m/s]."""
         if len(self._latencies) < _LATENCIES:
             self._latencies.append(seconds)
-        self.speed = speed
+        self._speed = speed
+        if speed > self._fastest:
+            self._fastest = speed
 
-    def report(self, stamp: object, estimator: Estimator, period: float) -> tuple[DiagnosticArray, list[str]]:
-        """The message, and the reasons that came up since the last one as sentences for the log."""
+    def status(self, estimator: Estimator) -> tuple[bool, str]:
+        """Whether the last swap went well, and what is in force, being prepared or went wrong, in a sentence."""
+        model = estimator.model
+        force = f"generation {model.generation}: tool {model.tool.name} in force"
+        if self.last_swap_failure:
+            return False, f"{force}; the last swap failed: {self.last_swap_failure}"
+        return True, f"{force}; preparing {self.preparing}" if self.preparing else force
+
+    def report(self, now: int, estimator: Estimator, period: float) -> tuple[DiagnosticArray, list[str]]:
+        """The message at time `now` [ns], and the reasons that came up since the last one as sentences for the log."""
         new = Counter(estimator.counts)
         new.subtract(self._last)
         self._last = Counter(estimator.counts)
-        rates = {k: (self.received[k] - self._received_last[k]) / period for k in ("pose", "twist", "wrench")}
+        rates = {k: (self.received[k] - self._received_last[k]) / period for k in _KINDS}
         self._received_last = Counter(self.received)
         reasons = {k: n for k, n in new.items() if n and k != "estimates"}
         array = DiagnosticArray()
-        array.header.stamp = stamp
+        array.header.stamp.sec, array.header.stamp.nanosec = divmod(now, 1_000_000_000)
         array.status = [
-            self._inputs(rates, reasons, estimator),
+            self._inputs(now, rates, reasons, estimator),
             self._estimates(new, reasons, estimator),
             self._model(estimator),
         ]
         self._latencies.clear()
+        self._fastest = 0.0
         return array, [f"{reason}: {n} in the last {period:.0f} s" for reason, n in sorted(reasons.items())]
 
     def _status(self, component: str, level: bytes, message: str, values: dict[str, object]) -> DiagnosticStatus:
         pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
         return DiagnosticStatus(level=level, name=f"{self._name}: {component}", message=message, values=pairs)
 
-    def _inputs(self, rates: dict[str, float], reasons: dict[str, int], estimator: Estimator) -> DiagnosticStatus:
+    def _inputs(
+        self, now: int, rates: dict[str, float], reasons: dict[str, int], estimator: Estimator
+    ) -> DiagnosticStatus:
         values: dict[str, object] = {f"{k}_rate_hz": r for k, r in rates.items()}
+        values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self.newest.items()})
         values.update({f"count.{k}": n for k, n in estimator.counts.items() if k != "estimates"})
         if rates["pose"] == 0.0:
             return self._status("inputs", DiagnosticStatus.ERROR, "no poses", values)
@@ -68,7 +91,9 @@ class Diagnostics:
         values: dict[str, object] = {
             "estimates": estimator.counts["estimates"],
             "last_reason": max(reasons, key=lambda r: reasons[r]) if reasons else "",
-            "speed_m_s": self.speed,
+            "speed_m_s": self._speed,
+            "fastest_m_s": self._fastest,
+            "depth_m": estimator.depth(),
         }
         if self._latencies:
             ordered = sorted(self._latencies)
@@ -76,8 +101,9 @@ class Diagnostics:
             values["latency_p99_us"] = 1e6 * ordered[int(0.99 * (len(ordered) - 1))]
         if not new["estimates"]:
             return self._status("estimates", DiagnosticStatus.WARN, "no estimates", values)
-        if self.speed > _SLOW:
-            message = f"{self.speed:.3f} m/s is faster than the model was measured at ({_SLOW} m/s)"
+        if self._fastest > _SLOW:
+            inertia = "; inertia matters above 0.2 m/s" if self._fastest > _INERTIA else ""
+            message = f"{self._fastest:.3f} m/s is faster than the model was measured at ({_SLOW} m/s){inertia}"
             return self._status("estimates", DiagnosticStatus.WARN, message, values)
         return self._status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
 

@@ -70,6 +70,7 @@ class RftNode(Node):
         ):
             self.create_subscription(message, topic, callback, _INPUTS, qos_overriding_options=overridable)
         self.create_service(Trigger, "~/tare", self._on_tare)
+        self.create_service(Trigger, "~/status", self._on_status)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
@@ -93,17 +94,20 @@ class RftNode(Node):
     # --- the tick
 
     def _on_wrench(self, message: WrenchStamped) -> None:
-        self._diagnostics.received["wrench"] += 1
-        self.estimator.push_wrench(wrench_sample(message))
+        sample = wrench_sample(message)
+        self._diagnostics.received_one("wrench", sample.stamp)
+        self.estimator.push_wrench(sample)
 
     def _on_twist(self, message: TwistStamped) -> None:
-        self._diagnostics.received["twist"] += 1
-        self.estimator.push_twist(twist_sample(message))
+        sample = twist_sample(message)
+        self._diagnostics.received_one("twist", sample.stamp)
+        self.estimator.push_twist(sample)
 
     def _on_pose(self, message: PoseStamped) -> None:
         start = perf_counter()
-        self._diagnostics.received["pose"] += 1
-        answer = self.estimator.push_pose(pose_sample(message))
+        sample = pose_sample(message)
+        self._diagnostics.received_one("pose", sample.stamp)
+        answer = self.estimator.push_pose(sample)
         if not isinstance(answer, Estimate):
             return
         stamp = answer.stamp
@@ -188,9 +192,13 @@ class RftNode(Node):
         response.message = "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
         return response
 
+    def _on_status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = self._diagnostics.status(self.estimator)
+        return response
+
     def _on_diagnostics(self) -> None:
-        stamp = self.get_clock().now().to_msg()
-        message, sentences = self._diagnostics.report(stamp, self.estimator, _DIAGNOSTICS_PERIOD)
+        now = self.get_clock().now().nanoseconds
+        message, sentences = self._diagnostics.report(now, self.estimator, _DIAGNOSTICS_PERIOD)
         self._diagnostics_publisher.publish(message)
         for sentence in sentences:
             self.get_logger().warning(sentence, throttle_duration_sec=10.0)

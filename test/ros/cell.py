@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -15,6 +16,9 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
+
+from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.tool import load_tool
 
 OUTPUTS = ("wrench_predicted", "wrench_compensated", "wrench_residual")
 WAIT = 60.0
@@ -33,17 +37,29 @@ class Cell:
         )
         self.node = rclpy.create_node("peer")
         qos = QoSProfile(depth=1000)
-        self.pose = self.node.create_publisher(PoseStamped, f"{name}/pose", qos)
-        self.twist = self.node.create_publisher(TwistStamped, f"{name}/twist", qos)
-        self.wrench = self.node.create_publisher(WrenchStamped, f"{name}/wrench_measured", qos)
+        self.open_inputs()
         self.received: dict[str, list[WrenchStamped]] = {topic: [] for topic in OUTPUTS}
         for topic in OUTPUTS:
             self.node.create_subscription(WrenchStamped, f"{name}/{topic}", self.received[topic].append, qos)
         self.diagnostics: list[DiagnosticArray] = []
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self.diagnostics.append, qos)
+        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos)
         self._clients: dict[str, object] = {}
 
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        if message.status[0].name.startswith(f"{self.name}:"):  # other nodes report on the same topic
+            self.diagnostics.append(message)
+
     # --- life
+
+    def open_inputs(self) -> None:
+        qos = QoSProfile(depth=1000)
+        self.pose = self.node.create_publisher(PoseStamped, f"{self.name}/pose", qos)
+        self.twist = self.node.create_publisher(TwistStamped, f"{self.name}/twist", qos)
+        self.wrench = self.node.create_publisher(WrenchStamped, f"{self.name}/wrench_measured", qos)
+
+    def close_inputs(self) -> None:
+        for publisher in (self.pose, self.twist, self.wrench):
+            self.node.destroy_publisher(publisher)
 
     def wait_ready(self) -> "Cell":
         """Until its services answer and every topic is matched."""
@@ -116,6 +132,10 @@ class Cell:
         answer = self.call(Trigger, "tare", Trigger.Request())
         return answer.success, answer.message
 
+    def status(self) -> tuple[bool, str]:
+        answer = self.call(Trigger, "status", Trigger.Request())
+        return answer.success, answer.message
+
     # --- inputs
 
     def moment(self) -> int:
@@ -168,6 +188,21 @@ class Cell:
         self.until(lambda: len(self.diagnostics) > seen, timeout=10.0)
         status = next(s for s in self.diagnostics[-1].status if s.name == f"{self.name}: {component}")
         return status.level, status.message, {v.key: v.value for v in status.values}
+
+
+def predicted_by_the_core(
+    *, zeta: float = 1.0, alpha_y: str = "constant", mesh: str = "plate", z: float = -0.01, linear=(0.0, 0.0, -0.01)
+) -> np.ndarray:
+    """What the node must answer to `Cell.send`'s defaults; the sensor's axes are the world's there."""
+    medium = MEDIA["generic"]
+    law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta)
+    state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
+    return wrenches(load_tool(mesh).plates, law, state)[0, :6]
+
+
+def numbers(message: WrenchStamped) -> np.ndarray:
+    f, t = message.wrench.force, message.wrench.torque
+    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
 
 
 def parameter_value(value: object) -> ParameterValue:

@@ -5,25 +5,9 @@ import signal
 
 import numpy as np
 import pytest
-from cell import OUTPUTS, stamp_of
-
-from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.tool import load_tool
+from cell import OUTPUTS, numbers, predicted_by_the_core, stamp_of
 
 S = 1_000_000_000
-PLATE = load_tool("plate")
-
-
-def predicted_by_the_core(*, zeta=1.0, alpha_y="constant", tool=PLATE, z=-0.01, linear=(0.0, 0.0, -0.01)):
-    medium = MEDIA["generic"]
-    law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta)
-    state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    return wrenches(tool.plates, law, state)[0, :6]
-
-
-def numbers(message):
-    f, t = message.wrench.force, message.wrench.torque
-    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
 
 
 def test_a_pose_is_answered_by_three_wrenches_with_its_stamp_in_the_sensor_frame(cell):
@@ -80,7 +64,7 @@ def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(cell):
     assert cell.set(mesh__file="sphere") == (True, "")
     np.testing.assert_array_equal(numbers(cell.ask(cell.moment())), predicted_by_the_core())
     cell.until(lambda: cell.diagnostic("model")[2]["tool"] == "sphere")
-    np.testing.assert_array_equal(numbers(cell.ask(cell.moment())), predicted_by_the_core(tool=load_tool("sphere")))
+    np.testing.assert_array_equal(numbers(cell.ask(cell.moment())), predicted_by_the_core(mesh="sphere"))
     _, _, after = cell.diagnostic("model")
     assert int(after["generation"]) == int(before["generation"]) + 1
     assert cell.set(mesh__file="plate") == (True, "")
