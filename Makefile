@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test venv bench lint clean
+.PHONY: demo test lint bench bench-node soak venv clean
 
 demo: venv
 	$(BIN)/rft demo -o out/demo
@@ -19,6 +19,12 @@ lint: venv
 
 bench: venv
 	$(BIN)/python bench/kernel.py
+
+bench-node: venv
+	$(BIN)/python bench/node.py
+
+soak: venv
+	$(BIN)/python test/ros/soak.py
 
 venv: $(STAMP)
 

@@ -1,0 +1,164 @@
+"""``make soak``: a node under seeded random messages, valid and not, and parameter calls; no tick is unaccounted for.
+
+Counts that the node reports must add up to the poses sent: each is an estimate or one of the reasons for a pose.
+"""
+
+import argparse
+import math
+import os
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from cell import Cell, own_domain, parameter_value
+from rcl_interfaces.msg import Parameter
+from rcl_interfaces.srv import SetParameters
+
+POSE_REASONS = (
+    "pose_not_finite",
+    "pose_quaternion_not_unit",
+    "pose_frame_unknown",
+    "pose_stamp_zero",
+    "pose_repeated",
+    "pose_out_of_order",
+    "pose_thinned",
+    "pose_history_short",
+    "twist_missing",
+    "twist_stale",
+    "at_rest",
+    "estimate_not_finite",
+)
+_CALLS = (
+    ("medium.zeta", 0.5),
+    ("medium.zeta", 1),
+    ("medium.zeta", -1.0),
+    ("medium.zeta", "x"),
+    ("alpha_y.model", "linear"),
+    ("alpha_y.model", "constant"),
+    ("alpha_y.model", "nonsense"),
+    ("mesh.file", "sphere"),
+    ("mesh.file", "plate"),
+    ("mesh.file", "/none.stl"),
+    ("twist_source", "pose_difference"),
+    ("twist_source", "topic"),
+    ("max_input_age", 0.05),
+    ("sensor.bias", [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]),
+    ("sensor.bias", [math.nan] * 6),
+    ("sensor.quaternion", [0.0, 0.0, 0.0, 0.0]),
+    ("no.such.parameter", 1.0),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Soaked:
+    """What came of it; memory in MB, of the first and the last tenth of the run."""
+
+    poses: int
+    answered: int
+    estimates: int
+    reasons: dict[str, int]
+    calls: int
+    first_mb: float
+    last_mb: float
+
+    @property
+    def unaccounted(self) -> int:
+        """Poses that the node has neither answered nor counted."""
+        return self.poses - self.estimates - sum(self.reasons.get(r, 0) for r in POSE_REASONS)
+
+
+def resident_mb(pid: int) -> float:
+    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+
+
+def soak(cell: Cell, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
+    """Send at the rate; one message in ten is bad in a random way, one call in every half second of ticks."""
+    random = np.random.default_rng(seed)
+    client = cell.node.create_client(SetParameters, f"{cell.name}/set_parameters")
+    assert client.wait_for_service(timeout_sec=30.0)
+    count, calls, stamp = round(seconds * rate), 0, time.time_ns()
+    pending: list[object] = []
+    memory: list[float] = []
+    poses = 0
+    start = time.monotonic()
+    for k in range(count):
+        while (left := start + k / rate - time.monotonic()) > 0.0:
+            rclpy.spin_once(cell.node, timeout_sec=left)
+        stamp += round(1e9 / rate)
+        when, inputs = _moment(random, stamp, k / rate)
+        cell.send(when, **inputs)
+        poses += 1
+        if k % round(rate / 2) == 0:
+            memory.append(resident_mb(cell.process.pid))
+            name, value = _CALLS[int(random.integers(len(_CALLS)))]
+            parameter = Parameter(name=name, value=parameter_value(value))
+            pending.append(client.call_async(SetParameters.Request(parameters=[parameter])))
+            calls += 1
+        if k % 5000 == 0:
+            for messages in cell.received.values():
+                messages.clear()
+            cell.diagnostics.clear()
+        assert cell.process.poll() is None, f"the node died with status {cell.process.returncode}"
+    cell.until(lambda: all(f.done() for f in pending))
+    cell.spin(1.0)
+    _, _, values = cell.diagnostic("inputs")
+    _, _, estimates = cell.diagnostic("estimates")
+    tenth = max(1, len(memory) // 10)
+    return Soaked(
+        poses=poses,
+        answered=sum(f.result() is not None for f in pending),
+        estimates=int(estimates["estimates"]),
+        reasons={k.removeprefix("count."): int(v) for k, v in values.items() if k.startswith("count.")},
+        calls=calls,
+        first_mb=float(np.median(memory[tenth : 2 * tenth] or memory)),
+        last_mb=float(np.median(memory[-tenth:])),
+    )
+
+
+def _moment(random: np.random.Generator, stamp: int, t: float) -> tuple[int, dict[str, object]]:
+    inputs: dict[str, object] = {"z": -0.02 + 0.03 * math.sin(t), "linear": (0.001, 0.0, 0.03 * math.cos(t))}
+    if random.random() > 0.1:
+        return stamp, inputs
+    bad: list[tuple[int, dict[str, object]]] = [
+        (stamp, {"z": math.nan}),
+        (stamp, {"z": 1e300}),
+        (stamp, {"quaternion": (0.0, 0.0, 0.0, 0.0)}),
+        (stamp, {"quaternion": (math.inf, 0.0, 0.0, 1.0)}),
+        (stamp, {"frame": "elsewhere"}),
+        (stamp, {"frame": ""}),
+        (0, {}),
+        (stamp - 50_000_000, {}),
+        (stamp, {"linear": (math.nan, 0.0, 0.0)}),
+        (stamp, {"linear": (0.0, 0.0, 0.0)}),
+        (stamp, {"linear": (1e300, -1e300, 1e300)}),
+        (stamp, {"linear": None}),
+        (stamp, {"force": None}),
+        (stamp, {"force": (math.nan, math.inf, 0.0)}),
+        (stamp, {"twist_stamp": 1}),
+    ]
+    when, change = bad[int(random.integers(len(bad)))]
+    return when, inputs | change
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--rate", type=float, default=500.0)
+    parser.add_argument("--seed", type=int, default=1)
+    arguments = parser.parse_args()
+    own_domain()
+    rclpy.init()
+    with tempfile.TemporaryDirectory() as folder:
+        cell = Cell("-p", "mesh.file:=plate", log=Path(folder) / "node.log").wait_ready()
+        result = soak(cell, seconds=arguments.seconds, rate=arguments.rate, seed=arguments.seed)
+        status = cell.stop()
+        print(result)
+        print(f"unaccounted: {result.unaccounted}; growth: {result.last_mb - result.first_mb:.2f} MB; exit: {status}")
+        print("tracebacks:", cell.said().count("Traceback"))
+
+
+if __name__ == "__main__":
+    main()
