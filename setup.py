@@ -19,7 +19,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", glob("config/*.yaml")),
+        (f"share/{NAME}/config", glob("config/*.yaml") + glob("config/*.xml")),
+        (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
         (f"share/{NAME}/launch", glob("launch/*.py")),
         (f"share/{NAME}/meshes", glob("meshes/*.stl")),
         # ros2 run and ros2 launch look here; pip ignores setup.cfg's install_scripts (DESIGN 6).

@@ -1,10 +1,12 @@
 """``ros2 launch rft_ros rft.launch.py``: the node with a parameter file, a namespace and remapped inputs."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -17,6 +19,7 @@ def generate_launch_description() -> LaunchDescription:
         "twist": ("~/twist", "Topic of the tool's twist (geometry_msgs/TwistStamped)."),
         "wrench": ("~/wrench_measured", "Topic of the load cell (geometry_msgs/WrenchStamped)."),
         "use_sim_time": ("false", "Take time from /clock."),
+        "rviz": ("false", "Start RViz with the tool, the forces and the surface."),
     }
     node = Node(
         package="rft_ros",
@@ -31,7 +34,13 @@ def generate_launch_description() -> LaunchDescription:
         ],
         output="screen",
     )
+    rviz = Node(
+        package="rviz2",
+        executable="rviz2",
+        arguments=["-d", PathJoinSubstitution([FindPackageShare("rft_ros"), "rviz", "rft.rviz"])],
+        condition=IfCondition(LaunchConfiguration("rviz")),
+    )
     declared = [
         DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in arguments.items()
     ]
-    return LaunchDescription([*declared, node])
+    return LaunchDescription([*declared, node, rviz])

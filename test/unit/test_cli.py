@@ -1,0 +1,132 @@
+"""The command line as a user types it: files in, files out, sentences for what cannot be used."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
+ROW = "0,0,0,-0.01,0,0,0,1,0,0,-0.01,0,0,0"
+
+
+def rft(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "rft_ros.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120)
+
+
+def predict(tmp_path: Path, text: str, *options: object) -> subprocess.CompletedProcess[str]:
+    (tmp_path / "states.csv").write_text(text)
+    mesh = () if "--mesh" in options else ("--mesh", "plate")
+    return rft("predict", "states.csv", *mesh, *options, "-o", "out.csv", cwd=tmp_path)
+
+
+def refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+    for word in words:
+        assert word in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("model", ["constant", "linear"])
+def test_predict_agrees_with_the_authors_code(shared_data, tmp_path, model):
+    paper = shared_data / "paper"
+    done = rft(
+        *("predict", paper / "circumnutation_P40_states.csv", "--mesh", paper / "root-tip.stl", "--scale", 0.001),
+        *("--origin", 0, 0, 35.5, "--medium", "generic", "--zeta", 0.33, "--alpha-y", model, "-o", "out.csv"),
+        cwd=tmp_path,
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "out.csv").read_text().splitlines()[0] == "t,fx,fy,fz,tx,ty,tz"
+    ours = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
+    theirs = np.loadtxt(paper / f"circumnutation_P40_expected_{model}.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(ours[:, 0], theirs[:, 0])
+    for columns in (slice(1, 4), slice(4, 7)):
+        scale = np.abs(theirs[:, columns]).max()
+        np.testing.assert_allclose(ours[:, columns], theirs[:, columns], atol=1e-9 * scale, rtol=0)
+
+
+def test_predict_takes_columns_in_any_order_and_a_table_for_alpha_y(tmp_path):
+    (tmp_path / "alpha.csv").write_text("beta,alpha_y\n0,0.136\n180,0.136\n")
+    moving = "3,0,0,-0.01,0,0,0,1,0.003,0.004,-0.01,0,0,0"
+    assert predict(tmp_path, f"{HEADER}\n{moving}\n").returncode == 0
+    plain = (tmp_path / "out.csv").read_text()
+    names, values = HEADER.split(",")[::-1], moving.split(",")[::-1]
+    done = predict(tmp_path, f"{','.join(names)}\n{','.join(values)}\n", "--alpha-y", "alpha.csv")
+    assert done.returncode == 0, done.stderr
+    ours, theirs = (np.loadtxt(text.splitlines(), delimiter=",", skiprows=1) for text in (
+        (tmp_path / "out.csv").read_text(), plain,
+    ))  # fmt: skip
+    np.testing.assert_allclose(ours, theirs, rtol=1e-12)
+
+
+def test_at_rest_and_above_the_surface_the_wrench_is_zero(tmp_path):
+    rest = ROW.replace(",0,0,-0.01,0,0,0", ",0,0,0,0,0,0")[: len(ROW)]
+    rest = "0,0,0,-0.01,0,0,0,1,0,0,0,0,0,0"
+    above = "1,0,0,0.5,0,0,0,1,0,0,-0.01,0,0,0"
+    assert predict(tmp_path, f"{HEADER}\n{rest}\n{above}\n").returncode == 0
+    wrench = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)[:, 1:]
+    np.testing.assert_array_equal(wrench, np.zeros((2, 6)))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ("states.csv", "is empty")),
+        (HEADER + "\n", ("states.csv", "no states")),
+        (HEADER.replace(",qw", "") + "\n" + ROW[:-2], ("states.csv", "no column qw")),
+        (f"{HEADER}\n{ROW}\n{ROW.replace('-0.01', 'nan', 1)}\n", ("states.csv", "line 3", "pz is nan")),
+        (f"{HEADER}\n{ROW.replace('0,0,0,1', '0,0,0,0', 1)}\n", ("states.csv", "line 2", "norm 0")),
+        (f"{HEADER}\n{ROW.replace('-0.01', 'deep', 1)}\n", ("line 2", "pz is 'deep'")),
+        (f"{HEADER}\n{ROW},7\n", ("line 2", "15 values for 14 columns")),
+        (f"{HEADER}\n\n{ROW.replace('0,0', 'inf,0', 1)}\n", ("line 3", "t is inf")),
+    ],
+)
+def test_states_that_cannot_be_used(tmp_path, text, words):
+    refused(predict(tmp_path, text), *words)
+    assert not (tmp_path / "out.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--mesh", "no_such_tool"), ("no_such_tool", "ellipsoid")),
+        (("--mesh", "gone.stl"), ("gone.stl",)),
+        (("--mesh", "states.csv"), ("states.csv",)),
+        (("--medium", "custard"), ("custard", "generic")),
+        (("--zeta", "-1"), ("medium.zeta is -1",)),
+        (("--alpha-y", "gone.csv"), ("gone.csv",)),
+        (("--scale", "0"), ("scale",)),
+    ],
+)
+def test_options_that_cannot_be_used(tmp_path, options, words):
+    refused(predict(tmp_path, f"{HEADER}\n{ROW}\n", *options), *words)
+
+
+def test_an_unreadable_states_file_and_an_unwritable_output(tmp_path):
+    refused(rft("predict", "gone.csv", "--mesh", "plate", "-o", "out.csv", cwd=tmp_path), "gone.csv")
+    (tmp_path / "states.csv").write_text(f"{HEADER}\n{ROW}\n")
+    done = rft("predict", "states.csv", "--mesh", "plate", "-o", tmp_path / "none" / "out.csv", cwd=tmp_path)
+    refused(done, "out.csv")
+
+
+def test_check_mesh_says_what_a_mesh_holds(tmp_path):
+    done = rft("check-mesh", "ellipsoid", cwd=tmp_path)
+    assert done.returncode == 0
+    assert "facets: 2,352" in done.stdout
+    assert "extent 36.000 mm" in done.stdout
+    refused(rft("check-mesh", "gone.stl", cwd=tmp_path), "gone.stl")
+
+
+def test_check_mesh_ends_with_1_where_it_finds_something(tmp_path):
+    done = rft("check-mesh", "ellipsoid", "--scale", 1.0, cwd=tmp_path)
+    assert done.returncode == 1
+    assert "mesh.scale" in done.stdout
+
+
+def test_wrong_usage_ends_with_2(tmp_path):
+    assert rft(cwd=tmp_path).returncode == 2
+    assert rft("predict", cwd=tmp_path).returncode == 2
+    assert rft("--help", cwd=tmp_path).returncode == 0
