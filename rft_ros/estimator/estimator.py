@@ -47,7 +47,7 @@ class Estimator:
         return row
 
     def depth(self) -> float:
-        """Depth of the tool's lowest point below the surface at the last pose [m]; negative above it, NaN before any."""
+        """Depth of the lowest point below the surface at the last pose [m]: negative above it, NaN before any."""
         if self._pose is None:
             return math.nan
         lowest = self._pose.position[2] + self.model.tool.lowest_point(rotation_matrix(self._pose.quaternion))

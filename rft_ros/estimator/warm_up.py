@@ -7,7 +7,7 @@ import numpy as np
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.settings import Model, Settings
-from rft_ros.rft import ALPHA_Y_MODELS, MEDIA, Table, alpha_y_model, treers2021
+from rft_ros.rft import ALPHA_Y_MODELS, MEDIA, Table, alpha_y_model, plate_forces, treers2021
 
 __all__ = ["warm_up"]
 
@@ -22,3 +22,4 @@ def warm_up(model: Model) -> None:
         for k in range(1, 5):
             height = 1e3 - 0.001 * k  # in the air, where the kernel does the same work
             estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
+    plate_forces(model.tool.plates, model.law, estimator.state)

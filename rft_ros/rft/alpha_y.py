@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.media import Medium
 
-__all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y", "alpha_y_model"]
+__all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y", "alpha_y_model", "as_table"]
 
 ALPHA_Y_MODELS = ("constant", "linear", "table")
 
@@ -61,6 +61,15 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
     raise ValueError(f"alpha_y.model '{name}' is none of {', '.join(ALPHA_Y_MODELS)}")
 
 
+def as_table(model: AlphaY) -> Table:
+    """The same model as a table, exactly: for what is worth one compiled kernel but not one for each model."""
+    if isinstance(model, Table):
+        return model
+    beta = np.deg2rad([-90.0, 270.0])  # where atan2 + 90° can lie
+    slope, intercept = (model.slope, model.intercept) if isinstance(model, Linear) else (0.0, model.value)
+    return Table(beta, np.zeros(1), (intercept + slope * np.rad2deg(beta))[:, None])
+
+
 _DEGREES = 180.0 / math.pi
 
 
@@ -85,6 +94,12 @@ def _atan2(y: float, x: float) -> float:
     return -a if y < 0.0 else a
 
 
+@numba.njit(inline="always")
+def _beta(sin_beta, cos_beta):  # type: ignore[no-untyped-def]
+    """Attack angle β [rad] as the method has it, atan2(n·E3, n·e2) + 90°: from -90° to 270°."""
+    return 0.5 * math.pi + _atan2(-cos_beta, sin_beta)
+
+
 @numba.njit
 def _bracket(grid, x):  # type: ignore[no-untyped-def]
     """Index i and weight t so that x lies at grid[i] (1 - t) + grid[i + 1] t; t = 0 beyond the edges."""
@@ -102,11 +117,11 @@ def _constant(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[
 
 
 def _linear(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
-    return model.intercept + model.slope * (_DEGREES * _atan2(sin_beta, cos_beta))
+    return model.intercept + model.slope * (_DEGREES * _beta(sin_beta, cos_beta))
 
 
 def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
-    i, s = _bracket(model.beta, _atan2(sin_beta, cos_beta))
+    i, s = _bracket(model.beta, _beta(sin_beta, cos_beta))
     j, t = _bracket(model.gamma, _atan2(sin_gamma, cos_gamma))
     i1 = min(i + 1, len(model.beta) - 1)
     j1 = min(j + 1, len(model.gamma) - 1)

@@ -15,6 +15,7 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.rft.alpha_y import as_table
 from rft_ros.rft.frames import rotation
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import Law, traction_per_depth
@@ -123,6 +124,7 @@ def plate_forces(
     plates: Plates, law: Law, state: NDArray[np.float64], *, surface_height: float = 0.0
 ) -> NDArray[np.float64]:
     """Force on each plate [N], shape [n, 3], world axes, at one state, shape [13]; their sum is the wrench's force."""
+    law = law._replace(alpha_y=as_table(law.alpha_y))  # drawing is worth one compilation, not one for each model
     out = np.empty((len(plates), 3))
     _plate_forces(plates.packed, plates.reach, law, surface_height, state, out)
     return out
