@@ -163,8 +163,21 @@ def main() -> None:
     driver = Driver()
     executor = ["-p", f"executor:={arguments.executor}"]
     echo = [str(Path(__file__).with_name("echo_node.py")), "--ros-args", *executor]
-    table = Table(title=f"executor {arguments.executor}, {arguments.seconds:g} s a run, median of {arguments.repeat} runs")
-    for column in ("rate Hz", "node", "lost / sent", "median us", "p99 us", "CPU %", "MB", "x median", "x p99", "x CPU"):
+    table = Table(
+        title=f"executor {arguments.executor}, {arguments.seconds:g} s a run, median of {arguments.repeat} runs"
+    )
+    for column in (
+        "rate Hz",
+        "node",
+        "lost / sent",
+        "median us",
+        "p99 us",
+        "CPU %",
+        "MB",
+        "x median",
+        "x p99",
+        "x CPU",
+    ):
         table.add_column(column, justify="right")
     with tempfile.TemporaryDirectory() as folder:
         for rate in arguments.rates:
@@ -181,7 +194,9 @@ def main() -> None:
             _add_rows(table, rate, runs)
     console = Console(width=120)
     console.print(table)
-    console.print(f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
+    console.print(
+        f"{platform.processor() or platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}"
+    )
 
 
 def _add_rows(table: Table, rate: float, runs: dict[str, list[Run]]) -> None:

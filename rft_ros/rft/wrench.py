@@ -10,13 +10,14 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from math import sqrt
 from pathlib import Path
+from typing import Any
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft.alpha_y import as_table
-from rft_ros.rft.frames import rotation
+from rft_ros.rft.alpha_y import Table, as_table
+from rft_ros.rft.frames import STATE, rotation
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import Law, traction_per_depth
 
@@ -71,7 +72,7 @@ def _plate(plates, i, axes, twist, law, below):  # type: ignore[no-untyped-def]
     return x, y, z, tx * weight, ty * weight, tz * weight, area
 
 
-def _kernels(source: int) -> tuple[Callable[..., None], Callable[..., None]]:
+def _kernels(source: int) -> tuple[Any, Any]:
     """The compiled loops over states and over plates.
 
     numba's cache knows when this file changes, not when a law or a model in another one does: `source`, in the closure,
@@ -118,6 +119,25 @@ def _source() -> int:
 
 
 _wrenches, _plate_forces = _kernels(_source())
+_ENTRIES: dict[tuple[type, type], Callable[..., None]] = {}
+
+
+def _entry(plates: Plates, law: Law) -> Callable[..., None]:
+    """The machine code for a law and its α_y model, without numba's search by every argument's type (1.7 us a call).
+
+    A model with arrays goes the long way: how they lie in memory is part of its type.
+    """
+    if isinstance(law.alpha_y, Table):
+        return _wrenches  # type: ignore[no-any-return]
+    key = type(law), type(law.alpha_y)
+    entry = _ENTRIES.get(key)
+    if entry is None:
+        states = np.zeros((1, len(STATE)))
+        arguments = plates.packed, plates.reach, law, 0.0, states, np.empty((1, len(COLUMNS)))
+        signature = tuple(numba.typeof(a) for a in arguments)
+        _wrenches.compile(signature)
+        entry = _ENTRIES[key] = _wrenches.get_overload(signature)
+    return entry
 
 
 def plate_forces(
@@ -147,16 +167,23 @@ def wrenches(
     origin [N m], world axes; submerged area [m²]. Each row is the same, to the last bit, whatever n and the threads.
     """
     n = len(states)
+    # The kernel was compiled for arrays that lie in memory like this.
+    if states.dtype != np.float64 or not (states.flags.c_contiguous and states.flags.writeable):
+        states = np.array(states, dtype=np.float64, order="C")
     result = np.empty((n, len(COLUMNS))) if out is None else out
+    if not result.flags.c_contiguous:
+        result[:] = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
+        return result
+    kernel = _entry(plates, law)
     workers = threads or (os.cpu_count() or 1)
     workers = min(workers, n, 1 + n * len(plates) // _WORTH_A_THREAD)
     if workers <= 1:
-        _wrenches(plates.packed, plates.reach, law, surface_height, states, result)
+        kernel(plates.packed, plates.reach, law, surface_height, states, result)
         return result
     edges = np.linspace(0, n, workers + 1).astype(int)
     with ThreadPoolExecutor(workers) as pool:
         jobs = [
-            pool.submit(_wrenches, plates.packed, plates.reach, law, surface_height, states[a:b], result[a:b])
+            pool.submit(kernel, plates.packed, plates.reach, law, surface_height, states[a:b], result[a:b])
             for a, b in itertools.pairwise(edges)
         ]
         for job in jobs:

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CONSTANT, GENERIC, LINEAR, listed, random_plates, random_scene, seeds, without_flat
 
-from rft_ros.rft import Plates, alpha_y_model, checked_states, plate_forces, treers2021, wrenches
+from rft_ros.rft import Plates, Table, alpha_y_model, checked_states, plate_forces, treers2021, wrenches
 
 DOWN = [0, 0, 0, 0, 0, 0, 1, 0, 0, -0.01, 0, 0, 0]
 
@@ -108,6 +108,42 @@ def test_the_result_can_be_written_into_the_callers_array(random_body, random_st
     out = np.full((len(random_states), 7), np.nan)
     assert wrenches(random_body, CONSTANT, random_states, out=out) is out
     np.testing.assert_array_equal(out, wrenches(random_body, CONSTANT, random_states))
+
+
+def read_only(array):
+    array = array.copy()
+    array.flags.writeable = False
+    return array
+
+
+@pytest.mark.parametrize(
+    "laid_out",
+    [np.asfortranarray, lambda s: np.repeat(s, 2, axis=0)[::2], lambda s: np.hstack([s, s])[:, :13], read_only],
+    ids=["by columns", "every other row", "columns of a wider array", "read-only"],
+)
+def test_how_the_states_lie_in_memory_does_not_matter(laid_out, random_body, random_states):
+    states = laid_out(random_states)
+    np.testing.assert_array_equal(
+        wrenches(random_body, CONSTANT, states), wrenches(random_body, CONSTANT, random_states)
+    )
+
+
+def test_the_callers_array_may_be_part_of_a_larger_one(random_body, random_states):
+    larger = np.full((2 * len(random_states), 9), -1.0)
+    wrenches(random_body, CONSTANT, random_states, out=larger[::2, 1:8])
+    np.testing.assert_array_equal(larger[::2, 1:8], wrenches(random_body, CONSTANT, random_states))
+    assert (larger[1::2] == -1.0).all()
+    assert (larger[:, [0, 8]] == -1.0).all()
+
+
+@pytest.mark.parametrize("laid_out", [np.asfortranarray, lambda v: np.repeat(v, 2, axis=1)[:, ::2], read_only])
+def test_how_a_table_lies_in_memory_does_not_matter(laid_out, random_body, random_states):
+    values = np.array([[0.1, 0.2, 0.3], [0.4, 0.1, 0.2]])
+    results = []
+    for laid in (values, laid_out(values)):
+        table = Table(np.array([0.5, 2.5]), np.array([-1.0, 0.0, 1.0]), laid)
+        results.append(wrenches(random_body, treers2021(GENERIC, table), random_states))
+    np.testing.assert_array_equal(*results)
 
 
 def test_no_states_give_no_rows(random_body):
