@@ -36,6 +36,10 @@ class Axis:
     predicted: Spread
     residual: Spread
 
+    def spreads(self) -> tuple[Spread, Spread, Spread]:
+        """The three, in this order."""
+        return self.measured, self.predicted, self.residual
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
@@ -66,6 +70,22 @@ class Summary:
     def real_time_factor(self) -> float:
         """Recorded time over wall time."""
         return self.duration / self.seconds
+
+    def lines(self) -> list[str]:
+        """What a user wants to know first: counts, and the size of forces and residuals."""
+        poses = self.messages["pose"]
+        text = [f"{self.bag}: {self.estimates} estimates of {poses} poses, {self.real_time_factor:.0f} times real time"]
+        text += [f"  not used or unanswered: {reason} {n}" for reason, n in self.withheld.items()]
+        if self.damage:
+            text.append(f"  reading stopped early: {self.damage}")
+        heads = [f"{part:>19}" for part in ("measured", "predicted", "residual")]
+        text.append(f"  {'RMS / peak':<18}" + "".join(heads))
+        for title, axes in (("whole", self.wrench), ("penetration", self.penetration)):
+            for name, axis in axes.items():
+                unit = "N" if name.startswith("f") else "N m"
+                cells = [f"{s.rms:8.3f} /{s.peak:8.3f}" if s.rms is not None else "-" for s in axis.spreads()]
+                text.append(f"  {f'{title} {name} [{unit}]':<18}" + "".join(f"{cell:>19}" for cell in cells))
+        return text
 
     def json(self) -> str:
         """The text of summary.json: the same for the same bag and parameters."""

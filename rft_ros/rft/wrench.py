@@ -128,7 +128,7 @@ def _entry(plates: Plates, law: Law) -> Callable[..., None]:
     A model with arrays goes the long way: how they lie in memory is part of its type.
     """
     if isinstance(law.alpha_y, Table):
-        return _wrenches  # type: ignore[no-any-return]
+        return _wrenches
     key = type(law), type(law.alpha_y)
     entry = _ENTRIES.get(key)
     if entry is None:
