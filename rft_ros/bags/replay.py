@@ -33,8 +33,8 @@ COLUMNS = (
     "reason",
     "generation",
 )
-"""estimates.csv, a row for each pose: header stamp [s], depth of the tool's lowest point below the surface [m] (negative
-above it), speed of its fastest plate [m/s], wrenches in the sensor frame [N], [N m]; or the reason for giving none."""
+"""estimates.csv, a row for each pose: header stamp [s], depth of the tool's lowest point below the surface [m],
+negative above it, speed of its fastest plate [m/s], wrenches in the sensor frame [N], [N m]; or the reason for giving none."""
 
 _SECTION = "rft_replay"
 
@@ -64,10 +64,10 @@ class ReplayOptions:
 
 
 def read_replay_options(file: Path) -> ReplayOptions:
-    """The options under ``rft_replay: ros__parameters:`` of a parameter file, if it has any; the node passes them over."""
+    """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node passes them over."""
     section = node_parameters(file, (_SECTION,))
     remap = section.pop("remap", ())
-    if isinstance(remap, str) or not all(isinstance(rule, str) for rule in remap):
+    if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
         raise InputError(f"parameter file '{file}': {_SECTION} remap is {remap!r}; it must be a list of strings")
     for name, value in section.items():
         if name not in ("tare", "start", "end"):

@@ -24,8 +24,8 @@ _LINES = (
 def draw_replay(table: Path, picture: Path, *, title: str, vertical: tuple[str, str]) -> None:
     """Draw a replay's estimates.csv to a PNG.
 
-    `vertical`: the sensor axis nearest to vertical at the greatest depth ("x", "y" or "z"), and where it points ("up" or
-    "down").
+    `vertical`: the sensor axis nearest to vertical at the greatest depth ("x", "y" or "z"), and where it points
+    ("up" or "down").
     """
     from matplotlib.figure import Figure
 

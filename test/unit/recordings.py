@@ -1,0 +1,66 @@
+"""Bags for tests, written with rosbags: what a cell with a descending plate would have recorded."""
+
+from pathlib import Path
+
+from rosbags.rosbag1 import Writer as Writer1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+ROS2 = get_typestore(Stores.ROS2_JAZZY)
+ROS1 = get_typestore(Stores.ROS1_NOETIC)
+POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
+TOPICS = {"pose": ("/rft/pose", POSE), "twist": ("/rft/twist", TWIST), "wrench": ("/rft/wrench_measured", WRENCH)}
+START = 1_600_000_000_000_000_000
+STEP = 10_000_000
+
+
+def message(store, role: str, stamp: int, values, frame: str | None = None):
+    t = store.types
+    names = {"pose": "world", "twist": "world", "wrench": "ft_sensor"}
+    time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    header = {"stamp": time, "frame_id": names[role] if frame is None else frame}
+    if store is ROS1:
+        header["seq"] = 0
+    head = t["std_msgs/msg/Header"](**header)
+    vector = t["geometry_msgs/msg/Vector3"]
+    if role == "pose":
+        point = t["geometry_msgs/msg/Point"](*values[:3])
+        pose = t["geometry_msgs/msg/Pose"](point, t["geometry_msgs/msg/Quaternion"](*values[3:]))
+        return t[POSE](head, pose)
+    kind = "Twist" if role == "twist" else "Wrench"
+    body = t[f"geometry_msgs/msg/{kind}"](vector(*values[:3]), vector(*values[3:]))
+    return t[f"geometry_msgs/msg/{kind}Stamped"](head, body)
+
+
+def moments(count: int = 60):
+    """(role, log time, stamp, values) of a plate that hangs still for 0.2 s and then sinks 2 mm a step."""
+    for k in range(count):
+        stamp = START + k * STEP
+        depth = max(0, k - 20) * 0.002
+        speed = -0.2 if k > 20 else 0.0
+        yield "wrench", stamp, stamp, (1.0, 2.0, 3.0 + 100.0 * depth, 0.1, 0.2, 0.3)
+        yield "twist", stamp, stamp, (0.0, 0.0, speed, 0.0, 0.0, 0.0)
+        yield "pose", stamp, stamp, (0.0, 0.0, 0.01 - depth, 0.0, 0.0, 0.0, 1.0)
+
+
+def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, compress=False, frame=None) -> Path:
+    with_compression = Writer(path, version=9, storage_plugin=plugin)
+    if compress:
+        mode = CompressionMode.STORAGE if plugin is StoragePlugin.MCAP else CompressionMode.FILE
+        with_compression.set_compression(mode, CompressionFormat.ZSTD)
+    with with_compression as writer:
+        connections = {r: writer.add_connection(name, kind, typestore=ROS2) for r, (name, kind) in topics.items()}
+        for role, time, stamp, values in rows:
+            if role in connections:
+                data = ROS2.serialize_cdr(message(ROS2, role, stamp, values, frame), TOPICS[role][1])
+                writer.write(connections[role], time, data)
+    return path
+
+
+def write_ros1(path: Path, rows) -> Path:
+    with Writer1(path) as writer:
+        connections = {r: writer.add_connection(name, kind, typestore=ROS1) for r, (name, kind) in TOPICS.items()}
+        for role, time, stamp, values in rows:
+            data = ROS1.serialize_ros1(message(ROS1, role, stamp, values), TOPICS[role][1])
+            writer.write(connections[role], time, data)
+    return path

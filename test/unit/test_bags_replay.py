@@ -1,0 +1,164 @@
+"""Replay: deterministic, complete, and clear about what it could not use."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from recordings import START, STEP, TOPICS, moments, write_ros2
+from rosbags.highlevel import AnyReader
+
+from rft_ros.bags.replay import COLUMNS, read_replay_options, replay
+from rft_ros.bags.writing import BagWriter
+from rft_ros.errors import InputError
+from rft_ros.estimator.parameters import checked, defaults
+from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.tool import load_tool
+
+
+def values(**changes):
+    return defaults() | {k.replace("__", "."): checked(k.replace("__", "."), v) for k, v in changes.items()}
+
+
+def rows_of(folder):
+    with (folder / "estimates.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_estimates_are_the_cores_with_the_poses_stamps(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    summary = replay(bag, tmp_path / "out", values())
+    rows = rows_of(tmp_path / "out")
+    assert tuple(rows[0]) == COLUMNS
+    assert len(rows) == summary.messages["pose"] == summary.estimates == 60
+    medium = MEDIA["generic"]
+    law = treers2021(medium, alpha_y_model("constant", medium))
+    state = checked_states([0.0, 0.0, 0.01 - 39 * 0.002, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
+    fz = wrenches(load_tool("plate").plates, law, state)[0, 2]
+    last = rows[-1]
+    assert last["t"] == f"{(START + 59 * STEP) / 1e9:.2f}0000000"
+    assert float(last["depth"]) == pytest.approx(39 * 0.002 - 0.01 + 0.0016)
+    assert float(last["predicted_fz"]) == pytest.approx(fz, rel=1e-8)
+    assert float(last["compensated_fz"]) == pytest.approx(3.0 + 7.8)
+    assert float(last["residual_fz"]) == pytest.approx(10.8 - fz, rel=1e-7)
+
+
+def test_two_replays_give_the_same_bytes(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    for out in ("one", "two"):
+        replay(bag, tmp_path / out, values(), tare=0.15)
+    for name in ("estimates.csv", "summary.json", "estimates/estimates.mcap"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
+    assert "seconds" not in json.loads((tmp_path / "one" / "summary.json").read_text())
+    assert json.loads((tmp_path / "one" / "wall.json").read_text())["real_time_factor"] > 0.0
+
+
+def test_the_estimates_bag_holds_three_wrenches_in_the_sensor_frame(tmp_path):
+    replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
+    with AnyReader([tmp_path / "out" / "estimates"]) as reader:
+        seen = {}
+        for connection, time, data in reader.messages():
+            message = reader.deserialize(data, connection.msgtype)
+            assert message.header.frame_id == "ft_sensor"
+            assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
+            seen.setdefault(connection.topic, []).append(message.wrench.force.z)
+    assert {k: len(v) for k, v in seen.items()} == dict.fromkeys(
+        (f"/rft/wrench_{n}" for n in ("predicted", "compensated", "residual")), 60
+    )
+    np.testing.assert_array_equal(
+        seen["/rft/wrench_residual"], np.subtract(seen["/rft/wrench_compensated"], seen["/rft/wrench_predicted"])
+    )
+
+
+def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    summary = replay(bag, tmp_path / "out", values(), tare=0.15)
+    assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
+    first = rows_of(tmp_path / "out")[0]
+    assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    with pytest.raises(InputError, match=r"bag .*tare refused: .*(moved|in the grains)"):
+        replay(bag, tmp_path / "out", values(), tare=0.5)
+
+
+def test_penetration_is_told_apart_from_the_rest(tmp_path):
+    summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
+    below = [r for r in rows_of(tmp_path / "out") if float(r["depth"]) > 0.0016 and float(r["speed"]) > 0.0]
+    assert 0 < summary.penetration_estimates <= len(below)
+    assert summary.penetration["fz"].predicted.rms > summary.wrench["fz"].predicted.rms > 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda _role, _stamp: 0, "pose_stamp_zero"),
+        (lambda _role, _stamp: START, "pose_repeated"),
+        (lambda role, stamp: stamp - (10**9 if role == "twist" else 0), "twist_stale"),
+        (lambda role, stamp: stamp - (10**9 if role == "wrench" else 0), "wrench_stale"),
+    ],
+)
+def test_stamps_that_make_no_sense_are_reasons(tmp_path, change, reason):
+    rows = [(role, time, change(role, stamp), v) for role, time, stamp, v in moments()]
+    summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values())
+    assert summary.withheld[reason] >= 59
+    assert summary.estimates <= 1 or reason == "wrench_stale"
+
+
+def test_pose_only_still_predicts_and_wrench_only_is_refused(tmp_path):
+    only_pose = write_ros2(tmp_path / "pose", moments(), topics={"pose": TOPICS["pose"]})
+    summary = replay(only_pose, tmp_path / "out", values(twist_source="pose_difference"))
+    assert summary.estimates == 58
+    assert summary.withheld["wrench_missing"] == 58
+    assert summary.wrench["fz"].measured.rms is None
+    assert rows_of(tmp_path / "out")[-1]["residual_fz"] == ""
+    only_wrench = write_ros2(tmp_path / "wrench", moments(), topics={"wrench": TOPICS["wrench"]})
+    with pytest.raises(InputError, match="no pose topic"):
+        replay(only_wrench, tmp_path / "none", values())
+
+
+def test_frames_that_are_not_the_parameters_are_reasons(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments(), frame="elsewhere")
+    summary = replay(bag, tmp_path / "out", values())
+    assert summary.estimates == 0
+    assert summary.withheld["pose_frame_unknown"] == 60
+
+
+def test_two_publishers_on_one_topic_are_told_by_their_stamps(tmp_path):
+    rows = list(moments())
+    late = [(role, time + 1, stamp - 5 * STEP, v) for role, time, stamp, v in rows if role == "pose"]
+    summary = replay(write_ros2(tmp_path / "bag", sorted(rows + late, key=lambda r: r[1])), tmp_path / "out", values())
+    assert summary.withheld["pose_out_of_order"] == 60
+    assert summary.estimates == 60
+
+
+def test_an_output_that_is_not_its_own_is_not_overwritten(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    estimates = tmp_path / "out" / "estimates"
+    estimates.mkdir(parents=True)
+    (estimates / "thesis.txt").write_text("precious")
+    with pytest.raises(InputError, match="estimates"):
+        replay(bag, tmp_path / "out", values())
+    assert (estimates / "thesis.txt").read_text() == "precious"
+
+
+def test_what_a_writer_wrote_it_may_replace(tmp_path):
+    for force in (1.0, 2.0):
+        with BagWriter(tmp_path / "bag") as bag:
+            bag.write_wrench("/w", 5, "f", (force, 0.0, 0.0, 0.0, 0.0, 0.0))
+    with AnyReader([tmp_path / "bag"]) as reader:
+        ((connection, time, data),) = reader.messages()
+        assert (time, reader.deserialize(data, connection.msgtype).wrench.force.x) == (5, 2.0)
+
+
+def test_options_come_from_the_parameter_file(tmp_path):
+    file = tmp_path / "p.yaml"
+    file.write_text("rft_replay:\n  ros__parameters:\n    remap: ['~/pose:=/p']\n    tare: 2\n    end: 3.5\n")
+    options = read_replay_options(file)
+    assert (options.remap, options.tare, options.start, options.end) == (("~/pose:=/p",), 2, None, 3.5)
+    for text, words in (("remap: 7", "remap"), ("tear: 2.0", "no 'tear'"), ("tare: soon", "tare")):
+        file.write_text(f"rft_replay:\n  ros__parameters:\n    {text}\n")
+        with pytest.raises(InputError, match=words):
+            read_replay_options(file)
