@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
-class EchoNode(Node):
+class EchoNode(Node):  # type: ignore[misc]
     """Answers a pose with the last wrench it saw."""
 
     def __init__(self) -> None:

@@ -142,7 +142,7 @@ def _node(*command: str) -> Iterator[int]:
 
 def _sphere(folder: Path, elements: int) -> Path:
     """A UV sphere of 50 mm with about as many facets."""
-    n = max(4, round((elements / 4) ** 0.5))
+    n = max(4, round((elements / 7) ** 0.5))
     mesh = trimesh.creation.uv_sphere(radius=25.0, count=[n, 2 * n])
     file = folder / f"sphere_{len(mesh.faces)}.stl"
     mesh.export(file)
@@ -201,7 +201,7 @@ def main() -> None:
 
 def _add_rows(table: Table, rate: float, runs: dict[str, list[Run]]) -> None:
     def of(name: str, field: str) -> float:
-        return median(getattr(run, field) for run in runs[name])
+        return float(median(getattr(run, field) for run in runs[name]))
 
     for name, own in runs.items():
         ratios = [f"{of(name, f) / of('echo', f):.2f}" for f in ("median_us", "p99_us", "cpu")]

@@ -34,7 +34,7 @@ COLUMNS = (
     "generation",
 )
 """estimates.csv, a row for each pose: header stamp [s], depth of the tool's lowest point below the surface [m],
-negative above it, speed of its fastest plate [m/s], wrenches in the sensor frame [N], [N m]; or the reason for giving none."""
+negative above it, speed of its fastest plate [m/s], wrenches in the sensor frame [N], [N m]; or the reason for none."""
 
 _SECTION = "rft_replay"
 
