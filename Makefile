@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-node soak venv clean
+.PHONY: demo test lint bench bench-node bench-swaps soak venv clean
 
 demo: venv
 	$(BIN)/rft demo -o out/demo
@@ -22,6 +22,9 @@ bench: venv
 
 bench-node: venv
 	$(BIN)/python bench/node.py
+
+bench-swaps: venv
+	$(BIN)/python bench/swaps.py
 
 soak: venv
 	$(BIN)/python test/ros/soak.py

@@ -50,7 +50,7 @@ class Driver:
         self._pose = self.node.create_publisher(PoseStamped, "/rft/pose", qos)
         self._twist = self.node.create_publisher(TwistStamped, "/rft/twist", qos)
         self._wrench = self.node.create_publisher(WrenchStamped, "/rft/wrench_measured", qos)
-        self._arrived: dict[int, int] = {}
+        self.arrived: dict[int, int] = {}
         self.node.create_subscription(WrenchStamped, "/rft/wrench_predicted", self._on_answer, qos)
         self._epoch = time.time_ns()
         self.messages = PoseStamped(), TwistStamped(), WrenchStamped()
@@ -63,23 +63,25 @@ class Driver:
 
     def _on_answer(self, message: WrenchStamped) -> None:
         stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-        self._arrived.setdefault(stamp, time.perf_counter_ns())
+        self.arrived.setdefault(stamp, time.perf_counter_ns())
 
     def wait_for_node(self) -> None:
         """Until it answers."""
         end = time.monotonic() + 60.0
-        before = len(self._arrived)
-        while len(self._arrived) == before:
+        before = len(self.arrived)
+        while len(self.arrived) == before:
             if time.monotonic() > end:
                 raise RuntimeError("the node does not answer")
-            self._send(self._new_stamp())
+            self.send(self.new_stamp())
             rclpy.spin_once(self.node, timeout_sec=0.05)
 
-    def _new_stamp(self) -> int:
+    def new_stamp(self) -> int:
+        """A stamp later than all before [ns]."""
         self._epoch = max(self._epoch + 1, time.time_ns())
         return self._epoch
 
-    def _send(self, stamp: int) -> int:
+    def send(self, stamp: int) -> int:
+        """Publish the three inputs; the time at which the pose left [ns]."""
         pose, twist, wrench = self.messages
         for message in self.messages:
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
@@ -94,7 +96,7 @@ class Driver:
         count = round(rate * seconds)
         warm = count // 10
         sent: dict[int, int] = {}
-        self._arrived.clear()
+        self.arrived.clear()
         start = time.perf_counter()
         cpu = 0.0
         for k in range(count):
@@ -103,14 +105,14 @@ class Driver:
                 rclpy.spin_once(self.node, timeout_sec=left)
             if k == warm:
                 cpu, wall = _cpu_seconds(pid), time.perf_counter()
-            stamp = self._new_stamp()
-            sent[stamp] = self._send(stamp)
+            stamp = self.new_stamp()
+            sent[stamp] = self.send(stamp)
         used = (_cpu_seconds(pid) - cpu) / (time.perf_counter() - wall)
         end = time.perf_counter() + 1.0
-        while len(self._arrived) < len(sent) and time.perf_counter() < end:
+        while len(self.arrived) < len(sent) and time.perf_counter() < end:
             rclpy.spin_once(self.node, timeout_sec=0.05)
         counted = list(sent.items())[warm:]
-        trips = np.array([self._arrived[s] - t for s, t in counted if s in self._arrived]) / 1e3
+        trips = np.array([self.arrived[s] - t for s, t in counted if s in self.arrived]) / 1e3
         return Run(
             sent=len(counted),
             lost=len(counted) - len(trips),
@@ -131,7 +133,7 @@ def _resident_mb(pid: int) -> float:
 
 
 @contextlib.contextmanager
-def _node(*command: str) -> Iterator[int]:
+def running_node(*command: str) -> Iterator[int]:
     process = subprocess.Popen([sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     try:
         yield process.pid
@@ -140,7 +142,7 @@ def _node(*command: str) -> Iterator[int]:
         process.wait(20.0)
 
 
-def _sphere(folder: Path, elements: int) -> Path:
+def sphere(folder: Path, elements: int) -> Path:
     """A UV sphere of 50 mm with about as many facets."""
     n = max(4, round((elements / 7) ** 0.5))
     mesh = trimesh.creation.uv_sphere(radius=25.0, count=[n, 2 * n])
@@ -183,12 +185,12 @@ def main() -> None:
         for rate in arguments.rates:
             nodes = {"echo": echo}
             for elements in arguments.elements:
-                mesh = _sphere(Path(folder), elements)
+                mesh = sphere(Path(folder), elements)
                 nodes[mesh.stem] = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={mesh}", *executor]
             runs: dict[str, list[Run]] = {name: [] for name in nodes}
             for _ in range(arguments.repeat):
                 for name, command in nodes.items():
-                    with _node(*command) as pid:
+                    with running_node(*command) as pid:
                         driver.wait_for_node()
                         runs[name].append(driver.drive(pid, rate, arguments.seconds))
             _add_rows(table, rate, runs)

@@ -30,7 +30,6 @@ class Estimator:
         self.counts: Counter[str] = Counter()
         self._state = np.zeros((1, len(STATE)))
         self._result = np.zeros((1, len(COLUMNS)))
-        self._in_sensor = [0.0] * 12
         self._pose: PoseSample | None = None
         self._twist: TwistSample | None = None
         self._wrench: WrenchSample | None = None
@@ -170,8 +169,7 @@ class Estimator:
         else:
             self._tare.still(stamp)
 
-        # The weight's share is kept for a tare that may follow.
-        self._in_sensor = numbers = self._frame.into_sensor(state[3:7], self._result[0])
+        numbers = self._frame.into_sensor(state[3:7], self._result[0])
         if not math.isfinite(sum(numbers)):
             return Reason.ESTIMATE_NOT_FINITE
         predicted = (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
@@ -204,7 +202,7 @@ class Estimator:
         tool moved or was in the grains, its velocity is not known, or there are too few load-cell samples.
         """
         mean = self._tare.mean(window)
-        sign, weight = self._frame.sign, self._in_sensor[6:12]
+        sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._result[0])[6:12]
         fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
         return fx, fy, fz, tx, ty, tz
 

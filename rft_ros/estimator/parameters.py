@@ -167,7 +167,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         default=0.05,
         unit="s",
         low=1e-4,
-        high=10.0,
+        high=1.0,
         description="Span of poses that pose_difference fits a line to.",
     ),
     Parameter(

@@ -9,7 +9,7 @@ from rft_ros.estimator.samples import PoseSample
 
 __all__ = ["PoseDifference"]
 
-_CAPACITY = 256
+_CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
 _FEWEST = 3
 
 

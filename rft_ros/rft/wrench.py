@@ -171,7 +171,7 @@ def wrenches(
     if states.dtype != np.float64 or not (states.flags.c_contiguous and states.flags.writeable):
         states = np.array(states, dtype=np.float64, order="C")
     result = np.empty((n, len(COLUMNS))) if out is None else out
-    if not result.flags.c_contiguous:
+    if result.dtype != np.float64 or not (result.flags.c_contiguous and result.flags.writeable):
         result[:] = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
         return result
     kernel = _entry(plates, law)

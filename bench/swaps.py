@@ -1,0 +1,103 @@
+"""``make bench-swaps``: what swaps cost the ticks. 500 Hz; mesh swaps up to 50,000 triangles, then ζ and α_y swaps.
+
+For each phase: ticks sent and lost, round trip (median, 99th percentile, greatest), and how many ticks took over 2 ms more
+than the 99th percentile of the undisturbed phase.
+"""
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import rclpy
+from node import Driver, running_node, sphere
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters
+from rich.console import Console
+from rich.table import Table
+
+RATE = 500.0
+
+
+def drive(
+    driver: Driver, seconds: float, disturb: Callable[[int], None]
+) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
+    """Round trips [us] of every tick, NaN for the lost; `disturb(k)` is called after tick k."""
+    sent = []
+    start = time.perf_counter()
+    for k in range(round(RATE * seconds)):
+        while (left := start + k / RATE - time.perf_counter()) > 0.0:
+            rclpy.spin_once(driver.node, timeout_sec=left)
+        stamp = driver.new_stamp()
+        sent.append((stamp, driver.send(stamp)))
+        disturb(k)
+    end = time.perf_counter() + 1.0
+    while time.perf_counter() < end:
+        rclpy.spin_once(driver.node, timeout_sec=0.05)
+    return np.array([driver.arrived[s] - t if s in driver.arrived else np.nan for s, t in sent]) / 1e3
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--executor", choices=("single", "events"), default="single")
+    arguments = parser.parse_args()
+    os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    rclpy.init()
+    driver = Driver()
+    client = driver.node.create_client(SetParameters, "/rft/set_parameters")
+    answers = []
+
+    def call(name: str, value: ParameterValue) -> None:
+        parameter = Parameter(name=name, value=value)
+        answers.append(client.call_async(SetParameters.Request(parameters=[parameter])))
+
+    with tempfile.TemporaryDirectory() as folder:
+        meshes = [str(sphere(Path(folder), n)) for n in (1000, 10_000, 50_000, 5000)]
+        command = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={meshes[0]}"]
+
+        def swap_mesh(k: int) -> None:
+            if k % 750 == 375:
+                file = meshes[(k // 750 + 1) % len(meshes)]
+                call("mesh.file", ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=file))
+
+        def swap_model(k: int) -> None:
+            if k % 50 == 25 and k % 100 == 25:
+                value = 0.5 + (k // 100 % 10) / 10.0
+                call("medium.zeta", ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+            elif k % 50 == 25:
+                name = ("linear", "constant")[k // 100 % 2]
+                call("alpha_y.model", ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name))
+
+        table = Table(title=f"Swaps at {RATE:g} Hz, executor {arguments.executor}: round trip in us")
+        for column in ("phase", "swaps", "lost / sent", "median", "p99", "greatest", "over p99 + 2 ms"):
+            table.add_column(column, justify="right")
+        with running_node(*command, "-p", f"executor:={arguments.executor}"):
+            driver.wait_for_node()
+            limit = 0.0
+            for phase, seconds, disturb in (
+                ("warm-up", 3.0, lambda _: None),
+                ("undisturbed", 30.0, lambda _: None),
+                ("20 meshes", 30.0, swap_mesh),
+                ("100 of ζ, α_y", 10.0, swap_model),
+                ("undisturbed", 30.0, lambda _: None),
+            ):
+                answers.clear()
+                trips = drive(driver, seconds, disturb)
+                good = trips[~np.isnan(trips)]
+                refused = [f for f in answers if not (f.done() and f.result().results[0].successful)]
+                if refused:
+                    raise RuntimeError(f"{len(refused)} swaps were not accepted")
+                limit = limit or (float(np.percentile(good, 99)) + 2000.0 if phase == "undisturbed" else 0.0)
+                slow = int((good > limit).sum()) if limit else 0
+                row = (np.median(good), np.percentile(good, 99), good.max())
+                cells = [f"{v:.0f}" for v in row]
+                table.add_row(phase, str(len(answers)), f"{len(trips) - len(good)} / {len(trips)}", *cells, str(slow))
+    Console(width=110).print(table)
+
+
+if __name__ == "__main__":
+    main()
