@@ -1,6 +1,6 @@
 """``make bench-swaps``: what swaps cost the ticks. 500 Hz; mesh swaps up to 50,000 triangles, then ζ and α_y swaps.
 
-For each phase: ticks sent and lost, round trip (median, 99th percentile, greatest), and how many ticks took over 2 ms more
+For each phase: ticks sent and lost, round trip (median, 99th percentile, greatest), and how many took over 2 ms more
 than the 99th percentile of the undisturbed phase.
 """
 

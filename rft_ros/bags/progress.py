@@ -4,8 +4,8 @@ import sys
 import time
 from collections.abc import Iterator
 
-from rft_ros.bags.messages import Sample
 from rft_ros.bags.reading import Recording
+from rft_ros.estimator.messages import Sample
 
 __all__ = ["with_progress"]
 

@@ -12,8 +12,8 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.damaged import DamagedFile
-from rft_ros.bags.messages import TYPES, Role, Sample, decoder
 from rft_ros.errors import InputError
+from rft_ros.estimator.messages import TYPES, Role, Sample, decoder
 
 __all__ = ["Recording"]
 

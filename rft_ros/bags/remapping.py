@@ -2,8 +2,8 @@
 
 from collections.abc import Iterable
 
-from rft_ros.bags.messages import Role
 from rft_ros.errors import InputError
+from rft_ros.estimator.messages import Role
 
 __all__ = ["remapped_topics"]
 

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 
-from rft_ros.bags.messages import Role, Sample
 from rft_ros.bags.progress import with_progress
 from rft_ros.bags.reading import Recording
 from rft_ros.bags.remapping import remapped_topics
@@ -17,6 +16,7 @@ from rft_ros.bags.summary import AXES, Summary, WrenchStatistics
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Settings, TwistSample, Withheld, Wrench
+from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameter_file import node_parameters
 from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.estimator.pose_difference import PoseDifference

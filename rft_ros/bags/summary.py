@@ -8,8 +8,8 @@ from dataclasses import asdict, dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.messages import Role
 from rft_ros.estimator import Estimate
+from rft_ros.estimator.messages import Role
 from rft_ros.estimator.parameters import Value
 
 __all__ = ["AXES", "Axis", "Spread", "Summary", "WrenchStatistics"]

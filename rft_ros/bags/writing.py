@@ -10,9 +10,9 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from rft_ros.bags.messages import TYPES, wrench_cdr
 from rft_ros.errors import InputError
 from rft_ros.estimator import Wrench
+from rft_ros.estimator.messages import TYPES, wrench_cdr
 
 __all__ = ["BagWriter"]
 

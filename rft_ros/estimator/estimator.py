@@ -1,7 +1,8 @@
 """The estimator: stamped samples in; at each pose, an estimate or a named reason. It reads no clock and no ROS."""
 
 import math
-from collections import Counter
+from collections import Counter, deque
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,26 @@ TIME_JUMP = 1_000_000_000
 """A stamp this far [ns] before the last one of its stream is a new beginning (a bag that loops), not a late sample."""
 
 
+_HISTORY = 256
+"""Twists and wrenches kept, so that a pose that waited in a queue of 200 is answered from those of its own time."""
+
+_Sample = TypeVar("_Sample", TwistSample, WrenchSample)
+
+
+def _at(history: "deque[_Sample]", stamp: int) -> _Sample | None:
+    """The last sample stamped before or at `stamp`; the first one after it, if there is none; None without samples."""
+    for sample in reversed(history):
+        if sample.stamp <= stamp:
+            return sample
+    return history[0] if history else None
+
+
 class Estimator:
     """Predicted, compensated and residual wrench from poses, twists and load-cell samples, in the order they come.
 
-    A pose is answered from the newest usable twist and wrench pushed before it; `max_input_age` bounds how far their
-    stamps may lie from the pose's. `counts` adds up estimates, and samples turned away or unanswered by reason.
+    A pose is answered from the twist and the wrench whose stamps come last before or at its own, of those pushed so far
+    (the next one after it, if there is none); `max_input_age` bounds how far the stamps may lie apart. `counts` adds up
+    estimates, and samples turned away or unanswered by reason.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
@@ -31,8 +47,8 @@ class Estimator:
         self._state = np.zeros((1, len(STATE)))
         self._result = np.zeros((1, len(COLUMNS)))
         self._pose: PoseSample | None = None
-        self._twist: TwistSample | None = None
-        self._wrench: WrenchSample | None = None
+        self._twists: deque[TwistSample] = deque(maxlen=_HISTORY)
+        self._wrenches: deque[WrenchSample] = deque(maxlen=_HISTORY)
         self._difference = PoseDifference()
         self._tare = Tare()
         self.model = model
@@ -69,7 +85,8 @@ class Estimator:
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
         """Take a twist; the reason if it cannot be used."""
-        last = self._twist
+        history = self._twists
+        behind = history[-1].stamp - sample.stamp if history else 0
         reason = None
         if sample.stamp <= 0:
             reason = Reason.TWIST_STAMP_ZERO
@@ -77,17 +94,20 @@ class Estimator:
             reason = Reason.TWIST_NOT_FINITE
         elif sample.frame != self.settings.world_frame and sample.frame != self.settings.tool_frame:
             reason = Reason.TWIST_FRAME_UNKNOWN
-        elif last is not None and 0 < last.stamp - sample.stamp < TIME_JUMP:
+        elif 0 < behind < TIME_JUMP:
             reason = Reason.TWIST_OUT_OF_ORDER
         if reason is None:
-            self._twist = sample
+            if behind > 0:
+                history.clear()
+            history.append(sample)
         else:
             self.counts[reason.value] += 1
         return reason
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:
         """Take a load-cell sample; the reason if it cannot be used."""
-        last = self._wrench
+        history = self._wrenches
+        behind = history[-1].stamp - sample.stamp if history else 0
         reason = None
         if sample.stamp <= 0:
             reason = Reason.WRENCH_STAMP_ZERO
@@ -95,10 +115,12 @@ class Estimator:
             reason = Reason.WRENCH_NOT_FINITE
         elif sample.frame != self.settings.sensor_frame:
             reason = Reason.WRENCH_FRAME_UNKNOWN
-        elif last is not None and 0 < last.stamp - sample.stamp < TIME_JUMP:
+        elif 0 < behind < TIME_JUMP:
             reason = Reason.WRENCH_OUT_OF_ORDER
         if reason is None:
-            self._wrench = sample
+            if behind > 0:
+                history.clear()
+            history.append(sample)
             self._tare.push(sample)
         else:
             self.counts[reason.value] += 1
@@ -173,7 +195,7 @@ class Estimator:
         if not math.isfinite(sum(numbers)):
             return Reason.ESTIMATE_NOT_FINITE
         predicted = (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
-        wrench = self._wrench
+        wrench = _at(self._wrenches, stamp)
         no_wrench = None
         compensated: Wrench | None = None
         residual: Wrench | None = None
@@ -213,7 +235,7 @@ class Estimator:
             ready = self._difference.push(pose)
             state[7:13] = self._difference.twist
             return None if ready else Reason.POSE_HISTORY_SHORT
-        twist = self._twist
+        twist = _at(self._twists, pose.stamp)
         if twist is None:
             return Reason.TWIST_MISSING
         if not -self._max_age <= pose.stamp - twist.stamp <= self._max_age:

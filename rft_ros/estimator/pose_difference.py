@@ -14,26 +14,27 @@ _FEWEST = 3
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _slopes(ring, newest, window, oldest_allowed, twist):  # type: ignore[no-untyped-def]
+def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignore[no-untyped-def]
     """Least-squares slopes over the poses of the window; rotations as vectors from the newest pose, world axes.
 
-    `ring`: rows stamp [s], position, quaternion xyzw. Writes vx..wz to `twist`; returns the number of poses used.
+    `stamps` [ns], 0 where there is no pose; `ring`: rows position, quaternion xyzw. Writes vx..wz to `twist`; returns
+    the number of poses used.
     """
     capacity = ring.shape[0]
-    t0 = ring[newest, 0]
-    ax, ay, az, aw = -ring[newest, 4], -ring[newest, 5], -ring[newest, 6], ring[newest, 7]
+    ax, ay, az, aw = -ring[newest, 3], -ring[newest, 4], -ring[newest, 5], ring[newest, 6]
     n = 0
     st = stt = 0.0
     s = np.zeros(6)
     stx = np.zeros(6)
     x = np.zeros(6)
     for back in range(capacity):
-        row = ring[(newest - back) % capacity]
-        t = row[0] - t0
-        if np.isnan(t) or -t > oldest_allowed or (-t > window and n >= _FEWEST):
+        at = (newest - back) % capacity
+        row = ring[at]
+        t = (stamps[at] - stamps[newest]) * 1e-9  # from integers: the same whenever the run began
+        if stamps[at] == 0 or -t > oldest_allowed or (-t > window and n >= _FEWEST):
             break
         # rotation from the newest pose to this one: q_row * conj(q_newest), as a rotation vector
-        bx, by, bz, bw = row[4], row[5], row[6], row[7]
+        bx, by, bz, bw = row[3], row[4], row[5], row[6]
         rx = bw * ax + bx * aw + by * az - bz * ay
         ry = bw * ay - bx * az + by * aw + bz * ax
         rz = bw * az + bx * ay - by * ax + bz * aw
@@ -43,7 +44,7 @@ def _slopes(ring, newest, window, oldest_allowed, twist):  # type: ignore[no-unt
         sine = math.sqrt(rx * rx + ry * ry + rz * rz)
         scale = 2.0 * math.atan2(sine, rw) / sine if sine > 1e-12 else 2.0
         for k in range(3):
-            x[k] = row[1 + k] - ring[newest, 1 + k]
+            x[k] = row[k] - ring[newest, k]
         x[3], x[4], x[5] = rx * scale, ry * scale, rz * scale
         n += 1
         st += t
@@ -63,9 +64,9 @@ class PoseDifference:
     def __init__(self) -> None:
         self.window = 0.0
         self.max_age = 0.0
-        self._ring = np.full((_CAPACITY, 8), np.nan)
+        self._stamps = np.zeros(_CAPACITY, dtype=np.int64)
+        self._ring = np.zeros((_CAPACITY, 7))
         self._newest = -1
-        self._epoch = 0
         self.twist = np.zeros(6)
 
     def span(self, *, window: float, max_age: float) -> None:
@@ -75,17 +76,15 @@ class PoseDifference:
 
     def push(self, pose: PoseSample) -> bool:
         """Add a pose; True once `twist` (vx, vy, vz, wx, wy, wz; world axes) holds the answer for it."""
-        if self._newest < 0:
-            self._epoch = pose.stamp
         self._newest = (self._newest + 1) % _CAPACITY
+        self._stamps[self._newest] = pose.stamp
         row = self._ring[self._newest]
-        row[0] = (pose.stamp - self._epoch) * 1e-9
-        row[1:4] = pose.position
-        row[4:8] = pose.quaternion
-        used: int = _slopes(self._ring, self._newest, self.window, self.max_age, self.twist)
+        row[0:3] = pose.position
+        row[3:7] = pose.quaternion
+        used: int = _slopes(self._stamps, self._ring, self._newest, self.window, self.max_age, self.twist)
         return used >= _FEWEST
 
     def reset(self) -> None:
         """Forget all poses."""
-        self._ring.fill(np.nan)
+        self._stamps.fill(0)
         self._newest = -1

@@ -39,6 +39,7 @@ class WrenchSample(NamedTuple):
 class Reason(str, Enum):
     """Why a sample was not used, or why a pose brought no estimate or no residual. Values are what users read."""
 
+    MESSAGE_UNREADABLE = "message_unreadable"
     POSE_NOT_FINITE = "pose_not_finite"
     POSE_QUATERNION_NOT_UNIT = "pose_quaternion_not_unit"
     POSE_FRAME_UNKNOWN = "pose_frame_unknown"

@@ -1,6 +1,6 @@
 """The node `rft`: converts, calls the estimator once per pose, publishes."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from time import perf_counter
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -8,18 +8,18 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model
+from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, WrenchSample
+from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
 from rft_ros.estimator.parameters import Value, model_of, settings_of
 from rft_ros.node.diagnostics import Diagnostics
 from rft_ros.node.markers import Markers
 from rft_ros.node.mesh_swap import MeshPreparation
-from rft_ros.node.messages import fill_wrench, pose_sample, twist_sample, wrench_sample
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.tool import Tool, locate_mesh
 
@@ -53,22 +53,25 @@ class RftNode(Node):
         self.estimator = Estimator(settings_of(values), model_of(values))
         self._diagnostics = Diagnostics(self.get_fully_qualified_name())
         self._last_estimate: Estimate | None = None
+        self._decode = {role: decoder(role, ros1=False) for role in TYPES}
 
-        def published(topic: str) -> tuple[Publisher, WrenchStamped]:
-            return self.create_publisher(WrenchStamped, topic, _OUTPUTS), WrenchStamped()
-
-        self._predicted, self._predicted_message = published("~/wrench_predicted")
-        self._compensated, self._compensated_message = published("~/wrench_compensated")
-        self._residual, self._residual_message = published("~/wrench_residual")
-        self._name_frame()
-        # Of inputs that are ready together, rclpy serves the first created first: the pose, which asks, comes last.
+        self._predicted = self.create_publisher(WrenchStamped, "~/wrench_predicted", _OUTPUTS)
+        self._compensated = self.create_publisher(WrenchStamped, "~/wrench_compensated", _OUTPUTS)
+        self._residual = self.create_publisher(WrenchStamped, "~/wrench_residual", _OUTPUTS)
+        self._serialise = wrench_cdr(str(values["sensor_frame"]))
         overridable = QoSOverridingOptions.with_default_policies()
-        for message, topic, callback in (
-            (WrenchStamped, "~/wrench_measured", self._on_wrench),
-            (TwistStamped, "~/twist", self._on_twist),
-            (PoseStamped, "~/pose", self._on_pose),
-        ):
-            self.create_subscription(message, topic, callback, _INPUTS, qos_overriding_options=overridable)
+
+        def subscription(message: type, topic: str, callback: Callable[[bytes], None]) -> Subscription:
+            # As bytes: rclpy takes 16 us to make a message of them, and the estimator wants none.
+            return self.create_subscription(
+                message, topic, callback, _INPUTS, raw=True, qos_overriding_options=overridable
+            )
+
+        self._before_pose = (
+            (subscription(WrenchStamped, "~/wrench_measured", self._on_wrench), self._on_wrench),
+            (subscription(TwistStamped, "~/twist", self._on_twist), self._on_twist),
+        )
+        subscription(PoseStamped, "~/pose", self._on_pose)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(Trigger, "~/status", self._on_status)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
@@ -93,36 +96,44 @@ class RftNode(Node):
 
     # --- the tick
 
-    def _on_wrench(self, message: WrenchStamped) -> None:
-        sample = wrench_sample(message)
-        self._diagnostics.received_one("wrench", sample.stamp)
-        self.estimator.push_wrench(sample)
+    def _received(self, role: Role, data: bytes) -> Sample | None:
+        try:
+            sample = self._decode[role](data)
+        except UNREADABLE:
+            self.estimator.counts[Reason.MESSAGE_UNREADABLE.value] += 1
+            return None
+        self._diagnostics.received_one(role, sample.stamp)
+        return sample
 
-    def _on_twist(self, message: TwistStamped) -> None:
-        sample = twist_sample(message)
-        self._diagnostics.received_one("twist", sample.stamp)
-        self.estimator.push_twist(sample)
+    def _on_wrench(self, data: bytes) -> None:
+        if isinstance(sample := self._received("wrench", data), WrenchSample):
+            self.estimator.push_wrench(sample)
 
-    def _on_pose(self, message: PoseStamped) -> None:
+    def _on_twist(self, data: bytes) -> None:
+        if isinstance(sample := self._received("twist", data), TwistSample):
+            self.estimator.push_twist(sample)
+
+    def _on_pose(self, data: bytes) -> None:
         start = perf_counter()
-        sample = pose_sample(message)
-        self._diagnostics.received_one("pose", sample.stamp)
+        sample = self._received("pose", data)
+        if not isinstance(sample, PoseSample):
+            return
+        # What came before the pose must be pushed before it; in which order rclpy serves them is a matter of luck.
+        for subscription, callback in self._before_pose:
+            while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                callback(taken[0])
         answer = self.estimator.push_pose(sample)
         if not isinstance(answer, Estimate):
             return
-        stamp = answer.stamp
-        self._predicted.publish(fill_wrench(self._predicted_message, stamp, answer.predicted))
+        stamp, serialise = answer.stamp, self._serialise
+        self._predicted.publish(serialise(stamp, answer.predicted))
         if answer.compensated is not None and answer.residual is not None:
-            self._compensated.publish(fill_wrench(self._compensated_message, stamp, answer.compensated))
-            self._residual.publish(fill_wrench(self._residual_message, stamp, answer.residual))
+            self._compensated.publish(serialise(stamp, answer.compensated))
+            self._residual.publish(serialise(stamp, answer.residual))
         self._last_estimate = answer
         self._diagnostics.tick(perf_counter() - start, answer.speed)
 
     # --- parameters and swaps
-
-    def _name_frame(self) -> None:
-        for message in (self._predicted_message, self._compensated_message, self._residual_message):
-            message.header.frame_id = str(self._table.values["sensor_frame"])
 
     def _validate(self, values: Mapping[str, Value]) -> None:
         if not (path := locate_mesh(str(values["mesh.file"]))).is_file():
@@ -136,7 +147,7 @@ class RftNode(Node):
 
     def _apply(self, values: Mapping[str, Value], changed: frozenset[str]) -> None:
         self.estimator.use(settings=settings_of(values))
-        self._name_frame()
+        self._serialise = wrench_cdr(str(values["sensor_frame"]))
         if changed & _MESH:
             self._cancel_preparation()
             if all(values[k] == v for k, v in self._mesh_in_force.items()):

@@ -20,7 +20,7 @@ from rclpy.qos import QoSProfile
 
 from rft_ros.estimator import LoadCell, Wrench
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.node.messages import fill_wrench
+from rft_ros.estimator.messages import wrench_cdr
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.tool import load_tool
 
@@ -90,9 +90,8 @@ def main() -> int:
     poses = node.create_publisher(PoseStamped, "/rft/pose", reliable)
     twists = node.create_publisher(TwistStamped, "/rft/twist", reliable)
     cells = node.create_publisher(WrenchStamped, "/rft/wrench_measured", reliable)
-    pose, twist, cell = PoseStamped(), TwistStamped(), WrenchStamped()
+    pose, twist, serialise = PoseStamped(), TwistStamped(), wrench_cdr("ft_sensor")
     pose.header.frame_id = twist.header.frame_id = "world"
-    cell.header.frame_id = "ft_sensor"
     try:
         while min(p.get_subscription_count() for p in (poses, twists, cells)) < listeners:
             time.sleep(0.05)
@@ -106,7 +105,7 @@ def main() -> int:
             pose.header.stamp = twist.header.stamp = now.to_msg()
             p, q, v, w = pose.pose.position, pose.pose.orientation, twist.twist.linear, twist.twist.angular
             p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z = state[0].tolist()
-            cells.publish(fill_wrench(cell, now.nanoseconds, reading))
+            cells.publish(serialise(now.nanoseconds, reading))
             twists.publish(twist)
             poses.publish(pose)
         time.sleep(0.2)  # the last messages leave

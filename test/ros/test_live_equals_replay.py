@@ -30,6 +30,14 @@ def test_live_equals_replay(start_cell, tmp_path, twist_source):
     parameters = {**PARAMETERS, "twist_source": twist_source}
     arguments = [a for name, value in parameters.items() for a in ("-p", f"{name}:={value}")]
     cell = start_cell(*arguments).wait_ready()
+    early = cell.moment()
+    while not cell.received["wrench_residual"]:  # until all three inputs have found the node
+        early += 10_000_000
+        cell.send(early, z=0.5)
+        cell.spin(0.05)
+    cell.spin(0.5)
+    for messages in cell.received.values():
+        messages.clear()
     random = np.random.default_rng(3)
     start, count = 1_700_000_000_000_000_000, 300
     with BagWriter(tmp_path / "inputs") as bag:

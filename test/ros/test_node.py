@@ -134,6 +134,18 @@ def test_bad_live_input_is_a_counted_reason_and_the_node_goes_on(cell, inputs, r
     cell.ask(cell.moment())
 
 
+@pytest.mark.parametrize("topic", ["pose", "twist", "wrench"])
+def test_bytes_that_are_no_message_are_counted_and_the_node_goes_on(cell, topic):
+    def count():
+        return int(cell.diagnostic("inputs")[2].get("count.message_unreadable", 0))
+
+    before = count()
+    for garbage in (b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 40, b"\x00\x07\x00\x00" + b"\x00" * 120):
+        getattr(cell, topic).publish(garbage)
+    cell.until(lambda: count() >= before + 3, timeout=10.0)
+    np.testing.assert_array_equal(numbers(cell.ask(cell.moment())), predicted_by_the_core())
+
+
 def test_late_and_repeated_poses_are_not_answered_and_a_jump_back_starts_afresh(cell):
     stamp = cell.moment()
     cell.ask(stamp)

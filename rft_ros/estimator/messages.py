@@ -1,7 +1,7 @@
 """PoseStamped, TwistStamped and WrenchStamped as bytes: CDR and ROS 1 in, CDR out.
 
 Their layout is fixed, so no message definition is needed: a header (stamp, frame_id) and then 6 or 7 doubles. Decoding
-with struct takes 0.9 us a message where rosbags takes 4.3 us (its objects have a class at every level).
+with struct takes 0.9 us a message where rosbags takes 4.3 us and rclpy 16 us (objects with a class at every level).
 """
 
 import struct
@@ -10,7 +10,7 @@ from typing import Literal
 
 from rft_ros.estimator import PoseSample, TwistSample, Wrench, WrenchSample
 
-__all__ = ["TYPES", "Role", "Sample", "decoder", "wrench_cdr"]
+__all__ = ["TYPES", "UNREADABLE", "Role", "Sample", "decoder", "wrench_cdr"]
 
 Role = Literal["pose", "twist", "wrench"]
 Sample = PoseSample | TwistSample | WrenchSample
@@ -21,6 +21,9 @@ TYPES: dict[Role, str] = {
     "wrench": "geometry_msgs/msg/WrenchStamped",
 }
 """Message type of each role's topic."""
+
+UNREADABLE = (ValueError, struct.error)
+"""What a decoder raises for bytes that are no such message."""
 
 _Content = tuple[int, str, tuple[float, ...]]  # stamp [ns], frame_id, doubles
 _Layout = tuple[struct.Struct, dict[int, struct.Struct]]
