@@ -1,6 +1,7 @@
 """Which topic of a bag plays which role: the node's own topic names, and remaps such as ``~/pose:=/tool_pose``."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.messages import Role
@@ -25,6 +26,8 @@ def remapped_topics(remap: Iterable[str] = ()) -> dict[Role, str]:
         left, separator, right = (part.strip() for part in rule.partition(":="))
         if not separator or not right:
             raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
+        if left.startswith(f"{Path.home()}/"):  # a shell has expanded the ~ of an unquoted ~/pose:=/tool_pose
+            left = "~" + left.removeprefix(str(Path.home()))
         role = roles.get(left if left.startswith("/") else _resolved(left) if left.startswith("~") else "")
         if role is None:
             raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS.values())}")

@@ -1,6 +1,7 @@
 """A new tool is prepared in a process of its own: a busy thread here would cost one tick in six (DESIGN 6)."""
 
-import pickle
+import contextlib
+import os
 import subprocess
 import sys
 import tempfile
@@ -8,6 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from rft_ros.estimator.parameters import Value
+from rft_ros.prepare_tool import read_tool
 from rft_ros.tool import Tool
 
 __all__ = ["MeshPreparation"]
@@ -19,16 +21,17 @@ class MeshPreparation:
     def __init__(self, values: Mapping[str, Value]) -> None:
         self.values = values
         self._folder = tempfile.TemporaryDirectory(prefix="rft_ros_")
-        self._file = Path(self._folder.name) / "tool.pickle"
         scale, origin = values["mesh.scale"], values["mesh.origin"]
         assert isinstance(origin, tuple)
-        request = [str(values["mesh.file"]), repr(scale), *(repr(x) for x in origin), str(self._file)]
+        request = [str(values["mesh.file"]), repr(scale), *(repr(x) for x in origin), self._folder.name]
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "rft_ros.tool.prepare", *request],
+            [sys.executable, "-m", "rft_ros.prepare_tool", *request],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.PIPE,
         )
+        with contextlib.suppress(OSError):  # on processor time that nobody else wants: the ticks come first
+            os.sched_setscheduler(self._process.pid, os.SCHED_IDLE, os.sched_param(0))
 
     def poll(self) -> Tool | str | None:
         """The tool, or a sentence that says why there is none, or None while the process runs."""
@@ -40,8 +43,7 @@ class MeshPreparation:
         self._process.stderr.close()
         try:
             if status == 0:
-                tool: Tool = pickle.loads(self._file.read_bytes())
-                return tool
+                return read_tool(Path(self._folder.name))
             return said.splitlines()[-1] if said else f"preparing the mesh ended with status {status}"
         finally:
             self._folder.cleanup()

@@ -68,8 +68,8 @@ class RftNode(Node):
             )
 
         self._before_pose = (
-            (subscription(WrenchStamped, "~/wrench_measured", self._on_wrench), self._on_wrench),
-            (subscription(TwistStamped, "~/twist", self._on_twist), self._on_twist),
+            ("wrench", subscription(WrenchStamped, "~/wrench_measured", self._on_wrench), self._on_wrench),
+            ("twist", subscription(TwistStamped, "~/twist", self._on_twist), self._on_twist),
         )
         subscription(PoseStamped, "~/pose", self._on_pose)
         self.create_service(Trigger, "~/tare", self._on_tare)
@@ -119,9 +119,11 @@ class RftNode(Node):
         if not isinstance(sample, PoseSample):
             return
         # What came before the pose must be pushed before it; in which order rclpy serves them is a matter of luck.
-        for subscription, callback in self._before_pose:
-            while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                callback(taken[0])
+        newest = self._diagnostics.newest
+        for role, subscription, callback in self._before_pose:
+            if newest.get(role, 0) < sample.stamp:
+                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+                    callback(taken[0])
         answer = self.estimator.push_pose(sample)
         if not isinstance(answer, Estimate):
             return

@@ -25,8 +25,16 @@ WAIT = 60.0
 
 
 class Cell:
-    def __init__(self, *arguments: str, namespace: str = "", log: Path | None = None) -> None:
+    """`reliable`: override the inputs' QoS, as a user may, so that a busy machine loses no test's message."""
+
+    def __init__(self, *arguments: str, namespace: str = "", log: Path | None = None, reliable: bool = True) -> None:
         name = self.name = f"{namespace}/rft"
+        if reliable and log:
+            overrides = log.with_suffix(".yaml")
+            topics = (f"{name}/{topic}" for topic in ("pose", "twist", "wrench_measured"))
+            lines = [f"    qos_overrides.{topic}.subscription.reliability: reliable" for topic in topics]
+            overrides.write_text("/**:\n  ros__parameters:\n" + "\n".join(lines) + "\n")
+            arguments = (*arguments, "--params-file", str(overrides))
         self._stamp = 0
         self.log = log
         self._log_file = log.open("wb") if log else None
@@ -51,8 +59,8 @@ class Cell:
 
     # --- life
 
-    def open_inputs(self) -> None:
-        qos = QoSProfile(depth=1000)
+    def open_inputs(self, qos: QoSProfile | None = None) -> None:
+        qos = qos or QoSProfile(depth=1000)
         self.pose = self.node.create_publisher(PoseStamped, f"{self.name}/pose", qos)
         self.twist = self.node.create_publisher(TwistStamped, f"{self.name}/twist", qos)
         self.wrench = self.node.create_publisher(WrenchStamped, f"{self.name}/wrench_measured", qos)
@@ -186,6 +194,9 @@ class Cell:
         """The next report of a component: level, message, values."""
         seen = len(self.diagnostics)
         self.until(lambda: len(self.diagnostics) > seen, timeout=10.0)
+        return self.last_status(component)
+
+    def last_status(self, component: str) -> tuple[bytes, str, dict[str, str]]:
         status = next(s for s in self.diagnostics[-1].status if s.name == f"{self.name}: {component}")
         return status.level, status.message, {v.key: v.value for v in status.values}
 

@@ -6,7 +6,7 @@ import time
 import numpy as np
 from cell import numbers, predicted_by_the_core, stamp_of
 from geometry_msgs.msg import WrenchStamped
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 S = 1_000_000_000
@@ -74,6 +74,34 @@ def test_a_subscription_that_cannot_match_is_reported(cell):
     subscription = cell.node.create_subscription(WrenchStamped, topic, lambda _: None, latched)
     cell.until(lambda: "incompatible QoS" in cell.said(), timeout=15.0)
     cell.node.destroy_subscription(subscription)
+
+
+def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_asked_for(start_cell):
+    for reliable in (False, True):
+        cell = start_cell("-p", "mesh.file:=plate", reliable=reliable).wait_ready()
+        cell.ask(cell.moment())  # the peer's own publishers are reliable
+        cell.close_inputs()
+        cell.open_inputs(QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+        answered = len(cell.received["wrench_predicted"])
+        end = time.monotonic() + (3.0 if reliable else 30.0)
+        while len(cell.received["wrench_predicted"]) == answered and time.monotonic() < end:
+            cell.send(cell.moment())
+            cell.spin(0.05)
+        assert (len(cell.received["wrench_predicted"]) > answered) is not reliable
+        cell.stop()
+
+
+def test_speed_beyond_the_papers_is_a_warning_with_the_number(cell):
+    cell.until(
+        lambda: (
+            cell.send(cell.moment(), linear=(0.0, 0.0, -0.3))
+            or "0.300 m/s is faster" in cell.diagnostic("estimates")[1]
+        )
+    )
+    level, message, values = cell.last_status("estimates")
+    assert level == b"\x01"
+    assert "inertia" in message
+    assert {"latency_median_us", "latency_p99_us", "depth_m", "fastest_m_s"} <= values.keys()
 
 
 def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(cell):

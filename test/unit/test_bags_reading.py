@@ -175,6 +175,11 @@ def test_remaps_that_mean_nothing_are_refused(rule, words):
         remapped_topics([rule])
 
 
+def test_a_tilde_that_the_shell_has_expanded_is_understood(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/user")
+    assert remapped_topics(["/home/user/pose:=/tool_pose"])["pose"] == "/tool_pose"
+
+
 def test_remaps_resolve_as_in_ros_and_later_ones_win():
     assert remapped_topics() == NAMES
     rules = ["~/pose:=/a", "/rft/pose:=/b", "~/twist:=c", "~/wrench_measured:=~/d"]

@@ -15,8 +15,9 @@ ALLOWED = {
     "estimator": {"tool", "rft", "errors"},
     "report": {"errors"},
     "states_file": {"rft", "errors"},
+    "prepare_tool": {"tool", "errors"},
     "bags": {"estimator", "tool", "rft", "report", "errors"},
-    "node": {"bags", "estimator", "tool", "rft", "report", "errors"},
+    "node": {"prepare_tool", "bags", "estimator", "tool", "rft", "report", "errors"},
     "cli": {"node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"},
 }
 ROS = ("rclpy", "rcl_interfaces", "std_srvs", "builtin_interfaces", "rosgraph_msgs", "launch")
