@@ -32,7 +32,7 @@ PERIODS = 1.0 / 0.625  # s
 PITCH = math.radians(9.0)
 SPEED = 0.005  # m/s
 START_HEIGHT = 0.020  # m: the ellipsoid's lowest point 2 mm above the surface
-NOISE = (0.05, 0.05, 0.08, 0.001, 0.001, 0.001)  # N, N m, standard deviations
+NOISE = (0.05, 0.05, 0.05, 0.001, 0.001, 0.001)  # N, N m, standard deviations
 
 CELL = LoadCell(
     position=(0.0, 0.0, 0.12),
