@@ -42,7 +42,7 @@ setup(
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
         "sweep": ["dask[distributed]>=2024.1"],
         "test": ["pytest>=8", "pytest-xdist>=3.5", "hypothesis>=6.100"],
-        "dev": ["mypy>=1.10", "ruff>=0.6", "types-PyYAML", "scipy-stubs; python_version >= '3.11'"],
+        "dev": ["mpmath>=1.3", "mypy>=1.10", "ruff>=0.6", "types-PyYAML", "scipy-stubs; python_version >= '3.11'"],
     },
     entry_points={"console_scripts": ["rft = rft_ros.cli:main", "rft_node = rft_ros.node.main:main"]},
     zip_safe=True,
