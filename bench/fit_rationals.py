@@ -15,7 +15,7 @@ import numpy as np
 from rft_ros.rft import velocity_weights as weights
 
 try:
-    import mpmath as mp  # type: ignore[import-untyped]
+    import mpmath as mp
 except ImportError:
     sys.exit("bench/fit_rationals.py needs mpmath: pip install mpmath")
 
