@@ -13,7 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import median
@@ -92,26 +92,37 @@ class Driver:
         self._pose.publish(pose)
         return start
 
+    def stream(self, count: int, rate: float, each: Callable[[int], None]) -> dict[int, int]:
+        """Send that many moments at the rate, calling `each(k)` before moment k, and wait for the answers.
+
+        Returns when each pose left, by its stamp, both in ns.
+        """
+        sent: dict[int, int] = {}
+        start = time.perf_counter()
+        for k in range(count):
+            while (left := start + k / rate - time.perf_counter()) > 0.0:
+                rclpy.spin_once(self.node, timeout_sec=left)
+            each(k)
+            stamp = self.new_stamp()
+            sent[stamp] = self.send(stamp)
+        end = time.perf_counter() + 1.0
+        while not sent.keys() <= self.arrived.keys() and time.perf_counter() < end:
+            rclpy.spin_once(self.node, timeout_sec=0.05)
+        return sent
+
     def drive(self, pid: int, rate: float, seconds: float) -> Run:
         """Send at the rate for the seconds; the first tenth warms up and is not counted."""
         count = round(rate * seconds)
         warm = count // 10
-        sent: dict[int, int] = {}
-        self.arrived.clear()
-        start = time.perf_counter()
-        cpu = 0.0
-        for k in range(count):
-            due = start + k / rate
-            while (left := due - time.perf_counter()) > 0.0:
-                rclpy.spin_once(self.node, timeout_sec=left)
-            if k == warm:
-                cpu, wall = _cpu_seconds(pid), time.perf_counter()
-            stamp = self.new_stamp()
-            sent[stamp] = self.send(stamp)
-        used = (_cpu_seconds(pid) - cpu) / (time.perf_counter() - wall)
-        end = time.perf_counter() + 1.0
-        while not sent.keys() <= self.arrived.keys() and time.perf_counter() < end:
-            rclpy.spin_once(self.node, timeout_sec=0.05)
+        at: dict[int, tuple[float, float]] = {}
+
+        def read_clocks(k: int) -> None:
+            if k in (warm, count - 1):
+                at[k] = _cpu_seconds(pid), time.perf_counter()
+
+        sent = self.stream(count, rate, read_clocks)
+        (cpu, wall), (last_cpu, last_wall) = at[warm], at[count - 1]
+        used = (last_cpu - cpu) / (last_wall - wall)
         counted = list(sent.items())[warm:]
         trips = np.array([self.arrived[s] - t for s, t in counted if s in self.arrived]) / 1e3
         return Run(

@@ -7,8 +7,6 @@ than the 99th percentile of the undisturbed phase.
 import argparse
 import os
 import tempfile
-import time
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,24 +18,6 @@ from rich.console import Console
 from rich.table import Table
 
 RATE = 500.0
-
-
-def drive(
-    driver: Driver, seconds: float, disturb: Callable[[int], None]
-) -> "np.ndarray[tuple[int], np.dtype[np.float64]]":
-    """Round trips [us] of every tick, NaN for the lost; `disturb(k)` is called after tick k."""
-    sent = []
-    start = time.perf_counter()
-    for k in range(round(RATE * seconds)):
-        while (left := start + k / RATE - time.perf_counter()) > 0.0:
-            rclpy.spin_once(driver.node, timeout_sec=left)
-        stamp = driver.new_stamp()
-        sent.append((stamp, driver.send(stamp)))
-        disturb(k)
-    end = time.perf_counter() + 1.0
-    while time.perf_counter() < end:
-        rclpy.spin_once(driver.node, timeout_sec=0.05)
-    return np.array([driver.arrived[s] - t if s in driver.arrived else np.nan for s, t in sent]) / 1e3
 
 
 def main() -> None:
@@ -86,8 +66,9 @@ def main() -> None:
                 ("undisturbed", 30.0, lambda _: None),
             ):
                 answers.clear()
-                trips = drive(driver, seconds, disturb)
-                good = trips[~np.isnan(trips)]
+                sent = driver.stream(round(RATE * seconds), RATE, disturb)
+                trips = np.array([driver.arrived.get(s, np.inf) - t for s, t in sent.items()]) / 1e3
+                good = trips[np.isfinite(trips)]
                 refused = [f for f in answers if not (f.done() and f.result().results[0].successful)]
                 if refused:
                     raise RuntimeError(f"{len(refused)} swaps were not accepted")

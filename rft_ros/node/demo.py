@@ -131,9 +131,10 @@ def _process(module: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
-    table = Table(title=f"t = {elapsed:4.1f} s   alpha_y: {model}   [sensor frame, force on the tool by the grains]")
-    for column in ("", "fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
-        table.add_column(column, justify="right", min_width=8)
+    table = Table(title=f"t = {elapsed:4.1f} s   alpha_y: {model}   (on the tool, sensor frame)")
+    table.add_column("", min_width=11)
+    for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
+        table.add_column(column, justify="right", min_width=7)
     for name in _SHOWN:
         wrench = watcher.wrench.get(name)
         cells = ["-"] * 6 if wrench is None else [f"{v:.3f}" for v in wrench]
