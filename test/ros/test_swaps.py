@@ -27,15 +27,14 @@ def test_every_tick_is_answered_by_one_whole_bundle(start_cell):
     }
     changes = itertools.cycle(
         (
-            ("mesh.file", "sphere"),
             ("medium.zeta", 0.5),
             ("alpha_y.model", "linear"),
             ("medium.zeta", 0.25),
-            ("mesh.file", "plate"),
             ("medium.zeta", 1.0),
             ("alpha_y.model", "constant"),
         )
     )
+    meshes = {300: "sphere", 1500: "plate"}  # 6 s for each to be prepared and used
     rate, count, pending = 200.0, 2400, []
     first = cell.moment()
     start = time.monotonic()
@@ -45,6 +44,8 @@ def test_every_tick_is_answered_by_one_whole_bundle(start_cell):
         cell.send(first + k * 5_000_000, **MOTION)
         if k % 40 == 0:
             pending.append(send_call(client, *next(changes)))
+        if k in meshes:
+            pending.append(send_call(client, "mesh.file", meshes[k]))
     predicted = cell.received["wrench_predicted"]
     cell.until(lambda: len(predicted) == count, timeout=10.0)
     assert [stamp_of(m) for m in predicted] == [first + k * 5_000_000 for k in range(count)]
@@ -54,5 +55,5 @@ def test_every_tick_is_answered_by_one_whole_bundle(start_cell):
         matching = [b for b, w in bundles.items() if np.allclose(numbers(message), w, rtol=1e-12, atol=1e-15)]
         assert len(matching) == 1, "an answer that is no bundle's"
         used.add(matching[0])
-    assert len(used) >= 8
+    assert len(used) >= 6
     assert {b[0] for b in used} == set(MESHES)
