@@ -18,7 +18,13 @@ ALLOWED = {
     "prepare_tool": {"tool", "errors"},
     "bags": {"estimator", "tool", "rft", "report", "errors"},
     "node": {"prepare_tool", "bags", "estimator", "tool", "rft", "report", "errors"},
-    "cli": {"node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"},
+    "calibration": {"bags", "estimator", "tool", "rft", "report", "errors"},
+    "studies": {"bags", "estimator", "tool", "rft", "report", "errors", "states_file"},
+    "commands": {
+        *("node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"),
+        *("calibration", "studies"),
+    },
+    "cli": {"commands", "errors"},
 }
 ROS = ("rclpy", "rcl_interfaces", "std_srvs", "builtin_interfaces", "rosgraph_msgs", "launch")
 

@@ -1,0 +1,22 @@
+"""Say what a mesh file holds and what is wrong with it."""
+
+import argparse
+
+from rft_ros.commands.options import mesh_options
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    command.add_argument("file", metavar="FILE", help="path, package:// URI or name of a shipped mesh")
+    mesh_options(command)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check; exit status 1 if something is wrong with the mesh."""
+    from rft_ros.tool import describe_tool, load_tool
+
+    tool = load_tool(arguments.file, scale=arguments.scale, origin=arguments.origin)
+    print("\n".join(describe_tool(tool)))
+    return 1 if tool.findings else 0

@@ -1,0 +1,50 @@
+"""Wrench at each state of a CSV file."""
+
+import argparse
+import sys
+from pathlib import Path
+
+from rft_ros.commands.options import finite, mesh_options
+from rft_ros.errors import InputError
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    command.add_argument("states", type=Path, metavar="STATES.csv", help="header t,px,py,pz,qx,qy,qz,qw,vx,..,wz (SI)")
+    command.add_argument("--mesh", required=True, metavar="FILE", help="path, package:// URI or name of a shipped mesh")
+    mesh_options(command)
+    command.add_argument("--medium", default="generic", metavar="NAME", help="medium (default generic)")
+    command.add_argument("--zeta", type=finite, default=1.0, help="the medium's scale factor (default 1.0)")
+    command.add_argument(
+        "--alpha-y", default="constant", metavar="MODEL", help="constant, linear or a TABLE.csv (default constant)"
+    )
+    command.add_argument("--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface [m]")
+    command.add_argument("--integration", default="centroid", choices=("centroid",), help="rule for the plates")
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help="t,fx,fy,fz,tx,ty,tz")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Predict; exit status."""
+    from rft_ros.estimator.alpha_y_table import read_alpha_y_table
+    from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, medium_named, treers2021, wrenches
+    from rft_ros.states_file import read_states, write_wrenches
+    from rft_ros.tool import load_tool
+
+    times, states = read_states(arguments.states)
+    tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin)
+    for finding in tool.findings:
+        print(f"warning: {tool.name}: {finding.message}", file=sys.stderr)
+    named = arguments.alpha_y in ALPHA_Y_MODELS and arguments.alpha_y != "table"
+    try:
+        medium = medium_named(arguments.medium)
+        table = None if named else read_alpha_y_table(arguments.alpha_y)
+        law = treers2021(
+            medium, alpha_y_model(arguments.alpha_y if named else "table", medium, table), zeta=arguments.zeta
+        )
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    write_wrenches(arguments.output, times, wrenches(tool.plates, law, states, surface_height=arguments.surface_height))
+    print(f"{len(states)} states, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
+    return 0
