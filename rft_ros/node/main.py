@@ -13,21 +13,24 @@ from rclpy.signals import SignalHandlerOptions
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import warm_up
 from rft_ros.node.rft_node import RftNode
+from rft_ros.prepare_tool import start_preparer
 
 __all__ = ["main"]
 
 
 def main() -> int:
     """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its parameters cannot be used."""
+    preparer = start_preparer()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
     try:
-        node = RftNode()
+        node = RftNode(preparer)
     except InputError as error:
         print(f"rft_node: {error}", file=sys.stderr)
         rclpy.try_shutdown()
+        preparer.close()
         return 2
     warm_up(node.estimator.model)
     gc.collect()
@@ -46,6 +49,7 @@ def main() -> int:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
+        preparer.close()
     return 0
 
 

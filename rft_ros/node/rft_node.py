@@ -16,11 +16,11 @@ from std_srvs.srv import Trigger
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, WrenchSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
-from rft_ros.estimator.parameters import Value, model_of, settings_of
+from rft_ros.estimator.parameters import TOOL_PARAMETERS, Value, model_of, settings_of, tool_request
 from rft_ros.node.diagnostics import Diagnostics
 from rft_ros.node.markers import Markers
-from rft_ros.node.mesh_swap import MeshPreparation
 from rft_ros.node.node_parameters import NodeParameters
+from rft_ros.prepare_tool import Preparation, Preparer
 from rft_ros.tool import Tool, locate_mesh
 
 __all__ = ["RftNode"]
@@ -34,22 +34,23 @@ _TARE_WINDOW = 1.0  # s
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
-_MESH = frozenset({"mesh.file", "mesh.scale", "mesh.origin"})
+_TOOL = frozenset(TOOL_PARAMETERS.values())
 
 
 class RftNode(Node):
     """One estimator between three subscriptions and three publications."""
 
-    def __init__(self) -> None:
+    def __init__(self, preparer: Preparer) -> None:
         super().__init__("rft")
+        self._preparer = preparer
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
         for name in self._table.undeclared():
             if not name.startswith("qos_overrides.") and name != "use_sim_time":
                 self.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
         values = self._table.values
         self._generation = 0
-        self._mesh_in_force = {k: values[k] for k in _MESH}
-        self._preparation: MeshPreparation | None = None
+        self._tool_in_force = tool_request(values)
+        self._preparation: Preparation | None = None
         self.estimator = Estimator(settings_of(values), model_of(values))
         self._diagnostics = Diagnostics(self.get_fully_qualified_name())
         self._last_estimate: Estimate | None = None
@@ -150,12 +151,13 @@ class RftNode(Node):
     def _apply(self, values: Mapping[str, Value], changed: frozenset[str]) -> None:
         self.estimator.use(settings=settings_of(values))
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
-        if changed & _MESH:
+        if changed & _TOOL:
             self._cancel_preparation()
-            if all(values[k] == v for k, v in self._mesh_in_force.items()):
+            request = tool_request(values)
+            if request == self._tool_in_force:
                 return
-            self._preparation = MeshPreparation(values)
-            self._diagnostics.preparing = str(values["mesh.file"])
+            self._preparation = self._preparer.prepare(request)
+            self._diagnostics.preparing = request.file
             self._swap_timer.reset()
         if changed & {"medium.name", "medium.zeta", "alpha_y.model", "alpha_y.table"}:
             self._generation += 1
@@ -175,16 +177,17 @@ class RftNode(Node):
         answer = self._preparation.poll()
         if answer is None:
             return
-        asked = self._preparation.values
+        asked = self._preparation.request
         self._preparation = None
         self._diagnostics.preparing = ""
         self._swap_timer.cancel()
         if isinstance(answer, str):
             self._diagnostics.last_swap_failure = answer
             self.get_logger().error(f"mesh not swapped, {self.estimator.model.tool.name} stays: {answer}")
-            self._table.set_all(self._mesh_in_force)
+            in_force = self._tool_in_force._asdict()
+            self._table.set_all({name: in_force[field] for field, name in TOOL_PARAMETERS.items()})
             return
-        self._mesh_in_force = {k: asked[k] for k in _MESH}
+        self._tool_in_force = asked
         self._diagnostics.last_swap_failure = ""
         self._generation += 1
         self.estimator.use(model=self._model(self._table.values, answer))

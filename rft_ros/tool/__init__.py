@@ -3,11 +3,12 @@
 from rft_ros.tool.check import Finding, check_mesh
 from rft_ros.tool.locate import locate_mesh, share_directory
 from rft_ros.tool.mesh_file import read_mesh
-from rft_ros.tool.tool import Tool, describe_tool, load_tool
+from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, load_tool
 
 __all__ = [
     "Finding",
     "Tool",
+    "ToolRequest",
     "check_mesh",
     "describe_tool",
     "load_tool",

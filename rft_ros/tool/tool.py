@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from rft_ros.tool.check import Finding, check_mesh, degenerate_facets
 from rft_ros.tool.locate import locate_mesh
 from rft_ros.tool.mesh_file import read_mesh
 
-__all__ = ["Tool", "describe_tool", "load_tool"]
+__all__ = ["Tool", "ToolRequest", "describe_tool", "load_tool"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -71,6 +71,18 @@ def load_tool(file: str, *, scale: float = 0.001, origin: Sequence[float] = (0.0
         findings=check_mesh(mesh),
         corners=_corners(vertices[_used(vertices, faces)]),
     )
+
+
+class ToolRequest(NamedTuple):
+    """What `load_tool` is asked for, to be asked later or elsewhere."""
+
+    file: str
+    scale: float = 0.001
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def load(self) -> Tool:
+        """The tool, as `load_tool`."""
+        return load_tool(self.file, scale=self.scale, origin=self.origin)
 
 
 def _used(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.bool_]:

@@ -1,13 +1,30 @@
-"""What the helper process leaves behind is the tool, ready for the kernel."""
+"""The preparer process leaves the tool, ready for the kernel, or a sentence; and it ends with its node."""
 
+import os
 import shutil
-import subprocess
-import sys
+import signal
+import time
 
 import numpy as np
+import pytest
 
-from rft_ros.prepare_tool import read_tool, write_tool
-from rft_ros.tool import load_tool
+from rft_ros.prepare_tool import read_tool, start_preparer, write_tool
+from rft_ros.tool import Tool, ToolRequest, load_tool
+
+
+@pytest.fixture
+def preparer():
+    started = start_preparer()
+    yield started
+    started.close()
+
+
+def answer(preparation):
+    until = time.monotonic() + 60.0
+    while (found := preparation.poll()) is None:
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    return found
 
 
 def test_a_tool_comes_back_as_it_was_even_when_its_folder_is_gone(tmp_path):
@@ -26,9 +43,35 @@ def test_a_tool_comes_back_as_it_was_even_when_its_folder_is_gone(tmp_path):
     assert back.plates.packed.flags.aligned
 
 
-def test_the_process_ends_with_2_and_a_sentence_for_a_mesh_it_cannot_use(tmp_path):
-    command = [sys.executable, "-m", "rft_ros.prepare_tool", "gone.stl", "0.001", "0", "0", "0", str(tmp_path)]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "gone.stl" in done.stderr
-    assert "Traceback" not in done.stderr
+def test_tools_are_prepared_one_after_the_other_and_a_bad_one_in_between_is_a_sentence(preparer):
+    for name in ("plate", "sphere"):
+        tool = answer(preparer.prepare(ToolRequest(name)))
+        assert isinstance(tool, Tool)
+        assert len(tool.plates) == len(load_tool(name).plates)
+        said = answer(preparer.prepare(ToolRequest("gone.stl")))
+        assert isinstance(said, str)
+        assert "gone.stl" in said
+
+
+def test_a_later_request_takes_the_place_of_one_that_is_still_on_its_way(preparer):
+    first = preparer.prepare(ToolRequest("wheel"))
+    first.cancel()
+    tool = answer(preparer.prepare(ToolRequest("plate")))
+    assert isinstance(tool, Tool)
+    assert tool.name == "plate"
+
+
+def test_a_request_that_cannot_be_handled_at_all_is_a_sentence_too(preparer):
+    said = answer(preparer.prepare(ToolRequest("plate", origin="nowhere")))
+    assert isinstance(said, str)
+    assert "plate" in said
+    assert isinstance(answer(preparer.prepare(ToolRequest("plate"))), Tool)
+
+
+def test_if_the_process_was_killed_the_answer_says_what_to_do():
+    preparer = start_preparer()
+    os.kill(preparer.pid, signal.SIGKILL)
+    said = answer(preparer.prepare(ToolRequest("plate")))
+    assert isinstance(said, str)
+    assert "start the node again" in said
+    preparer.close()
