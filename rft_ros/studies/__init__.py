@@ -1,0 +1,1 @@
+"""The paper's experiments, computed again: motions, work, one module for each study."""

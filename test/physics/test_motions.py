@@ -1,0 +1,116 @@
+"""The families of motion: the twist is the pose's derivative, and they are the motions of the reference data."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from rft_ros.errors import InputError
+from rft_ros.rft import checked_states
+from rft_ros.studies.motions import (
+    FAMILIES,
+    Circumnutation,
+    OscillatingInsertion,
+    PlateDrag,
+    Straight,
+    sample,
+    sample_every,
+)
+
+MOTIONS = [
+    Straight(descent_deg=60.0, heading_deg=25.0, tilt_deg=10.0, yaw_deg=-40.0, start_height=0.02),
+    Straight(descent_deg=-90.0),
+    PlateDrag(psi_deg=30.0, beta_deg=60.0, phi_deg=30.0),
+    OscillatingInsertion(),
+    OscillatingInsertion(frequency=5.0, speed=0.04),
+    Circumnutation(),
+    Circumnutation(tilt_deg=20.0, pitch=0.167, rate_deg_s=-15.0),
+]
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda m: type(m).__name__)
+def test_the_twist_is_the_derivative_of_the_pose(motion):
+    times = np.linspace(0.0, motion.duration, 50)
+    h = 1e-5
+    before, now, after = (motion.at(times + shift) for shift in (-h, 0.0, h))
+    assert (after[:, :3] - before[:, :3]) / (2 * h) == pytest.approx(now[:, 7:10], abs=1e-9)
+    turned = Rotation.from_quat(after[:, 3:7]) * Rotation.from_quat(before[:, 3:7]).inv()
+    assert turned.as_rotvec() / (2 * h) == pytest.approx(now[:, 10:13], abs=1e-7)
+    assert checked_states(now) == pytest.approx(now, abs=1e-15)
+
+
+@pytest.mark.parametrize("motion", MOTIONS, ids=lambda m: type(m).__name__)
+def test_samples_run_from_the_start_to_the_end_of_the_travel(motion):
+    times, states = sample(motion, 7)
+    assert (times[0], times[-1]) == (0.0, motion.duration)
+    assert np.linalg.norm(states[-1, :3] - states[0, :3]) == pytest.approx(motion.travel)
+    every_times, every_states = sample_every(motion, step=motion.duration / 6)
+    assert every_times == pytest.approx(times)
+    assert every_states == pytest.approx(states)
+
+
+def test_circumnutation_gives_the_85_states_of_the_released_code(shared_data):
+    rows = np.loadtxt(shared_data / "paper" / "circumnutation_P40_states.csv", delimiter=",", skiprows=1)
+    times, states = sample_every(Circumnutation(tilt_deg=10.0, pitch=0.04), step=0.25)
+    assert len(rows) == len(times) == 85
+    assert times == pytest.approx(rows[:, 0], abs=1e-12)
+    assert states == pytest.approx(rows[:, 1:], abs=1e-14)
+
+
+def plate(beta, psi, phi, **start):
+    return PlateDrag(beta_deg=beta, psi_deg=psi, phi_deg=phi, speed=0.1, **start)
+
+
+@pytest.mark.parametrize(
+    ("run", "motion"),
+    [
+        ("pen_plate_seedA", Straight(speed=0.1)),
+        ("plate_b30_psi30_phi60", plate(30, 30, 60)),
+        ("plate_b60_psi0_phi30", plate(60, 0, 30)),
+        ("plate_b60_psi30_phi30", plate(60, 30, 30)),
+        ("plate_b90_psi0_phi0", plate(90, 0, 0, depth=0.035)),
+        ("plate_b90_psi30_phi0", plate(90, 30, 0, depth=0.035)),
+        ("plate_b90_psi90_phi0", plate(90, 90, 0, depth=0.035)),
+        ("ellipsoid_straight", OscillatingInsertion(amplitude_deg=0.0, speed=0.04)),
+        ("ellipsoid_osc9deg_5Hz", OscillatingInsertion(frequency=5.0, speed=0.04)),
+        ("root_insert_tilt10", Straight(speed=0.1, tilt_deg=10.0)),
+        ("root_helix_P40_tilt10", Circumnutation(pitch=0.04, rate_deg_s=540.0)),
+    ],
+)
+def test_the_families_contain_the_simulated_runs(shared_data, run, motion):
+    """But for where they start: to the seven digits of the files."""
+    rows = np.loadtxt(shared_data / "dem" / f"{run}.csv", delimiter=",", skiprows=1)
+    rows = rows[np.any(rows[:, 8:14] != 0.0, axis=1)]
+    states = motion.at(rows[:, 0])
+    shift = rows[:, 1:4] - states[:, :3]
+    assert shift == pytest.approx(np.tile(shift[0], (len(rows), 1)), abs=2e-7)
+    assert states[:, 3:] == pytest.approx(rows[:, 4:14], abs=1e-6)
+
+
+def test_a_plate_faces_forwards_at_beta_90_and_down_at_beta_0():
+    for beta, face in ((90.0, [1.0, 0.0, 0.0]), (0.0, [0.0, 0.0, -1.0])):
+        state = PlateDrag(beta_deg=beta).at(0.0)[0]
+        assert Rotation.from_quat(state[3:7]).apply([0.0, 0.0, -1.0]) == pytest.approx(face, abs=1e-12)
+
+
+def test_the_straight_limit_has_the_roots_tilt_and_travel():
+    root = Circumnutation(tilt_deg=20.0, pitch=0.1)
+    limit = root.straight_limit()
+    assert limit.duration == root.duration
+    assert limit.at(0.0)[0, :10] == pytest.approx(root.at(0.0)[0, :10])
+    assert not limit.at(0.0)[0, 10:].any()
+
+
+@pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
+@pytest.mark.parametrize("value", [0.0, -0.01, float("nan"), float("inf")])
+def test_a_travel_that_is_none_is_refused_with_field_and_value(family, value):
+    with pytest.raises(InputError, match=rf"{family.__name__}\.travel is {value}; it must be a positive number"):
+        family(travel=value)
+
+
+def test_samplings_that_give_no_motion_are_refused():
+    with pytest.raises(InputError, match="sampled 1 times"):
+        sample(Straight(), 1)
+    with pytest.raises(InputError, match=r"step is 10\.0 s"):
+        sample_every(Straight(), step=10.0)
+    with pytest.raises(InputError, match="rate_deg_s is 0"):
+        Circumnutation(rate_deg_s=0.0)
