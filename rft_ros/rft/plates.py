@@ -1,27 +1,41 @@
-"""Plate elements: the tool's surface as centroids, outward unit normals and areas."""
+"""Plate elements: the tool's surface as flat pieces, each a point (published rule) or a triangle (ours)."""
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Plates"]
+from rft_ros.rft.blocks import Blocks, blocks_of
+
+__all__ = ["INTEGRATIONS", "Integration", "Plates"]
+
+Integration = Literal["centroid", "refined"]
+INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
+
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plates:
     """Plate elements in the tool frame, packed once for the kernel.
 
-    `packed`: shape [7, n], C-contiguous rows x, y, z [m], outward unit normal nx, ny, nz, and area [m²].
-    `reach`: greatest distance of a centroid from the tool frame's origin [m].
+    `packed`: shape [7, n], C-contiguous rows x, y, z [m] of the centroid, outward unit normal nx, ny, nz, area [m²].
+    `reach`: greatest distance of a plate's point from the tool frame's origin [m].
+    `integration`: ``centroid``, the published rule: depth and velocity are taken at the centroid, and a plate leads or
+    does not. ``refined``: each plate is a triangle; depth is integrated over its part below the surface, the force acts
+    at its centre of pressure, and it begins to lead over the angle that it stands for (`from_triangles`).
+    `blocks`: the same plates as the kernel visits them.
     """
 
-    packed: NDArray[np.float64]
+    packed: Array
     reach: float
+    integration: Integration
+    blocks: Blocks
 
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
-        """Pack centroids [m] and normals, shape [n, 3], and areas [m²], shape [n]; normals are made unit length.
+        """Plates for the published rule: centroids [m], normals, shape [n, 3], made unit length; areas [m²], shape [n].
 
         Raises ValueError on wrong shapes, no plates, values that are not finite, negative areas and zero normals.
         """
@@ -32,6 +46,29 @@ class Plates:
             raise ValueError(
                 f"plates need centroids [n, 3], normals [n, 3] and areas [n]; got {r.shape}, {n.shape}, {a.shape}"
             )
+        return cls._packed(r, n, a)
+
+    @classmethod
+    def from_triangles(cls, triangles: ArrayLike, half_angles: ArrayLike) -> "Plates":
+        """Plates for the refined rule: corners [m], shape [n, 3, 3], counter-clockwise seen from outside.
+
+        `half_angles`: shape [n], over 0 up to π/2 [rad]: a plate stands for surface whose normals differ from its own
+        by up to this angle, and leads in proportion to the share of them that does. Raises ValueError as `from_arrays`.
+        """
+        t = np.asarray(triangles, dtype=np.float64)
+        theta = np.asarray(half_angles, dtype=np.float64)
+        if t.ndim != 3 or t.shape[1:] != (3, 3) or theta.shape != t.shape[:1]:
+            raise ValueError(f"plates need triangles [n, 3, 3] and half_angles [n]; got {t.shape}, {theta.shape}")
+        if not ((theta > 0.0) & (theta <= 0.5 * np.pi)).all():
+            raise ValueError("half_angles must lie over 0 and up to π/2")
+        center = t.mean(axis=1)
+        doubled = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+        edges = (t - center[:, None])[:, :2].reshape(len(t), 6)
+        refined = np.column_stack([edges, 0.5 / np.sin(theta)])
+        return cls._packed(center, doubled, 0.5 * np.linalg.norm(doubled, axis=1), refined)
+
+    @classmethod
+    def _packed(cls, r: Array, n: Array, a: Array, refined: Array | None = None) -> "Plates":
         if len(r) == 0:
             raise ValueError("a tool needs at least one plate element; got none")
         if not (np.isfinite(r).all() and np.isfinite(n).all() and np.isfinite(a).all()):
@@ -41,7 +78,10 @@ class Plates:
             raise ValueError("plate areas must not be negative, and normals not zero")
         packed = np.ascontiguousarray(np.vstack([r.T, (n / length[:, None]).T, a[None]]))
         packed.flags.writeable = False
-        return cls(packed=packed, reach=float(np.linalg.norm(r, axis=1).max()))
+        rows = packed if refined is None else np.vstack([packed, refined.T])
+        blocks = blocks_of(rows)
+        reach = float((np.linalg.norm(r, axis=1) + blocks.extents).max())
+        return cls(packed, reach, "centroid" if refined is None else "refined", blocks)
 
     def __len__(self) -> int:
         return self.packed.shape[1]
