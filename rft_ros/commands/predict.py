@@ -7,6 +7,9 @@ from pathlib import Path
 from rft_ros.commands.options import finite, mesh_options
 from rft_ros.errors import InputError
 
+# as in rft_ros.rft, which would cost the help text a second
+INTEGRATIONS = ("centroid", "refined")
+
 __all__ = ["add_options", "run"]
 
 
@@ -21,7 +24,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--alpha-y", default="constant", metavar="MODEL", help="constant, linear or a TABLE.csv (default constant)"
     )
     command.add_argument("--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface [m]")
-    command.add_argument("--integration", default="centroid", choices=("centroid",), help="rule for the plates")
+    command.add_argument(
+        "--integration",
+        default="centroid",
+        choices=INTEGRATIONS,
+        help="centroid: published rule (default); refined: ours",
+    )
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help="t,fx,fy,fz,tx,ty,tz")
 
 
@@ -33,7 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.tool import load_tool
 
     times, states = read_states(arguments.states)
-    tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin)
+    tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin, integration=arguments.integration)
     for finding in tool.findings:
         print(f"warning: {tool.name}: {finding.message}", file=sys.stderr)
     named = arguments.alpha_y in ALPHA_Y_MODELS and arguments.alpha_y != "table"

@@ -10,9 +10,10 @@ import yaml
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import Value, checked, defaults
 
-__all__ = ["node_parameters", "read_parameter_file"]
+__all__ = ["NODE_KEYS", "node_parameters", "parameter_tree", "read_parameter_file"]
 
-_NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
+NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
+"""Top-level keys that hold parameters of the node `rft`, later ones over earlier ones."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -32,8 +33,8 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
             yield f"{prefix}{key}", value
 
 
-def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
-    """What a parameter file says for the nodes named, flat, later keys over earlier ones; {} if it names none."""
+def parameter_tree(file: Path) -> dict[str, Any]:
+    """A parameter file as it is written: by node, nested and flat names as they come."""
     try:
         tree = yaml.load(file.read_text(encoding="utf-8"), Loader=_Loader)
     except (OSError, UnicodeDecodeError) as error:
@@ -42,6 +43,12 @@ def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
         raise InputError(f"parameter file '{file}' is not YAML: {' '.join(str(error).split())}") from None
     if not isinstance(tree, dict):
         raise InputError(f"parameter file '{file}' has no node name at its top level, such as '/**'")
+    return tree
+
+
+def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
+    """What a parameter file says for the nodes named, flat, later keys over earlier ones; {} if it names none."""
+    tree = parameter_tree(file)
     flat: dict[str, Any] = {}
     for key in node_keys:
         node = tree.get(key)
@@ -56,9 +63,9 @@ def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
 def read_parameter_file(file: Path) -> dict[str, Value]:
     """Every parameter: the file's value where it has one for the node `rft`, checked; else the default."""
     values = defaults()
-    flat = node_parameters(file, _NODE_KEYS)
+    flat = node_parameters(file, NODE_KEYS)
     if not flat:
-        raise InputError(f"parameter file '{file}' has nothing for the node 'rft' (keys {', '.join(_NODE_KEYS)})")
+        raise InputError(f"parameter file '{file}' has nothing for the node 'rft' (keys {', '.join(NODE_KEYS)})")
     for name, value in flat.items():
         if name == "use_sim_time" or name.startswith("qos_overrides."):
             continue

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
+from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA
 
 __all__ = ["PARAMETERS", "Parameter", "Value", "Values"]
 
@@ -83,8 +83,9 @@ PARAMETERS: tuple[Parameter, ...] = (
         name="integration",
         default="centroid",
         unit="",
-        choices=("centroid",),
-        description="Rule for plates: the published one takes depth and velocity at the centroid.",
+        choices=INTEGRATIONS,
+        description="Rule for plates: centroid (published), or refined: exact where the surface cuts a plate, smooth at"
+        " the leading edge, true to curved tools.",
     ),
     Parameter(
         name="surface_height",

@@ -91,7 +91,12 @@ def settings_of(values: Values) -> Settings:
     return Settings(load_cell=cell, **{name: v[name] for name in (*plain, *gates)})
 
 
-TOOL_PARAMETERS = {"file": "mesh.file", "scale": "mesh.scale", "origin": "mesh.origin"}
+TOOL_PARAMETERS = {
+    "file": "mesh.file",
+    "scale": "mesh.scale",
+    "origin": "mesh.origin",
+    "integration": "integration",
+}
 """Which parameter holds each field of a `ToolRequest`."""
 
 

@@ -1,25 +1,58 @@
 """Compile, or load from numba's cache, every kernel that a tick can reach."""
 
-from dataclasses import replace
+import os
+from collections.abc import Sequence
 
 import numpy as np
 
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.settings import Model, Settings
-from rft_ros.rft import ALPHA_Y_MODELS, MEDIA, Table, alpha_y_model, plate_forces, treers2021
+from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, plate_forces, treers2021
+from rft_ros.tool import load_tool
 
-__all__ = ["warm_up"]
+__all__ = ["fork_compilation", "warm_up", "warm_up_all"]
 
 
 def warm_up(model: Model) -> None:
-    """Answer a few poses of the model's tool with each α_y model, so that nothing compiles once samples come."""
-    medium = MEDIA[model.medium]
+    """Answer a few poses with a model, so that nothing compiles once samples come."""
+    estimator = Estimator(Settings(twist_source="pose_difference"), model)
+    for k in range(1, 5):
+        height = 1e3 - 0.001 * k  # in the air, where the kernel is the same
+        estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
+
+
+def fork_compilation() -> int:
+    """Fork a process that compiles what `warm_up_all` needs later into numba's cache; its id.
+
+    With a cold cache, two processors are twice as fast as one. Call it before anything starts threads.
+    """
+    pid = os.fork()
+    if pid == 0:
+        try:
+            _warm_up(INTEGRATIONS[1:])
+        finally:
+            os._exit(0)
+    return pid
+
+
+def warm_up_all(beside: int) -> None:
+    """Warm up for whatever can be swapped in: each rule of integration with each α_y model, and the markers.
+
+    `beside`: the process of `fork_compilation`.
+    """
+    _warm_up(INTEGRATIONS[:1])
+    os.waitpid(beside, 0)
+    _warm_up(INTEGRATIONS[1:])
+
+
+def _warm_up(integrations: Sequence[Integration]) -> None:
+    medium = next(iter(MEDIA.values()))
     table = Table(np.zeros(1), np.zeros(1), np.ones((1, 1)))
-    for name in ALPHA_Y_MODELS:
-        law = treers2021(medium, alpha_y_model(name, medium, table))
-        estimator = Estimator(Settings(twist_source="pose_difference"), replace(model, law=law))
-        for k in range(1, 5):
-            height = 1e3 - 0.001 * k  # in the air, where the kernel does the same work
-            estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
-    plate_forces(model.tool.plates, model.law, estimator.state)
+    state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+    for integration in integrations:
+        tool = load_tool("plate", integration=integration)
+        for name in ALPHA_Y_MODELS:
+            law = treers2021(medium, alpha_y_model(name, medium, table))
+            warm_up(Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name))
+        plate_forces(tool.plates, law, state)

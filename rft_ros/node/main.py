@@ -11,7 +11,7 @@ from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.warm_up import warm_up
+from rft_ros.estimator.warm_up import fork_compilation, warm_up_all
 from rft_ros.node.rft_node import RftNode
 from rft_ros.prepare_tool import start_preparer
 
@@ -20,7 +20,7 @@ __all__ = ["main"]
 
 def main() -> int:
     """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its parameters cannot be used."""
-    preparer = start_preparer()
+    preparer, compilation = start_preparer(), fork_compilation()
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -32,7 +32,7 @@ def main() -> int:
         rclpy.try_shutdown()
         preparer.close()
         return 2
-    warm_up(node.estimator.model)
+    warm_up_all(compilation)
     gc.collect()
     gc.freeze()  # a full collection with numba and trimesh loaded costs 22 ms, and there is nothing of theirs to free
     for finding in node.estimator.model.tool.findings:

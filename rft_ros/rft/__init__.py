@@ -16,17 +16,19 @@ Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed st
 from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table, alpha_y_model
 from rft_ros.rft.frames import STATE, checked_states, rotation_matrix, unit_quaternion
 from rft_ros.rft.media import MEDIA, Medium, medium_named
-from rft_ros.rft.plates import Plates
+from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import Law, Treers2021, traction_per_depth, treers2021
 from rft_ros.rft.wrench import COLUMNS, plate_forces, wrenches
 
 __all__ = [
     "ALPHA_Y_MODELS",
     "COLUMNS",
+    "INTEGRATIONS",
     "MEDIA",
     "STATE",
     "AlphaY",
     "Constant",
+    "Integration",
     "Law",
     "Linear",
     "Medium",

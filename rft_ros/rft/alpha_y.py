@@ -9,12 +9,12 @@ import math
 from collections.abc import Callable
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numba import types
 from numba.extending import overload
 from numpy.typing import NDArray
 
+from rft_ros.rft.compiled import OPTIONS, inlined
 from rft_ros.rft.media import Medium
 
 __all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y", "alpha_y_model", "as_table"]
@@ -73,7 +73,7 @@ def as_table(model: AlphaY) -> Table:
 _DEGREES = 180.0 / math.pi
 
 
-@numba.njit(inline="always")
+@inlined
 def _atan2(y: float, x: float) -> float:
     """atan2 by a rational fit (1e-13 rad) with selects instead of branches, so that it vectorises; atan2(0, 0) = 0."""
     ax, ay = abs(x), abs(y)
@@ -94,13 +94,13 @@ def _atan2(y: float, x: float) -> float:
     return -a if y < 0.0 else a
 
 
-@numba.njit(inline="always")
+@inlined
 def _beta(sin_beta, cos_beta):  # type: ignore[no-untyped-def]
     """Attack angle β [rad] as the method has it, atan2(n·E3, n·e2) + 90°: from -90° to 270°."""
     return 0.5 * math.pi + _atan2(-cos_beta, sin_beta)
 
 
-@numba.njit
+@inlined
 def _bracket(grid, x):  # type: ignore[no-untyped-def]
     """Index i and weight t so that x lies at grid[i] (1 - t) + grid[i + 1] t; t = 0 beyond the edges."""
     n = len(grid)
@@ -142,7 +142,7 @@ def alpha_y(model: AlphaY, sin_beta: float, cos_beta: float, sin_gamma: float, c
     return function(model, sin_beta, cos_beta, sin_gamma, cos_gamma)
 
 
-@overload(alpha_y, inline="always")
+@overload(alpha_y, jit_options={"forceinline": True, **OPTIONS})
 def _compiled_alpha_y(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
     if isinstance(model, types.BaseNamedTuple):
         return _FUNCTIONS.get(model.instance_class)

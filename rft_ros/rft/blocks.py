@@ -6,10 +6,10 @@ would cost the vector registers more than it saves; a block of them with like no
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.rft.compiled import inlined
 from rft_ros.rft.traction import FLAT
 
 __all__ = ["BLOCK", "CAREFUL", "PLAIN", "SKIP_DRY", "SKIP_WET", "Blocks", "blocks_of", "kind_of_block"]
@@ -90,19 +90,19 @@ def _bounds(rows: NDArray[np.float64], extents: NDArray[np.float64]) -> NDArray[
     return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]).T)
 
 
-@numba.njit(inline="always")
+@inlined
 def _middle(bounds, b, box, v):  # type: ignore[no-untyped-def]
     """A vector times the middle of a block's box."""
     return v[0] * bounds[b, 6 * box] + v[1] * bounds[b, 6 * box + 1] + v[2] * bounds[b, 6 * box + 2]
 
 
-@numba.njit(inline="always")
+@inlined
 def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
     """How far a vector times what is in the box can lie from `_middle`."""
     return abs(v[0]) * bounds[b, 6 * box + 3] + abs(v[1]) * bounds[b, 6 * box + 4] + abs(v[2]) * bounds[b, 6 * box + 5]
 
 
-@numba.njit(inline="always")
+@inlined
 def kind_of_block(bounds, b, linear, angular, fastest, reach, up, below):  # type: ignore[no-untyped-def]
     """Which of the four a block is, for certain; in doubt the more laborious.
 

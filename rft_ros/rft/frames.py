@@ -2,9 +2,10 @@
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from rft_ros.rft.compiled import inlined
 
 __all__ = ["STATE", "UNIT_TOLERANCE", "checked_states", "rotation", "rotation_matrix", "unit_quaternion"]
 
@@ -15,8 +16,7 @@ UNIT_TOLERANCE = 0.01
 """How far a quaternion's norm may lie from 1 and still be taken as rounding, to be made unit length."""
 
 
-@numba.njit(inline="always")
-def rotation(
+def _rotation(
     qx: float, qy: float, qz: float, qw: float
 ) -> tuple[float, float, float, float, float, float, float, float, float]:
     """Rotation matrix of a unit quaternion, row by row: columns are the frame's axes in the outer frame."""
@@ -26,10 +26,13 @@ def rotation(
     return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
 
 
+rotation = inlined(_rotation)
+
+
 def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrix of a unit quaternion xyzw, shape [3, 3]."""
     qx, qy, qz, qw = np.asarray(quaternion, dtype=np.float64)
-    return np.array(rotation.py_func(qx, qy, qz, qw)).reshape(3, 3)
+    return np.array(_rotation(qx, qy, qz, qw)).reshape(3, 3)
 
 
 def unit_quaternion(qx: float, qy: float, qz: float, qw: float) -> tuple[float, float, float, float] | None:

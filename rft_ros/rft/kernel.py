@@ -9,18 +9,15 @@ import numba
 import numpy as np
 
 from rft_ros.rft.blocks import BLOCK, CAREFUL, PLAIN, SKIP_WET, kind_of_block
+from rft_ros.rft.compiled import OPTIONS, inlined
 from rft_ros.rft.frames import rotation
 from rft_ros.rft.traction import traction_per_depth
 from rft_ros.rft.wet_part import wet_part
 
 __all__ = ["KERNELS"]
 
-# Reassociation lets the sums over plates use vector registers; the order is then fixed by the compiled code, the same
-# for one state and for many. NaN and infinity keep their meaning.
-_FASTMATH = {"reassoc", "contract", "arcp", "nsz"}
 
-
-@numba.njit(inline="always")
+@inlined
 def _motion(state, reach):  # type: ignore[no-untyped-def]
     """Rotation matrix (9 numbers, by rows) and twist (6 numbers) of a state, the twist scaled to order one.
 
@@ -33,18 +30,18 @@ def _motion(state, reach):  # type: ignore[no-untyped-def]
     return rotation(state[3], state[4], state[5], state[6]), (vx * s, vy * s, vz * s, wx * s, wy * s, wz * s)
 
 
-@numba.njit(inline="always")
+@inlined
 def _in_tool_axes(axes, x, y, z):  # type: ignore[no-untyped-def]
     xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     return xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
 
 
-@numba.njit(inline="always")
+@inlined
 def _length(v):  # type: ignore[no-untyped-def]
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
-@numba.njit(inline="always")
+@inlined
 def _plate(rows, i, axes, twist, law, below, refined, careful):  # type: ignore[no-untyped-def]
     """One plate: where its force acts from the tool frame's origin, the force, world axes; its submerged area.
 
@@ -53,23 +50,13 @@ def _plate(rows, i, axes, twist, law, below, refined, careful):  # type: ignore[
     """
     xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     vx, vy, vz, wx, wy, wz = twist
-    # Everything is read before the first branch: numba cannot drop the reference count of an array used after one.
-    k = 7 if refined else 0
-    a, b, c, na, nb, nc, area = rows[0, i], rows[1, i], rows[2, i], rows[3, i], rows[4, i], rows[5, i], rows[6, i]
-    e0x, e0y, e0z, e1x, e1y, e1z = (
-        rows[k, i],
-        rows[k + 1, i],
-        rows[k + 2, i],
-        rows[k + 3, i],
-        rows[k + 4, i],
-        rows[k + 5, i],
-    )
-    per_angle = rows[k + 6, i]
-
+    a, b, c = rows[0, i], rows[1, i], rows[2, i]
+    area = rows[6, i]
     depth = below - (zx * a + zy * b + zz * c)
     weight = depth * area
     if refined:
         # e0, e1 and -(e0 + e1) are the corners from the centroid
+        e0x, e0y, e0z, e1x, e1y, e1z = rows[7, i], rows[8, i], rows[9, i], rows[10, i], rows[11, i], rows[12, i]
         h0 = zx * e0x + zy * e0y + zz * e0z
         h1 = zx * e1x + zy * e1y + zz * e1z
         if careful:
@@ -87,13 +74,14 @@ def _plate(rows, i, axes, twist, law, below, refined, careful):  # type: ignore[
         area = area if depth > 0.0 else 0.0
         weight = depth * area
     x, y, z = xx * a + xy * b + xz * c, yx * a + yy * b + yz * c, zx * a + zy * b + zz * c
-    nx, ny, nz = xx * na + xy * nb + xz * nc, yx * na + yy * nb + yz * nc, zx * na + zy * nb + zz * nc
+    a, b, c = rows[3, i], rows[4, i], rows[5, i]
+    nx, ny, nz = xx * a + xy * b + xz * c, yx * a + yy * b + yz * c, zx * a + zy * b + zz * c
     ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
     lead = ux * nx + uy * ny + uz * nz
     if refined:
         per_speed = 1.0 / sqrt(max(ux * ux + uy * uy + uz * uz, 1e-290))
         # from 0 to 1 over the angles that the plate stands for; in abs, since selects would branch
-        q = lead * per_speed * per_angle
+        q = lead * per_speed * rows[13, i]
         weight *= 0.5 * (abs(q + 0.5) - abs(q - 0.5) + 1.0)
     else:
         weight = weight if lead > 0.0 else 0.0
@@ -101,29 +89,20 @@ def _plate(rows, i, axes, twist, law, below, refined, careful):  # type: ignore[
     return x, y, z, tx * weight, ty * weight, tz * weight, area
 
 
-def _sum(refined: bool, careful: bool) -> Any:
-    """The compiled sum over consecutive plates: force, torque, submerged area."""
-
-    @numba.njit(nogil=True, error_model="numpy", fastmath=_FASTMATH, forceinline=True)
-    def total(rows, first, last, axes, twist, law, below):  # type: ignore[no-untyped-def]
-        fx = fy = fz = tx = ty = tz = submerged = 0.0
-        for i in range(first, last):
-            x, y, z, dx, dy, dz, area = _plate(rows, i, axes, twist, law, below, refined, careful)
-            fx += dx
-            fy += dy
-            fz += dz
-            tx += y * dz - z * dy
-            ty += z * dx - x * dz
-            tz += x * dy - y * dx
-            submerged += area
-        return fx, fy, fz, tx, ty, tz, submerged
-
-    return total
-
-
-# Globals: numba's cache on disk takes a compiled function in a closure for a new one in every process.
-_plain_points, _careful_points = _sum(False, False), _sum(False, True)
-_plain_triangles, _careful_triangles = _sum(True, False), _sum(True, True)
+@inlined
+def _sum(rows, first, last, axes, twist, law, below, refined, careful):  # type: ignore[no-untyped-def]
+    """Force, torque and submerged area of consecutive plates."""
+    fx = fy = fz = tx = ty = tz = submerged = 0.0
+    for i in range(first, last):
+        x, y, z, dx, dy, dz, area = _plate(rows, i, axes, twist, law, below, refined, careful)
+        fx += dx
+        fy += dy
+        fz += dz
+        tx += y * dz - z * dy
+        ty += z * dx - x * dz
+        tz += x * dy - y * dx
+        submerged += area
+    return fx, fy, fz, tx, ty, tz, submerged
 
 
 def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
@@ -133,7 +112,6 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
     is part of the cache's key and does.
     """
 
-    @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FASTMATH)
     def of_states(rows, bounds, reach, law, surface_height, states, out):  # type: ignore[no-untyped-def]
         if source == 0:
             return
@@ -157,15 +135,10 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
                         kind = kind_of_block(bounds, b, linear, angular, fastest, reach, up, below)
                 if run in (PLAIN, CAREFUL):
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
-                    if refined:
-                        if run == PLAIN:
-                            part = _plain_triangles(rows, i, j, axes, twist, law, below)
-                        else:
-                            part = _careful_triangles(rows, i, j, axes, twist, law, below)
-                    elif run == PLAIN:
-                        part = _plain_points(rows, i, j, axes, twist, law, below)
+                    if run == PLAIN:
+                        part = _sum(rows, i, j, axes, twist, law, below, refined, False)
                     else:
-                        part = _careful_points(rows, i, j, axes, twist, law, below)
+                        part = _sum(rows, i, j, axes, twist, law, below, refined, True)
                     fx += part[0]
                     fy += part[1]
                     fz += part[2]
@@ -177,7 +150,6 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
             out[k, 3], out[k, 4], out[k, 5] = tx, ty, tz
             out[k, 6] = submerged
 
-    @numba.njit(cache=True, nogil=True, error_model="numpy", fastmath=_FASTMATH)
     def of_plates(rows, reach, law, surface_height, state, order, out):  # type: ignore[no-untyped-def]
         if source == 0:
             return
@@ -187,7 +159,10 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
             _, _, _, dx, dy, dz, _ = _plate(rows, i, axes, twist, law, below, refined, True)
             out[order[i], 0], out[order[i], 1], out[order[i], 2] = dx, dy, dz
 
-    return of_states, of_plates
+    for function in (of_states, of_plates):  # an index of the cache for each rule: two processes fill them at a time
+        function.__qualname__ += "_refined" if refined else "_centroid"
+    jit = numba.njit(cache=True, nogil=True, **OPTIONS)
+    return jit(of_states), jit(of_plates)
 
 
 def _source() -> int:

@@ -13,6 +13,7 @@ from numba import types
 from numba.extending import overload
 
 from rft_ros.rft.alpha_y import AlphaY, alpha_y
+from rft_ros.rft.compiled import OPTIONS
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1, f23
 
@@ -133,7 +134,7 @@ def traction_per_depth(
     return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz, may_be_flat)
 
 
-@overload(traction_per_depth, inline="always")
+@overload(traction_per_depth, jit_options={"forceinline": True, **OPTIONS})
 def _compiled_traction(law, nx, ny, nz, vx, vy, vz, may_be_flat):  # type: ignore[no-untyped-def]
     if isinstance(law, types.BaseNamedTuple):
         return _FUNCTIONS.get(law.instance_class)

@@ -8,7 +8,7 @@ tanh and atanh would cost three quarters of a plate's time and keep the loop ove
 
 import math
 
-import numba
+from rft_ros.rft.compiled import inlined
 
 __all__ = ["A1", "A2", "A3", "B1", "B2", "B3", "exact_f1", "exact_f23", "f1", "f23"]
 
@@ -34,7 +34,7 @@ _F1_SCALE = 1.0 / (math.tanh(A2 - A3) + _TANH_A3)
 _F23_SCALE = 1.0 / (math.atanh(B2 - B3) + _ATANH_B3)
 
 
-@numba.njit(inline="always")
+@inlined
 def _tanh(x: float) -> float:
     """tanh on [-2.02, 2.02]."""
     y = x * x
@@ -45,7 +45,7 @@ def _tanh(x: float) -> float:
     return x * p / q
 
 
-@numba.njit(inline="always")
+@inlined
 def _atanh(x: float) -> float:
     """atanh on [-B3, B3], in s = 1 - x² so that every term is positive and nothing cancels."""
     s = 1.0 - x * x
@@ -58,14 +58,14 @@ def _atanh(x: float) -> float:
     return x * p / q
 
 
-@numba.njit(inline="always")
+@inlined
 def f1(u: float) -> float:
     """Rational `exact_f1`; u in [0, 1], clamped above 1 against rounding."""
     f = _F1_SCALE * (_tanh(A2 * min(u, 1.0) - A3) + _TANH_A3)
     return f if u > 0.0 else 0.0
 
 
-@numba.njit(inline="always")
+@inlined
 def f23(w: float) -> float:
     """Rational `exact_f23`; w in [0, 1], clamped above 1 against rounding."""
     f = _F23_SCALE * (_atanh(B2 * min(w, 1.0) - B3) + _ATANH_B3)

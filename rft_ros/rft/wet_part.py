@@ -1,11 +1,11 @@
 """The part of a triangle below the surface: depth integrated over it, exactly, from the depths of its corners."""
 
-import numba
+from rft_ros.rft.compiled import inlined
 
 __all__ = ["wet_part"]
 
 
-@numba.njit(inline="always")
+@inlined
 def wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
     """Integrals of depth times each barycentric coordinate over the submerged part, and that part's size, by the area.
 

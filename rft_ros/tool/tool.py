@@ -7,10 +7,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft.plates import Plates
+from rft_ros.errors import InputError
+from rft_ros.rft import INTEGRATIONS, Integration, Plates
 from rft_ros.tool.check import Finding, check_mesh, degenerate_facets
 from rft_ros.tool.locate import locate_mesh
 from rft_ros.tool.mesh_file import read_mesh
+from rft_ros.tool.refine import refined_plates
 
 __all__ = ["Tool", "ToolRequest", "describe_tool", "load_tool"]
 
@@ -49,28 +51,41 @@ def _restore(values: dict[str, Any]) -> Tool:
     return Tool(**values)
 
 
-def load_tool(file: str, *, scale: float = 0.001, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> Tool:
+def load_tool(
+    file: str,
+    *,
+    scale: float = 0.001,
+    origin: Sequence[float] = (0.0, 0.0, 0.0),
+    integration: Integration = "centroid",
+) -> Tool:
     """The tool of a mesh file: path, package:// URI or name of a shipped mesh.
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
+    `integration`: the plates' rule; ``refined`` also gives them the area of the surface that the mesh samples.
     Normals come from the facets' winding, not from the file. Facets without area are dropped.
     Raises InputError, one sentence, for what cannot be used; what can, but looks wrong, is in the tool's `findings`.
     """
+    if integration not in INTEGRATIONS:
+        raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
     path = locate_mesh(file)
     mesh = read_mesh(path, scale=scale, origin=origin)
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
-    a, b, c = vertices[faces.T]
-    area_vectors = np.cross(b - a, c - a) / 2.0
     return Tool(
         name=path.stem,
         file=str(path),
-        plates=Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1)),
+        plates=refined_plates(vertices, faces) if integration == "refined" else _plates(vertices, faces),
         vertices=vertices,
         faces=faces,
         findings=check_mesh(mesh),
         corners=_corners(vertices[_used(vertices, faces)]),
     )
+
+
+def _plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
+    a, b, c = vertices[faces.T]
+    area_vectors = np.cross(b - a, c - a) / 2.0
+    return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
 
 
 class ToolRequest(NamedTuple):
@@ -79,10 +94,11 @@ class ToolRequest(NamedTuple):
     file: str
     scale: float = 0.001
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    integration: Integration = "centroid"
 
     def load(self) -> Tool:
         """The tool, as `load_tool`."""
-        return load_tool(self.file, scale=self.scale, origin=self.origin)
+        return load_tool(self.file, scale=self.scale, origin=self.origin, integration=self.integration)
 
 
 def _used(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.bool_]:

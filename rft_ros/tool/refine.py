@@ -1,0 +1,168 @@
+"""Triangles for the refined rule: a curved surface gets back the area that its inscribed facets lack.
+
+A facet stands for a patch of the surface that the mesh samples. How that bends is taken from normals at the corners,
+averaged by area and angle over the facets that join smoothly: a large flat face beside a narrow fillet stays flat.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft import Plates
+
+__all__ = ["CREASE", "FLAT_HALF_ANGLE", "refined_plates"]
+
+CREASE = np.deg2rad(50.0)
+"""Facets that meet at a larger angle than this [rad] meet at an edge of the tool, not within a curved surface."""
+
+FLAT_HALF_ANGLE = np.deg2rad(1.0)
+"""The least half angle [rad] over which a facet begins to lead; what a truly flat face gets."""
+
+_SPAN = 0.85
+"""Half angle of a curved facet over the mean angle between its normal and those at its corners."""
+
+_WELD = 1e-6  # of the tool's size: corners that are closer are one
+
+Array = NDArray[np.float64]
+
+
+def refined_plates(vertices: Array, faces: NDArray[np.int64]) -> Plates:
+    """Plates of a mesh in the tool frame [m] for the refined rule, one a face, in the same order."""
+    points, corners = _welded(vertices, faces)
+    triangles = points[corners]
+    normals = _corner_normals(points, corners)
+    facet = _unit(_doubled_areas(triangles))
+    angles = np.arccos(np.clip(np.einsum("fck,fk->fc", normals, facet), -1.0, 1.0))
+    half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
+    return Plates.from_triangles(_with_area_of_surface(points, corners, normals), half_angles)
+
+
+def _welded(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Points and faces in which facets share corners, as those of an STL file do not."""
+    size = float(np.ptp(vertices[faces.ravel()], axis=0).max())
+    _, first, welded = np.unique(
+        np.round(vertices / (_WELD * size)).astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
+    return vertices[first], welded.reshape(-1)[faces]
+
+
+def _doubled_areas(triangles: Array) -> Array:
+    return np.asarray(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
+
+
+def _unit(vectors: Array) -> Array:
+    length = np.linalg.norm(vectors, axis=-1, keepdims=True)
+    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+
+
+def _corner_normals(points: Array, faces: NDArray[np.int64]) -> Array:
+    """Unit normal of the surface at each facet's corners, shape [m, 3, 3].
+
+    Averaged by area and angle over the facets around the corner that join this one across edges that are no creases.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    m = len(faces)
+    doubled = _doubled_areas(points[faces])
+    facet = _unit(doubled)
+    # half edge 3 f + c runs from corner c of facet f to the next; the two of an edge follow each other when sorted
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    _, edge, facets = np.unique(
+        np.sort(np.column_stack([start, end]), axis=1), axis=0, return_inverse=True, return_counts=True
+    )
+    edge = edge.reshape(-1)
+    order = np.argsort(edge, kind="stable")
+    left, right = order[facets[edge[order]] == 2].reshape(-1, 2).T
+    smooth = np.einsum("ij,ij->i", facet[left // 3], facet[right // 3]) > np.cos(CREASE)
+    left, right = left[smooth], right[smooth]
+
+    # corners of neighbours that lie at the same point are one, for each end of the edge
+    def corner(half_edge: NDArray[np.int64], point: NDArray[np.int64]) -> NDArray[np.int64]:
+        f, c = half_edge // 3, half_edge % 3
+        return np.asarray(3 * f + np.where(faces[f, c] == point, c, (c + 1) % 3))
+
+    links = [(corner(left, p), corner(right, p)) for p in (start[left], end[left])]
+    i, j = np.concatenate([a for a, _ in links]), np.concatenate([b for _, b in links])
+    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(3 * m, 3 * m))
+    count, group = connected_components(graph, directed=False)
+    # area alone would count a quad's two triangles for more than its neighbour's one
+    out, back = points[np.roll(faces, -1, axis=1)] - points[faces], points[np.roll(faces, 1, axis=1)] - points[faces]
+    angle = np.arccos(np.clip(np.einsum("fck,fck->fc", _unit(out), _unit(back)), -1.0, 1.0))
+    total = np.zeros((count, 3))
+    np.add.at(total, group, (angle[:, :, None] * doubled[:, None]).reshape(-1, 3))
+    return _unit(total)[group].reshape(m, 3, 3)
+
+
+def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Array) -> Array:
+    """Triangles whose corners are moved along the surface's normals until they have its area, shape [m, 3, 3]."""
+    triangles = points[faces]
+    target, sagitta = _surface_areas(triangles, normals)
+    corner = faces.ravel()
+    moved = triangles
+    for _ in range(3):
+        doubled = _doubled_areas(moved)
+        lacking = target - 0.5 * np.linalg.norm(doubled, axis=1)
+        # area's gradient by corner c: half of (opposite edge) x (unit normal)
+        opposite = np.roll(moved, -2, axis=1) - np.roll(moved, -1, axis=1)
+        gradient = 0.5 * np.cross(_unit(doubled)[:, None], opposite)
+        growth = np.einsum("fck,fck->fc", gradient, normals)
+        moved = moved + _shifts(lacking, growth, sagitta, normals, corner, len(points))
+    return moved
+
+
+def _shifts(lacking: Array, growth: Array, sagitta: Array, normals: Array, corner: NDArray[np.int64], n: int) -> Array:
+    """How far each facet's corners move: the same for all facets at a point that share a normal there."""
+    keys = np.column_stack([corner, np.round(normals.reshape(-1, 3) * 1e6).astype(np.int64)])
+    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    group = group.reshape(-1)
+    need = np.bincount(group, np.repeat(lacking / 3.0, 3))
+    rate = np.bincount(group, growth.ravel())
+    limit = np.zeros(len(first))
+    np.maximum.at(limit, group, np.repeat(sagitta, 3))
+    shift = np.where(np.abs(rate) > 0.0, need / np.where(rate == 0.0, 1.0, rate), 0.0)
+    shift = np.clip(shift, -limit, limit)
+    by_point = np.zeros((n, 3))
+    np.add.at(by_point, corner[first], shift[:, None] * normals.reshape(-1, 3)[first])
+    return by_point[corner].reshape(normals.shape)
+
+
+def _surface_areas(triangles: Array, normals: Array) -> tuple[Array, Array]:
+    """Area of the curved patch over each triangle, and how far its edges bulge at most [m].
+
+    Triangles are divided in four, twice, at the tops of the arcs that the normals at the edges' ends ask for; Romberg's
+    rule takes the areas to the limit.
+    """
+    areas = [0.5 * np.linalg.norm(_doubled_areas(triangles), axis=1)]
+    points, at = triangles[None], normals[None]  # shape [pieces, m, 3, 3]
+    sagitta = np.zeros(len(triangles))
+    for level in range(2):
+        points, at, bulge = _divided(points, at)
+        if level == 0:
+            sagitta = bulge.max(axis=(0, 2))
+        area_vectors = np.cross(points[:, :, 1] - points[:, :, 0], points[:, :, 2] - points[:, :, 0])
+        areas.append(0.5 * np.linalg.norm(area_vectors, axis=2).sum(axis=0))
+    first, second = (4.0 * areas[1] - areas[0]) / 3.0, (4.0 * areas[2] - areas[1]) / 3.0
+    return (16.0 * second - first) / 15.0, sagitta
+
+
+def _divided(points: Array, normals: Array) -> tuple[Array, Array, Array]:
+    """Four triangles for each, with normals, and the heights of the arcs over the edges [m], shape [pieces, m, 3]."""
+    after, normal_after = np.roll(points, -1, axis=2), np.roll(normals, -1, axis=2)
+    edge = after - points
+    length = np.linalg.norm(edge, axis=3)
+    between = _unit(normals + normal_after)
+
+    def height(w: Array) -> Array:
+        """Of an arc over its chord, from the chord's component along the normal at one end."""
+        sine = np.clip(w / np.where(length > 0.0, length, 1.0), -1.0, 1.0)
+        return np.asarray(-0.5 * length * sine / (1.0 + np.sqrt(1.0 - sine * sine)))
+
+    arc = 0.5 * (height((edge * normals).sum(axis=3)) + height(-(edge * normal_after).sum(axis=3)))
+    middle = 0.5 * (points + after) + arc[..., None] * between
+
+    def four(corner: Array, mid: Array) -> Array:
+        (a, b, c), (ab, bc, ca) = np.moveaxis(corner, 2, 0), np.moveaxis(mid, 2, 0)
+        pieces = [np.stack(p, axis=2) for p in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        return np.concatenate(pieces)
+
+    return four(points, middle), four(normals, between), np.abs(arc)
