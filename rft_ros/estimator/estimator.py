@@ -12,7 +12,7 @@ from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, TwistSample, Withheld, Wrench, WrenchSample
 from rft_ros.estimator.settings import Model, Settings
 from rft_ros.estimator.tare import Tare
-from rft_ros.rft import COLUMNS, STATE, rotation_matrix, unit_quaternion, wrenches
+from rft_ros.rft import COLUMNS, STATE, Memory, rotation_matrix, unit_quaternion, wrenches, wrenches_in_time
 
 __all__ = ["TIME_JUMP", "Estimator"]
 
@@ -51,7 +51,11 @@ class Estimator:
         self._wrenches: deque[WrenchSample] = deque(maxlen=_HISTORY)
         self._difference = PoseDifference()
         self._tare = Tare()
+        self._memory: Memory | None = None
+        self._remembered = 0  # stamp up to which the memory is
+        self._duration = np.zeros(1)
         self.model = model
+        self._remember(model)
         self.settings = settings
         self._apply(settings)
 
@@ -71,6 +75,8 @@ class Estimator:
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Take new settings or a new model from the next sample on; what was pushed before is kept."""
         if model is not None:
+            if model.tool is not self.model.tool or (model.mobilization_length > 0.0) != (self._memory is not None):
+                self._remember(model)
             self.model = model
         if settings is not None:
             self.settings = settings
@@ -82,6 +88,11 @@ class Estimator:
         self._period = round(1e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
         self._due = 0
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
+
+    def _remember(self, model: Model) -> None:
+        """Begin a memory for a model's tool, if its medium has one."""
+        self._memory = Memory.of(model.tool.plates) if model.mobilization_length > 0.0 else None
+        self._remembered = 0
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
         """Take a twist; the reason if it cannot be used."""
@@ -156,6 +167,7 @@ class Estimator:
                 return Reason.POSE_OUT_OF_ORDER
             self._pose, self._due = None, 0
             self._difference.reset()
+            self._remember(model)
             self.counts[Reason.TIME_JUMP.value] += 1
         pose = self._pose = PoseSample(stamp, sample.frame, sample.position, quaternion)
 
@@ -173,18 +185,34 @@ class Estimator:
 
         vx, vy, vz, wx, wy, wz = state[7:13].tolist()
         speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * model.tool.plates.reach
-        wrenches(
-            model.tool.plates,
-            model.law,
-            self._state,
-            surface_height=settings.surface_height,
-            threads=1,
-            out=self._result,
-        )
+        if self._memory is None:
+            wrenches(
+                model.tool.plates,
+                model.law,
+                self._state,
+                surface_height=settings.surface_height,
+                threads=1,
+                out=self._result,
+            )
+        else:
+            if speed < settings.rest_speed:  # the noise of a tool at rest must not make a path
+                state[7:13] = 0.0
+            self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
+            self._remembered = stamp
+            wrenches_in_time(
+                model.tool.plates,
+                model.law,
+                self._state,
+                self._duration,
+                self._memory,
+                mobilization_length=model.mobilization_length,
+                surface_height=settings.surface_height,
+                out=self._result,
+            )
         submerged = float(self._result[0, 6])
         if submerged > 0.0:
             self._tare.disturb(stamp, "the tool was in the grains")
-            if speed < settings.rest_speed:
+            if speed < settings.rest_speed and self._memory is None:
                 return Reason.AT_REST
         elif speed >= settings.rest_speed:
             self._tare.disturb(stamp, f"the tool moved at {speed:.4f} m/s")

@@ -47,11 +47,15 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
-    """One immutable bundle of tool, medium and α_y model; `generation` counts the bundles of a run."""
+    """One immutable bundle of tool, medium and α_y model; `generation` counts the bundles of a run.
+
+    `mobilization_length`: λ of the medium [m]; 0 for the published law, which has no memory.
+    """
 
     tool: Tool
     law: Law
     medium: str
     zeta: float
     alpha_y: str
+    mobilization_length: float = 0.0
     generation: int = 0

@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -54,5 +55,7 @@ def _warm_up(integrations: Sequence[Integration]) -> None:
         tool = load_tool("plate", integration=integration)
         for name in ALPHA_Y_MODELS:
             law = treers2021(medium, alpha_y_model(name, medium, table))
-            warm_up(Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name))
+            model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
+            warm_up(model)
+            warm_up(replace(model, mobilization_length=1.0))
         plate_forces(tool.plates, law, state)

@@ -1,7 +1,8 @@
 """The physics: 3D granular Resistive Force Theory (Treers, Cao, Stuart, RA-L 2021), on numpy and numba only.
 
 Read beside the paper: `media` (Li's coefficients), `velocity_weights` (f1, f23), `alpha_y` (its models),
-`traction` (one plate), `plates` and `wrench` (many plates), `frames` (quaternions and states).
+`traction` (one plate), `plates` and `wrench` (many plates), `mobilization` (with memory, ours), `frames` (quaternions
+and states); `kernel`, `element`, `blocks`, `wet_part` and `compiled` are how the sum over plates is made fast.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 
@@ -16,6 +17,7 @@ Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed st
 from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table, alpha_y_model
 from rft_ros.rft.frames import STATE, checked_states, rotation_matrix, unit_quaternion
 from rft_ros.rft.media import MEDIA, Medium, medium_named
+from rft_ros.rft.mobilization import Memory, wrenches_in_time
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import Law, Treers2021, traction_per_depth, treers2021
 from rft_ros.rft.wrench import COLUMNS, plate_forces, wrenches
@@ -32,6 +34,7 @@ __all__ = [
     "Law",
     "Linear",
     "Medium",
+    "Memory",
     "Plates",
     "Table",
     "Treers2021",
@@ -44,4 +47,5 @@ __all__ = [
     "treers2021",
     "unit_quaternion",
     "wrenches",
+    "wrenches_in_time",
 ]

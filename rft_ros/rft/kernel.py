@@ -1,92 +1,25 @@
 """The compiled loops: the tractions of many plates, summed to a wrench (Treers et al. 2021, eq. 1)."""
 
-import zlib
-from math import sqrt
-from pathlib import Path
 from typing import Any
 
 import numba
 import numpy as np
 
 from rft_ros.rft.blocks import BLOCK, CAREFUL, PLAIN, SKIP_WET, kind_of_block
-from rft_ros.rft.compiled import OPTIONS, inlined
-from rft_ros.rft.frames import rotation
+from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined
+from rft_ros.rft.element import element, in_tool_axes, length, motion
 from rft_ros.rft.traction import traction_per_depth
-from rft_ros.rft.wet_part import wet_part
 
 __all__ = ["KERNELS"]
 
 
 @inlined
-def _motion(state, reach):  # type: ignore[no-untyped-def]
-    """Rotation matrix (9 numbers, by rows) and twist (6 numbers) of a state, the twist scaled to order one.
-
-    The law is rate-independent, so a common factor is free: it keeps squares of speeds from over- and underflow.
-    """
-    vx, vy, vz, wx, wy, wz = state[7], state[8], state[9], state[10], state[11], state[12]
-    # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
-    fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
-    s = 1.0 / fastest if fastest > 1e-290 else 0.0
-    return rotation(state[3], state[4], state[5], state[6]), (vx * s, vy * s, vz * s, wx * s, wy * s, wz * s)
-
-
-@inlined
-def _in_tool_axes(axes, x, y, z):  # type: ignore[no-untyped-def]
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
-    return xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
-
-
-@inlined
-def _length(v):  # type: ignore[no-untyped-def]
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
-
-
-@inlined
 def _plate(rows, i, axes, twist, law, below, refined, careful):  # type: ignore[no-untyped-def]
-    """One plate: where its force acts from the tool frame's origin, the force, world axes; its submerged area.
-
-    `below`: depth of the tool frame's origin. `careful` False: the plate is submerged and not nearly flat. This and
-    `refined` must be constants, or the loop does not become vector code.
-    """
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
-    vx, vy, vz, wx, wy, wz = twist
-    a, b, c = rows[0, i], rows[1, i], rows[2, i]
-    area = rows[6, i]
-    depth = below - (zx * a + zy * b + zz * c)
-    weight = depth * area
-    if refined:
-        # e0, e1 and -(e0 + e1) are the corners from the centroid
-        e0x, e0y, e0z, e1x, e1y, e1z = rows[7, i], rows[8, i], rows[9, i], rows[10, i], rows[11, i], rows[12, i]
-        h0 = zx * e0x + zy * e0y + zz * e0z
-        h1 = zx * e1x + zy * e1y + zz * e1z
-        if careful:
-            p0, p1, p2, share = wet_part(depth - h0, depth - h1, depth + h0 + h1)
-            mean = p0 + p1 + p2
-            weight = mean * area
-            area *= share
-            per_mean = 1.0 / mean if mean > 1e-290 else 0.0
-            k0, k1 = (p0 - p2) * per_mean, (p1 - p2) * per_mean
-        else:
-            per_depth = -1.0 / (12.0 * depth)
-            k0, k1 = per_depth * (2.0 * h0 + h1), per_depth * (h0 + 2.0 * h1)
-        a, b, c = a + k0 * e0x + k1 * e1x, b + k0 * e0y + k1 * e1y, c + k0 * e0z + k1 * e1z
-    elif careful:
-        area = area if depth > 0.0 else 0.0
-        weight = depth * area
-    x, y, z = xx * a + xy * b + xz * c, yx * a + yy * b + yz * c, zx * a + zy * b + zz * c
-    a, b, c = rows[3, i], rows[4, i], rows[5, i]
-    nx, ny, nz = xx * a + xy * b + xz * c, yx * a + yy * b + yz * c, zx * a + zy * b + zz * c
-    ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-    lead = ux * nx + uy * ny + uz * nz
-    if refined:
-        per_speed = 1.0 / sqrt(max(ux * ux + uy * uy + uz * uz, 1e-290))
-        # from 0 to 1 over the angles that the plate stands for; in abs, since selects would branch
-        q = lead * per_speed * rows[13, i]
-        weight *= 0.5 * (abs(q + 0.5) - abs(q - 0.5) + 1.0)
-    else:
-        weight = weight if lead > 0.0 else 0.0
+    """Force on one plate and where it acts, world axes, from the tool frame's origin; its submerged area."""
+    (x, y, z), (nx, ny, nz), (ux, uy, uz), load, share, area = element(rows, i, axes, twist, below, refined, careful)
     tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, careful)
-    return x, y, z, tx * weight, ty * weight, tz * weight, area
+    load = load * share if refined else (load if share > 0.0 else 0.0)
+    return x, y, z, tx * load, ty * load, tz * load, area
 
 
 @inlined
@@ -108,19 +41,18 @@ def _sum(rows, first, last, axes, twist, law, below, refined, careful):  # type:
 def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
     """The compiled loops over states and over plates, for one rule of integration.
 
-    numba's cache knows when this file changes, not when a law or a model in another one does: `source`, in the closure,
-    is part of the cache's key and does.
+    `source`: `compiled.SOURCE`, which in the closure is part of the cache's key.
     """
 
     def of_states(rows, bounds, reach, law, surface_height, states, out):  # type: ignore[no-untyped-def]
         if source == 0:
             return
         for k in range(states.shape[0]):
-            axes, twist = _motion(states[k], reach)
+            axes, twist, _ = motion(states[k], reach)
             below = surface_height - states[k, 2]
-            linear = _in_tool_axes(axes, twist[0], twist[1], twist[2])
-            angular = _in_tool_axes(axes, twist[3], twist[4], twist[5])
-            fastest = _length(linear) + _length(angular) * reach
+            linear = in_tool_axes(axes, twist[0], twist[1], twist[2])
+            angular = in_tool_axes(axes, twist[3], twist[4], twist[5])
+            fastest = length(linear) + length(angular) * reach
             up = axes[6:]
             fx = fy = fz = tx = ty = tz = submerged = 0.0
             # unsigned, or numba looks for negative indices in the inner loops
@@ -153,7 +85,7 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
     def of_plates(rows, reach, law, surface_height, state, order, out):  # type: ignore[no-untyped-def]
         if source == 0:
             return
-        axes, twist = _motion(state, reach)
+        axes, twist, _ = motion(state, reach)
         below = surface_height - state[2]
         for i in range(len(order)):
             _, _, _, dx, dy, dz, _ = _plate(rows, i, axes, twist, law, below, refined, True)
@@ -165,10 +97,5 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
     return jit(of_states), jit(of_plates)
 
 
-def _source() -> int:
-    """A number over all source files of this package, never 0."""
-    return 1 + zlib.crc32(b"".join(file.read_bytes() for file in sorted(Path(__file__).parent.glob("*.py"))))
-
-
-KERNELS = {"centroid": _kernels(_source(), False), "refined": _kernels(_source(), True)}
+KERNELS = {"centroid": _kernels(SOURCE, False), "refined": _kernels(SOURCE, True)}
 """For each rule of integration, the loop over states and the loop over the plates of one state."""

@@ -8,11 +8,11 @@ import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.alpha_y import Table, as_table
+from rft_ros.rft.compiled import machine_code
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import KERNELS
 from rft_ros.rft.plates import Plates
@@ -30,10 +30,7 @@ _ENTRIES: dict[tuple[str, type, type], Callable[..., None]] = {}
 
 
 def _entry(plates: Plates, law: Law) -> Callable[..., None]:
-    """The machine code for a law and its α_y model, without numba's search by every argument's type (1.7 us a call).
-
-    A model with arrays goes the long way: how they lie in memory is part of its type.
-    """
+    """The machine code for a law and its α_y model; numba looks itself where the model has arrays."""
     key = plates.integration, law.__class__, law.alpha_y.__class__
     entry = _ENTRIES.get(key)
     if entry is None:
@@ -42,10 +39,8 @@ def _entry(plates: Plates, law: Law) -> Callable[..., None]:
             return kernel
         states, out = np.zeros((1, len(STATE))), np.empty((1, len(COLUMNS)))
         blocks = plates.blocks
-        arguments = blocks.rows, blocks.bounds, plates.reach, law, 0.0, states, out
-        signature = tuple(numba.typeof(a) for a in arguments)
-        kernel.compile(signature)
-        entry = _ENTRIES[key] = kernel.get_overload(signature)
+        entry = machine_code(kernel, (blocks.rows, blocks.bounds, plates.reach, law, 0.0, states, out))
+        _ENTRIES[key] = entry
     return entry
 
 

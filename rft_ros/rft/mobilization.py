@@ -1,0 +1,241 @@
+"""Forces with a memory: grains must be sheared over a distance before they push with full strength.
+
+Each plate keeps its traction per depth, which follows what the law asks for over the plate's own path: dτ/ds =
+(τ_law - τ) / λ. At rest no path is made and the traction stays. This is not in the paper, which sees the lag and leaves
+it out; the numbers that decided the form below are in docs/accuracy.md.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import sqrt
+from typing import Any
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft.alpha_y import Table
+from rft_ros.rft.blocks import BLOCK, PLAIN, SKIP_DRY, SKIP_WET, kind_of_block
+from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined, machine_code
+from rft_ros.rft.element import element, in_tool_axes, length, motion
+from rft_ros.rft.plates import Plates
+from rft_ros.rft.traction import Law, traction_per_depth
+
+__all__ = ["DEPTH", "TRAILING", "UNLOADING", "Memory", "wrenches_in_time"]
+
+DEPTH = 0.03
+"""Depth [m] at which a plate's λ is the mobilization length; it grows with the square of depth."""
+
+UNLOADING = 0.5
+"""λ of a traction that grows less, over that of one that grows."""
+
+TRAILING = 0.1
+"""λ of a plate that no longer leads, over that of one that does."""
+
+_FADING = 4
+"""Beside the kinds of `blocks`: all plates are submerged, none leads, and they remember."""
+
+_FORGOTTEN = 1e-9
+"""Tractions of a trailing block, over the law's stiffness, that are as good as none."""
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Memory:
+    """What the plates of one tool remember, in the order of their blocks.
+
+    `tractions`: shape [6, m]: traction per depth [N/m³], world axes, and what the law last asked for. `active`: shape
+    [m / BLOCK], 1 where a block remembers anything. `speed`: shape [1], of the last twist [m/s], -1 before any.
+    """
+
+    tractions: Array
+    active: NDArray[np.uint8]
+    speed: Array
+
+    @classmethod
+    def of(cls, plates: Plates) -> "Memory":
+        """An empty memory for these plates."""
+        m = plates.blocks.rows.shape[1]
+        return cls(np.zeros((6, m)), np.zeros(m // BLOCK, dtype=np.uint8), np.full(1, -1.0))
+
+    def forget(self) -> None:
+        """Begin anew: the tool was moved by nobody knows what."""
+        self.tractions[:] = 0.0
+        self.active[:] = 0
+        self.speed[:] = -1.0
+
+
+@inlined
+def _approach(x):  # type: ignore[no-untyped-def]
+    """1 - exp(-x) for x >= 0, to 1e-11: the series at x / 64, squared six times."""
+    y = min(x, 40.0) * (1.0 / 64.0)
+    y2 = y * y
+    e = (1.0 - y) + y2 * ((1 / 2 - y * (1 / 6)) + y2 * (1 / 24 - y * (1 / 120)))
+    e = e * e
+    e = e * e
+    e = e * e
+    e = e * e
+    e = e * e
+    return 1.0 - e * e
+
+
+@inlined
+def _sum(rows, first, last, axes, twist, law, below, refined, careful, path, per_length, memory):  # type: ignore[no-untyped-def]
+    """As in `kernel`, with memory. `path`: metres for each unit of scaled speed; `per_length`: DEPTH² / λ [m]."""
+    fx = fy = fz = tx = ty = tz = submerged = 0.0
+    sunk = 0.5 * path * twist[2]  # the depth halfway through the step lies by this much from that at its end
+    loading = path * per_length
+    unloading, trailing = loading / UNLOADING, loading / TRAILING
+    for i in range(first, last):
+        place, normal, (ux, uy, uz), load, share, area = element(rows, i, axes, twist, below, refined, careful)
+        (x, y, z), (nx, ny, nz) = place, normal
+        ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, careful)
+        ax, ay, az = ax * share, ay * share, az * share
+        mx, my, mz = memory[0, i], memory[1, i], memory[2, i]
+        bx, by, bz = memory[3, i], memory[4, i], memory[5, i]
+        squared = ux * ux + uy * uy + uz * uz
+        moves = squared > 0.0
+        memory[3, i] = ax if moves else bx
+        memory[4, i] = ay if moves else by
+        memory[5, i] = az if moves else bz
+        # the mean of what is asked for at both ends of the step makes it exact to second order
+        gx, gy, gz = 0.5 * (ax + bx) - mx, 0.5 * (ay + by) - my, 0.5 * (az + bz) - mz
+        more = gx * mx + gy * my + gz * mz
+        ratio = unloading if more < 0.0 else loading
+        # next to nothing is forgotten at once: numbers that cannot be told from zero are slow
+        ratio = ratio if share > 1e-12 else (trailing if more < -1e-12 else 1e30)
+        speed = squared * (1.0 / sqrt(max(squared, 1e-290)))
+        depth = below - z + sunk
+        w = _approach(ratio * speed / (depth * depth + 1e-30))
+        mx, my, mz = mx + w * gx, my + w * gy, mz + w * gz
+        if careful:
+            mx, my, mz = (mx if load > 0.0 else 0.0), (my if load > 0.0 else 0.0), (mz if load > 0.0 else 0.0)
+        memory[0, i], memory[1, i], memory[2, i] = mx, my, mz
+        dx, dy, dz = mx * load, my * load, mz * load
+        fx += dx
+        fy += dy
+        fz += dz
+        tx += y * dz - z * dy
+        ty += z * dx - x * dz
+        tz += x * dy - y * dx
+        submerged += area
+    return fx, fy, fz, tx, ty, tz, submerged
+
+
+@inlined
+def _fades(memory, b, small):  # type: ignore[no-untyped-def]
+    """Whether a block remembers next to nothing, which is then forgotten."""
+    largest = 0.0
+    for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
+        largest = max(largest, abs(memory[0, i]), abs(memory[1, i]), abs(memory[2, i]))
+    return largest < small
+
+
+@inlined
+def _forget(memory, b):  # type: ignore[no-untyped-def]
+    for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
+        for k in range(6):
+            memory[k, i] = 0.0
+
+
+@inlined
+def _kind(bounds, b, linear, angular, fastest, reach, up, below, active):  # type: ignore[no-untyped-def]
+    """As `kind_of_block`; a block that trails and remembers is not passed over."""
+    kind = kind_of_block(bounds, b, linear, angular, fastest, reach, up, below)
+    return _FADING if kind == SKIP_WET and active[b] else kind
+
+
+def _kernel(source: int, refined: bool) -> Any:
+    """The compiled loop over states in the order of time; see `kernel._kernels` for the cache."""
+
+    def in_time(rows, bounds, reach, law, span, surface, states, durations, memory, active, speed, out):  # type: ignore[no-untyped-def]
+        if source == 0:
+            return
+        per_length = DEPTH * DEPTH / span
+        for k in range(states.shape[0]):
+            axes, twist, scale = motion(states[k], reach)
+            below = surface - states[k, 2]
+            linear = in_tool_axes(axes, twist[0], twist[1], twist[2])
+            angular = in_tool_axes(axes, twist[3], twist[4], twist[5])
+            fastest = length(linear) + length(angular) * reach
+            up = axes[6:]
+            # metres for each unit of scaled speed: as fast as the mean of both ends of the step
+            now = fastest / scale if scale > 0.0 else 0.0
+            before = speed[0] if speed[0] >= 0.0 else now
+            path = 0.5 * (now + before) / fastest * durations[k] if now > 0.0 else 0.0
+            speed[0] = now
+            fx = fy = fz = tx = ty = tz = submerged = 0.0
+            # unsigned, or numba looks for negative indices in the inner loops
+            b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
+            kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, active)
+            while b < blocks:
+                first, run = b, kind
+                while b < blocks and kind == run:
+                    if kind == SKIP_DRY and active[b]:
+                        _forget(memory, b)
+                        active[b] = 0
+                    submerged += bounds[b, 18] if kind == SKIP_WET else 0.0
+                    b += np.uint64(1)
+                    if b < blocks:
+                        kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, active)
+                if run >= PLAIN:
+                    i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
+                    if run == PLAIN:
+                        part = _sum(rows, i, j, axes, twist, law, below, refined, False, path, per_length, memory)
+                    else:
+                        part = _sum(rows, i, j, axes, twist, law, below, refined, True, path, per_length, memory)
+                    fx += part[0]
+                    fy += part[1]
+                    fz += part[2]
+                    tx += part[3]
+                    ty += part[4]
+                    tz += part[5]
+                    submerged += part[6]
+                    for c in range(first, b):
+                        active[c] = 1
+                        if run == _FADING and _fades(memory, c, _FORGOTTEN * law.stiffness):
+                            _forget(memory, c)
+                            active[c] = 0
+            out[k, 0], out[k, 1], out[k, 2] = fx, fy, fz
+            out[k, 3], out[k, 4], out[k, 5] = tx, ty, tz
+            out[k, 6] = submerged
+
+    in_time.__qualname__ += "_refined" if refined else "_centroid"
+    return numba.njit(cache=True, nogil=True, **OPTIONS)(in_time)
+
+
+_KERNELS = {"centroid": _kernel(SOURCE, False), "refined": _kernel(SOURCE, True)}
+_ENTRIES: dict[tuple[str, type, type], Callable[..., None]] = {}
+
+
+def wrenches_in_time(
+    plates: Plates,
+    law: Law,
+    states: Array,
+    durations: Array,
+    memory: Memory,
+    *,
+    mobilization_length: float,
+    surface_height: float = 0.0,
+    out: Array | None = None,
+) -> Array:
+    """As `rft_ros.rft.wrenches`, of plates that remember: states, shape [n, 13], in the order of time.
+
+    `durations`: shape [n], time [s] since the state before; 0 for the first of all. `memory`: of these plates, changed
+    in place. `mobilization_length`: λ of a plate `DEPTH` deep [m], over 0.
+    """
+    if out is None:
+        out = np.empty((len(states), 7))
+    key = plates.integration, law.__class__, law.alpha_y.__class__
+    entry = _ENTRIES.get(key)
+    blocks = plates.blocks
+    geometry = blocks.rows, blocks.bounds, plates.reach
+    medium = law, mobilization_length, surface_height
+    arguments = *geometry, *medium, states, durations, memory.tractions, memory.active, memory.speed, out
+    if entry is None:
+        entry = machine_code(_KERNELS[plates.integration], arguments)
+        if not isinstance(law.alpha_y, Table):  # how its arrays lie in memory is part of its type
+            _ENTRIES[key] = entry
+    entry(*arguments)
+    return out
