@@ -31,23 +31,23 @@ def fork_compilation() -> int:
     pid = os.fork()
     if pid == 0:
         try:
-            _warm_up(INTEGRATIONS[1:])
+            _warm_up(INTEGRATIONS[1:], memory=False)
         finally:
             os._exit(0)
     return pid
 
 
-def warm_up_all(beside: int) -> None:
+def warm_up_all(beside: int, *, memory: bool) -> None:
     """Warm up for whatever can be swapped in: each rule of integration with each α_y model, and the markers.
 
-    `beside`: the process of `fork_compilation`.
+    `beside`: the process of `fork_compilation`. `memory`: also for media with a mobilization length.
     """
-    _warm_up(INTEGRATIONS[:1])
+    _warm_up(INTEGRATIONS[:1], memory=memory)
     os.waitpid(beside, 0)
-    _warm_up(INTEGRATIONS[1:])
+    _warm_up(INTEGRATIONS[1:], memory=memory)
 
 
-def _warm_up(integrations: Sequence[Integration]) -> None:
+def _warm_up(integrations: Sequence[Integration], *, memory: bool) -> None:
     medium = next(iter(MEDIA.values()))
     table = Table(np.zeros(1), np.zeros(1), np.ones((1, 1)))
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
@@ -57,5 +57,6 @@ def _warm_up(integrations: Sequence[Integration]) -> None:
             law = treers2021(medium, alpha_y_model(name, medium, table))
             model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
             warm_up(model)
-            warm_up(replace(model, mobilization_length=1.0))
+            if memory:
+                warm_up(replace(model, mobilization_length=1.0))
         plate_forces(tool.plates, law, state)

@@ -32,7 +32,7 @@ def main() -> int:
         rclpy.try_shutdown()
         preparer.close()
         return 2
-    warm_up_all(compilation)
+    warm_up_all(compilation, memory=node.estimator.model.mobilization_length > 0.0)
     gc.collect()
     gc.freeze()  # a full collection with numba and trimesh loaded costs 22 ms, and there is nothing of theirs to free
     for finding in node.estimator.model.tool.findings:

@@ -5,20 +5,24 @@ would cost the vector registers more than it saves; a block of them with like no
 """
 
 from dataclasses import dataclass
+from math import cos, radians
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.compiled import inlined
-from rft_ros.rft.traction import FLAT
+from rft_ros.rft.traction import FLAT, FLAT_BLEND
 
-__all__ = ["BLOCK", "CAREFUL", "PLAIN", "SKIP_DRY", "SKIP_WET", "Blocks", "blocks_of", "kind_of_block"]
+__all__ = ["BLOCK", "CUT", "FLAT_OR_CUT", "PLAIN", "SKIP_DRY", "SKIP_WET", "Blocks", "blocks_of", "kind_of_block"]
 
 BLOCK = 16
 """Plates in a block: two AVX-512 registers."""
 
-SKIP_DRY, SKIP_WET, PLAIN, CAREFUL = 0, 1, 2, 3
-"""What a block needs: nothing; its area counted; the quick loop (submerged, none nearly flat); the careful loop."""
+SKIP_DRY, SKIP_WET, PLAIN, CUT, FLAT_OR_CUT = 0, 1, 2, 3, 4
+"""What a block needs: nothing; its area counted; the quick loop (submerged, none horizontal); one that looks where the
+surface cuts the plates; one that also looks which are horizontal."""
+
+_LEVEL = cos(radians(FLAT_BLEND))
 
 _SLACK = 1e-12  # of the bounds, against rounding
 
@@ -103,8 +107,8 @@ def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def kind_of_block(bounds, b, linear, angular, fastest, reach, up, below):  # type: ignore[no-untyped-def]
-    """Which of the four a block is, for certain; in doubt the more laborious.
+def kind_of_block(bounds, b, linear, angular, fastest, reach, up, below, refined):  # type: ignore[no-untyped-def]
+    """Which of the five a block is, for certain; in doubt the more laborious.
 
     `linear`, `angular`: twist in tool axes, `fastest`: no point is faster. `up`: E3 in tool axes. `below`: depth of the
     origin. Columns of `bounds`: boxes (middle, half of the sides) of the normals, of r x n, and of the places; area;
@@ -119,4 +123,6 @@ def kind_of_block(bounds, b, linear, angular, fastest, reach, up, below):  # typ
     if wet and lead + (bounds[b, 19] + _SLACK) * fastest <= 0.0:
         return SKIP_WET
     tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + _SLACK
-    return PLAIN if wet and tilt < FLAT else CAREFUL
+    if tilt >= (_LEVEL if refined else FLAT):
+        return FLAT_OR_CUT
+    return PLAIN if wet else CUT

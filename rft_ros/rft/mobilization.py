@@ -19,7 +19,7 @@ from rft_ros.rft.blocks import BLOCK, PLAIN, SKIP_DRY, SKIP_WET, kind_of_block
 from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined, machine_code
 from rft_ros.rft.element import element, in_tool_axes, length, motion
 from rft_ros.rft.plates import Plates
-from rft_ros.rft.traction import Law, traction_per_depth
+from rft_ros.rft.traction import BLENDED, NEVER_FLAT, SWITCHED, Law, traction_per_depth
 
 __all__ = ["DEPTH", "TRAILING", "UNLOADING", "Memory", "wrenches_in_time"]
 
@@ -32,7 +32,7 @@ UNLOADING = 0.5
 TRAILING = 0.1
 """λ of a plate that no longer leads, over that of one that does."""
 
-_FADING = 4
+_FADING = 5
 """Beside the kinds of `blocks`: all plates are submerged, none leads, and they remember."""
 
 _FORGOTTEN = 1e-9
@@ -81,8 +81,9 @@ def _approach(x):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _sum(rows, first, last, axes, twist, law, below, refined, careful, path, per_length, memory):  # type: ignore[no-untyped-def]
+def _sum(rows, first, last, scene, refined, careful, flatness, path, per_length, memory):  # type: ignore[no-untyped-def]
     """As in `kernel`, with memory. `path`: metres for each unit of scaled speed; `per_length`: DEPTH² / λ [m]."""
+    axes, twist, law, below = scene
     fx = fy = fz = tx = ty = tz = submerged = 0.0
     sunk = 0.5 * path * twist[2]  # the depth halfway through the step lies by this much from that at its end
     loading = path * per_length
@@ -90,7 +91,7 @@ def _sum(rows, first, last, axes, twist, law, below, refined, careful, path, per
     for i in range(first, last):
         place, normal, (ux, uy, uz), load, share, area = element(rows, i, axes, twist, below, refined, careful)
         (x, y, z), (nx, ny, nz) = place, normal
-        ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, careful)
+        ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
         ax, ay, az = ax * share, ay * share, az * share
         mx, my, mz = memory[0, i], memory[1, i], memory[2, i]
         bx, by, bz = memory[3, i], memory[4, i], memory[5, i]
@@ -140,14 +141,15 @@ def _forget(memory, b):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _kind(bounds, b, linear, angular, fastest, reach, up, below, active):  # type: ignore[no-untyped-def]
+def _kind(bounds, b, linear, angular, fastest, reach, up, below, refined, active):  # type: ignore[no-untyped-def]
     """As `kind_of_block`; a block that trails and remembers is not passed over."""
-    kind = kind_of_block(bounds, b, linear, angular, fastest, reach, up, below)
+    kind = kind_of_block(bounds, b, linear, angular, fastest, reach, up, below, refined)
     return _FADING if kind == SKIP_WET and active[b] else kind
 
 
 def _kernel(source: int, refined: bool) -> Any:
     """The compiled loop over states in the order of time; see `kernel._kernels` for the cache."""
+    flatness = BLENDED if refined else SWITCHED
 
     def in_time(rows, bounds, reach, law, span, surface, states, durations, memory, active, speed, out):  # type: ignore[no-untyped-def]
         if source == 0:
@@ -168,7 +170,7 @@ def _kernel(source: int, refined: bool) -> Any:
             fx = fy = fz = tx = ty = tz = submerged = 0.0
             # unsigned, or numba looks for negative indices in the inner loops
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
-            kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, active)
+            kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, refined, active)
             while b < blocks:
                 first, run = b, kind
                 while b < blocks and kind == run:
@@ -178,13 +180,14 @@ def _kernel(source: int, refined: bool) -> Any:
                     submerged += bounds[b, 18] if kind == SKIP_WET else 0.0
                     b += np.uint64(1)
                     if b < blocks:
-                        kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, active)
+                        kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, refined, active)
                 if run >= PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
+                    scene = axes, twist, law, below
                     if run == PLAIN:
-                        part = _sum(rows, i, j, axes, twist, law, below, refined, False, path, per_length, memory)
+                        part = _sum(rows, i, j, scene, refined, False, NEVER_FLAT, path, per_length, memory)
                     else:
-                        part = _sum(rows, i, j, axes, twist, law, below, refined, True, path, per_length, memory)
+                        part = _sum(rows, i, j, scene, refined, True, flatness, path, per_length, memory)
                     fx += part[0]
                     fy += part[1]
                     fz += part[2]

@@ -68,6 +68,19 @@ class Plates:
         return cls._packed(center, doubled, 0.5 * np.linalg.norm(doubled, axis=1), refined)
 
     @classmethod
+    def from_rows(cls, rows: ArrayLike) -> "Plates":
+        """Plates from what `rows` of others holds, chosen, merged or weighted by area; shape [7, n] or [14, n].
+
+        Raises ValueError as `from_arrays`.
+        """
+        r = np.asarray(rows, dtype=np.float64)
+        if r.ndim != 2 or len(r) not in (7, 14):
+            raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
+        if not np.isfinite(r[7:]).all() or not (r[13:] >= 0.5).all():
+            raise ValueError("rows of refined plates must be finite, and the last one at least 1/2")
+        return cls._packed(r[:3].T, r[3:6].T, r[6], r[7:].T if len(r) > 7 else None)
+
+    @classmethod
     def _packed(cls, r: Array, n: Array, a: Array, refined: Array | None = None) -> "Plates":
         if len(r) == 0:
             raise ValueError("a tool needs at least one plate element; got none")
@@ -85,6 +98,13 @@ class Plates:
 
     def __len__(self) -> int:
         return self.packed.shape[1]
+
+    @property
+    def rows(self) -> Array:
+        """All that the kernel reads of each plate, in the plates' order, shape [7 or 14, n]: see `Blocks.rows`."""
+        rows = np.empty((len(self.blocks.rows), len(self)))
+        rows[:, self.blocks.order] = self.blocks.rows[:, : len(self)]
+        return rows
 
     @property
     def area(self) -> float:

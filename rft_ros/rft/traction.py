@@ -1,28 +1,44 @@
 """Traction per depth of one plate from its normal and velocity: the law, and the only place that knows which law.
 
-A law is a NamedTuple of numbers plus a function ``traction_per_depth(law, n, v, may_be_flat) -> t``, all in world axes
+A law is a NamedTuple of numbers plus a function ``traction_per_depth(law, n, v, flatness) -> t``, all in world axes
 with z up. The wrench of many plates (``rft_ros.rft.wrench``) calls `traction_per_depth` and nothing else; a second law
 is a second NamedTuple and one line in `_FUNCTIONS`.
 """
 
 from collections.abc import Callable
-from math import sqrt
+from math import radians, sin, sqrt
 from typing import NamedTuple
 
 from numba import types
 from numba.extending import overload
 
 from rft_ros.rft.alpha_y import AlphaY, alpha_y
-from rft_ros.rft.compiled import OPTIONS
+from rft_ros.rft.compiled import OPTIONS, inlined
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1, f23
 
-__all__ = ["FLAT", "Law", "Treers2021", "traction_per_depth", "treers2021"]
+__all__ = [
+    "BLENDED",
+    "FLAT",
+    "FLAT_BLEND",
+    "NEVER_FLAT",
+    "SWITCHED",
+    "Law",
+    "Treers2021",
+    "traction_per_depth",
+    "treers2021",
+]
 
 N_PER_CM3 = 1e6  # 1 N/cm³ in N/m³
 
 FLAT = 1.0 - 1e-3
 """A plate with abs(n·E3) at or above this counts as horizontal: its e2 comes from the velocity (released code)."""
+
+FLAT_BLEND = 5.0
+"""The refined rule passes from the velocity's direction to the normal's over this tilt [deg], where the released code
+jumps at `FLAT` and the paper's text at none: of the two tractions, so that they agree where they should."""
+
+_SIN_BLEND = sin(radians(FLAT_BLEND))
 
 _NUDGE = 1e-5
 """What the released code adds to a unit velocity's x, so that e2 of a horizontal plate exists in vertical motion."""
@@ -71,18 +87,33 @@ def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> T
     )
 
 
+NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
+"""What is known of a plate, or asked for: it is no horizontal one; one is told by `FLAT`; or over `FLAT_BLEND`."""
+
 _TINY = 1e-290  # under a root whose reciprocal only ever multiplies zeros there
 
 
-def _treers2021(law, nx, ny, nz, vx, vy, vz, may_be_flat):  # type: ignore[no-untyped-def]
+def _treers2021(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyped-def]
     per_speed = 1.0 / sqrt(max(vx * vx + vy * vy + vz * vz, _TINY))
+    if flatness == NEVER_FLAT:
+        return _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, nx, ny, False)
+    # e2 of a horizontal plate: the velocity's horizontal direction (2D RFT holds)
+    wx, wy = vx * per_speed + _NUDGE, vy * per_speed
+    wx = 1.0 if wx * wx + wy * wy == 0.0 else wx
+    if flatness == SWITCHED:
+        flat = abs(nz) >= FLAT
+        hx, hy = wx if flat else nx, wy if flat else ny
+        return _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, hx, hy, flat)
+    ax, ay, az = _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, wx, wy, True)
+    bx, by, bz = _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, nx, ny, False)
+    share = min(sqrt(nx * nx + ny * ny) * (1.0 / _SIN_BLEND), 1.0)
+    return ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
 
-    # h = h e2: the normal's horizontal part, or for a horizontal plate the velocity's (2D RFT holds); e1 = e2 x E3.
-    # The three roots below do not wait for each other: half of a plate's time is latency.
-    flat = (abs(nz) >= FLAT) & may_be_flat
-    hx = vx * per_speed + _NUDGE if flat else nx
-    hy = vy * per_speed if flat else ny
-    hx = 1.0 if flat & (hx * hx + hy * hy == 0.0) else hx
+
+@inlined
+def _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, hx, hy, flat):  # type: ignore[no-untyped-def]
+    """Traction per depth with e2 along (hx, hy), e1 = e2 x E3. `flat`: the normal may lie beside their plane."""
+    # The three roots do not wait for each other: half of a plate's time is latency.
     hh = hx * hx + hy * hy
     per_h = 1.0 / sqrt(max(hh, _TINY))
     v1h = vx * hy - vy * hx
@@ -124,18 +155,18 @@ _FUNCTIONS: dict[type, Callable[..., tuple[float, float, float]]] = {Treers2021:
 
 
 def traction_per_depth(
-    law: Law, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float, may_be_flat: bool = True
+    law: Law, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float, flatness: int = SWITCHED
 ) -> tuple[float, float, float]:
     """Traction per depth on a leading plate [N/m³], from its outward unit normal and velocity, both with z up.
 
-    Of the velocity only the direction counts; its length should be of order one. `may_be_flat` False, as a constant,
-    spares a fifth of the time where the normal is known to lie `FLAT` or less from the horizontal plane.
+    Of the velocity only the direction counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED`
+    (the released code) or `BLENDED`, a constant where it is compiled.
     """
-    return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz, may_be_flat)
+    return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz, flatness)
 
 
 @overload(traction_per_depth, jit_options={"forceinline": True, **OPTIONS})
-def _compiled_traction(law, nx, ny, nz, vx, vy, vz, may_be_flat):  # type: ignore[no-untyped-def]
+def _compiled_traction(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyped-def]
     if isinstance(law, types.BaseNamedTuple):
         return _FUNCTIONS.get(law.instance_class)
     return None
