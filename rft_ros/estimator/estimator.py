@@ -12,6 +12,7 @@ from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, TwistSample, Withheld, Wrench, WrenchSample
 from rft_ros.estimator.settings import Model, Settings
 from rft_ros.estimator.tare import Tare
+from rft_ros.estimator.validity import Validity
 from rft_ros.rft import COLUMNS, STATE, Memory, rotation_matrix, unit_quaternion, wrenches, wrenches_in_time
 
 __all__ = ["TIME_JUMP", "Estimator"]
@@ -54,6 +55,7 @@ class Estimator:
         self._memory: Memory | None = None
         self._remembered = 0  # stamp up to which the memory is
         self._duration = np.zeros(1)
+        self._validity = Validity(model.tool)
         self.model = model
         self._remember(model)
         self.settings = settings
@@ -75,6 +77,8 @@ class Estimator:
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Take new settings or a new model from the next sample on; what was pushed before is kept."""
         if model is not None:
+            if model.tool is not self.model.tool:
+                self._validity = Validity(model.tool)
             if model.tool is not self.model.tool or (model.mobilization_length > 0.0) != (self._memory is not None):
                 self._remember(model)
             self.model = model
@@ -219,6 +223,7 @@ class Estimator:
         else:
             self._tare.still(stamp)
 
+        doubts = self._validity.of(state, speed=speed, submerged=submerged > 0.0, depth=self.depth, settings=settings)
         numbers = self._frame.into_sensor(state[3:7], self._result[0])
         if not math.isfinite(sum(numbers)):
             return Reason.ESTIMATE_NOT_FINITE
@@ -243,7 +248,7 @@ class Estimator:
             )
             c, p = compensated, predicted
             residual = (c[0] - p[0], c[1] - p[1], c[2] - p[2], c[3] - p[3], c[4] - p[4], c[5] - p[5])
-        return Estimate(stamp, predicted, compensated, residual, no_wrench, speed, submerged, model.generation)
+        return Estimate(stamp, predicted, compensated, residual, no_wrench, speed, submerged, model.generation, doubts)
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].

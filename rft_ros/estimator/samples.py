@@ -73,7 +73,7 @@ class Estimate(NamedTuple):
 
     `predicted`: by the grains, from RFT. `compensated`: measured less bias and tool weight; None without a usable
     load-cell sample (`no_wrench` says why). `residual`: compensated - predicted. `speed`: an upper bound of the plates'
-    speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered.
+    speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered. `doubts`: an or of `doubts.Doubt`.
     """
 
     stamp: int
@@ -84,6 +84,7 @@ class Estimate(NamedTuple):
     speed: float
     submerged_area: float
     generation: int
+    doubts: int
 
 
 class Withheld(NamedTuple):

@@ -31,7 +31,7 @@ class LoadCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Frames, sources, gates. Lengths in m, times in s; `max_rate` 0 answers every pose."""
+    """Frames, sources, gates: [m], [s]. `max_rate` 0 answers every pose; `calibrated_depth` 0 is not known."""
 
     world_frame: str = "world"
     tool_frame: str = "tool"
@@ -43,6 +43,7 @@ class Settings:
     max_input_age: float = 0.1
     max_rate: float = 0.0
     rest_speed: float = 2e-4
+    calibrated_depth: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -20,7 +20,7 @@ from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.mobilization import Memory, wrenches_in_time
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import Law, Treers2021, traction_per_depth, treers2021
-from rft_ros.rft.wrench import COLUMNS, plate_forces, wrenches
+from rft_ros.rft.wrench import COLUMNS, edge_shares, plate_forces, wrenches
 
 __all__ = [
     "ALPHA_Y_MODELS",
@@ -40,6 +40,7 @@ __all__ = [
     "Treers2021",
     "alpha_y_model",
     "checked_states",
+    "edge_shares",
     "medium_named",
     "plate_forces",
     "rotation_matrix",

@@ -1,5 +1,6 @@
 """The compiled loops: the tractions of many plates, summed to a wrench (Treers et al. 2021, eq. 1)."""
 
+from math import cos, radians, sin
 from typing import Any
 
 import numba
@@ -10,7 +11,7 @@ from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined
 from rft_ros.rft.element import element, in_tool_axes, length, motion
 from rft_ros.rft.traction import BLENDED, NEVER_FLAT, SWITCHED, traction_per_depth
 
-__all__ = ["KERNELS"]
+__all__ = ["EDGE_AREAS", "KERNELS"]
 
 
 @inlined
@@ -102,3 +103,38 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
 
 KERNELS = {"centroid": _kernels(SOURCE, False), "refined": _kernels(SOURCE, True)}
 """For each rule of integration, the loop over states and the loop over the plates of one state."""
+
+
+def _edge_areas(source: int) -> Any:
+    def edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-def]
+        """Wet area [m²] that is nearly horizontal and leads; that moves nearly along itself; all of it."""
+        flat = edge = wet = 0.0
+        if source == 0:
+            return flat, edge, wet
+        axes, twist, _ = motion(state, reach)
+        below = surface_height - state[2]
+        vx, vy, vz = in_tool_axes(axes, twist[0], twist[1], twist[2])
+        wx, wy, wz = in_tool_axes(axes, twist[3], twist[4], twist[5])
+        zx, zy, zz = axes[6:]
+        for i in range(rows.shape[1]):
+            a, b, c, nx, ny, nz = rows[0, i], rows[1, i], rows[2, i], rows[3, i], rows[4, i], rows[5, i]
+            area = rows[6, i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
+            ux, uy, uz = vx + wy * c - wz * b, vy + wz * a - wx * c, vz + wx * b - wy * a
+            lead = ux * nx + uy * ny + uz * nz
+            up = zx * nx + zy * ny + zz * nz
+            horizontal = ux * ux + uy * uy + uz * uz - (zx * ux + zy * uy + zz * uz) ** 2
+            wet += area
+            # a jump of e2 needs a direction to jump to: none in vertical motion, and none of a plate that is just flat
+            tilted = (abs(up) > _LEVEL) & (abs(up) < 1.0 - 1e-9) & (horizontal > 1e-6)
+            flat += area if tilted & (lead > 0.0) else 0.0
+            edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
+        return flat, edge, wet
+
+    return numba.njit(cache=True, nogil=True, **OPTIONS)(edge_areas)
+
+
+_LEVEL = cos(radians(5.0))
+_ALONG = sin(radians(1.0)) ** 2
+
+EDGE_AREAS = _edge_areas(SOURCE)
+"""The loop behind `wrench.edge_shares`."""

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from rft_ros.rft.alpha_y import Table, as_table
 from rft_ros.rft.compiled import machine_code
 from rft_ros.rft.frames import STATE
-from rft_ros.rft.kernel import KERNELS
+from rft_ros.rft.kernel import EDGE_AREAS, KERNELS
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import Law
 
-__all__ = ["COLUMNS", "plate_forces", "wrenches"]
+__all__ = ["COLUMNS", "edge_shares", "plate_forces", "wrenches"]
 
 COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz", "submerged_area")
 """Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
@@ -53,6 +53,12 @@ def plate_forces(
     _, kernel = KERNELS[plates.integration]
     kernel(plates.blocks.rows, plates.reach, law, surface_height, state, plates.blocks.order, out)
     return out
+
+
+def edge_shares(plates: Plates, state: NDArray[np.float64], *, surface_height: float = 0.0) -> tuple[float, float]:
+    """Shares of the wet area where the published rule jumps: within 5° of horizontal, within 1° of its own motion."""
+    flat, edge, wet = EDGE_AREAS(plates.blocks.rows, plates.reach, surface_height, state)
+    return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
 
 
 def wrenches(

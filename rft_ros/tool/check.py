@@ -22,12 +22,19 @@ _COLLINEAR = 1e-12  # of the longest edge squared; what rounding leaves of a cro
 
 _SHUT = 0.01  # of the area; area vectors of a closed surface sum to zero, and with small holes to little
 
+_HOLLOW = 0.02  # of the largest extent; how far other parts may stand out before a facet
+
+_MUCH = 0.05  # of the area
+
+_LOOKED_AT = 2000  # facets, and points, that `concave` is judged by
+
 FindingKind = Literal[
     "not_closed",
     "inconsistent_winding",
     "inside_out",
     "duplicate_facets",
     "degenerate_facets",
+    "concave",
     "size",
 ]
 
@@ -50,7 +57,7 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
 
 def check_mesh(mesh: "trimesh.Trimesh") -> tuple[Finding, ...]:
     """Findings on a mesh in metres of which at least one facet has an area; none if it is good."""
-    return (*_of_surface(mesh), *_of_facets(mesh), *_of_size(mesh))
+    return (*_of_surface(mesh), *_of_facets(mesh), *_of_shape(mesh), *_of_size(mesh))
 
 
 def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
@@ -107,6 +114,25 @@ def _volume_if_shut(mesh: "trimesh.Trimesh") -> float:
 def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
     if n := int(degenerate_facets(mesh).sum()):
         yield Finding("degenerate_facets", f"{n:,} of {len(mesh.faces):,} facets have no area and are dropped")
+
+
+def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+    """Facets that have other parts of the tool before them: the method counts each as if it stood alone."""
+    keep = np.flatnonzero(~degenerate_facets(mesh))
+    keep = keep[:: 1 + len(keep) // _LOOKED_AT]
+    triangles = np.asarray(mesh.triangles)[keep]
+    doubled = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    area = np.linalg.norm(doubled, axis=1)
+    points = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
+    points = points[:: 1 + len(points) // _LOOKED_AT]
+    normal = doubled / area[:, None]
+    before = (normal @ points.T).max(axis=1) - (normal * triangles.mean(axis=1)).sum(axis=1)
+    share = float(area[before > _HOLLOW * mesh.extents.max()].sum() / area.sum())
+    if share > _MUCH:
+        yield Finding(
+            "concave",
+            f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it",
+        )
 
 
 def _of_size(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
