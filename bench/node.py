@@ -198,7 +198,8 @@ def main() -> None:
             nodes = {"echo": echo}
             for elements in arguments.elements:
                 mesh = sphere(Path(folder), elements)
-                nodes[mesh.stem] = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={mesh}", *executor]
+                nodes[mesh.stem] = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={mesh}"]
+                nodes[mesh.stem] += ["-p", "tolerance:=0.0", *executor]
             runs: dict[str, list[Run]] = {name: [] for name in nodes}
             for _ in range(arguments.repeat):
                 for name, command in nodes.items():

@@ -37,7 +37,7 @@ def main() -> None:
 
     with tempfile.TemporaryDirectory() as folder:
         meshes = [str(sphere(Path(folder), n)) for n in (1000, 10_000, 50_000, 5000)]
-        command = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={meshes[0]}"]
+        command = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={meshes[0]}", "-p", "tolerance:=0.0"]
 
         def swap_mesh(k: int) -> None:
             if k % 750 == 375:

@@ -3,7 +3,10 @@
 import argparse
 import math
 
-__all__ = ["finite", "mesh_options"]
+__all__ = ["finite", "integration_option", "mesh_options"]
+
+# as in rft_ros.rft, which would cost the help text a second
+_INTEGRATIONS = ("centroid", "refined")
 
 
 def finite(text: str) -> float:
@@ -26,4 +29,13 @@ def mesh_options(command: argparse.ArgumentParser) -> None:
         default=(0.0, 0.0, 0.0),
         metavar=("X", "Y", "Z"),
         help="where the tool frame's origin lies, in mesh-file coordinates and units (default 0 0 0)",
+    )
+
+
+def integration_option(command: argparse.ArgumentParser) -> None:
+    """``--integration``: the rule for plates."""
+    command.add_argument(
+        "--integration",
+        choices=_INTEGRATIONS,
+        help="centroid: published rule (default); refined: ours; a reduced tool has its own",
     )

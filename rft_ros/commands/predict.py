@@ -4,11 +4,8 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.commands.options import finite, mesh_options
+from rft_ros.commands.options import finite, integration_option, mesh_options
 from rft_ros.errors import InputError
-
-# as in rft_ros.rft, which would cost the help text a second
-INTEGRATIONS = ("centroid", "refined")
 
 __all__ = ["add_options", "run"]
 
@@ -24,11 +21,13 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--alpha-y", default="constant", metavar="MODEL", help="constant, linear or a TABLE.csv (default constant)"
     )
     command.add_argument("--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface [m]")
+    integration_option(command)
     command.add_argument(
-        "--integration",
-        default="centroid",
-        choices=INTEGRATIONS,
-        help="centroid: published rule (default); refined: ours",
+        "--tolerance",
+        type=finite,
+        default=0.0,
+        metavar="SHARE",
+        help="reduce the tool to the fewest plates within this share of the force in any motion (default 0: full tool)",
     )
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help="t,fx,fy,fz,tx,ty,tz")
 
@@ -41,7 +40,15 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.tool import load_tool
 
     times, states = read_states(arguments.states)
-    tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin, integration=arguments.integration)
+    tool = load_tool(
+        arguments.mesh,
+        scale=arguments.scale,
+        origin=arguments.origin,
+        integration=arguments.integration,
+        tolerance=arguments.tolerance,
+    )
+    if tool.reduction:
+        print(f"{tool.name}: {tool.reduction}")
     for finding in tool.findings:
         print(f"warning: {tool.name}: {finding.message}", file=sys.stderr)
     named = arguments.alpha_y in ALPHA_Y_MODELS and arguments.alpha_y != "table"

@@ -88,6 +88,15 @@ PARAMETERS: tuple[Parameter, ...] = (
         " the leading edge, true to curved tools.",
     ),
     Parameter(
+        name="tolerance",
+        default=0.025,
+        unit="",
+        low=0.0,
+        high=1.0,
+        description="Reduce the tool to the fewest plates whose wrench stays within this share of the force, at the"
+        " 95th percentile of any motion; 0.0: the full tool.",
+    ),
+    Parameter(
         name="surface_height",
         default=0.0,
         unit="m",

@@ -96,6 +96,7 @@ TOOL_PARAMETERS = {
     "scale": "mesh.scale",
     "origin": "mesh.origin",
     "integration": "integration",
+    "tolerance": "tolerance",
 }
 """Which parameter holds each field of a `ToolRequest`."""
 

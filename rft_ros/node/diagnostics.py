@@ -111,6 +111,7 @@ class Diagnostics:
         model = estimator.model
         values: dict[str, object] = {
             "tool": model.tool.name,
+            "facets": len(model.tool.facets),
             "plates": len(model.tool.plates),
             "medium": model.medium,
             "zeta": model.zeta,

@@ -1,5 +1,7 @@
 """~/markers for RViz and Foxglove: the tool coloured by traction, the forces, the surface; nothing if nobody listens.
 
+Of a reduced tool the full mesh is drawn, with the tractions that its own facets have.
+
 A tool is thousands of points and colours, 50 ms as Python messages; the tool's marker is spliced as CDR bytes instead:
 a serialised marker without points, cut where its points and colours belong.
 """
@@ -87,9 +89,9 @@ class Markers:
         state = self._estimator.state
         if self._drawn is None or self._drawn.model.tool is not model.tool:
             self._drawn = _drawn(model)
-        forces = plate_forces(model.tool.plates, model.law, state, surface_height=settings.surface_height)
+        forces = plate_forces(model.tool.facets, model.law, state, surface_height=settings.surface_height)
         facets = self._drawn.facets
-        traction = np.linalg.norm(forces[facets], axis=1) / model.tool.plates.packed[6, facets]
+        traction = np.linalg.norm(forces[facets], axis=1) / model.tool.facets.packed[6, facets]
         tool = self._marker(answer.stamp, 0, Marker.TRIANGLE_LIST)
         p, q = tool.pose.position, tool.pose.orientation
         p.x, p.y, p.z, q.x, q.y, q.z, q.w = state[:7].tolist()

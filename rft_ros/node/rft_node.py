@@ -91,9 +91,8 @@ class RftNode(Node):
     def describe(self) -> str:
         """Tool, medium and models in force, in one line."""
         m = self.estimator.model
-        return (
-            f"tool {m.tool.name} ({len(m.tool.plates)} plates), medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
-        )
+        plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
+        return f"tool {m.tool.name} ({plates}), medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
 
     # --- the tick
 

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.tool.check import degenerate_facets
+from rft_ros.tool.reduced_file import SUFFIX as REDUCED
+from rft_ros.tool.reduced_file import read_reduced
 
 if TYPE_CHECKING:
     import trimesh
@@ -38,7 +40,9 @@ logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
 def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
-    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file; vertices become (vertices - origin) * scale.
+    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file, or a reduced tool's full mesh.
+
+    Vertices become (vertices - origin) * scale.
 
     `scale`: metres per mesh unit; units and up-axes that the file declares are not applied. `origin`: where the
     tool frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh, its transforms
@@ -46,12 +50,10 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
 
     Raises InputError that names the file, or `mesh.scale` or `mesh.origin` with its value.
     """
-    if not 0.0 < scale < math.inf:
-        raise InputError(f"mesh.scale is {scale}; it must be a positive number")
-    shift = np.asarray(origin, dtype=np.float64)
-    if shift.shape != (3,) or not np.isfinite(shift).all():
-        raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
-
+    _check_placement(scale, origin)
+    if path.suffix.lower() == REDUCED:
+        reduced = read_reduced(path)
+        return _in_tool_frame(reduced.vertices, reduced.faces, path, scale, origin)
     loaded = _load(_bytes_of(path), path)
     if len(getattr(loaded, "faces", ())) == 0:  # points have none
         raise InputError(f"mesh file '{path}' has no facets: it is empty, cut short or no {_kind(path)} file")
@@ -61,7 +63,15 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
         raise InputError(f"mesh file '{path}' has vertices with {loaded.vertices.shape[1]} coordinates instead of 3")
     if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
         raise InputError(f"mesh file '{path}' has facets with vertices that are not in it")
-    return _in_tool_frame(loaded, path, scale, shift)
+    return _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
+
+
+def _check_placement(scale: float, origin: Sequence[float]) -> None:
+    if not 0.0 < scale < math.inf:
+        raise InputError(f"mesh.scale is {scale}; it must be a positive number")
+    shift = np.asarray(origin, dtype=np.float64)
+    if shift.shape != (3,) or not np.isfinite(shift).all():
+        raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
 
 
 def _kind(path: Path) -> str:
@@ -72,7 +82,7 @@ def _bytes_of(path: Path) -> bytes:
     if path.is_dir():
         raise InputError(f"mesh file '{path}' is a folder")
     if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join(SUFFIXES)}")
+        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join((*SUFFIXES, REDUCED))}")
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -119,16 +129,16 @@ def _is_binary_stl(data: bytes) -> bool:
 
 
 def _in_tool_frame(
-    loaded: "trimesh.Trimesh", path: Path, scale: float, origin: NDArray[np.float64]
+    corners: NDArray[np.float64], faces: NDArray[np.int64], path: Path, scale: float, origin: Sequence[float]
 ) -> "trimesh.Trimesh":
     import trimesh
 
     with np.errstate(over="ignore", invalid="ignore"):
-        vertices = (np.asarray(loaded.vertices, dtype=np.float64) - origin) * scale
+        vertices = (np.asarray(corners, dtype=np.float64) - np.asarray(origin, dtype=np.float64)) * scale
     bad = int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum())
     if bad:
         raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
-    mesh = trimesh.Trimesh(vertices, loaded.faces, process=False)
+    mesh = trimesh.Trimesh(vertices, faces, process=False)
     if degenerate_facets(mesh).all():
         raise InputError(f"mesh file '{path}' has no facet of any area, at mesh.scale {scale}")
     return mesh

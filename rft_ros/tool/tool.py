@@ -12,6 +12,8 @@ from rft_ros.rft import INTEGRATIONS, Integration, Plates
 from rft_ros.tool.check import Finding, check_mesh, degenerate_facets
 from rft_ros.tool.locate import locate_mesh
 from rft_ros.tool.mesh_file import read_mesh
+from rft_ros.tool.reduce import Reduction, checked_tolerance, reduced_for_any_motion
+from rft_ros.tool.reduced_file import SUFFIX, placed, read_reduced
 from rft_ros.tool.refine import refined_plates
 
 __all__ = ["Tool", "ToolRequest", "describe_tool", "load_tool"]
@@ -21,21 +23,25 @@ __all__ = ["Tool", "ToolRequest", "describe_tool", "load_tool"]
 class Tool:
     """A rigid tool in its own frame [m]. Its arrays are read-only, also after pickling.
 
-    `name`: the mesh file's stem. `file`: the path it was read from. `plates`: one plate element a face, same order.
+    `name`: the mesh file's stem. `file`: the path it was read from. `plates`: what the wrench is summed over.
+    `facets`: one plate element a face, same order; the same object as `plates` unless these are fewer.
     `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
     `findings`: what looks wrong with the mesh. `corners`: the vertices that can be lowest, shape [k, 3].
+    `reduction`: how `plates` came from `facets`, unless nobody asked for fewer.
     """
 
     name: str
     file: str
     plates: Plates
+    facets: Plates
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
     findings: tuple[Finding, ...]
     corners: NDArray[np.float64]
+    reduction: Reduction | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.plates.packed, self.vertices, self.faces, self.corners):
+        for array in (self.plates.packed, self.facets.packed, self.vertices, self.faces, self.corners):
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -56,29 +62,47 @@ def load_tool(
     *,
     scale: float = 0.001,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
-    integration: Integration = "centroid",
+    integration: Integration | None = None,
+    tolerance: float = 0.0,
 ) -> Tool:
-    """The tool of a mesh file: path, package:// URI or name of a shipped mesh.
+    """The tool of a mesh file or of a reduced tool (.npz): path, package:// URI or name of a shipped mesh.
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
-    `integration`: the plates' rule; ``refined`` also gives them the area of the surface that the mesh samples.
+    `integration`: the plates' rule; ``refined`` also gives them the area of the surface that the mesh samples. None:
+    what a reduced tool was made with, ``centroid`` for a mesh.
+    `tolerance`: if over 0, the fewest plates whose wrench stays within this share of the full tool's in any motion, at
+    the 95th percentile (`rft_ros.tool.reduce`); a reduced tool stays as it is.
     Normals come from the facets' winding, not from the file. Facets without area are dropped.
     Raises InputError, one sentence, for what cannot be used; what can, but looks wrong, is in the tool's `findings`.
     """
-    if integration not in INTEGRATIONS:
+    if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
+    checked_tolerance(tolerance)
     path = locate_mesh(file)
     mesh = read_mesh(path, scale=scale, origin=origin)
+    reduced = read_reduced(path) if path.suffix.lower() == SUFFIX else None
+    if reduced and integration not in (None, reduced.about.integration):
+        raise InputError(f"mesh file '{path}' holds plates for integration '{reduced.about.integration}' only")
+    rule = reduced.about.integration if reduced else integration
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
+    facets = refined_plates(vertices, faces) if rule == "refined" else _plates(vertices, faces)
+    corners = _corners(vertices[_used(vertices, faces)])
+    plates, reduction = facets, None
+    if reduced:
+        plates, reduction = Plates.from_rows(placed(reduced.plates, scale, origin)), reduced.about.reduction
+    elif tolerance > 0.0:
+        plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
     return Tool(
         name=path.stem,
         file=str(path),
-        plates=refined_plates(vertices, faces) if integration == "refined" else _plates(vertices, faces),
+        plates=plates,
+        facets=facets,
         vertices=vertices,
         faces=faces,
         findings=check_mesh(mesh),
-        corners=_corners(vertices[_used(vertices, faces)]),
+        corners=corners,
+        reduction=reduction,
     )
 
 
@@ -94,11 +118,18 @@ class ToolRequest(NamedTuple):
     file: str
     scale: float = 0.001
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    integration: Integration = "centroid"
+    integration: Integration | None = None
+    tolerance: float = 0.0
 
     def load(self) -> Tool:
         """The tool, as `load_tool`."""
-        return load_tool(self.file, scale=self.scale, origin=self.origin, integration=self.integration)
+        return load_tool(
+            self.file,
+            scale=self.scale,
+            origin=self.origin,
+            integration=self.integration,
+            tolerance=self.tolerance,
+        )
 
 
 def _used(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.bool_]:
@@ -118,13 +149,15 @@ def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def describe_tool(tool: Tool) -> list[str]:
-    """Lines that tell a user what was loaded: size and place in the tool frame, area, volume if closed, findings."""
+    """Lines that tell a user what was loaded: size and place in the tool frame, reduction, area, volume, findings."""
     used = 1e3 * tool.vertices[_used(tool.vertices, tool.faces)]
-    x, y, z, nx, ny, nz, area = tool.plates.packed
-    lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.plates):,}"]
+    x, y, z, nx, ny, nz, area = tool.facets.packed
+    lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]
+    if tool.reduction:
+        lines.append(f"reduced for {tool.reduction.motions}: {tool.reduction}")
     for axis, low, high in zip("xyz", used.min(axis=0), used.max(axis=0), strict=True):
         lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
-    lines.append(f"area: {tool.plates.area * 1e6:.1f} mm²")
+    lines.append(f"area: {tool.facets.area * 1e6:.1f} mm²")
     if not {"not_closed", "inconsistent_winding"} & {f.kind for f in tool.findings}:
         volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
         lines.append(f"volume: {volume * 1e9:.1f} mm³")

@@ -17,8 +17,8 @@ from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomic
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
+from rft_ros.estimator.parameters import defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.tool import load_tool
 
 OUTPUTS = ("wrench_predicted", "wrench_compensated", "wrench_residual")
 WAIT = 60.0
@@ -204,11 +204,12 @@ class Cell:
 def predicted_by_the_core(
     *, zeta: float = 1.0, alpha_y: str = "constant", mesh: str = "plate", z: float = -0.01, linear=(0.0, 0.0, -0.01)
 ) -> np.ndarray:
-    """What the node must answer to `Cell.send`'s defaults; the sensor's axes are the world's there."""
+    """What the node must answer to `Cell.send`'s defaults, reduced tool and all; the sensor's axes are the world's."""
     medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    return wrenches(load_tool(mesh).plates, law, state)[0, :6]
+    tool = tool_request({**defaults(), "mesh.file": mesh}).load()
+    return wrenches(tool.plates, law, state)[0, :6]
 
 
 def numbers(message: WrenchStamped) -> np.ndarray:

@@ -17,10 +17,12 @@ AREA = 4e-4
 
 def plate_tool() -> Tool:
     corners = np.array([[-0.01, -0.01, 0.0], [0.01, -0.01, 0.0], [0.0, 0.03, 0.0]])
+    plates = Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [AREA])
     return Tool(
         name="one_plate",
         file="",
-        plates=Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [AREA]),
+        plates=plates,
+        facets=plates,
         vertices=corners,
         faces=np.array([[0, 2, 1]]),
         findings=(),

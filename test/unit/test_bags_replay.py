@@ -34,7 +34,7 @@ def test_estimates_are_the_cores_with_the_poses_stamps(tmp_path):
     medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("constant", medium))
     state = checked_states([0.0, 0.0, 0.01 - 39 * 0.002, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
-    fz = wrenches(load_tool("plate").plates, law, state)[0, 2]
+    fz = wrenches(load_tool("plate", tolerance=values()["tolerance"]).plates, law, state)[0, 2]
     last = rows[-1]
     assert last["t"] == f"{(START + 59 * STEP) / 1e9:.2f}0000000"
     assert float(last["depth"]) == pytest.approx(39 * 0.002 - 0.01 + 0.0016)

@@ -45,10 +45,12 @@ def test_in_the_air_the_prediction_is_zero_and_the_residual_is_the_compensated_w
 
 def far_plate(distance) -> Tool:
     corners = np.zeros((3, 3))
+    plates = Plates.from_arrays([[0, distance, 0]], [[0, 0, -1]], [AREA])
     return Tool(
         name="far",
         file="",
-        plates=Plates.from_arrays([[0, distance, 0]], [[0, 0, -1]], [AREA]),
+        plates=plates,
+        facets=plates,
         vertices=corners,
         faces=np.array([[0, 1, 2]]),
         findings=(),

@@ -129,7 +129,7 @@ def test_file_below_a_file(tmp_path):
 @pytest.mark.parametrize("name", ["mesh.step", "mesh"])
 def test_unsupported_suffix_lists_the_supported_ones(tmp_path, name):
     (tmp_path / name).write_text("ISO-10303-21;")
-    assert refused(tmp_path / name).endswith("has no supported suffix; these are .stl, .obj, .ply, .glb, .dae")
+    assert refused(tmp_path / name).endswith("has no supported suffix; these are .stl, .obj, .ply, .glb, .dae, .npz")
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)

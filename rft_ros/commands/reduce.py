@@ -1,0 +1,87 @@
+"""Write a tool with the fewest plates that its motions need."""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rft_ros.commands.options import finite, integration_option, mesh_options
+from rft_ros.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    command.add_argument("mesh", metavar="MESH", help="path, package:// URI or name of a shipped mesh")
+    mesh_options(command)
+    integration_option(command)
+    size = command.add_mutually_exclusive_group()
+    size.add_argument(
+        "--tolerance",
+        type=finite,
+        default=0.025,
+        metavar="SHARE",
+        help="of the force, at the 95th percentile of motions not used for the choice (default 0.025)",
+    )
+    size.add_argument("--plates", type=int, metavar="N", help="at most this many plates, whatever their error")
+    command.add_argument(
+        "--scene",
+        metavar="STATES.csv",
+        help="choose plates for these motions only: a states file as for rft predict, or the name of a family of"
+        " motions (straight, plate_drag, oscillating_insertion, circumnutation) at its defaults; default: any motion",
+    )
+    command.add_argument(
+        "--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface in the scene [m]"
+    )
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz", help="taken wherever a mesh is")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Reduce; exit status."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from rft_ros.tool import load_tool
+    from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
+    from rft_ros.tool.save_reduced import save_reduced
+
+    count, tolerance = arguments.plates, arguments.tolerance
+    if count is not None and count < 1:
+        raise InputError(f"--plates is {count}; it must be at least 1")
+    if not 0.0 < tolerance <= 1.0:
+        raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
+    tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin, integration=arguments.integration)
+    if tool.reduction:
+        raise InputError(f"mesh file '{tool.file}' is a reduced tool already; reduce the mesh that it was made from")
+    if arguments.scene is None:
+        plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance, count=count)
+    else:
+        states = _scene(arguments.scene)
+        states[:, 2] -= arguments.surface_height
+        plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
+    save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
+
+    table = Table(show_header=False)
+    for name, value in (
+        ("tool", f"{tool.name} ({tool.file})"),
+        ("integration", plates.integration),
+        ("motions", reduction.motions),
+        ("facets", f"{reduction.facets:,}"),
+        ("plates", f"{reduction.plates:,}"),
+        ("error", f"{100.0 * reduction.error:.2f} % of the force at the 95th percentile"),
+        ("written", str(arguments.output)),
+    ):
+        table.add_row(name, value)
+    Console().print(table)
+    return 0
+
+
+def _scene(name: str) -> "NDArray[np.float64]":
+    from rft_ros.states_file import read_states
+    from rft_ros.studies.motions import FAMILIES, sample
+
+    return sample(FAMILIES[name](), 600)[1] if name in FAMILIES else read_states(Path(name))[1]

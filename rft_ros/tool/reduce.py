@@ -1,0 +1,140 @@
+"""A tool no finer than its motions need: the fewest plates whose wrench stays within a tolerance of the full tool's.
+
+For any motion neighbours are merged (`merge`), for a known scene a few plates are chosen (`cubature`). The error is
+measured on motions that took no part in the choice. No clock and no chance: the same tool gives the same plates.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.rft import Plates
+from rft_ros.tool.any_motion import Comparison, random_motions
+from rft_ros.tool.cubature import chosen_plates
+from rft_ros.tool.merge import Merger
+
+__all__ = ["FEWEST_STATES", "Reduction", "checked_tolerance", "reduced_for_any_motion", "reduced_for_scene"]
+
+Array = NDArray[np.float64]
+
+FEWEST_STATES = 20
+"""A known scene needs this many: of six states four are chosen from, one tells when to stop, one measures."""
+
+_CHOOSING, _MEASURING = 1, 2  # seeds
+_STATES = 1000  # for each; the percentile scatters by about a twentieth of itself
+_FIRST = 16  # plates tried first; then twice as many, and so on
+_WORTH = 0.7  # of the facets: with more plates the full tool stays
+_STEPS = 5  # of the search between two numbers of plates
+_MORE = 1.1  # times the plates, where the measured error is over the tolerance after all
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reduction:
+    """What a reduction came to.
+
+    `facets`: plates of the full tool. `plates`: of the reduced one. `error`: at the 95th percentile of the motions it
+    was measured on, relative: of any motion each state's own force counts, of a scene its greatest. `motions`: which.
+    """
+
+    facets: int
+    plates: int
+    error: float
+    tolerance: float
+    motions: str
+
+    def __str__(self) -> str:
+        """Such as "2,352 facets -> 148 plates, 1.8 % at the 95th percentile"."""
+        if self.plates == self.facets:
+            return f"{self.facets:,} facets, all of them needed for {100.0 * self.tolerance:g} %"
+        return f"{self.facets:,} facets -> {self.plates:,} plates, {100.0 * self.error:.1f} % at the 95th percentile"
+
+
+def checked_tolerance(tolerance: float) -> float:
+    """The tolerance, or InputError if it is no share of the force."""
+    if not 0.0 <= tolerance <= 1.0:
+        raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
+    return tolerance
+
+
+def reduced_for_any_motion(
+    plates: Plates, corners: Array, tolerance: float, *, count: int | None = None
+) -> tuple[Plates, Reduction]:
+    """The fewest plates within the tolerance, or about `count` of them whatever their error.
+
+    `corners`: of the tool's convex hull [m], shape [k, 3].
+    """
+    merger = Merger(plates)
+    measuring = Comparison.of(plates, random_motions(corners, _STATES, seed=_MEASURING), own_force=True)
+    if count is None:
+        choosing = Comparison.of(plates, random_motions(corners, _STATES, seed=_CHOOSING), own_force=True)
+        few = _fewest(merger, choosing, measuring, tolerance, most=min(int(_WORTH * len(plates)), merger.most))
+    else:
+        few = merger.merged(count)
+    return _told(plates, few, measuring, tolerance, "any motion")
+
+
+def _fewest(
+    merger: Merger, choosing: Comparison, measuring: Comparison, tolerance: float, *, most: int
+) -> Plates | None:
+    """The plates of the least number that keeps the tolerance, found by doubling and halving; None if none does."""
+
+    def keeps(count: int) -> Plates | None:
+        plates = merger.merged(count)
+        return plates if choosing.percentile_95(plates) <= tolerance else None
+
+    low, high, best = 0, _FIRST, None
+    while high < most and (best := keeps(high)) is None:
+        low, high = high, 2 * high
+    if best is None:
+        high = most
+        if most < 1 or (best := keeps(most)) is None:
+            return None
+    for _ in range(_STEPS):
+        middle = (low + high) // 2
+        if middle in (low, high) or high < 1.02 * low:
+            break
+        if (plates := keeps(middle)) is None:
+            low = middle
+        else:
+            high, best = middle, plates
+    while measuring.percentile_95(best) > tolerance:
+        high = int(_MORE * high) + 1
+        if high > most:
+            return None
+        best = merger.merged(high)
+    return best
+
+
+def reduced_for_scene(
+    plates: Plates, states: Array, tolerance: float, *, count: int | None = None
+) -> tuple[Plates, Reduction]:
+    """The fewest plates within the tolerance over a scene's states, or at most `count`, whatever their error.
+
+    `states`: shape [n, 13], the surface at z = 0. InputError where there are too few, or none feels a force.
+    """
+    if len(states) < FEWEST_STATES:
+        raise InputError(f"the scene has {len(states)} states; to choose and to measure takes at least {FEWEST_STATES}")
+    part = np.arange(len(states)) % 6
+    stopping, measuring = (Comparison.of(plates, states[part == k], own_force=False) for k in (2, 5))
+    if not (stopping.full[..., :3].any() and measuring.full[..., :3].any()):
+        raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
+    few = None
+    most = int(_WORTH * len(plates)) if count is None else count
+    for candidate in chosen_plates(plates, states[(part != 2) & (part != 5)]):
+        if len(candidate) > most:
+            break
+        within = count is None and max(c.percentile_95(candidate) for c in (stopping, measuring)) <= tolerance
+        if within or count is not None:
+            few = candidate
+        if within:
+            break
+    return _told(plates, few, measuring, tolerance, f"a scene of {len(states):,} states")
+
+
+def _told(
+    plates: Plates, few: Plates | None, measuring: Comparison, tolerance: float, motions: str
+) -> tuple[Plates, Reduction]:
+    plates, facets, error = few or plates, len(plates), measuring.percentile_95(few) if few else 0.0
+    return plates, Reduction(facets=facets, plates=len(plates), error=error, tolerance=tolerance, motions=motions)

@@ -1,0 +1,135 @@
+"""A tool no finer than its motions need: fewer plates, the same wrench within the tolerance, the same every time."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from rft_ros.errors import InputError
+from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.studies.motions import OscillatingInsertion, sample
+from rft_ros.tool import load_tool
+from rft_ros.tool.any_motion import random_motions
+from rft_ros.tool.merge import Merger
+from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
+
+LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
+RULES = ["centroid", "refined"]
+
+
+def error(tool, plates, states):
+    """Of the force by each state's own, at the 95th percentile."""
+    full = wrenches(tool.facets, LAW, states)[:, :3]
+    size = np.linalg.norm(full, axis=1)
+    off = np.linalg.norm(wrenches(plates, LAW, states)[:, :3] - full, axis=1)
+    return np.percentile(off[size > 0.0] / size[size > 0.0], 95.0)
+
+
+@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize("name", ["plate", "sphere", "root_tip"])
+def test_a_reduced_tool_keeps_the_tolerance_in_motions_that_it_was_not_chosen_by(name, rule):
+    tool = load_tool(name, integration=rule, tolerance=0.05)
+    assert len(tool.plates) < 0.4 * len(tool.facets) == 0.4 * len(tool.faces)
+    assert error(tool, tool.plates, random_motions(tool.corners, 2000, seed=12)) < 0.055
+    assert tool.reduction.error <= 0.05
+    assert str(tool.reduction).startswith(f"{len(tool.facets):,} facets -> {len(tool.plates):,} plates, ")
+    assert str(tool.reduction).endswith(" % at the 95th percentile")
+
+
+def test_a_smaller_tolerance_takes_more_plates():
+    counts = [len(load_tool("sphere", integration="refined", tolerance=t).plates) for t in (0.1, 0.05, 0.02)]
+    assert counts == sorted(set(counts))
+
+
+def test_a_tolerance_of_zero_is_the_full_tool():
+    tool = load_tool("plate", tolerance=0.0)
+    assert tool.plates is tool.facets
+    assert tool.reduction is None
+
+
+def test_a_tool_that_needs_all_its_facets_keeps_them_and_says_so(tmp_path):
+    trimesh.creation.box((20.0, 30.0, 40.0)).export(tmp_path / "box.stl")
+    tool = load_tool(str(tmp_path / "box.stl"), tolerance=0.01)
+    assert tool.plates is tool.facets
+    assert str(tool.reduction) == "12 facets, all of them needed for 1 %"
+
+
+@pytest.mark.parametrize("tolerance", [-0.1, 1.5, float("nan")])
+def test_a_tolerance_that_is_no_share_is_a_sentence(tolerance):
+    with pytest.raises(InputError, match=r"tolerance is .*; it must lie between 0 \(the full tool\) and 1"):
+        load_tool("plate", tolerance=tolerance)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_the_same_tool_gives_the_same_plates(rule):
+    one, two = (load_tool("root_tip", integration=rule, tolerance=0.05) for _ in range(2))
+    np.testing.assert_array_equal(one.plates.rows, two.plates.rows)
+    assert one.reduction == two.reduction
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_merging_keeps_area_and_first_moment(rule):
+    full = load_tool("ellipsoid", integration=rule).facets
+    few = Merger(full).merged(100)
+    assert 80 <= len(few) <= 100
+    assert few.integration == rule
+    assert few.area == pytest.approx(full.area, rel=1e-12)
+    moment = [(p.packed[:3] * p.packed[6]).sum(axis=1) for p in (few, full)]
+    np.testing.assert_allclose(*moment, atol=1e-12 * full.area)
+
+
+def test_merged_to_as_many_plates_as_there_are_nothing_changes():
+    full = load_tool("plate", integration="refined").facets
+    same = Merger(full).merged(len(full))
+    np.testing.assert_allclose(same.rows, full.rows, rtol=1e-12, atol=1e-15)
+
+
+def test_a_flat_square_merged_to_one_triangle_feels_the_same_wrench_while_it_is_submerged():
+    """The triangle has the square's second moments, and so its centre of pressure."""
+    side, n = 0.03, 6
+    x = np.linspace(-side / 2, side / 2, n + 1)
+    squares = [(x[i], x[j], x[i + 1], x[j + 1]) for i in range(n) for j in range(n)]
+    triangles = [
+        t for a, b, c, d in squares for t in ([[0, a, b], [0, c, b], [0, c, d]], [[0, a, b], [0, c, d], [0, a, d]])
+    ]
+    full = Plates.from_triangles(triangles, np.full(len(triangles), 0.02))
+    one = Merger(full).merged(1)
+    assert len(one) == 1
+    for q in ([0, 0, 0, 1], [0.3, 0.2, 0.1, 0.9273618495]):
+        state = checked_states([0.01, 0.02, -0.06, *q, 0.01, 0.002, -0.003, 0, 0, 0])
+        np.testing.assert_allclose(wrenches(one, LAW, state), wrenches(full, LAW, state), rtol=1e-9, atol=1e-12)
+
+
+def test_a_scene_needs_fewer_plates_than_any_motion():
+    tool = load_tool("ellipsoid")
+    states = checked_states(sample(OscillatingInsertion(), 240)[1])
+    scene, said = reduced_for_scene(tool.facets, states, 0.025)
+    anything, _ = reduced_for_any_motion(tool.facets, tool.corners, 0.025)
+    assert len(scene) < 0.2 * len(anything)
+    assert said.error <= 0.025
+    assert said.motions == "a scene of 240 states"
+    assert (scene.packed[6] > 0.0).all()
+
+
+def test_the_plates_of_a_scene_are_facets_with_other_areas():
+    tool = load_tool("ellipsoid", integration="refined")
+    few, _ = reduced_for_scene(tool.facets, checked_states(sample(OscillatingInsertion(), 100)[1]), 0.05, count=9)
+    assert 0 < len(few) <= 9
+    full = {tuple(column) for column in tool.facets.packed[:3].T}
+    assert {tuple(column) for column in few.packed[:3].T} <= full
+
+
+@pytest.mark.parametrize(
+    ("count", "height", "message"),
+    [(19, -0.05, "the scene has 19 states; to choose and to measure takes at least 20"), (40, 1.0, "has no force")],
+)
+def test_a_scene_that_tells_nothing_is_a_sentence(count, height, message):
+    states = np.zeros((count, 13))
+    states[:, 2], states[:, 6], states[:, 9] = height, 1.0, -0.01
+    with pytest.raises(InputError, match=message):
+        reduced_for_scene(load_tool("plate").facets, states, 0.025)
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_a_single_facet_can_be_asked_to_be_reduced(tmp_path, rule):
+    trimesh.Trimesh([[0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]]).export(tmp_path / "one.stl")
+    assert len(load_tool(str(tmp_path / "one.stl"), integration=rule, tolerance=0.025).plates) == 1

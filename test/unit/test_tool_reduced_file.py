@@ -1,0 +1,179 @@
+"""``rft reduce``: its table, its file, and that the file is taken wherever a mesh is."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rft_ros.cli import main
+from rft_ros.errors import InputError
+from rft_ros.rft import rotation_matrix
+from rft_ros.studies.motions import Circumnutation, sample_every
+from rft_ros.tool import load_tool
+
+ORIGIN = ("--origin", "0", "0", "1.25")
+
+
+def reduce(tmp_path, *options, mesh="root_tip", name="few.npz"):
+    assert main(["reduce", mesh, "-o", str(tmp_path / name), *options]) == 0
+    return str(tmp_path / name)
+
+
+def refused(capsys, *arguments):
+    assert main([*arguments]) == 2
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert said.count("\n") == 1
+    return said
+
+
+@pytest.mark.parametrize("rule", ["centroid", "refined"])
+def test_the_file_holds_the_tool_that_the_tolerance_gives(tmp_path, rule):
+    file = reduce(tmp_path, "--integration", rule, "--tolerance", "0.05", *ORIGIN)
+    back = load_tool(file, origin=(0.0, 0.0, 1.25))
+    direct = load_tool("root_tip", origin=(0.0, 0.0, 1.25), integration=rule, tolerance=0.05)
+    assert back.reduction == direct.reduction
+    assert back.plates.integration == rule
+    np.testing.assert_allclose(back.plates.rows, direct.plates.rows, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(back.facets.rows, direct.facets.rows, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(back.vertices, direct.vertices, atol=1e-15)
+    np.testing.assert_array_equal(back.faces, direct.faces)
+    assert back.lowest_point(rotation_matrix([0, 0, 0, 1])) == pytest.approx(direct.vertices[:, 2].min())
+    assert not back.plates.packed.flags.writeable
+
+
+def test_scale_and_origin_mean_what_they_mean_for_the_mesh(tmp_path):
+    file = reduce(tmp_path, "--plates", "50")
+    moved, plain = load_tool(file, scale=0.002, origin=(1.0, 2.0, 3.0)), load_tool(file)
+    np.testing.assert_allclose(moved.vertices, 2.0 * (plain.vertices - [0.001, 0.002, 0.003]), atol=1e-15)
+    np.testing.assert_allclose(
+        moved.plates.packed[:3], 2.0 * (plain.plates.packed[:3].T - [0.001, 0.002, 0.003]).T, atol=1e-15
+    )
+    assert moved.plates.area == pytest.approx(4.0 * plain.plates.area)
+
+
+def test_the_table_says_what_was_done(tmp_path, capsys):
+    file = reduce(tmp_path, "--integration", "refined", "--plates", "60")
+    said = capsys.readouterr().out
+    for text in ("root_tip", "refined", "any motion", "1,232", "of the force at the 95th percentile"):
+        assert text in said
+    assert len(load_tool(file).plates) <= 60
+    assert main(["check-mesh", file]) == 0
+    assert "reduced for any motion: 1,232 facets -> " in capsys.readouterr().out
+
+
+def test_the_same_command_gives_the_same_bytes_and_they_say_where_they_come_from(tmp_path):
+    one, two = (reduce(tmp_path, "--plates", "40", name=name) for name in ("one.npz", "two.npz"))
+    assert Path(one).read_bytes() == Path(two).read_bytes()
+    with np.load(one, allow_pickle=False) as arrays:
+        about = json.loads(str(arrays["about"]))
+    assert about["mesh"] == "root_tip.stl"
+    assert len(about["sha256"]) == 64
+    assert about["reduction"]["facets"] == 1232
+    assert 0.0 < about["reduction"]["error"] < 0.5
+
+
+def write_states(file, height=0.0):
+    times, states = sample_every(Circumnutation(), 0.25)
+    states[:, 2] += height
+    header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
+    np.savetxt(file, np.column_stack([times, states]), delimiter=",", header=header, comments="")
+    return str(file)
+
+
+def test_a_reduced_tool_predicts_its_scene_within_the_tolerance(tmp_path):
+    states = write_states(tmp_path / "states.csv", height=0.3)
+    scene = ("--scene", states, "--surface-height", "0.3", "--tolerance", "0.01")
+    file = reduce(tmp_path, *scene, *ORIGIN)
+    found = {}
+    for mesh in (file, "root_tip"):
+        out = tmp_path / "out.csv"
+        assert main(["predict", states, "--mesh", mesh, *ORIGIN, "--surface-height", "0.3", "-o", str(out)]) == 0
+        found[mesh] = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:4]
+    full = found["root_tip"]
+    off = np.linalg.norm(found[file] - full, axis=1) / np.linalg.norm(full, axis=1).max()
+    assert np.percentile(off, 95.0) < 0.015
+    assert len(load_tool(file).plates) < 0.03 * 1232
+
+
+def test_a_family_of_motions_is_a_scene_too(tmp_path):
+    assert len(load_tool(reduce(tmp_path, "--scene", "circumnutation", *ORIGIN)).plates) < 37
+
+
+def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
+    states = write_states(tmp_path / "states.csv")
+    out = ("-o", str(tmp_path / "out.csv"))
+    assert main(["predict", states, "--mesh", "root_tip", "--tolerance", "0.05", *out]) == 0
+    assert "root_tip: 1,232 facets -> " in capsys.readouterr().out
+    assert main(["predict", states, "--mesh", "root_tip", *out]) == 0
+    assert "85 states, 1232 plates of root_tip" in capsys.readouterr().out
+
+
+def test_a_reduced_tool_belongs_to_its_rule(tmp_path, capsys):
+    file = reduce(tmp_path, "--integration", "refined", "--plates", "40")
+    with pytest.raises(InputError, match="holds plates for integration 'refined' only"):
+        load_tool(file, integration="centroid")
+    assert load_tool(file, integration="refined", tolerance=0.025).reduction == load_tool(file).reduction
+    assert "is a reduced tool already" in refused(capsys, "reduce", file, "-o", str(tmp_path / "again.npz"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
+        (("--plates", "0"), "--plates is 0; it must be at least 1"),
+        (("--scene", "nothing.csv"), "states file 'nothing.csv' cannot be read"),
+        (("-o", "few.stl"), "output 'few.stl' must end in .npz"),
+        (("-o", "/proc/none/few.npz"), "cannot be written"),
+    ],
+)
+def test_what_cannot_be_done_is_a_sentence(tmp_path, capsys, options, message):
+    assert message in refused(capsys, "reduce", "plate", "-o", str(tmp_path / "few.npz"), *options)
+
+
+def broken(tmp_path, change):
+    file = reduce(tmp_path, "--plates", "40")
+    with np.load(file, allow_pickle=False) as arrays:
+        content = dict(arrays)
+    change(content)
+    np.savez(file, **content)
+    return file
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.pop("plates"), "plates"),
+        (lambda c: c.update(about=np.array("{}")), "its format is 'None'"),
+        (lambda c: c.update(about=np.array("no json")), "no reduced tool"),
+        (lambda c: c.update(plates=c["plates"][:5]), "plates have 7 rows, or 14"),
+        (lambda c: c.update(plates=np.full((7, 3), np.nan)), "must be finite numbers"),
+        (lambda c: c.update(plates=c["plates"][:, :0]), "at least one plate element"),
+        (lambda c: c.update(plates=-np.abs(c["plates"])), "plate areas must not be negative"),
+        (lambda c: c.update(vertices=c["vertices"][:, :2]), "vertices of shape"),
+        (lambda c: c.update(faces=c["faces"] + 10_000), "faces have vertices that are not in it"),
+        (lambda c: c.update(faces=c["faces"].astype(float)), "faces of shape"),
+    ],
+)
+def test_a_file_that_is_not_as_it_was_written_is_a_sentence(tmp_path, change, message):
+    file = broken(tmp_path, change)
+    with pytest.raises(InputError, match=r"few\.npz") as caught:
+        load_tool(file)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"solid\nendsolid\n"])
+def test_a_file_of_something_else_is_a_sentence(tmp_path, content):
+    (tmp_path / "m.npz").write_bytes(content)
+    with pytest.raises(InputError, match=r"m\.npz"):
+        load_tool(str(tmp_path / "m.npz"))
+    with pytest.raises(InputError, match="does not exist"):
+        load_tool(str(tmp_path / "absent.npz"))
+
+
+def test_a_pickle_is_not_opened(tmp_path):
+    np.savez(tmp_path / "m.npz", about=np.array([{"a": 1}], dtype=object))
+    with pytest.raises(InputError, match=r"m\.npz"):
+        load_tool(str(tmp_path / "m.npz"))
