@@ -5,7 +5,7 @@ from enum import Enum, IntFlag
 
 from rft_ros.estimator.samples import Wrench
 
-__all__ = ["SCATTER", "Doubt", "Trust", "deviation", "trust"]
+__all__ = ["SCATTER", "Doubt", "Trust", "deviation", "doubts_named", "sentences", "trust"]
 
 
 class Doubt(IntFlag):
@@ -46,6 +46,28 @@ def trust(doubts: int) -> Trust:
     if doubts & _DISTRUST:
         return Trust.NO
     return Trust.CAUTION if doubts else Trust.OK
+
+
+_SENTENCES = {
+    Doubt.FAST: "faster than the 0.025 m/s that the model was measured at",
+    Doubt.INERTIAL: "faster than 0.2 m/s, where inertia matters",
+    Doubt.NEAR_REST: "so slow that noise decides the direction",
+    Doubt.WAKE: "in its own wake, where grains are looser",
+    Doubt.CONCAVE: "a hollow tool, whose shadowed facets count in full",
+    Doubt.NEAR_FLAT: "nearly horizontal faces: the published rule jumps there (integration: refined does not)",
+    Doubt.KNIFE_EDGE: "faces moving along themselves: the published rule jumps there (integration: refined does not)",
+    Doubt.DEEP: "deeper than the calibration",
+}
+
+
+def doubts_named(doubts: int) -> list[str]:
+    """The names of doubts, as users read them: ``fast``, ``wake``."""
+    return [str(d.name).lower() for d in _SENTENCES if doubts & d]
+
+
+def sentences(doubts: int) -> str:
+    """Doubts in words."""
+    return "; ".join(text for d, text in _SENTENCES.items() if doubts & d)
 
 
 SCATTER = 0.15

@@ -67,6 +67,23 @@ PARAMETERS: tuple[Parameter, ...] = (
         description="Scale factor of the medium, from calibration.",
     ),
     Parameter(
+        name="medium.mobilization_length",
+        default=0.0,
+        unit="m",
+        low=0.0,
+        high=1e3,
+        description="Path over which grains at a depth of 30 mm come to two thirds of their strength; 0.0: at once, as"
+        " published. Over 0.0 the force holds while the tool rests; to begin with it takes a restart.",
+    ),
+    Parameter(
+        name="medium.calibrated_depth",
+        default=0.0,
+        unit="m",
+        low=0.0,
+        high=1e3,
+        description="Greatest depth of the calibration; deeper estimates are doubtful. 0.0: not known.",
+    ),
+    Parameter(
         name="alpha_y.model",
         default="constant",
         unit="",

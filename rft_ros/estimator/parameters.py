@@ -88,7 +88,8 @@ def settings_of(values: Values) -> Settings:
     )
     plain = ("world_frame", "tool_frame", "sensor_frame", "surface_height", "twist_source", "twist_window")
     gates = ("max_input_age", "max_rate", "rest_speed")
-    return Settings(load_cell=cell, **{name: v[name] for name in (*plain, *gates)})
+    depth = v["medium.calibrated_depth"]
+    return Settings(load_cell=cell, calibrated_depth=depth, **{name: v[name] for name in (*plain, *gates)})
 
 
 TOOL_PARAMETERS = {
@@ -121,5 +122,6 @@ def model_of(values: Values, *, tool: Tool | None = None, generation: int = 0) -
         medium=medium.name,
         zeta=v["medium.zeta"],
         alpha_y=name,
+        mobilization_length=v["medium.mobilization_length"],
         generation=generation,
     )

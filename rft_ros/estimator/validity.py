@@ -43,7 +43,7 @@ class Validity:
         depth: Callable[[], float],
         settings: Settings,
     ) -> int:
-        """Doubts, an or of `Doubt`, of an estimate at a state, shape [13]; `depth`: asked for that of the lowest point."""
+        """Doubts, an or of `Doubt`, of an estimate at a state, shape [13]; `depth`: asked for the lowest point's."""
         if not submerged:
             self._path.leave()
             self._countdown = 0

@@ -5,13 +5,12 @@ from statistics import median
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
-from rft_ros.estimator import Estimator, Reason
+from rft_ros.estimator import Estimate, Estimator, Reason
+from rft_ros.estimator.doubts import Doubt, deviation, doubts_named, sentences, trust
 
 __all__ = ["Diagnostics"]
 
 _LATENCIES = 1000
-_SLOW = 0.025  # m/s: the fastest the paper measured
-_INERTIA = 0.2  # m/s
 _KINDS = ("pose", "twist", "wrench")
 
 
@@ -27,21 +26,23 @@ class Diagnostics:
         self.newest: dict[str, int] = {}
         self.last_swap_failure = ""
         self.preparing = ""
-        self._speed = 0.0
+        self._newest_estimate: Estimate | None = None
         self._fastest = 0.0
+        self._doubts = 0
 
     def received_one(self, kind: str, stamp: int) -> None:
         """Note that a pose, twist or wrench with this stamp [ns] arrived."""
         self.received[kind] += 1
         self.newest[kind] = stamp
 
-    def tick(self, seconds: float, speed: float) -> None:
-        """Note one answered pose: time from its callback's start to the last publication [s], speed [m/s]."""
+    def tick(self, seconds: float, answer: Estimate) -> None:
+        """Note one answered pose and the time from its callback's start to the last publication [s]."""
         if len(self._latencies) < _LATENCIES:
             self._latencies.append(seconds)
-        self._speed = speed
-        if speed > self._fastest:
-            self._fastest = speed
+        self._newest_estimate = answer
+        self._doubts |= answer.doubts
+        if answer.speed > self._fastest:
+            self._fastest = answer.speed
 
     def status(self, estimator: Estimator) -> tuple[bool, str]:
         """Whether the last swap went well, and what is in force, being prepared or went wrong, in a sentence."""
@@ -68,6 +69,7 @@ class Diagnostics:
         ]
         self._latencies.clear()
         self._fastest = 0.0
+        self._doubts = 0
         return array, [f"{reason}: {n} in the last {period:.0f} s" for reason, n in sorted(reasons.items())]
 
     def _status(self, component: str, level: bytes, message: str, values: dict[str, object]) -> DiagnosticStatus:
@@ -91,19 +93,23 @@ class Diagnostics:
         values: dict[str, object] = {
             "estimates": estimator.counts["estimates"],
             "last_reason": max(reasons, key=lambda r: reasons[r]) if reasons else "",
-            "speed_m_s": self._speed,
             "fastest_m_s": self._fastest,
             "depth_m": estimator.depth(),
+            "trust": trust(self._doubts).value,
+            "doubts": ", ".join(doubts_named(self._doubts)),
         }
+        if (newest := self._newest_estimate) is not None:
+            values["speed_m_s"] = newest.speed
+            values["force_deviation_n"], values["torque_deviation_nm"] = deviation(newest.predicted)
         if self._latencies:
             ordered = sorted(self._latencies)
             values["latency_median_us"] = 1e6 * median(ordered)
             values["latency_p99_us"] = 1e6 * ordered[int(0.99 * (len(ordered) - 1))]
         if not new["estimates"]:
             return self._status("estimates", DiagnosticStatus.WARN, "no estimates", values)
-        if self._fastest > _SLOW:
-            inertia = "; inertia matters above 0.2 m/s" if self._fastest > _INERTIA else ""
-            message = f"{self._fastest:.3f} m/s is faster than the model was measured at ({_SLOW} m/s){inertia}"
+        if self._doubts:
+            speed = f"{self._fastest:.3f} m/s is " if self._doubts & Doubt.FAST else ""  # the first of the sentences
+            message = speed + sentences(self._doubts)
             return self._status("estimates", DiagnosticStatus.WARN, message, values)
         return self._status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
 

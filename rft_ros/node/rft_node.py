@@ -52,6 +52,7 @@ class RftNode(Node):
         self._tool_in_force = tool_request(values)
         self._preparation: Preparation | None = None
         self.estimator = Estimator(settings_of(values), model_of(values))
+        self._with_memory = self.estimator.model.mobilization_length > 0.0
         self._diagnostics = Diagnostics(self.get_fully_qualified_name())
         self._last_estimate: Estimate | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
@@ -133,7 +134,7 @@ class RftNode(Node):
             self._compensated.publish(serialise(stamp, answer.compensated))
             self._residual.publish(serialise(stamp, answer.residual))
         self._last_estimate = answer
-        self._diagnostics.tick(perf_counter() - start, answer.speed)
+        self._diagnostics.tick(perf_counter() - start, answer)
 
     # --- parameters and swaps
 
@@ -141,6 +142,11 @@ class RftNode(Node):
         if not (path := locate_mesh(str(values["mesh.file"]))).is_file():
             raise InputError(f"mesh.file '{path}' is not there")
         settings_of(values)
+        if hasattr(self, "estimator") and not self._with_memory and values["medium.mobilization_length"]:
+            raise InputError(
+                "medium.mobilization_length was 0.0 at the start, so that the kernels for it are not compiled; "
+                "start the node with it"
+            )
         if values["alpha_y.model"] == "table":
             self._model(values, self.estimator.model.tool) if hasattr(self, "estimator") else model_of(values)
 
@@ -158,7 +164,7 @@ class RftNode(Node):
             self._preparation = self._preparer.prepare(request)
             self._diagnostics.preparing = request.file
             self._swap_timer.reset()
-        if changed & {"medium.name", "medium.zeta", "alpha_y.model", "alpha_y.table"}:
+        if any(name.startswith(("medium.", "alpha_y.")) for name in changed):
             self._generation += 1
             self.estimator.use(model=self._model(values, self.estimator.model.tool))
             self.get_logger().info(f"generation {self._generation}: {self.describe()}")
