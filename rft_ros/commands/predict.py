@@ -20,6 +20,13 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--alpha-y", default="constant", metavar="MODEL", help="constant, linear or a TABLE.csv (default constant)"
     )
+    command.add_argument(
+        "--mobilization-length",
+        type=finite,
+        default=0.0,
+        metavar="M",
+        help="path over which grains 30 mm deep come to strength; takes the states in the order of time (default 0)",
+    )
     command.add_argument("--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface [m]")
     integration_option(command)
     command.add_argument(
@@ -34,8 +41,18 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Predict; exit status."""
+    import numpy as np
+
     from rft_ros.estimator.alpha_y_table import read_alpha_y_table
-    from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, medium_named, treers2021, wrenches
+    from rft_ros.rft import (
+        ALPHA_Y_MODELS,
+        Memory,
+        alpha_y_model,
+        medium_named,
+        treers2021,
+        wrenches,
+        wrenches_in_time,
+    )
     from rft_ros.states_file import read_states, write_wrenches
     from rft_ros.tool import load_tool
 
@@ -60,6 +77,23 @@ def run(arguments: argparse.Namespace) -> int:
         )
     except ValueError as error:
         raise InputError(str(error)) from None
-    write_wrenches(arguments.output, times, wrenches(tool.plates, law, states, surface_height=arguments.surface_height))
+    length, surface = arguments.mobilization_length, arguments.surface_height
+    if length < 0.0:
+        raise InputError(f"--mobilization-length is {length:g}; it must not be negative")
+    if length > 0.0:
+        durations = np.diff(times, prepend=times[0])
+        if (durations < 0.0).any():
+            row = int(np.argmax(durations < 0.0))
+            raise InputError(
+                f"states file '{arguments.states}': t goes back from {times[row - 1]:g} to {times[row]:g}; "
+                "with --mobilization-length the states must be in the order of time"
+            )
+        memory = Memory.of(tool.plates)
+        result = wrenches_in_time(
+            tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
+        )
+    else:
+        result = wrenches(tool.plates, law, states, surface_height=surface)
+    write_wrenches(arguments.output, times, result)
     print(f"{len(states)} states, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
     return 0

@@ -1,0 +1,121 @@
+"""The estimator with a mobilization length: rest is answered, and what ends a memory."""
+
+import numpy as np
+import pytest
+
+from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Settings, Withheld
+from rft_ros.rft import MEDIA, Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
+from rft_ros.tool import load_tool
+
+GENERIC = MEDIA["generic"]
+PLATE = load_tool("plate")
+PERIOD = 8_000_000  # 125 Hz
+
+
+def law(zeta=0.3):
+    return treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=zeta)
+
+
+def model(length, *, tool=PLATE, zeta=0.3):
+    return Model(tool=tool, law=law(zeta), medium="generic", zeta=zeta, alpha_y="constant", mobilization_length=length)
+
+
+class Arm:
+    """Poses at 125 Hz, whose velocities the estimator takes from the poses themselves."""
+
+    def __init__(self, length, **settings):
+        self.estimator = Estimator(Settings(twist_source="pose_difference", **settings), model(length))
+        self.stamp, self.height = 1_000_000_000, 0.005
+
+    def move(self, speed, seconds):
+        answers = []
+        for _ in range(round(seconds * 1e9 / PERIOD)):
+            self.stamp += PERIOD
+            self.height += speed * PERIOD * 1e-9
+            pose = PoseSample(self.stamp, "world", (0.0, 0.0, self.height), (0.0, 0.0, 0.0, 1.0))
+            answers.append(self.estimator.push_pose(pose))
+        return answers
+
+
+def vertical(answer):
+    assert isinstance(answer, Estimate)
+    return answer.predicted[2]
+
+
+def test_without_memory_rest_is_a_reason_and_with_memory_it_is_an_estimate_that_holds():
+    forgetful, remembering = Arm(0.0), Arm(0.003)
+    for arm in (forgetful, remembering):
+        arm.move(-0.01, 4.0)
+    assert isinstance(forgetful.move(0.0, 1.0)[-1], Withheld)
+    assert forgetful.estimator.counts[Reason.AT_REST.value] > 0
+    pressed = vertical(remembering.move(-0.01, 0.1)[-1])
+    held = [vertical(a) for a in remembering.move(0.0, 4.0)]
+    assert held[-1] == pytest.approx(pressed, rel=0.02)
+    assert np.ptp(held[50:]) < 1e-9 * pressed  # flat
+    assert Reason.AT_REST.value not in remembering.estimator.counts
+
+
+def test_encoder_noise_at_rest_does_not_wear_the_force_down():
+    arm = Arm(0.003)
+    arm.move(-0.01, 4.0)
+    arm.move(0.0, 0.5)
+    before = vertical(arm.move(0.0, 0.01)[-1])
+    rng = np.random.default_rng(5)
+    rest = arm.height
+    for noise in rng.normal(scale=2e-6, size=1000):
+        arm.height = rest + noise
+        after = vertical(arm.move(0.0, PERIOD * 1e-9)[-1])
+    assert after == pytest.approx(before, rel=0.02)
+
+
+def test_on_withdrawal_the_force_falls_within_millimetres():
+    arm = Arm(0.003)
+    arm.move(-0.01, 4.0)
+    pressed = vertical(arm.move(-0.01, 0.1)[-1])
+    arm.move(0.0, 1.0)
+    left = vertical(arm.move(0.01, 0.3)[-1])
+    assert abs(left) < 0.15 * pressed  # the upper face has begun to lead
+
+
+def test_zeta_is_swapped_without_forgetting_and_a_mesh_is_not():
+    arm = Arm(0.003)
+    arm.move(-0.01, 4.0)
+    before = vertical(arm.move(0.0, 1.0)[-1])
+    arm.estimator.use(model=model(0.003, zeta=0.6))
+    assert vertical(arm.move(0.0, 0.1)[-1]) == pytest.approx(before)
+    assert vertical(arm.move(-0.01, 1.0)[-1]) > 1.5 * before
+    arm.estimator.use(model=model(0.003, tool=load_tool("plate", integration="refined")))
+    assert vertical(arm.move(0.0, 0.5)[-1]) == pytest.approx(0.0, abs=0.05 * before)
+
+
+def test_a_time_jump_begins_a_new_memory():
+    arm = Arm(0.003)
+    arm.move(-0.01, 4.0)
+    arm.stamp -= 3_000_000_000
+    answers = [a for a in arm.move(0.0, 0.5) if isinstance(a, Estimate)]
+    assert vertical(answers[-1]) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_leaving_the_grains_begins_a_new_memory():
+    arm = Arm(0.003)
+    arm.move(-0.01, 4.0)
+    arm.move(0.05, 1.0)
+    assert isinstance(arm.move(0.05, 0.1)[-1], Estimate)
+    memory = arm.estimator._memory
+    assert memory is not None
+    assert not memory.tractions.any()
+
+
+def test_the_estimator_and_the_core_agree_on_a_path():
+    arm = Arm(0.004)
+    memory, expected, previous = Memory.of(PLATE.plates), 0.0, None
+    for _ in range(300):
+        answer = arm.move(-0.012, PERIOD * 1e-9)[0]
+        if not isinstance(answer, Estimate):
+            continue
+        state = checked_states(arm.estimator.state)
+        duration = np.array([0.0 if previous is None else (arm.stamp - previous) * 1e-9])
+        expected = wrenches_in_time(PLATE.plates, law(), state, duration, memory, mobilization_length=0.004)[0, 2]
+        previous = arm.stamp
+        assert vertical(answer) == pytest.approx(expected, rel=1e-12, abs=1e-15)
+    assert expected > 1.0
