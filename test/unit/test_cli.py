@@ -130,3 +130,27 @@ def test_wrong_usage_ends_with_2(tmp_path):
     assert rft(cwd=tmp_path).returncode == 2
     assert rft("predict", cwd=tmp_path).returncode == 2
     assert rft("--help", cwd=tmp_path).returncode == 0
+
+
+def test_predict_by_the_refined_rule_differs_from_the_published_one_where_it_should(tmp_path):
+    """A flat plate pressed down is the same to both but for its edges; one that the surface cuts is not."""
+    row = "0,0,0,-0.05,0,0,0,1,0,0,-0.01,0,0,0"
+    forces = {}
+    for rule in ("centroid", "refined"):
+        done = predict(tmp_path, f"{HEADER}\n{row}\n", "--integration", rule, "--mesh", "sphere")
+        assert done.returncode == 0, done.stderr
+        forces[rule] = float((tmp_path / "out.csv").read_text().splitlines()[1].split(",")[3])
+    assert 1.001 < forces["refined"] / forces["centroid"] < 1.05  # the inscribed ball's missing area
+
+
+def test_predict_with_memory_holds_the_force_at_rest_and_wants_the_states_in_order(tmp_path):
+    moving = [f"{0.1 * k},0,0,{-0.001 * k},0,0,0,1,0,0,-0.01,0,0,0" for k in range(1, 40)]
+    resting = [f"{4.0 + 0.1 * k},0,0,-0.04,0,0,0,1,0,0,0,0,0,0" for k in range(10)]
+    text = "\n".join([HEADER, *moving, *resting]) + "\n"
+    done = predict(tmp_path, text, "--mobilization-length", "0.003")
+    assert done.returncode == 0, done.stderr
+    vertical = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)[:, 3]
+    assert vertical[38] > 5.0
+    np.testing.assert_allclose(vertical[39:] / vertical[38], 0.04 / 0.039, rtol=0.05)
+    refused(predict(tmp_path, f"{HEADER}\n{resting[0]}\n{moving[0]}\n", "--mobilization-length", "0.003"), "goes back")
+    refused(predict(tmp_path, f"{HEADER}\n{moving[0]}\n", "--mobilization-length", "-1"), "-1", "negative")
