@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.alpha_y import Table
-from rft_ros.rft.blocks import BLOCK, PLAIN, SKIP_DRY, SKIP_WET, kind_of_block
+from rft_ros.rft.blocks import BLOCK, CUT, PLAIN, SKIP_DRY, SKIP_WET, kind_of_block
 from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined, machine_code
 from rft_ros.rft.element import element, in_tool_axes, length, motion
 from rft_ros.rft.plates import Plates
@@ -186,6 +186,8 @@ def _kernel(source: int, refined: bool) -> Any:
                     scene = axes, twist, law, below
                     if run == PLAIN:
                         part = _sum(rows, i, j, scene, refined, False, NEVER_FLAT, path, per_length, memory)
+                    elif run in (CUT, _FADING):
+                        part = _sum(rows, i, j, scene, refined, True, NEVER_FLAT, path, per_length, memory)
                     else:
                         part = _sum(rows, i, j, scene, refined, True, flatness, path, per_length, memory)
                     fx += part[0]

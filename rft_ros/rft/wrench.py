@@ -30,17 +30,14 @@ _ENTRIES: dict[tuple[str, type, type], Callable[..., None]] = {}
 
 
 def _entry(plates: Plates, law: Law) -> Callable[..., None]:
-    """The machine code for a law and its α_y model; numba looks itself where the model has arrays."""
-    key = plates.integration, law.__class__, law.alpha_y.__class__
-    entry = _ENTRIES.get(key)
-    if entry is None:
-        kernel, _ = KERNELS[plates.integration]
-        if isinstance(law.alpha_y, Table):
-            return kernel
-        states, out = np.zeros((1, len(STATE))), np.empty((1, len(COLUMNS)))
-        blocks = plates.blocks
-        entry = machine_code(kernel, (blocks.rows, blocks.bounds, plates.reach, law, 0.0, states, out))
-        _ENTRIES[key] = entry
+    """Compile for a law and its α_y model, once; where the model has arrays, numba looks itself at each call."""
+    kernel: Callable[..., None] = KERNELS[plates.integration][0]
+    if isinstance(law.alpha_y, Table):
+        return kernel
+    states, out = np.zeros((1, len(STATE))), np.empty((1, len(COLUMNS)))
+    blocks = plates.blocks
+    entry = machine_code(kernel, (blocks.rows, blocks.bounds, plates.reach, law, 0.0, states, out))
+    _ENTRIES[plates.integration, type(law), type(law.alpha_y)] = entry
     return entry
 
 
@@ -77,16 +74,18 @@ def wrenches(
     Returns shape [n, 7], columns `COLUMNS`: force on the tool by the grains [N] and torque about the tool frame's
     origin [N m], world axes; submerged area [m²]. Each row is the same, to the last bit, whatever n and the threads.
     """
-    n = len(states)
     # The kernel was compiled for arrays that lie in memory like this.
     if not (states.flags.carray and states.dtype.char == "d"):
         states = np.array(states, dtype=np.float64, order="C")
     if out is None:
-        out = np.empty((n, len(COLUMNS)))
+        out = np.empty((len(states), len(COLUMNS)))
     elif not (out.flags.carray and out.dtype.char == "d"):
         out[:] = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
         return out
-    kernel, rows, bounds, reach = _entry(plates, law), plates.blocks.rows, plates.blocks.bounds, plates.reach
+    kernel = _ENTRIES.get((plates.integration, law.__class__, law.alpha_y.__class__)) or _entry(plates, law)
+    blocks, reach = plates.blocks, plates.reach
+    rows, bounds = blocks.rows, blocks.bounds
+    n = len(states)
     workers = 1 if threads == 1 else min(threads or _CORES, n, 1 + n * len(plates) // _WORTH_A_THREAD)
     if workers <= 1:
         kernel(rows, bounds, reach, law, surface_height, states, out)
