@@ -1,44 +1,16 @@
-"""What a replay came to: counts, and root mean square and peak of each axis."""
+"""What a replay came to: what was read, what was answered, and how large forces and residuals were."""
 
 import json
-import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, field
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rft_ros.estimator import Estimate
+from rft_ros.bags.phases import Phase
+from rft_ros.bags.statistics import Axis, Group, PhaseGroup
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.parameters import Value
 
-__all__ = ["AXES", "Axis", "Spread", "Summary", "WrenchStatistics"]
-
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-
-_BLOCK = 4096
-_NONE = (math.nan,) * 6
-
-
-@dataclass(frozen=True, slots=True)
-class Spread:
-    """Root mean square and greatest magnitude of one axis, [N] or [N m]; None where there are no values."""
-
-    rms: float | None
-    peak: float | None
-
-
-@dataclass(frozen=True, slots=True)
-class Axis:
-    """One axis of the wrench in the sensor frame: measured (compensated), predicted, and the difference."""
-
-    measured: Spread
-    predicted: Spread
-    residual: Spread
-
-    def spreads(self) -> tuple[Spread, Spread, Spread]:
-        """The three, in this order."""
-        return self.measured, self.predicted, self.residual
+__all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,9 +19,9 @@ class Summary:
 
     `topics`: the topic read for each role. `messages`: how many of each role came in. `estimates`: poses with a
     prediction. `withheld`: poses and other samples that were not used, and estimates without residual, by reason.
-    `duration`: receive time covered [s]. `damage`: where and why reading stopped early. `wrench`: by axis, over all
-    estimates. `penetration`: the forces over the `penetration_estimates` in which the tool was in the grains and went
-    down. `seconds`: wall time of the replay, without its figure.
+    `duration`: receive time covered [s]. `damage`: where and why reading stopped early. `wrench`, `rms_over_peak`,
+    `median_relative_error`: over all estimates, as in `Group`. `phases`: the same of each phase, by name. `seconds`:
+    wall time of the replay, without its report.
     """
 
     bag: str
@@ -62,14 +34,20 @@ class Summary:
     duration: float
     damage: str | None
     wrench: dict[str, Axis]
-    penetration: dict[str, Axis]
-    penetration_estimates: int
+    rms_over_peak: float | None
+    median_relative_error: float | None
+    phases: dict[str, PhaseGroup]
     seconds: float = field(compare=False)
 
     @property
     def real_time_factor(self) -> float:
         """Recorded time over wall time."""
         return self.duration / self.seconds
+
+    @property
+    def whole(self) -> Group:
+        """The statistics over all estimates."""
+        return Group(self.estimates, self.wrench, self.rms_over_peak, self.median_relative_error)
 
     def lines(self) -> list[str]:
         """What a user wants to know first: counts, and the size of forces and residuals."""
@@ -78,54 +56,52 @@ class Summary:
         text += [f"  not used or unanswered: {reason} {n}" for reason, n in self.withheld.items()]
         if self.damage:
             text.append(f"  reading stopped early: {self.damage}")
-        heads = [f"{part:>19}" for part in ("measured", "predicted", "residual")]
-        text.append(f"  {'RMS / peak':<18}" + "".join(heads))
-        for title, axes in (("whole", self.wrench), ("penetration", self.penetration)):
-            for name, axis in axes.items():
-                unit = "N" if name.startswith("f") else "N m"
-                cells = [f"{s.rms:8.3f} /{s.peak:8.3f}" if s.rms is not None else "-" for s in axis.spreads()]
-                text.append(f"  {f'{title} {name} [{unit}]':<18}" + "".join(f"{cell:>19}" for cell in cells))
+        for title, *cells in (("force on the tool", *METRIC_HEADS), *metric_rows(self)):
+            text.append(metric_line(title, cells))
         return text
 
-    def json(self) -> str:
-        """The text of summary.json: the same for the same bag and parameters."""
+    def content(self) -> dict[str, Any]:
+        """What summary.json holds: the same for the same bag and parameters."""
         content = asdict(self)
         del content["seconds"]
-        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+        return content
+
+    def json(self) -> str:
+        """The text of summary.json."""
+        return json.dumps(self.content(), indent=2, allow_nan=False) + "\n"
 
 
-class WrenchStatistics:
-    """Sums over any number of estimates, in blocks, so that nothing grows."""
+METRIC_HEADS = ("estimates", "peak N", "RMS res.", "peak res.", "RMS/peak", "median err.")
+"""Columns of `metric_rows`: of the force vector's magnitude, with its residual's RMS and peak [N]."""
 
-    def __init__(self) -> None:
-        self.estimates = 0
-        self._rows: list[tuple[float, ...]] = []
-        self._count = np.zeros(18, dtype=np.int64)
-        self._squares = np.zeros(18)
-        self._peaks = np.zeros(18)
 
-    def add(self, estimate: Estimate) -> None:
-        """Take an estimate in."""
-        self.estimates += 1
-        self._rows.append((estimate.compensated or _NONE) + estimate.predicted + (estimate.residual or _NONE))
-        if len(self._rows) == _BLOCK:
-            self._reduce()
+def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
+    """Title and `METRIC_HEADS` of the whole, of each phase that occurs, and of penetration's depth bins."""
+    return [(title, *metrics(group)) for title, group in _groups(summary)]
 
-    def axes(self, names: Sequence[str] = AXES) -> dict[str, Axis]:
-        """The statistics of the axes named."""
-        self._reduce()
-        rms = np.sqrt(self._squares / np.maximum(self._count, 1))
-        spreads = [
-            Spread(float(r), float(p)) if n else Spread(None, None)
-            for n, r, p in zip(self._count, rms, self._peaks, strict=True)
-        ]
-        columns = [AXES.index(name) for name in names]
-        return {AXES[i]: Axis(spreads[i], spreads[i + 6], spreads[i + 12]) for i in columns}
 
-    def _reduce(self) -> None:
-        if self._rows:
-            rows: NDArray[np.float64] = np.abs(np.array(self._rows))
-            self._rows.clear()
-            self._count += (~np.isnan(rows)).sum(axis=0)
-            self._squares += np.nansum(rows * rows, axis=0)
-            self._peaks = np.fmax(self._peaks, np.fmax.reduce(rows))
+def metric_line(title: str, cells: Sequence[str], width: int = 18) -> str:
+    """A line of a table in the terminal."""
+    return f"  {title:<{width}}" + "".join(f"{cell:>12}" for cell in cells)
+
+
+def _groups(summary: Summary) -> Iterator[tuple[str, Group]]:
+    yield "whole", summary.whole
+    for name, phase in summary.phases.items():
+        if phase.poses:
+            yield name, phase
+        if name == Phase.PENETRATION.value:
+            for depths, group in phase.depth_bins.items():
+                yield f"  {depths}", group
+
+
+def metrics(group: Group) -> tuple[str, ...]:
+    """A group's `METRIC_HEADS`; "-" where there is no value."""
+    force = group.wrench["force"]
+    newtons = (force.measured.peak, force.residual.rms, force.residual.peak)
+    ratios = (group.rms_over_peak, group.median_relative_error)
+    return (
+        str(group.estimates),
+        *("-" if v is None else f"{v:.3f}" for v in newtons),
+        *("-" if v is None else f"{100.0 * v:.1f} %" for v in ratios),
+    )

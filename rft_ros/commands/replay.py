@@ -1,9 +1,16 @@
-"""Run a recorded bag through the estimator."""
+"""Run recorded bags through the estimator."""
 
 import argparse
+import sys
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import finite
+
+if TYPE_CHECKING:
+    from rft_ros.bags.limits import Limit
+    from rft_ros.bags.summary import Summary
 
 __all__ = ["add_options", "run"]
 
@@ -11,7 +18,11 @@ __all__ = ["add_options", "run"]
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     command.add_argument(
-        "bag", type=Path, metavar="BAG", help="rosbag2 folder (MCAP or sqlite3), .mcap file, ROS 1 .bag"
+        "bag",
+        type=Path,
+        nargs="+",
+        metavar="BAG",
+        help="rosbag2 folder (MCAP or sqlite3), .mcap file, ROS 1 .bag; several get a folder each below DIR",
     )
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     command.add_argument("--params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
@@ -21,24 +32,64 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--tare", type=finite, metavar="S", help="take the load cell's bias from the first S seconds")
     command.add_argument("--start", type=finite, metavar="S", help="begin S seconds into the bag")
     command.add_argument("--end", type=finite, metavar="S", help="stop S seconds into the bag")
+    command.add_argument(
+        "--check",
+        type=Path,
+        metavar="LIMITS.yaml",
+        help="fail (status 1) if a metric of a bag's summary passes a limit",
+    )
+    command.add_argument("--figures", action="store_true", help="write the report's figures as PNG too")
+    command.add_argument("--no-report", action="store_true", help="write no report.html")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Replay; exit status."""
-    from rft_ros.bags.replay import ReplayOptions, read_replay_options, replay
+    from rft_ros.bags.batch import replay_all
+    from rft_ros.bags.limits import read_limits
+    from rft_ros.bags.replay import ReplayOptions, read_replay_options, replay, replay_model
     from rft_ros.estimator.parameter_file import read_parameter_file
     from rft_ros.estimator.parameters import defaults
 
+    limits = read_limits(arguments.check) if arguments.check else []
     file = arguments.params
     values = read_parameter_file(file) if file else defaults()
     options = read_replay_options(file) if file else ReplayOptions()
     given = {name: getattr(arguments, name) for name in ("tare", "start", "end")}
-    summary = replay(
-        arguments.bag,
-        arguments.output,
-        values,
+    one = partial(
+        replay,
+        values=values,
+        model=replay_model(values),
         remap=[*options.remap, *arguments.remap],
+        report=not arguments.no_report,
+        figures=arguments.figures,
         **{name: getattr(options, name) if value is None else value for name, value in given.items()},
     )
-    print("\n".join(summary.lines()))
-    return 0
+    if len(arguments.bag) == 1:
+        summary = one(arguments.bag[0], arguments.output)
+        _say(summary)
+        return _checked({summary.bag: summary}, limits)
+    batch = replay_all(
+        arguments.bag, arguments.output, lambda bag, out, label: one(bag, out, label=label), done=_say
+    )  # fmt: skip
+    print("\n".join(batch.lines()))
+    return max(_checked(batch.summaries, limits), 1 if batch.failures else 0)
+
+
+def _say(outcome: "Summary | Exception") -> None:
+    if isinstance(outcome, Exception):
+        print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
+    else:
+        print("\n".join(outcome.lines()), flush=True)
+
+
+def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
+    """Print which limits each bag keeps; 1 if one is not kept."""
+    from rft_ros.bags.limits import check, finding_lines
+
+    status = 0
+    for name, summary in summaries.items() if limits else ():
+        findings = check(limits, summary)
+        print("\n".join([f"{name}: limits", *finding_lines(findings)]))
+        if not all(finding.kept for finding in findings):
+            status = 1
+    return status

@@ -1,0 +1,76 @@
+"""Several recordings, one after the other: a folder for each, a summary of all, and none lost to another's failure."""
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_line, metrics
+from rft_ros.errors import InputError
+
+__all__ = ["Batch", "folder_names", "replay_all"]
+
+
+class Batch:
+    """What became of several bags, by the name of each one's folder, in the order given."""
+
+    def __init__(self) -> None:
+        self.summaries: dict[str, Summary] = {}
+        self.failures: dict[str, str] = {}
+
+    def lines(self) -> list[str]:
+        """A line a bag: the metrics over everything, and over penetration."""
+        text = [f"{len(self.summaries)} of {len(self.summaries) + len(self.failures)} bags replayed"]
+        width = max((len(name) for name in self.summaries), default=0) + 14
+        text.append(metric_line("force on the tool", METRIC_HEADS, width))
+        for name, summary in self.summaries.items():
+            text.append(metric_line(name, metrics(summary.whole), width))
+            text.append(metric_line("  penetration", metrics(summary.phases["penetration"]), width))
+        return text
+
+    def json(self) -> str:
+        """The text of the summary of all: each bag's own, or the sentence that says why it has none."""
+        content = {
+            "bags": {name: summary.content() for name, summary in self.summaries.items()},
+            "failures": self.failures,
+        }
+        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+
+
+def folder_names(bags: Sequence[Path]) -> list[str]:
+    """A name for each bag's folder: its own, without suffix, and a number where that is taken."""
+    names: list[str] = []
+    wanted = [bag.resolve().stem if bag.is_file() else bag.resolve().name for bag in bags]
+    for name in wanted:
+        number = 2
+        unique = name
+        while unique in names or (number > 2 and unique in wanted):
+            unique, number = f"{name}_{number}", number + 1
+        names.append(unique)
+    return names
+
+
+def replay_all(
+    bags: Sequence[Path],
+    out: Path,
+    one: Callable[[Path, Path, str], Summary],
+    *,
+    done: Callable[[Summary | InputError], None],
+) -> Batch:
+    """Replay each bag into its own folder below `out` by `one(bag, folder, label)`, and write ``summary.json`` of all.
+
+    `done` is told of each as it ends: its summary, or the InputError that ended it.
+    """
+    batch = Batch()
+    for number, (bag, name) in enumerate(zip(bags, folder_names(bags), strict=True), start=1):
+        try:
+            summary = batch.summaries[name] = one(bag, out / name, f"{number}/{len(bags)} {name}")
+            done(summary)
+        except InputError as error:
+            batch.failures[name] = str(error)
+            done(error)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "summary.json").write_text(batch.json(), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"output folder '{out}' cannot be written: {error}") from None
+    return batch

@@ -1,0 +1,146 @@
+"""A replay's report and figures: what `report` draws, from the trace, the model and the summary."""
+
+import math
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.phases import Phase
+from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
+from rft_ros.bags.tool_moments import tool_view
+from rft_ros.bags.trace import PHASES, ROW, Trace
+from rft_ros.estimator import Model
+from rft_ros.estimator.parameters import PARAMETERS
+from rft_ros.report.charts import Chart, ToolView
+from rft_ros.report.page import Table, write_page
+from rft_ros.report.pictures import draw_chart, draw_tool
+from rft_ros.report.replay_charts import ReplaySeries, replay_charts
+
+__all__ = ["draw", "thinned"]
+
+_BUCKETS = 1500
+_BLOCK = 16_384
+_PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
+
+
+def draw(
+    summary: Summary, trace: Trace, model: Model, out: Path, *, vertical: tuple[str, str], page: bool, pictures: bool
+) -> None:
+    """Write ``report.html`` (`page`) and the same figures as PNG (`pictures`) to the folder `out`.
+
+    `vertical`: the sensor axis nearest to vertical, and where it points ("up" or "down").
+    """
+    rows = thinned(trace)
+    first = int(rows["stamp"].min()) if len(rows) else 0
+    series = ReplaySeries(
+        time=(rows["stamp"] - first) * 1e-9,
+        depth=rows["depth"],
+        phase=rows["phase"],
+        phases=tuple(phase.value for phase in PHASES),
+        measured=rows["compensated"],
+        predicted=rows["predicted"],
+        vertical=vertical,
+    )
+    charts = replay_charts(series)
+    surface = summary.parameters["surface_height"]
+    assert isinstance(surface, float)
+    tool = tool_view(rows, model, surface_height=surface)
+    if page:
+        _write_page(summary, out / "report.html", charts=charts, tool=tool)
+    for chart in charts if pictures else ():
+        draw_chart(chart, out / f"{chart.name}.png", title=summary.bag)
+    if pictures and tool is not None:
+        draw_tool(tool, out / f"{tool.name}.png", title=summary.bag)
+
+
+def thinned(trace: Trace) -> NDArray[np.void]:
+    """Rows of the trace, all of them or some thousand.
+
+    Of each stretch its first, and those with the greatest depth, measured force and residual force: no peak is lost.
+    """
+    size = math.ceil(len(trace) / _BUCKETS)
+    if size <= 4:
+        return np.concatenate([np.empty(0, ROW), *trace.blocks()])
+    parts = [np.empty(0, ROW)]
+    for block in trace.blocks(size * max(1, _BLOCK // size)):
+        starts = np.arange(0, len(block), size)
+        kept = {*starts.tolist()}
+        force = block["compensated"][:, :3]
+        for values in (
+            block["depth"],
+            np.linalg.norm(force, axis=1),
+            np.linalg.norm(force - block["predicted"][:, :3], axis=1),
+        ):
+            filled = np.full(len(starts) * size, -math.inf)
+            filled[: len(block)] = np.where(np.isnan(values), -math.inf, values)
+            kept |= set((starts + filled.reshape(-1, size).argmax(axis=1)).tolist())
+        parts.append(block[sorted(kept)])
+    return np.concatenate(parts)
+
+
+def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: ToolView | None) -> None:
+    minutes, seconds = divmod(summary.duration, 60.0)
+    write_page(
+        file,
+        title=f"Replay of {summary.bag}",
+        sentence=f"The force and torque that the grains put on the tool, measured by the load cell and predicted by 3D"
+        f" granular Resistive Force Theory, at {summary.estimates:,} of {summary.messages['pose']:,} poses in"
+        f" {f'{minutes:.0f} min ' if minutes else ''}{seconds:.1f} s of recording. Both are on the tool by the grains,"
+        " in the axes and about the origin of the sensor frame.",
+        warning=f"Reading stopped early: {summary.damage}." if summary.damage else None,
+        tables=_tables(summary),
+        charts=charts,
+        tool=tool,
+    )
+
+
+def _tables(summary: Summary) -> Mapping[str, Table]:
+    units = {parameter.name: parameter.unit for parameter in PARAMETERS}
+    read = [(role, topic, f"{summary.messages[role]:,}") for role, topic in summary.topics.items()]
+    unanswered = [(name, f"{count:,}") for name, count in summary.withheld.items()]
+    return {
+        "metrics": Table(
+            title="Metrics",
+            sentence="Of the force vector: greatest measured force; RMS and peak of the residual (measured less"
+            " predicted); RMS over peak of the same line; median of the relative error where the measured force is over"
+            f" 20 % of the recording's peak. Depth bins are those of {Phase.PENETRATION}. summary.json has every axis.",
+            heads=("", *METRIC_HEADS),
+            rows=metric_rows(summary),
+        ),
+        "read": Table(title="Read", heads=("role", "topic", "messages"), rows=read, words=True),
+        "withheld": Table(
+            title="Not used or unanswered",
+            sentence="Samples that were not used, poses without an estimate and estimates without a residual.",
+            heads=("reason", "count"),
+            rows=unanswered or [("none", "0")],
+        ),
+        "parameters": Table(
+            title="Parameters",
+            heads=("parameter", "value", "unit"),
+            rows=[(name, _text(value), units.get(name, "")) for name, value in summary.parameters.items()],
+            words=True,
+        ),
+        "versions": Table(
+            title="Versions",
+            heads=("package", "version"),
+            rows=[("Python", platform.python_version()), *((name, _version(name)) for name in _PACKAGES)],
+            words=True,
+        ),
+    }
+
+
+def _text(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(_text(v) for v in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # run from a folder that was never installed
+        return "not installed"

@@ -1,0 +1,100 @@
+"""Limits on a replay's metrics, for continuous integration: which are kept, and which are not."""
+
+import difflib
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rft_ros.bags.summary import Summary
+from rft_ros.errors import InputError
+from rft_ros.estimator import Reason
+
+__all__ = ["Finding", "Limit", "check", "finding_lines", "read_limits"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limit:
+    """What a metric, named by its dotted path in summary.json, may be."""
+
+    metric: str
+    min: float = -math.inf
+    max: float = math.inf
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """A limit and what the metric came to; None where there is no value, which keeps no limit."""
+
+    limit: Limit
+    value: float | None
+
+    @property
+    def kept(self) -> bool:
+        """Whether the value lies within the limit."""
+        return self.value is not None and self.limit.min <= self.value <= self.limit.max
+
+
+def read_limits(file: Path) -> list[Limit]:
+    """A YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, either or both; anything else is an InputError."""
+    try:
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"limits file '{file}' cannot be read: {error}") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"limits file '{file}' is not YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(tree, dict) or not tree:
+        raise InputError(f"limits file '{file}' holds no metrics; a line is such as 'estimates: {{min: 1000}}'")
+    return [_limit(file, str(metric), bounds) for metric, bounds in tree.items()]
+
+
+def _limit(file: Path, metric: str, bounds: object) -> Limit:
+    if not isinstance(bounds, dict) or not bounds or not bounds.keys() <= {"min", "max"}:
+        raise InputError(f"limits file '{file}': {metric} is {bounds!r}; it must be {{min: NUMBER, max: NUMBER}}")
+    for name, value in bounds.items():
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise InputError(f"limits file '{file}': {metric} {name} is {value!r}; it must be a finite number")
+    limit = Limit(metric=metric, **bounds)
+    if limit.min > limit.max:
+        raise InputError(f"limits file '{file}': {metric} has min {limit.min:g} above max {limit.max:g}")
+    return limit
+
+
+def check(limits: list[Limit], summary: Summary) -> list[Finding]:
+    """Hold a summary against limits. A metric that summary.json does not have is an InputError."""
+    content = summary.content()
+    for words in ("damage", "parameters"):
+        del content[words]
+    there = dict(_metrics(content))
+    there |= {f"withheld.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.withheld}
+    findings = []
+    for limit in limits:
+        if limit.metric not in there:
+            near = difflib.get_close_matches(limit.metric, there, n=1)
+            advice = f"; did you mean '{near[0]}'?" if near else ""
+            raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{advice}")
+        findings.append(Finding(limit=limit, value=there[limit.metric]))
+    return findings
+
+
+def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, float | None]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _metrics(value, f"{path}{key}.")
+        elif value is None or isinstance(value, int | float):
+            yield f"{path}{key}", value
+
+
+def finding_lines(findings: list[Finding]) -> list[str]:
+    """A table: each limit, the value, and whether it is kept."""
+    width = max(len(f.limit.metric) for f in findings)
+    text = [f"  {'metric':<{width}}{'value':>12}{'min':>10}{'max':>10}"]
+    for finding in findings:
+        limit = finding.limit
+        value = "-" if finding.value is None else f"{finding.value:.5g}"
+        bounds = "".join(f"{'' if math.isinf(b) else f'{b:g}':>10}" for b in (limit.min, limit.max))
+        text.append(f"  {limit.metric:<{width}}{value:>12}{bounds}  {'ok' if finding.kept else 'FAILED'}")
+    return text

@@ -1,0 +1,178 @@
+"""Size of measured, predicted and residual wrenches: over everything, by phase, and by depth within a phase."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.phases import Phase
+from rft_ros.bags.table import AXES
+from rft_ros.bags.trace import PHASES, Trace
+
+__all__ = ["Axis", "Group", "PhaseGroup", "Spread", "statistics"]
+
+_NAMES = (*AXES, "force", "torque")
+_WORTH_A_RATIO = 0.2
+_MOST_BINS = 10
+_IN_GRAINS = (Phase.PENETRATION, Phase.PLOUGHING, Phase.WITHDRAWAL)
+
+_RATIOS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 7370)])
+"""Bins of relative errors, 0.25 % wide: a median of any number of them in a memory that does not grow."""
+
+_Block = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Root mean square, greatest magnitude and mean of one axis, [N] or [N m]; None where there are no values."""
+
+    rms: float | None
+    peak: float | None
+    mean: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis of the wrench in the sensor frame: measured (compensated), predicted, and the difference.
+
+    The axes `force` and `torque` are magnitudes; there, `residual` is the magnitude of the difference.
+    """
+
+    measured: Spread
+    predicted: Spread
+    residual: Spread
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Statistics of some estimates.
+
+    `wrench`: by axis. `rms_over_peak`: RMS of the residual force over the group's greatest measured force.
+    `median_relative_error`: median of abs(residual force) / abs(measured force) over the estimates whose measured force
+    is over 20 % of the greatest of the whole replay (within 0.25 % of itself). None without values.
+    """
+
+    estimates: int
+    wrench: dict[str, Axis]
+    rms_over_peak: float | None
+    median_relative_error: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseGroup(Group):
+    """A phase: `poses` counts those without estimate too; `depth_bins` by names such as ``5-10mm``."""
+
+    poses: int
+    depth_bins: dict[str, Group]
+
+
+class _Sums:
+    """Sums over estimates that come in blocks of shape [n, 24]: measured, predicted, residual, by `_NAMES`."""
+
+    def __init__(self) -> None:
+        self.poses = 0
+        self.estimates = 0
+        self._count = np.zeros(24, dtype=np.int64)
+        self._sum, self._squares, self._peaks = np.zeros(24), np.zeros(24), np.zeros(24)
+        self._ratios = np.zeros(len(_RATIOS) - 1, dtype=np.int64)
+
+    def add(self, rows: _Block, worth: float) -> None:
+        self.estimates += len(rows)
+        there = ~np.isnan(rows)
+        values = np.where(there, rows, 0.0)
+        self._count += there.sum(axis=0)
+        self._sum += values.sum(axis=0)
+        self._squares += (values * values).sum(axis=0)
+        self._peaks = np.maximum(self._peaks, np.abs(values).max(axis=0, initial=0.0))
+        force, residual = rows[:, 6], rows[:, 22]
+        big = force > worth
+        self._ratios += np.histogram(np.minimum(residual[big] / force[big], _RATIOS[-1]), _RATIOS)[0]
+
+    def group(self) -> Group:
+        n = np.maximum(self._count, 1)
+        numbers = np.array([np.sqrt(self._squares / n), self._peaks, self._sum / n]).T.tolist()
+        spreads = [Spread(*v) if c else Spread(None, None, None) for v, c in zip(numbers, self._count, strict=True)]
+        axes = {name: Axis(spreads[i], spreads[i + 8], spreads[i + 16]) for i, name in enumerate(_NAMES)}
+        rms, peak = axes["force"].residual.rms, axes["force"].measured.peak
+        return Group(self.estimates, axes, rms / peak if rms is not None and peak else None, self._median())
+
+    def _median(self) -> float | None:
+        until = np.cumsum(self._ratios)
+        if not until[-1]:
+            return None
+        middle = until[-1] / 2.0
+        k = int(np.searchsorted(until, middle))
+        into = (middle - (until[k] - self._ratios[k])) / self._ratios[k]
+        return float(_RATIOS[k] + into * (_RATIOS[k + 1] - _RATIOS[k]))
+
+
+def _columns(block: NDArray[np.void]) -> _Block:
+    """Measured, predicted, residual, eight columns each (`_NAMES`); NaN where there is none."""
+    measured, predicted = block["compensated"], block["predicted"]
+    parts = []
+    for wrench in (measured, predicted, measured - predicted):
+        parts += [wrench, *(np.linalg.norm(wrench[:, k : k + 3], axis=1)[:, None] for k in (0, 3))]
+    return np.hstack(parts)
+
+
+def _bin_edges(deepest: float) -> _Block:
+    """Depths [m] that part 0 to `deepest` into at most ten bins, whose width is 1, 2 or 5 times a power of ten."""
+    if not deepest > 0.0:
+        return np.zeros(1)
+    power = math.floor(math.log10(deepest / _MOST_BINS))
+    exponents = range(power, power + 2)
+    width = next(
+        w for e in exponents for w in (10.0**e, 2 * 10.0**e, 5 * 10.0**e) if deepest / w <= _MOST_BINS * (1 + 1e-9)
+    )
+    return np.arange(math.ceil(deepest / width * (1 - 1e-9)) + 1, dtype=np.float64) * width
+
+
+def _bin_names(edges: _Block) -> list[str]:
+    return [f"{low:g}-{high:g}mm" for low, high in zip(1e3 * edges[:-1], 1e3 * edges[1:], strict=True)]
+
+
+def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
+    """Of all estimates, and of each phase, every phase included; a phase in the grains by depth as well."""
+    deepest = largest = 0.0
+    for block in trace.blocks():
+        force = np.linalg.norm(block["compensated"][:, :3], axis=1)
+        largest = max(largest, float(np.fmax.reduce(force, initial=0.0)))
+        answered = ~np.isnan(block["predicted"][:, 0])
+        deepest = max(deepest, float(block["depth"][answered].max(initial=0.0)))
+    edges = _bin_edges(deepest)
+    worth = _WORTH_A_RATIO * largest
+    whole = _Sums()
+    phases = {phase: _Sums() for phase in PHASES}
+    bins = {phase: [_Sums() for _ in edges[1:]] for phase in _IN_GRAINS}
+    for block in trace.blocks():
+        rows = _columns(block)
+        answered = ~np.isnan(block["predicted"][:, 0])
+        whole.add(rows[answered], worth)
+        for code, phase in enumerate(PHASES):
+            in_phase = block["phase"] == code
+            phases[phase].poses += int(in_phase.sum())
+            phases[phase].add(rows[in_phase & answered], worth)
+            if phase in bins:
+                _add_by_depth(bins[phase], edges, block["depth"], in_phase & answered, rows, worth)
+    names = _bin_names(edges)
+    return whole.group(), {str(phase): _phase_group(sums, names, bins.get(phase, ())) for phase, sums in phases.items()}
+
+
+def _add_by_depth(
+    bins: list[_Sums], edges: _Block, depth: _Block, used: NDArray[np.bool_], rows: _Block, worth: float
+) -> None:
+    at = np.digitize(depth, edges[1:-1]) if len(edges) > 2 else np.zeros(len(depth), dtype=np.int64)
+    for k, sums in enumerate(bins):
+        chosen = used & (at == k) & (depth > 0.0)
+        if chosen.any():
+            sums.add(rows[chosen], worth)
+
+
+def _phase_group(sums: _Sums, names: list[str], bins: Iterable[_Sums]) -> PhaseGroup:
+    group = sums.group()
+    by_depth = {name: b.group() for name, b in zip(names, bins, strict=False) if b.estimates}
+    return PhaseGroup(
+        group.estimates, group.wrench, group.rms_over_peak, group.median_relative_error, sums.poses, by_depth
+    )

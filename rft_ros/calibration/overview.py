@@ -1,0 +1,34 @@
+"""What a calibration came to, as a table on the terminal."""
+
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from rft_ros.calibration.calibrate import Calibration
+
+__all__ = ["print_overview"]
+
+
+def _number(value: float, error: float) -> str:
+    """Value ± standard error, to two digits of the error."""
+    if not error > 0.0:
+        return f"{value:.6g}"
+    places = max(0, 1 - int(f"{error:e}".partition("e")[2]))
+    return f"{value:.{places}f} ± {error:.{places}f}"
+
+
+def print_overview(result: Calibration, console: Console) -> None:
+    """Print what was fitted with its standard error and goodness of fit, what was refused and why, and the notes."""
+    if result.findings:
+        table = Table("fitted", "value ± standard error", "unit", "goodness of fit", "from", box=None, pad_edge=False)
+        for f in result.findings:
+            values = "\n".join(_number(v, e) for v, e in zip(f.values, f.errors, strict=True))
+            table.add_row(*(Text(cell) for cell in (f.name, values, f.unit, f.goodness, f.source)))
+        console.print(table)
+    if result.refusals:
+        table = Table("not told", "why", box=None, pad_edge=False)
+        for r in result.refusals:
+            table.add_row(Text(r.name), Text(r.why))
+        console.print(table)
+    for note in result.notes:
+        console.print(Text(f"note: {note}"))

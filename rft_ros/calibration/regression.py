@@ -1,0 +1,114 @@
+"""Least squares with standard errors that hold when neighbouring residuals are alike.
+
+Load-cell noise is filtered and grains slip in bursts, so a sample repeats much of what the one before it said: the
+usual standard errors, which count every sample as new, come out several times too small.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+__all__ = ["Fit", "ProfileFit", "covariance", "error_of_mean", "fit_lines", "fit_profile"]
+
+_GRID = 48
+"""Values of the nonlinear parameter tried before the best one is refined."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Fit:
+    """Coefficients, shape [k], their covariance, shape [k, k], and the residuals, shape [n]."""
+
+    coefficients: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    residuals: NDArray[np.float64]
+
+    @property
+    def errors(self) -> NDArray[np.float64]:
+        """Standard errors of the coefficients, shape [k]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ProfileFit:
+    """A shape's one nonlinear `parameter` with its standard `error`, and the `linear` fit at its best value."""
+
+    parameter: float
+    error: float
+    linear: Fit
+
+
+def covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariance of least-squares coefficients under serially correlated residuals, shape [k, k].
+
+    `design`: shape [n, k], rows in time order. Newey and West's estimate (Econometrica 55, 1987) with Bartlett weights
+    over as many lags as Andrews' rule asks for (Econometrica 59, 1991, from the residuals' lag-one correlation).
+    """
+    n, k = design.shape
+    e = residuals - residuals.mean()
+    power = float(e @ e)
+    rho = min(max(float(e[1:] @ e[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
+    ratio = 4.0 * rho**2 / ((1.0 - rho) ** 2 * (1.0 + rho) ** 2)
+    lags = min(math.ceil(1.1447 * (ratio * n) ** (1.0 / 3.0)), n // 4)
+    scores = design * residuals[:, None]
+    total = scores.T @ scores
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    bread = np.linalg.pinv(design.T @ design)
+    # k fitted coefficients and the kernel's own width each take their share of the variance
+    return np.asarray(bread @ total @ bread * n / max(n - k - lags, 1))
+
+
+def error_of_mean(series: NDArray[np.float64]) -> float:
+    """Standard error of a series' mean, shape [n], under serial correlation."""
+    return float(np.sqrt(covariance(np.ones((len(series), 1)), series - series.mean())[0, 0]))
+
+
+def fit_lines(design: NDArray[np.float64], observed: NDArray[np.float64]) -> Fit:
+    """Least squares of `observed`, shape [n], on the columns of `design`, shape [n, k], rows in time order."""
+    coefficients = np.linalg.lstsq(design, observed, rcond=None)[0]
+    residuals = observed - design @ coefficients
+    return Fit(coefficients=coefficients, covariance=covariance(design, residuals), residuals=residuals)
+
+
+def fit_profile(
+    observed: NDArray[np.float64],
+    shape: Callable[[float], NDArray[np.float64]],
+    *,
+    low: float,
+    high: float,
+    offset: bool,
+) -> ProfileFit:
+    """Least squares of scale · shape(parameter), plus a constant with `offset`; the parameter between low and high.
+
+    `observed`: shape [n]; `shape` returns the same. The linear coefficients are scale and, with `offset`, the constant.
+    """
+
+    def design(parameter: float) -> NDArray[np.float64]:
+        column = shape(parameter)
+        return np.column_stack([column, np.ones_like(column)] if offset else [column])
+
+    def misfit(parameter: float) -> float:
+        x = design(parameter)
+        # normal equations: two columns at most, and this is what the search spends its time on
+        xx, xy = x.T @ x, x.T @ observed
+        return float(-(xy @ np.linalg.pinv(xx) @ xy))
+
+    grid = np.linspace(low, high, _GRID)
+    best = int(np.argmin([misfit(p) for p in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)]
+    parameter = float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x)
+    linear = fit_lines(design(parameter), observed)
+    step = 1e-4 * (high - low)
+    slope = linear.coefficients[0] * (shape(parameter + step) - shape(parameter - step)) / (2.0 * step)
+    both = covariance(np.column_stack([slope, design(parameter)]), linear.residuals)
+    return ProfileFit(parameter=parameter, error=float(np.sqrt(both[0, 0])), linear=linear)

@@ -1,0 +1,114 @@
+"""A recording as arrays: the tool's states and what the load cell read at each, with nothing taken off."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import uniform_filter1d
+from scipy.spatial.transform import Rotation
+
+from rft_ros.bags.progress import with_progress
+from rft_ros.bags.reading import Recording
+from rft_ros.bags.remapping import remapped_topics
+from rft_ros.errors import InputError
+from rft_ros.estimator import Estimate, Estimator, LoadCell, PoseSample, TwistSample
+from rft_ros.estimator.parameters import Value, model_of, settings_of
+from rft_ros.tool import Tool
+
+__all__ = ["Track", "read_track"]
+
+_BOTTOMLESS = -1e9
+"""A surface [m] that no tool reaches: no pose then lies at rest in the grains, and each is answered."""
+
+_SMOOTHING = 0.1
+"""Velocities are averaged over this time [s] before they say what the tool was doing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Track:
+    """What one recording holds, n moments in time order.
+
+    `name` of the bag. `begin`: header stamp of the first moment [ns]. `time`: since then [s], shape [n]. `states`: shape
+    [n, 13], columns `rft_ros.rft.STATE`. `readings`: of the load cell, raw sign, sensor axes [N], [N m], shape [n, 6].
+    """
+
+    name: str
+    begin: int
+    time: NDArray[np.float64]
+    states: NDArray[np.float64]
+    readings: NDArray[np.float64]
+    tool: Tool
+
+    def rotations(self) -> NDArray[np.float64]:
+        """Rotation of the tool frame into the world at each moment, shape [n, 3, 3]."""
+        return np.asarray(Rotation.from_quat(self.states[:, 3:7]).as_matrix())
+
+    def heights(self) -> NDArray[np.float64]:
+        """World z of the tool's lowest point [m], shape [n]."""
+        return np.asarray(self.states[:, 2] + (self.rotations()[:, 2] @ self.tool.corners.T).min(axis=1))
+
+    def smooth_twists(self) -> NDArray[np.float64]:
+        """Velocity of the tool frame's origin and angular velocity, world axes, averaged over 0.1 s, shape [n, 6]."""
+        step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
+        return np.asarray(uniform_filter1d(self.states[:, 7:13], max(1, round(_SMOOTHING / step)), axis=0))
+
+    def speeds(self) -> NDArray[np.float64]:
+        """An upper bound of the speed of the tool's plates [m/s], shape [n]."""
+        twists = self.smooth_twists()
+        turning = np.linalg.norm(twists[:, 3:], axis=1) * self.tool.plates.reach
+        return np.asarray(np.linalg.norm(twists[:, :3], axis=1) + turning)
+
+
+def read_track(
+    bag: Path,
+    values: Mapping[str, Value],
+    *,
+    remap: Sequence[str] = (),
+    start: float | None = None,
+    end: float | None = None,
+) -> Track:
+    """A bag's poses with the twist and the load cell's reading that the estimator takes for each.
+
+    `values`: the node's parameters; `remap`, `start`, `end` as for a replay. Raises InputError for a bag without usable
+    poses or load-cell samples.
+    """
+    topics = remapped_topics(remap)
+    if values["twist_source"] != "topic":
+        del topics["twist"]
+    model = model_of(values)
+    # without bias, weight and surface the estimator's compensated wrench is what the load cell read
+    settings = replace(settings_of(values), load_cell=LoadCell(), surface_height=_BOTTOMLESS, max_rate=0.0)
+    estimator = Estimator(settings, model)
+    stamps: list[int] = []
+    states: list[NDArray[np.float64]] = []
+    readings: list[tuple[float, ...]] = []
+    with Recording(bag, topics, start=start, end=end) as recording:
+        for sample in with_progress(recording, bag.name):
+            if isinstance(sample, TwistSample):
+                estimator.push_twist(sample)
+            elif not isinstance(sample, PoseSample):
+                estimator.push_wrench(sample)
+            else:
+                answer = estimator.push_pose(sample)
+                if isinstance(answer, Estimate) and answer.compensated is not None:
+                    stamps.append(answer.stamp)
+                    states.append(estimator.state.copy())
+                    readings.append(answer.compensated)
+    if len(stamps) < 2:
+        reasons = "".join(f"; {reason}: {n}" for reason, n in sorted(estimator.counts.items()))
+        raise InputError(
+            f"bag '{bag}' has {len(stamps)} poses with a velocity and a load-cell sample"
+            f" (topics {', '.join(topics.values())}{reasons})"
+        )
+    order = np.argsort(stamps, kind="stable")  # a bag that loops comes out in the order of its stamps
+    time = (np.array(stamps)[order] - min(stamps)) * 1e-9
+    return Track(
+        name=bag.resolve().name,
+        begin=min(stamps),
+        time=time,
+        states=np.array(states)[order],
+        readings=np.array(readings)[order],
+        tool=model.tool,
+    )

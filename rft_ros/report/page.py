@@ -1,0 +1,81 @@
+"""The report: one HTML file that needs nothing beside it."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+from pathlib import Path
+
+from rft_ros.report.charts import Chart, ToolView
+from rft_ros.report.interactive import chart_figure, tool_figure
+
+__all__ = ["Table", "write_page"]
+
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1.2em; }
+h1 { font-size: 1.6em; margin-bottom: .2em; } h2 { font-size: 1.2em; margin: 2em 0 .2em; }
+p { margin: .2em 0 .6em; color: #444; max-width: 60em; }
+p.warning { color: #a33b00; font-weight: 600; }
+table { border-collapse: collapse; font-size: .93em; font-variant-numeric: tabular-nums; }
+th, td { padding: .22em .8em; text-align: right; border-bottom: 1px solid #e4e4e4; }
+th { color: #555; font-weight: 600; } th:first-child, td:first-child { text-align: left; white-space: pre; }
+table.words td { text-align: left; word-break: break-word; } details { margin: .5em 0; } summary { cursor: pointer; }
+"""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """Rows of text below heads; `words`: cells read as text, not as numbers; `folded`: opened by a click."""
+
+    title: str
+    sentence: str = ""
+    heads: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    words: bool = False
+    folded: bool = False
+
+
+def write_page(
+    file: Path,
+    *,
+    title: str,
+    sentence: str,
+    warning: str | None,
+    tables: Mapping[str, Table],
+    charts: Sequence[Chart],
+    tool: ToolView | None,
+) -> None:
+    """Write the page: title, the table ``metrics``, charts, tool, then all other tables. Same content, same bytes."""
+    from plotly.io import to_html
+    from plotly.offline import get_plotlyjs
+
+    figures = [(chart.name, chart.title, chart.sentence, chart_figure(chart)) for chart in charts]
+    if tool is not None:
+        figures.append((tool.name, tool.title, tool.sentence, tool_figure(tool)))
+    parts = [
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">',
+        '<meta name="viewport" content="width=device-width, initial-scale=1">',
+        f"<title>{escape(title)}</title><style>{_STYLE}</style>",
+        f'<link rel="icon" href="data:,"><script>{get_plotlyjs()}</script></head><body>',
+        f"<h1>{escape(title)}</h1><p>{escape(sentence)}</p>",
+        f'<p class="warning">{escape(warning)}</p>' if warning else "",
+        _table(tables["metrics"]),
+    ]
+    for name, heading, text, figure in figures:
+        drawn = to_html(
+            figure, include_plotlyjs=False, full_html=False, div_id=f"figure-{name}", config={"responsive": True}
+        )
+        parts += [f"<section><h2>{escape(heading)}</h2><p>{escape(text)}</p>", drawn, "</section>"]
+    parts += [_table(table) for name, table in tables.items() if name != "metrics"]
+    file.write_text("\n".join([*parts, "</body></html>\n"]), encoding="utf-8")
+
+
+def _table(table: Table) -> str:
+    def cells(tag: str, row: Sequence[str]) -> str:
+        return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>"
+
+    kind = ' class="words"' if table.words else ""
+    body = f"<table{kind}>{cells('th', table.heads)}{''.join(cells('td', row) for row in table.rows)}</table>"
+    text = f"<p>{escape(table.sentence)}</p>" if table.sentence else ""
+    if table.folded:
+        return f"<details><summary>{escape(table.title)}</summary>{text}{body}</details>"
+    return f"<section><h2>{escape(table.title)}</h2>{text}{body}</section>"
