@@ -25,9 +25,16 @@ PARAMETERS = {
 }
 
 
-@pytest.mark.parametrize("twist_source", ["topic", "pose_difference"])
-def test_live_equals_replay(start_cell, tmp_path, twist_source):
-    parameters = {**PARAMETERS, "twist_source": twist_source}
+OURS = {"integration": "refined", "medium.mobilization_length": 0.003}
+
+
+@pytest.mark.parametrize(
+    ("twist_source", "model"),
+    [("topic", {}), ("pose_difference", {}), ("topic", OURS)],
+    ids=["topic", "pose difference", "refined, with memory"],
+)
+def test_live_equals_replay(start_cell, tmp_path, twist_source, model):
+    parameters = {**PARAMETERS, **model, "twist_source": twist_source}
     arguments = [a for name, value in parameters.items() for a in ("-p", f"{name}:={value}")]
     cell = start_cell(*arguments).wait_ready()
     early = cell.moment()
