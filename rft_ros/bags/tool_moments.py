@@ -79,7 +79,7 @@ def _drawable(tool: Tool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Vertices and faces, few enough for a page."""
     if len(tool.faces) <= _MOST_FACES:
         return tool.vertices, tool.faces
-    import fast_simplification
+    import fast_simplification  # type: ignore[import-untyped]
 
     vertices, faces = fast_simplification.simplify(
         np.asarray(tool.vertices, dtype=np.float64), tool.faces.astype(np.int32), target_count=_MOST_FACES

@@ -2,7 +2,6 @@
 
 import argparse
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,23 +53,32 @@ def run(arguments: argparse.Namespace) -> int:
     file = arguments.params
     values = read_parameter_file(file) if file else defaults()
     options = read_replay_options(file) if file else ReplayOptions()
-    given = {name: getattr(arguments, name) for name in ("tare", "start", "end")}
-    one = partial(
-        replay,
-        values=values,
-        model=replay_model(values),
-        remap=[*options.remap, *arguments.remap],
-        report=not arguments.no_report,
-        figures=arguments.figures,
-        **{name: getattr(options, name) if value is None else value for name, value in given.items()},
+    tare, start, end = (
+        getattr(options, name) if getattr(arguments, name) is None else getattr(arguments, name)
+        for name in ("tare", "start", "end")
     )
+    model = replay_model(values)
+
+    def one(bag: Path, out: Path, label: str | None = None) -> "Summary":
+        return replay(
+            bag,
+            out,
+            values,
+            remap=[*options.remap, *arguments.remap],
+            tare=tare,
+            start=start,
+            end=end,
+            model=model,
+            report=not arguments.no_report,
+            figures=arguments.figures,
+            label=label,
+        )
+
     if len(arguments.bag) == 1:
         summary = one(arguments.bag[0], arguments.output)
         _say(summary)
         return _checked({summary.bag: summary}, limits)
-    batch = replay_all(
-        arguments.bag, arguments.output, lambda bag, out, label: one(bag, out, label=label), done=_say
-    )  # fmt: skip
+    batch = replay_all(arguments.bag, arguments.output, one, done=_say)
     print("\n".join(batch.lines()))
     return max(_checked(batch.summaries, limits), 1 if batch.failures else 0)
 

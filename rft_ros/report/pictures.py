@@ -53,7 +53,7 @@ def draw_tool(view: ToolView, file: Path, *, title: str) -> None:
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     moment = view.moments[view.chosen]
     corners = 1e3 * moment.vertices[view.faces]

@@ -86,9 +86,13 @@ def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
 
 def test_penetration_is_told_apart_from_the_rest(tmp_path):
     summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
-    below = [r for r in rows_of(tmp_path / "out") if float(r["depth"]) > 0.0016 and float(r["speed"]) > 0.0]
-    assert 0 < summary.penetration_estimates <= len(below)
-    assert summary.penetration["fz"].predicted.rms > summary.wrench["fz"].predicted.rms > 0.0
+    rows = rows_of(tmp_path / "out")
+    sinking = [r for r in rows if float(r["depth"]) > 0.0 and float(r["speed"]) > 0.0]
+    assert [r["phase"] for r in rows] == ["penetration" if r in sinking else "approach" for r in rows]
+    penetration = summary.phases["penetration"]
+    assert penetration.estimates == penetration.poses == len(sinking) > 30
+    assert penetration.wrench["fz"].predicted.rms > summary.wrench["fz"].predicted.rms > 0.0
+    assert sum(phase.poses for phase in summary.phases.values()) == 60
 
 
 @pytest.mark.parametrize(
