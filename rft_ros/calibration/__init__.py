@@ -1,7 +1,8 @@
 """From recordings to calibrated parameters: what the grains at hand and the load cell are, with standard errors."""
 
-from rft_ros.calibration.calibrate import PARTS, Calibration, Options, calibrate
+from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.findings import CannotTell, Finding, Refusal
+from rft_ros.calibration.outcome import PARTS, Calibration, Options
 from rft_ros.calibration.track import Track, read_track
 
 __all__ = [

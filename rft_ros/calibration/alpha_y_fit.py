@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.findings import CannotTell, mean_of
+from rft_ros.calibration.findings import CannotTell, Finding, mean_of
 from rft_ros.calibration.plate_runs import PlateRun
 from rft_ros.rft.velocity_weights import exact_f1
 
@@ -32,8 +32,10 @@ _WRITTEN = np.arange(0.0, 91.0, 15.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AlphaYFit:
-    """`model` chosen; its `values` and standard `errors`: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or
-    α_y at each β of `rows`. `rows`: β [deg] and α_y [N/cm³] as the node's table takes them.
+    """What the runs say of α_y.
+
+    `model` chosen; its `values` and standard `errors`: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y
+    at each β of `rows`. `rows`: β [deg] and α_y [N/cm³] as the node's table takes them.
     """
 
     model: Literal["constant", "linear", "table"]
@@ -42,6 +44,17 @@ class AlphaYFit:
     rows: tuple[tuple[float, float], ...]
     goodness: str
     runs: int
+
+    def finding(self) -> Finding:
+        """What it came to, for the record."""
+        return Finding(
+            name=f"alpha_y ({self.model})",
+            values=self.values,
+            errors=self.errors,
+            unit="N/cm³, N/cm³/deg" if self.model == "linear" else "N/cm³",
+            goodness=self.goodness,
+            source=f"{self.runs} level runs along e1",
+        )
 
 
 def _ols(
@@ -64,8 +77,9 @@ def fit_alpha_y(
     surface_error: float = 0.0,
     model: AlphaYModel = "auto",
 ) -> AlphaYFit:
-    """α_y from the runs along e1; `auto`: linear if β spans 20° in three or more steps and its slope is sure, else
-    constant. The errors of ζ and of the surface height [m] are in those of the result.
+    """Fit α_y to the runs along e1; the errors of ζ and of the surface height [m] are in those of the result.
+
+    `auto`: linear if β spans 20° in three or more steps and its slope is sure, else constant.
 
     Raises CannotTell for too few runs or directions, and for an α_y that is not positive.
     """

@@ -1,74 +1,35 @@
-"""Recordings in; the load cell, the surface, ζ, α_y and the velocity weights out, or why they cannot be told."""
+"""Recordings in; the load cell, the surface, ζ, λ, α_y and the velocity weights out, or why they cannot be told."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
-from rft_ros.calibration.alpha_y_fit import AlphaYFit, AlphaYModel, fit_alpha_y
+from rft_ros.calibration.alpha_y_fit import fit_alpha_y
 from rft_ros.calibration.depth_exponent import depth_notes
-from rft_ros.calibration.findings import CannotTell, Finding, Refusal, mean_of
-from rft_ros.calibration.first_contact import Contact, first_contact
+from rft_ros.calibration.findings import CannotTell, Finding, mean_of
+from rft_ros.calibration.first_contact import first_contact
 from rft_ros.calibration.hanging import HangingFit, fit_hanging, hanging_pose
 from rft_ros.calibration.load_cell_weight import gravity_in_sensor, sensor_rotations
-from rft_ros.calibration.penetration import Penetration, ZetaFit, fit_zeta, penetration
-from rft_ros.calibration.plate_runs import PlateRun, plate_run, sheet_of
+from rft_ros.calibration.mobilization import fit_turn, length_finding
+from rft_ros.calibration.outcome import Calibration, Options
+from rft_ros.calibration.penetration import Penetration, fit_zeta, penetration
+from rft_ros.calibration.plate_runs import plate_run, sheet_of
 from rft_ros.calibration.regression import error_of_mean
-from rft_ros.calibration.sigmoids import Sigmoid, fit_f1, fit_f23, runs_over_psi
-from rft_ros.calibration.stretches import Stroke, down_strokes, level_runs, still_intervals
+from rft_ros.calibration.sigmoids import fit_f1, fit_f23, runs_over_psi
+from rft_ros.calibration.stretches import Stroke, down_strokes, level_runs, still_intervals, turns_in_grains
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
-from rft_ros.estimator.parameters import Value, Values, model_of, settings_of
+from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.rft import Law
 
-__all__ = ["PARTS", "Calibration", "Options", "calibrate"]
-
-PARTS = ("sensor", "surface", "zeta", "alpha_y", "weights")
-"""What can be fitted: bias, mass and centre of mass; surface height; ζ; α_y; f1 and f23."""
+__all__ = ["calibrate"]
 
 _CLEAR = 0.002
 """A still tool hangs in the air if its lowest point is this much [m] above the surface."""
 
 _SCATTERED = 0.002
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """`parts`: what to fit. `tare`: each bag's load cell is zeroed over this many first seconds. `alpha_y`: its model."""
-
-    parts: tuple[str, ...] = PARTS
-    tare: float | None = None
-    alpha_y: AlphaYModel = "auto"
-
-
-@dataclass(slots=True, kw_only=True)
-class Calibration:
-    """What came of it: `parameters` of the node that were told, findings, refusals, and notes on what one value hides.
-
-    `zeta`, `alpha_y`, `contacts`, `runs`, `weights`: the fits behind them, None or empty where refused.
-    """
-
-    parameters: dict[str, Value] = field(default_factory=dict)
-    findings: list[Finding] = field(default_factory=list)
-    refusals: list[Refusal] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    contacts: list[Contact] = field(default_factory=list)
-    zeta: ZetaFit | None = None
-    alpha_y: AlphaYFit | None = None
-    runs: list[PlateRun] = field(default_factory=list)
-    weights: list[Sigmoid] = field(default_factory=list)
-
-    def told(self, finding: Finding) -> None:
-        """Add a finding, and its parameter's value."""
-        self.findings.append(finding)
-        if finding.parameter:
-            several = len(finding.values) > 1
-            self.parameters[finding.parameter] = finding.values if several else finding.values[0]
-
-    def refused(self, name: str, why: object) -> None:
-        """Add a refusal."""
-        self.refusals.append(Refusal(name=name, why=str(why)))
 
 
 def calibrate(tracks: Sequence[Track], values: Values, options: Options | None = None) -> Calibration:
@@ -105,6 +66,8 @@ class _Session:
         self._sensor(air)
         if "zeta" in parts:
             self._zeta()
+        if "mobilization" in parts:
+            self._mobilization()
         if "alpha_y" in parts or "weights" in parts:
             self._plates()
         return self.result
@@ -165,7 +128,7 @@ class _Session:
         fastest, lowest = float(track.speeds()[rows].max()), float(track.heights()[rows].min())
         if fastest >= self.rest or lowest <= air:
             raise InputError(
-                f"tare refused: within the first {seconds:g} s of {track.name} the tool moves at up to {fastest:.4f} m/s"
+                f"tare refused: within the first {seconds:g} s of {track.name} the tool moves at {fastest:.4f} m/s"
                 f" and is as low as z = {lowest:.4f} m; it must hang still above {air:.4f} m"
             )
         gravity = gravity_in_sensor(track, self.cell)[rows]
@@ -180,8 +143,6 @@ class _Session:
         whys = []
         for k, stroke in self.strokes:
             track = self.tracks[k]
-            up = sensor_rotations(track, self.cell)[stroke.rows[-1], 2]
-            own = self.hanging.vertical_error(up) if self.hanging else 0.0
             try:
                 found.append(
                     penetration(
@@ -191,7 +152,7 @@ class _Session:
                         self.law,
                         surface=self.surface,
                         surface_error=self.surface_error,
-                        force_error=float(np.hypot(own, self.tare_error)),
+                        force_error=self._vertical_error(track, int(stroke.rows[-1])),
                     )
                 )
             except CannotTell as why:
@@ -221,6 +182,48 @@ class _Session:
             )
         )
         self.result.notes += depth_notes(found, self.law, surface_error=self.surface_error)
+
+        deepest = max(found, key=lambda p: float(p.depth.max()))
+        self.result.told(
+            Finding(
+                name="medium.calibrated_depth",
+                values=(float(deepest.depth.max()),),
+                errors=(self.surface_error,),
+                unit="m",
+                goodness="",
+                source=f"deepest penetration, {deepest.bag}",
+                parameter="medium.calibrated_depth",
+            )
+        )
+
+    def _vertical_error(self, track: Track, row: int) -> float:
+        """Standard error of the vertical force's zero in the orientation of a row [N]."""
+        up = sensor_rotations(track, self.cell)[row, 2]
+        own = self.hanging.vertical_error(up) if self.hanging else 0.0
+        return float(np.hypot(own, self.tare_error))
+
+    def _mobilization(self) -> None:
+        whys = []
+        for track in self.tracks:
+            for turn in turns_in_grains(track, self.surface, self.rest):
+                try:
+                    self.result.turns.append(
+                        fit_turn(
+                            track,
+                            turn,
+                            self.cell,
+                            self.law,
+                            surface=self.surface,
+                            rest_speed=self.rest,
+                            force_error=self._vertical_error(track, turn.at),
+                        )
+                    )
+                except CannotTell as why:
+                    whys.append(str(why))
+        try:
+            self.result.told(length_finding(self.result.turns))
+        except CannotTell as none:
+            self.result.refused("medium.mobilization_length", whys[0] if whys else none)
 
     def _plates(self) -> None:
         whys = []
@@ -253,17 +256,7 @@ class _Session:
             self.result.refused("alpha_y", whys[0] if whys and not self.result.runs else why)
             return
         self.result.alpha_y = fit
-        units = "N/cm³, N/cm³/deg" if fit.model == "linear" else "N/cm³"
-        self.result.told(
-            Finding(
-                name=f"alpha_y ({fit.model})",
-                values=fit.values,
-                errors=fit.errors,
-                unit=units,
-                goodness=fit.goodness,
-                source=f"{fit.runs} level runs along e1",
-            )
-        )
+        self.result.told(fit.finding())
 
     def _weights(self, whys: Sequence[str]) -> None:
         for name, fit in (("f1", fit_f1), ("f23", fit_f23)):
@@ -273,15 +266,4 @@ class _Session:
                 self.result.refused(name, whys[0] if whys and not self.result.runs else why)
                 continue
             self.result.weights.append(curve)
-            letter = "A" if name == "f1" else "B"
-            a, b = curve.published
-            self.result.told(
-                Finding(
-                    name=f"{name} ({letter}2, {letter}3, stress at 1)",
-                    values=curve.values,
-                    errors=curve.errors,
-                    unit="-, -, N/cm³",
-                    goodness=f"RMS {100 * curve.misfit:.1f} % of the greatest; published {a:.3f}, {b:.3f}",
-                    source=f"{curve.runs} level runs over ψ",
-                )
-            )
+            self.result.told(curve.finding())

@@ -8,8 +8,8 @@ from typing import Any
 
 import yaml
 
-from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.findings import Finding
+from rft_ros.calibration.outcome import Calibration
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameter_file import NODE_KEYS, parameter_tree
@@ -26,7 +26,7 @@ _Row = tuple[float, float]
 class _Dumper(yaml.SafeDumper):
     """Lists of numbers on one line, all else in blocks, no aliases."""
 
-    def ignore_aliases(self, data: Any) -> bool:
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (the base class calls it with it)
         return True
 
 

@@ -1,4 +1,4 @@
-"""Does the pressure grow linearly with depth, as the model says, and alike under small and large tools?
+"""Whether the pressure grows linearly with depth, as the model says, and alike under small and large tools.
 
 The model's stress is α d. Here it becomes α d (d / 1 cm)^(p - 1), so that α keeps its unit and its value 1 cm deep.
 """

@@ -8,7 +8,7 @@ import numpy as np
 __all__ = ["CannotTell", "Finding", "Refusal", "mean_of"]
 
 
-class CannotTell(Exception):
+class CannotTell(Exception):  # noqa: N818 (it is an answer, not a fault)
     """The data do not hold what was asked for: one sentence with the numbers that say so."""
 
 

@@ -4,7 +4,7 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-from rft_ros.calibration.calibrate import Calibration
+from rft_ros.calibration.outcome import Calibration
 
 __all__ = ["print_overview"]
 

@@ -50,9 +50,10 @@ class PlateRun:
     """Steady state of one level run.
 
     `beta`, `psi` [deg]: attack angle; angle between the horizontal motion and e2. `depth` of the face's centre [m];
-    `load`: depth integrated over the submerged part of one face [m³], so that α = force / (ζ load). `along`: force against the motion's part along e1, `across`: against its part along e2, `up`
-    [N], edges taken off; `edges`: what was taken off along e1 and e2 [N]. `along_error`, `across_error`: standard
-    errors of `along` and `across`, that of the load cell's zero included.
+    `load`: depth integrated over the submerged part of one face [m³], so that α = force / (ζ load). `along`: force
+    against the motion's part along e1, `across`: against its part along e2, `up` [N], edges taken off; `edges`: what
+    was taken off along e1 and e2 [N]. `along_error`, `across_error`: standard errors of `along` and `across`, that of
+    the load cell's zero included.
     """
 
     bag: str

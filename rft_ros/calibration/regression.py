@@ -75,7 +75,7 @@ def error_of_mean(series: NDArray[np.float64]) -> float:
 
 def fit_lines(design: NDArray[np.float64], observed: NDArray[np.float64]) -> Fit:
     """Least squares of `observed`, shape [n], on the columns of `design`, shape [n, k], rows in time order."""
-    coefficients = np.linalg.lstsq(design, observed, rcond=None)[0]
+    coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
     residuals = observed - design @ coefficients
     return Fit(coefficients=coefficients, covariance=covariance(design, residuals), residuals=residuals)
 

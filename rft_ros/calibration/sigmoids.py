@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from rft_ros.calibration.findings import CannotTell
+from rft_ros.calibration.findings import CannotTell, Finding
 from rft_ros.calibration.plate_runs import PlateRun
 from rft_ros.rft.velocity_weights import A2, A3, B2, B3
 
@@ -37,6 +37,19 @@ class Sigmoid:
     published: tuple[float, float]
     misfit: float
     runs: int
+
+    def finding(self) -> Finding:
+        """What it came to, for the record."""
+        letter = "A" if self.name == "f1" else "B"
+        a, b = self.published
+        return Finding(
+            name=f"{self.name} ({letter}2, {letter}3, stress at 1)",
+            values=self.values,
+            errors=self.errors,
+            unit="-, -, N/cm³",
+            goodness=f"RMS {100 * self.misfit:.1f} % of the greatest; published {a:.3f}, {b:.3f}",
+            source=f"{self.runs} level runs over ψ",
+        )
 
 
 def runs_over_psi(runs: Sequence[PlateRun]) -> list[PlateRun]:
@@ -98,7 +111,8 @@ def _fit(
     found = least_squares(residuals, start, bounds=bounds, x_scale=np.array([1.0, 1.0, stress.max()]), xtol=1e-12)
     freedom = len(x) - 3
     variance = max(2.0 * float(found.cost) / freedom, float(np.mean(error**2)))
-    cov = variance * np.linalg.pinv(found.jac.T @ found.jac)
+    jacobian = np.asarray(found.jac, dtype=np.float64)  # dense, as the residuals come without a sparsity
+    cov = variance * np.linalg.pinv(jacobian.T @ jacobian)
     low, high, top = found.x
     to_coefficients = np.array([[1.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     errors = np.sqrt(np.diag(to_coefficients @ cov @ to_coefficients.T))

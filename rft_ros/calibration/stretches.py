@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.track import Track
 
-__all__ = ["Stroke", "down_strokes", "level_runs", "still_intervals"]
+__all__ = ["Stroke", "Turn", "down_strokes", "level_runs", "still_intervals", "turns_in_grains"]
 
 _GAP = 0.5
 """Samples further apart than this [s] do not belong together."""
@@ -29,6 +29,16 @@ _LEVEL = np.sin(np.deg2rad(5.0))
 _TURNING = 0.2
 """Speed from rotation, as a share of that from translation, above which a motion is no longer a straight one."""
 
+_CHORD = 0.001
+"""Directions before and after a turn are taken over this path [m]."""
+
+_TURNED = 0.5
+"""Cosine of the angle from which on it is a turn: 60°."""
+
+_BEFORE = 0.003
+_AFTER = 0.010
+"""Path before and after a turn that is looked at [m]: an unloading λ is over within it, the next turn is not near."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stroke:
@@ -39,6 +49,19 @@ class Stroke:
 
     rows: NDArray[np.int64]
     moving: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Turn:
+    """A change of direction in the grains by 60° or more, or a start from rest where a recording begins in them.
+
+    `first`: row from which on what the grains remember is known. `at`: row of the turn. `rows`: moving ones, from 3 mm
+    of path before the turn to 10 mm after it, or to the next turn.
+    """
+
+    first: int
+    at: int
+    rows: NDArray[np.int64]
 
 
 def _together(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArray[np.int64]]:
@@ -99,3 +122,41 @@ def level_runs(track: Track, surface: float, rest_speed: float) -> list[NDArray[
     turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach
     level = (speed >= rest_speed) & (np.abs(twists[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed)
     return [rows for rows in _together(level & (track.heights() < surface), track.time) if len(rows) >= 20]
+
+
+def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Turn]:
+    """Each turn or start that is followed by at least 2 mm of path and 20 rows in the grains."""
+    center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
+    places = track.states[:, :3] + track.rotations() @ center
+    moving, dry = track.speeds() >= rest_speed, track.heights() >= surface
+    found = []
+    for stretch in _together(~dry, track.time):
+        rows = stretch[moving[stretch]]
+        if len(rows) < 20:
+            continue
+        path = np.append(0.0, np.linalg.norm(np.diff(places[rows], axis=0), axis=1).cumsum())
+        turns = _turning(path, places[rows])
+        if stretch[0] == 0 and not moving[0]:
+            turns.insert(0, 0)
+        for k, turn in enumerate(turns):
+            begin = path[turns[k - 1]] if k else 0.0
+            end = path[turns[k + 1]] if k + 1 < len(turns) else path[-1]
+            near = (path >= max(begin, path[turn] - _BEFORE)) & (path <= min(end, path[turn] + _AFTER))
+            if min(end, path[turn] + _AFTER) - path[turn] >= 2.0 * _CHORD and near.sum() >= 20:
+                found.append(Turn(first=max(int(stretch[0]) - 1, 0), at=int(rows[turn]), rows=rows[near]))
+    return found
+
+
+def _turning(path: NDArray[np.float64], places: NDArray[np.float64]) -> list[int]:
+    """Indices at which the path [m] turns most sharply, among neighbours that turn by 60° or more."""
+
+    def at(s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.column_stack([np.interp(s, path, column) for column in places.T])
+
+    inner = np.flatnonzero((path >= _CHORD) & (path <= path[-1] - _CHORD))
+    behind, ahead = places[inner] - at(path[inner] - _CHORD), at(path[inner] + _CHORD) - places[inner]
+    lengths = np.linalg.norm(behind, axis=1) * np.linalg.norm(ahead, axis=1)
+    cosine = np.einsum("ni,ni->n", behind, ahead) / np.maximum(lengths, 1e-12)
+    turned = np.flatnonzero(cosine < _TURNED)
+    groups = np.split(turned, np.flatnonzero(np.diff(turned) > 1) + 1)
+    return [int(inner[group[np.argmin(cosine[group])]]) for group in groups if len(group)]

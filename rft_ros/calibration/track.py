@@ -30,8 +30,9 @@ _SMOOTHING = 0.1
 class Track:
     """What one recording holds, n moments in time order.
 
-    `name` of the bag. `begin`: header stamp of the first moment [ns]. `time`: since then [s], shape [n]. `states`: shape
-    [n, 13], columns `rft_ros.rft.STATE`. `readings`: of the load cell, raw sign, sensor axes [N], [N m], shape [n, 6].
+    `name` of the bag. `begin`: header stamp of the first moment [ns]. `time`: since then [s], shape [n]. `states`:
+    shape [n, 13], columns `rft_ros.rft.STATE`. `readings`: of the load cell, raw sign, sensor axes [N], [N m], shape
+    [n, 6].
     """
 
     name: str

@@ -18,8 +18,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--fit",
         action="append",
         metavar="PART",
-        help="fit only sensor, surface, zeta, alpha_y or weights (f1, f23), and exit with 1 if the data cannot tell it;"
-        " may be repeated (default: whatever they tell)",
+        help="fit only sensor, surface, zeta, mobilization, alpha_y or weights (f1, f23), and exit with 1 if the data"
+        " cannot tell it; may be repeated (default: whatever they tell)",
     )
     command.add_argument(
         "--alpha-y",
