@@ -20,9 +20,10 @@ ALLOWED = {
     "node": {"prepare_tool", "bags", "estimator", "tool", "rft", "report", "errors"},
     "calibration": {"bags", "estimator", "tool", "rft", "report", "errors"},
     "studies": {"bags", "estimator", "tool", "rft", "report", "errors", "states_file"},
+    "sweeps": {"studies", "tool", "rft", "states_file", "errors"},
     "commands": {
         *("node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"),
-        *("calibration", "studies"),
+        *("calibration", "studies", "sweeps"),
     },
     "cli": {"commands", "errors"},
 }

@@ -1,0 +1,1 @@
+"""Design studies: tools x motions x media x models, on one machine or many."""

@@ -1,0 +1,151 @@
+"""A design study as its YAML file says: the variants, in an order that never changes."""
+
+import itertools
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from rft_ros.errors import InputError
+from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA
+from rft_ros.studies.motions import FAMILIES
+
+__all__ = ["Design", "Variant", "read_design"]
+
+_TOOL = ("mesh", "scale", "origin", "integration", "tolerance")
+_MEDIUM = ("medium", "zeta", "alpha_y", "mobilization_length", "surface_height")
+_ORIGIN = 3
+
+Variant = dict[str, Any]
+"""One point of a design: `tool`, `motion` and `medium`, each a dict of plain values."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Design:
+    """Lists of tools, motions and media; every combination is a variant, or `sample` of them, drawn by `seed`."""
+
+    file: Path
+    tools: tuple[dict[str, Any], ...]
+    motions: tuple[dict[str, Any], ...]
+    media: tuple[dict[str, Any], ...]
+    picked: tuple[int, ...] | None
+    fingerprint: int
+
+    def __len__(self) -> int:
+        return len(self.picked) if self.picked is not None else len(self.tools) * len(self.motions) * len(self.media)
+
+    def variant(self, index: int) -> Variant:
+        """Variant number `index`, from 0."""
+        k = self.picked[index] if self.picked is not None else index
+        k, medium = divmod(k, len(self.media))
+        tool, motion = divmod(k, len(self.motions))
+        return {"tool": self.tools[tool], "motion": self.motions[motion], "medium": self.media[medium]}
+
+
+def read_design(file: Path) -> Design:
+    """Read a study; InputError names the file, the entry and what is wrong with it."""
+    try:
+        text = file.read_text(encoding="utf-8")
+        content = yaml.safe_load(text)
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"study '{file}' cannot be read: {error}") from None
+    except yaml.YAMLError as error:
+        raise InputError(f"study '{file}' is no YAML: {' '.join(str(error).split())}") from None
+    if not isinstance(content, Mapping):
+        raise InputError(f"study '{file}' has no entries; it needs tools, motions and media")
+    known = {"tools", "motions", "media", "sample", "seed"}
+    for name in content:
+        if name not in known:
+            raise InputError(f"study '{file}' has no entry '{name}'; it has {', '.join(sorted(known))}")
+    lists = {name: tuple(_expanded(file, name, content.get(name))) for name in ("tools", "motions", "media")}
+    total = len(lists["tools"]) * len(lists["motions"]) * len(lists["media"])
+    sample = content.get("sample")
+    picked = None
+    if sample is not None:
+        if isinstance(sample, bool) or not isinstance(sample, int) or not 0 < sample <= total:
+            raise InputError(f"study '{file}': sample is {sample!r}; it must be a number of variants from 1 to {total}")
+        seed = content.get("seed", 0)
+        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+            raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number from 0 on")
+        picked = tuple(sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist()))
+    return Design(file=file, picked=picked, fingerprint=zlib.crc32(text.encode()), **lists)
+
+
+def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]]:
+    """Each entry, once for each combination of its values that are lists or ranges."""
+    if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
+        raise InputError(f"study '{file}': {name} is {entries!r}; it must be a list of entries")
+    for number, entry in enumerate(entries, start=1):
+        where = f"study '{file}' {name} {number}"
+        if not isinstance(entry, Mapping):
+            raise InputError(f"{where} is {entry!r}; it must have names and values")
+        _check_names(where, name, entry)
+        values = [_values(f"{where}: {key}", key, value) for key, value in entry.items()]
+        for combination in itertools.product(*values):
+            point = dict(zip(entry, combination, strict=True))
+            _check_values(where, point)
+            yield point
+
+
+def _check_names(where: str, name: str, entry: Mapping[str, object]) -> None:
+    if name == "motions":
+        family = entry.get("family")
+        if "states_file" in entry:
+            allowed: tuple[str, ...] = ("states_file",)
+        elif family in FAMILIES:
+            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[str(family)])))  # type: ignore[arg-type]
+        else:
+            raise InputError(
+                f"{where}: family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file"
+            )
+    else:
+        allowed = _TOOL if name == "tools" else _MEDIUM
+    if name == "tools" and "mesh" not in entry:
+        raise InputError(f"{where} has no mesh")
+    for key in entry:
+        if key not in allowed:
+            raise InputError(f"{where} has no '{key}'; it has {', '.join(allowed)}")
+
+
+def _values(where: str, key: str, value: object) -> list[Any]:
+    if isinstance(value, Mapping):
+        try:
+            low, high, count = float(value["from"]), float(value["to"]), int(value["count"])
+        except (KeyError, TypeError, ValueError):
+            raise InputError(f"{where} is {dict(value)!r}; a range has from, to and count") from None
+        if not (np.isfinite([low, high]).all() and count > 0):
+            raise InputError(f"{where} is {dict(value)!r}; from and to must be finite, count at least 1")
+        return [float(v) for v in np.linspace(low, high, count)]
+    if isinstance(value, list):
+        if key == "origin" and not any(isinstance(v, list) for v in value):
+            return [value]
+        if not value:
+            raise InputError(f"{where} is an empty list")
+        return value
+    return [value]
+
+
+_CHOICES = {"integration": INTEGRATIONS, "medium": tuple(MEDIA), "alpha_y": ALPHA_Y_MODELS[:2]}
+_TEXTS = ("mesh", "family", "states_file", "integration", "medium", "alpha_y")
+
+
+def _check_values(where: str, point: Mapping[str, object]) -> None:
+    for key, value in point.items():
+        if key in _CHOICES and value not in _CHOICES[key]:
+            raise InputError(f"{where}: {key} is {value!r}; it must be one of {', '.join(_CHOICES[key])}")
+        if key == "origin":
+            if not isinstance(value, list) or len(value) != _ORIGIN or not all(_is_number(v) for v in value):
+                raise InputError(f"{where}: origin is {value!r}; it must be three numbers")
+        elif key in _TEXTS:
+            if not isinstance(value, str):
+                raise InputError(f"{where}: {key} is {value!r}; it must be a text")
+        elif not _is_number(value):
+            raise InputError(f"{where}: {key} is {value!r}; it must be a number")
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

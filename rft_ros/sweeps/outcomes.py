@@ -1,0 +1,115 @@
+"""What one variant of a design study comes to: a row of numbers, or the reason why there is none."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rft_ros.errors import InputError
+from rft_ros.rft import (
+    Memory,
+    Treers2021,
+    alpha_y_model,
+    medium_named,
+    treers2021,
+    wrenches,
+    wrenches_in_time,
+)
+from rft_ros.states_file import read_states
+from rft_ros.studies.motions import FAMILIES, Array, sample
+from rft_ros.studies.work import work
+from rft_ros.sweeps.design import Variant
+from rft_ros.tool import Tool, ToolRequest
+
+__all__ = ["RESULTS", "evaluate", "row_of"]
+
+RESULTS = (
+    *(f"peak_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz")),
+    *(f"mean_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz")),
+    "peak_force",
+    "vertical_work",
+    "total_work",
+    "path",
+    "plates",
+)
+"""Columns of a row beside the variant's own: wrench on the tool [N], [N m], world axes, peaks by magnitude with their
+sign; work done on the grains [J]; path of the tool frame's origin [m]."""
+
+_SAMPLES = 200
+
+
+@lru_cache(maxsize=64)
+def _tool(mesh: str, scale: float, origin: tuple[float, float, float], integration: str, tolerance: float) -> Tool:
+    return ToolRequest(mesh, scale, origin, integration, tolerance).load()  # type: ignore[arg-type]
+
+
+@lru_cache(maxsize=64)
+def _states(file: str) -> tuple[Array, Array]:
+    return read_states(Path(file))
+
+
+@lru_cache(maxsize=4096)
+def _sampled(family: str, samples: int, parameters: tuple[tuple[str, float], ...]) -> tuple[Array, Array]:
+    return sample(FAMILIES[family](**dict(parameters)), samples)
+
+
+def _motion(motion: dict[str, Any]) -> tuple[Array, Array]:
+    if "states_file" in motion:
+        return _states(motion["states_file"])
+    parameters = tuple((k, float(v)) for k, v in motion.items() if k not in ("family", "samples"))
+    return _sampled(motion["family"], int(motion.get("samples", _SAMPLES)), parameters)
+
+
+def _law(medium: dict[str, Any]) -> Treers2021:
+    named = medium_named(medium.get("medium", "generic"))
+    model = alpha_y_model(medium.get("alpha_y", "constant"), named)
+    return treers2021(named, model, zeta=float(medium.get("zeta", 1.0)))
+
+
+def evaluate(variant: Variant) -> dict[str, float]:
+    """The numbers of a variant, by column. InputError or ValueError say why there are none."""
+    t = variant["tool"]
+    tool = _tool(
+        t["mesh"],
+        float(t.get("scale", 0.001)),
+        tuple(float(v) for v in t.get("origin", (0.0, 0.0, 0.0))),
+        t.get("integration", "centroid"),
+        float(t.get("tolerance", 0.0)),
+    )
+    times, states = _motion(variant["motion"])
+    medium = variant["medium"]
+    law, surface = _law(medium), float(medium.get("surface_height", 0.0))
+    length = float(medium.get("mobilization_length", 0.0))
+    if length > 0.0:
+        durations = np.diff(times, prepend=times[0])
+        memory = Memory.of(tool.plates)
+        result = wrenches_in_time(
+            tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
+        )
+    else:
+        result = wrenches(tool.plates, law, states, surface_height=surface, threads=1)
+    wrench = result[:, :6]
+    peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
+    spent = work(times, states, wrench)
+    numbers = [*peak, *wrench.mean(axis=0), np.linalg.norm(wrench[:, :3], axis=1).max(), spent.vertical, spent.total]
+    path = float(np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum())
+    return dict(zip(RESULTS, [*map(float, numbers), path, float(len(tool.plates))], strict=True))
+
+
+def row_of(variant: Variant, columns: Sequence[str]) -> list[str]:
+    """A row of the table: the variant's own values, its numbers, and a reason where there are none."""
+    own = {f"{part}.{key}": value for part, values in variant.items() for key, value in values.items()}
+    numbers: dict[str, float] = {}
+    reason = ""
+    try:
+        numbers = evaluate(variant)
+    except (InputError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split())
+    cells = {**own, **numbers, "reason": reason}
+    return [_text(cells.get(name, "")) for name in columns]
+
+
+def _text(value: object) -> str:
+    return repr(value) if isinstance(value, float) else str(value)

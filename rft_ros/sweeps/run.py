@@ -1,0 +1,253 @@
+"""Run a design study: chunks of variants to workers, here or on a Dask cluster; a row for each, however it ends.
+
+The output folder is the memory of the run: `study.json` and a file for each finished chunk. Whoever starts the same
+study with the same folder goes on where it stopped.
+"""
+
+import csv
+import io
+import json
+import math
+import os
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager
+from dataclasses import dataclass
+from multiprocessing import get_context
+from pathlib import Path
+from typing import Literal
+
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from rft_ros.errors import InputError
+from rft_ros.sweeps.design import Design, Variant
+from rft_ros.sweeps.outcomes import RESULTS, row_of
+
+__all__ = ["Report", "run"]
+
+_CHUNK_SECONDS = 0.5  # of one worker: a scheduler's millisecond a task is then well under 5 %
+_PROBE_SECONDS = 0.1
+_RESTARTS = 5  # of the pool, when the system kills a worker
+
+Rows = tuple[list[list[str]], float]
+"""Rows of a chunk, and the seconds they took."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """What a run came to. `computed`: rows of this run, the others were there; `failed`: rows with a reason.
+
+    `seconds`: wall time; `busy`: of the workers, summed; `workers`: how many; `chunk`: variants a task.
+    """
+
+    file: Path
+    rows: int
+    computed: int
+    failed: int
+    seconds: float
+    busy: float
+    workers: int
+    chunk: int
+
+    def lines(self) -> list[str]:
+        """For the terminal."""
+        text = [f"{self.rows:,} variants, {self.failed:,} without numbers -> {self.file}"]
+        if self.computed:
+            idle = max(0.0, 1.0 - self.busy / (self.seconds * self.workers))
+            text.append(
+                f"{self.computed:,} computed in {self.seconds:.1f} s by {self.workers} workers, {self.chunk} a task,"
+                f" {self.computed / self.seconds:,.0f} a second; workers idle for {100 * idle:.0f} %"
+            )
+        return text
+
+
+def rows_of(variants: Sequence[Variant], columns: Sequence[str]) -> Rows:
+    """What a worker does."""
+    start = time.perf_counter()
+    return [row_of(variant, columns) for variant in variants], time.perf_counter() - start
+
+
+def run(
+    design: Design,
+    out: Path,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    form: Literal["csv", "parquet"] = "csv",
+) -> Report:
+    """Compute what is missing of a design's rows and write the table to the folder `out`.
+
+    `scheduler`: address of a Dask scheduler, such as tcp://10.0.0.1:8786; without it, `workers` processes here (all
+    cores). The table is the same, byte for byte, however it was computed.
+    """
+    columns = _columns(design)
+    try:
+        (out / "chunks").mkdir(parents=True, exist_ok=True)
+        chunk = _chunk_size(design, out, columns)
+        chunks = [range(k, min(k + chunk, len(design))) for k in range(0, len(design), chunk)]
+        missing = [k for k in range(len(chunks)) if not _file(out, k).exists()]
+        start, busy, computed, used = time.perf_counter(), 0.0, 0, 0
+        if missing:
+            tasks = {k: [design.variant(i) for i in chunks[k]] for k in missing}
+            with _workers(scheduler, workers or os.cpu_count() or 1) as (used, answers), _progress() as progress:
+                bar = progress.add_task(design.file.stem, total=len(design), rate=0.0)
+                progress.update(bar, advance=len(design) - sum(map(len, tasks.values())))
+                for k, (rows, seconds) in answers(tasks, columns):
+                    _write(_file(out, k), rows)
+                    computed, busy = computed + len(rows), busy + seconds
+                    progress.update(bar, advance=len(rows), rate=computed / (time.perf_counter() - start))
+        seconds = time.perf_counter() - start
+        rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
+        file = _table(out, columns, rows, form)
+    except OSError as error:
+        raise InputError(f"output folder '{out}' cannot be used: {error}") from None
+    failed = sum(bool(row[-1]) for row in rows)
+    return Report(
+        file=file,
+        rows=len(rows),
+        computed=computed,
+        failed=failed,
+        seconds=seconds,
+        busy=busy,
+        workers=used,
+        chunk=chunk,
+    )
+
+
+def _columns(design: Design) -> list[str]:
+    own = dict.fromkeys(
+        f"{part}.{key}"
+        for part, entries in (("tool", design.tools), ("motion", design.motions), ("medium", design.media))
+        for entry in entries
+        for key in entry
+    )
+    return [*own, *RESULTS, "reason"]
+
+
+def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
+    """As the folder has it, or so that a chunk takes a worker half a second."""
+    file = out / "study.json"
+    if file.exists():
+        try:
+            kept = json.loads(file.read_text(encoding="utf-8"))
+            chunk, fingerprint = int(kept["chunk"]), int(kept["fingerprint"])
+        except (ValueError, KeyError, TypeError):
+            raise InputError(f"'{file}' is no record of a study; choose another output folder") from None
+        if fingerprint != design.fingerprint:
+            raise InputError(f"'{out}' holds the rows of another study than '{design.file}'; choose another folder")
+        return chunk
+    rows_of([design.variant(0)], columns)  # compiles
+    count, start = 0, time.perf_counter()
+    while (spent := time.perf_counter() - start) < _PROBE_SECONDS:
+        rows_of([design.variant(count % len(design))], columns)
+        count += 1
+    chunk = max(1, min(round(_CHUNK_SECONDS * count / spent), math.ceil(len(design) / (4 * (os.cpu_count() or 1)))))
+    _whole(file, json.dumps({"chunk": chunk, "fingerprint": design.fingerprint, "variants": len(design)}) + "\n")
+    return chunk
+
+
+Tasks = dict[int, list[Variant]]
+Answers = Callable[[Tasks, Sequence[str]], Iterable[tuple[int, Rows]]]
+
+
+@contextmanager
+def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]:
+    if scheduler is None:
+        yield count, lambda tasks, columns: _here(tasks, columns, count)
+        return
+    try:
+        from distributed import Client
+        from distributed import as_completed as completed
+    except ImportError:
+        raise InputError("--scheduler needs Dask: pip install 'rft_ros[sweep]'") from None
+    try:
+        client = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
+    except (OSError, ValueError) as error:
+        raise InputError(f"no Dask scheduler answers at '{scheduler}': {error}") from None
+    with client:
+        used = len(client.scheduler_info(n_workers=-1)["workers"])
+        if not used:
+            raise InputError(f"the Dask scheduler at '{scheduler}' has no workers")
+
+        def answers(tasks: Tasks, columns: Sequence[str]) -> Iterator[tuple[int, Rows]]:
+            futures = {client.submit(rows_of, v, columns, pure=False, retries=3): k for k, v in tasks.items()}
+            for future, rows in completed(futures, with_results=True):  # type: ignore[no-untyped-call]
+                yield futures[future], rows
+
+        yield used, answers
+
+
+def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[int, Rows]]:
+    left = dict(tasks)
+    for restart in range(_RESTARTS + 1):
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+            futures = {pool.submit(rows_of, variants, columns): k for k, variants in left.items()}
+            try:
+                for future in as_completed(futures):
+                    rows = future.result()
+                    del left[futures[future]]
+                    yield futures[future], rows
+                return
+            except BrokenProcessPool:
+                if restart == _RESTARTS:
+                    raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
+
+
+def _progress() -> Progress:
+    return Progress(
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("{task.fields[rate]:,.0f}/s"),
+        TimeRemainingColumn(),
+        transient=True,
+    )
+
+
+def _file(out: Path, chunk: int) -> Path:
+    return out / "chunks" / f"{chunk:06d}.csv"
+
+
+def _whole(file: Path, text: str) -> None:
+    part = file.with_suffix(".part")
+    part.write_text(text, encoding="utf-8")
+    part.replace(file)
+
+
+def _text(rows: Iterable[Sequence[str]]) -> str:
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def _write(file: Path, rows: list[list[str]]) -> None:
+    _whole(file, _text(rows))
+
+
+def _read(file: Path) -> list[list[str]]:
+    with file.open(encoding="utf-8", newline="") as lines:
+        return list(csv.reader(lines))
+
+
+def _table(out: Path, columns: list[str], rows: list[list[str]], form: str) -> Path:
+    if form == "csv":
+        _whole(out / "results.csv", _text([columns, *rows]))
+        return out / "results.csv"
+    try:
+        import pyarrow  # type: ignore[import-untyped]
+        import pyarrow.parquet  # type: ignore[import-untyped]
+    except ImportError:
+        raise InputError("--format parquet needs pyarrow: pip install 'rft_ros[sweep]'") from None
+
+    def typed(values: list[str]) -> list[object]:
+        try:
+            return [float(v) if v else None for v in values]
+        except ValueError:
+            return list(values)
+
+    content = {name: typed([row[k] for row in rows]) for k, name in enumerate(columns)}
+    content["reason"] = [row[-1] for row in rows]
+    pyarrow.parquet.write_table(pyarrow.table(content), out / "results.parquet")
+    return out / "results.parquet"

@@ -1,0 +1,203 @@
+"""Design studies: every variant has its row, once, however the run went."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rft_ros.errors import InputError
+from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
+from rft_ros.studies.motions import Circumnutation, sample
+from rft_ros.sweeps.design import read_design
+from rft_ros.sweeps.run import run
+from rft_ros.tool import load_tool
+
+SMALL = """
+tools:
+  - mesh: root_tip
+  - {mesh: plate, integration: refined}
+motions:
+  - {family: circumnutation, pitch: [0.04, 0.1], samples: 30}
+  - {family: straight, travel: {from: 0.01, to: 0.03, count: 3}, samples: 20}
+media:
+  - {zeta: [0.2, 0.33], alpha_y: linear}
+"""
+
+LONG = """
+tools:
+  - mesh: root_tip
+motions:
+  - {family: circumnutation, pitch: {from: 0.02, to: 0.2, count: 300}, samples: 250}
+media:
+  - zeta: [0.2, 0.3, 0.4, 0.5]
+"""
+
+
+def study(tmp_path, text, name="study.yaml"):
+    (tmp_path / name).write_text(text)
+    return tmp_path / name
+
+
+def table(file):
+    with file.open(newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+def sweep(file, out, *options):
+    return [sys.executable, "-m", "rft_ros.cli", "sweep", str(file), "-o", str(out), *options]
+
+
+def test_every_tool_meets_every_motion_and_medium_in_one_order(tmp_path):
+    design = read_design(study(tmp_path, SMALL))
+    variants = [design.variant(k) for k in range(len(design))]
+    assert len(variants) == 2 * 5 * 2
+    assert len({str(v) for v in variants}) == len(variants)
+    assert variants[0]["motion"] == {"family": "circumnutation", "pitch": 0.04, "samples": 30}
+    assert [v["motion"].get("travel") for v in variants[4:10:2]] == pytest.approx([0.01, 0.02, 0.03])
+
+
+def test_a_row_holds_what_the_core_gives_for_its_variant(tmp_path):
+    report = run(read_design(study(tmp_path, SMALL)), tmp_path / "out", workers=1)
+    rows = table(report.file)
+    assert (report.rows, report.computed, report.failed) == (20, 20, 0)
+    row = rows[3]
+    assert (row["tool.mesh"], row["motion.pitch"], row["medium.zeta"]) == ("root_tip", "0.1", "0.33")
+    generic = MEDIA["generic"]
+    law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33)
+    _, states = sample(Circumnutation(pitch=0.1), 30)
+    expected = wrenches(load_tool("root_tip").plates, law, states)
+    assert float(row["mean_fz"]) == expected[:, 2].mean()
+    assert float(row["peak_force"]) == np.linalg.norm(expected[:, :3], axis=1).max()
+
+
+def test_a_variant_that_fails_is_a_row_with_its_reason(tmp_path):
+    text = SMALL.replace("  - mesh: root_tip\n", "  - mesh: [root_tip, gone.stl]\n")
+    report = run(read_design(study(tmp_path, text)), tmp_path / "out", workers=1)
+    rows = table(report.file)
+    assert report.failed == 10
+    assert {row["tool.mesh"] for row in rows if row["reason"]} == {"gone.stl"}
+    assert all("gone.stl" in row["reason"] and not row["mean_fz"] for row in rows if row["reason"])
+
+
+def test_a_sample_is_drawn_by_its_seed(tmp_path):
+    first, again, other = (
+        read_design(study(tmp_path, SMALL + f"sample: 7\nseed: {seed}\n", f"{k}.yaml"))
+        for k, seed in enumerate((1, 1, 2))
+    )
+    assert len(first) == 7
+    assert first.picked == again.picked != other.picked
+
+
+def test_a_killed_sweep_goes_on_where_it_stopped_with_no_row_lost_or_doubled(tmp_path):
+    file = study(tmp_path, LONG)
+    process = subprocess.Popen(sweep(file, tmp_path / "out"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    until = time.monotonic() + 60.0
+    while len(list((tmp_path / "out").glob("chunks/*.csv"))) < 2:
+        assert time.monotonic() < until
+        assert process.poll() is None
+        time.sleep(0.01)
+    process.kill()
+    process.wait()
+    done = sum(len(f.read_text().splitlines()) for f in (tmp_path / "out" / "chunks").glob("*.csv"))
+    assert 0 < done < 1200
+    report = run(read_design(file), tmp_path / "out")
+    assert (report.rows, report.computed) == (1200, 1200 - done)
+    run(read_design(file), tmp_path / "whole")
+    assert report.file.read_bytes() == (tmp_path / "whole" / "results.csv").read_bytes()
+
+
+def test_a_killed_worker_costs_no_row(tmp_path):
+    file = study(tmp_path, LONG)
+    process = subprocess.Popen(sweep(file, tmp_path / "out", "--workers", "2"), stdout=subprocess.DEVNULL)
+    until = time.monotonic() + 60.0
+    while not list((tmp_path / "out").glob("chunks/*.csv")):
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
+    workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
+    os.kill(int(workers[0]), signal.SIGKILL)
+    assert process.wait(timeout=120) == 0
+    rows = table(tmp_path / "out" / "results.csv")
+    assert len(rows) == 1200
+    assert not any(row["reason"] for row in rows)
+
+
+def test_the_rows_of_another_study_are_not_mixed_in(tmp_path):
+    run(read_design(study(tmp_path, SMALL)), tmp_path / "out", workers=1)
+    with pytest.raises(InputError, match="another study"):
+        run(read_design(study(tmp_path, SMALL.replace("0.33", "0.34"))), tmp_path / "out", workers=1)
+
+
+def test_parquet_holds_numbers(tmp_path):
+    parquet = pytest.importorskip("pyarrow.parquet")
+    report = run(read_design(study(tmp_path, SMALL)), tmp_path / "out", workers=1, form="parquet")
+    read = parquet.read_table(report.file)
+    assert read.num_rows == 20
+    assert read.column("mean_fz").to_pylist()[0] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (("family: straight", "family: sideways"), ("motions 2", "sideways", "circumnutation")),
+        (("zeta:", "zetta:"), ("media 1", "zetta")),
+        (("mesh: plate", "mesh: 3"), ("tools 2", "mesh", "3")),
+        (("count: 3", "number: 3"), ("motions 2", "travel", "from, to and count")),
+        (("[0.04, 0.1]", "[]"), ("motions 1", "pitch", "empty")),
+        (("alpha_y: linear", "alpha_y: cubic"), ("media 1", "cubic")),
+        (("media:", "mediums:"), ("mediums",)),
+    ],
+)
+def test_a_wrong_entry_is_named(tmp_path, change, words):
+    with pytest.raises(InputError) as error:
+        read_design(study(tmp_path, SMALL.replace(*change)))
+    for word in ("study.yaml", *words):
+        assert word in str(error.value)
+
+
+def test_a_cluster_gives_the_same_table_and_survives_the_loss_of_a_worker(tmp_path):
+    pytest.importorskip("distributed")
+    dask = [sys.executable, "-m", "distributed.cli"]
+    address = tmp_path / "scheduler.json"
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    options = ["--scheduler-file", str(address)]
+    scheduler = [f"{dask[2]}.dask_scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard", *options]
+    worker = [f"{dask[2]}.dask_worker", *options, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
+    processes = [subprocess.Popen([*dask[:2], *scheduler], **quiet)]
+    try:
+        processes += [subprocess.Popen([*dask[:2], *worker], **quiet) for _ in range(2)]
+        until = time.monotonic() + 60.0
+        from distributed import Client
+
+        while not address.exists():
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        with Client(scheduler_file=str(address)) as client:
+            client.wait_for_workers(2, timeout=60)
+            tcp = client.scheduler.address
+        file = study(tmp_path, LONG)
+        driver = subprocess.Popen(sweep(file, tmp_path / "cluster", "--scheduler", tcp), **quiet)
+        while not list((tmp_path / "cluster").glob("chunks/*.csv")):
+            assert time.monotonic() < until
+            assert driver.poll() is None
+            time.sleep(0.01)
+        processes[1].kill()
+        assert driver.wait(timeout=120) == 0
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+    run(read_design(file), tmp_path / "here")
+    assert (tmp_path / "cluster" / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
+
+
+def test_a_scheduler_that_does_not_answer_is_a_sentence(tmp_path):
+    pytest.importorskip("distributed")
+    with pytest.raises(InputError, match=r"127\.0\.0\.1:9"):
+        run(read_design(study(tmp_path, SMALL)), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
