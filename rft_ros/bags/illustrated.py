@@ -2,7 +2,7 @@
 
 import math
 import platform
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -14,11 +14,13 @@ from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.bags.tool_moments import tool_view
 from rft_ros.bags.trace import PHASES, ROW, Trace
 from rft_ros.estimator import Model
+from rft_ros.estimator.doubts import SCATTER, Doubt, deviation, doubts_named, sentences, trust
 from rft_ros.estimator.parameters import PARAMETERS
 from rft_ros.report.charts import Chart, ToolView
 from rft_ros.report.page import Table, write_page
 from rft_ros.report.pictures import draw_chart, draw_tool
-from rft_ros.report.replay_charts import ReplaySeries, replay_charts
+from rft_ros.report.replay_charts import replay_charts
+from rft_ros.report.replay_series import DoubtedRows, ReplaySeries
 
 __all__ = ["draw", "thinned"]
 
@@ -43,6 +45,8 @@ def draw(
         phases=tuple(phase.value for phase in PHASES),
         measured=rows["compensated"],
         predicted=rows["predicted"],
+        deviation=np.array([deviation(wrench) for wrench in rows["predicted"].tolist()]).reshape(-1, 2),
+        doubts=tuple(_doubted(rows["doubts"])),
         vertical=vertical,
     )
     charts = replay_charts(series)
@@ -82,6 +86,13 @@ def thinned(trace: Trace) -> NDArray[np.void]:
     return np.concatenate(parts)
 
 
+def _doubted(doubts: NDArray[np.int64]) -> Iterator[DoubtedRows]:
+    for doubt in Doubt:
+        rows = (doubts & int(doubt)) != 0
+        if rows.any():
+            yield DoubtedRows(name=doubts_named(doubt)[0], trust=trust(doubt).value, rows=rows)
+
+
 def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: ToolView | None) -> None:
     minutes, seconds = divmod(summary.duration, 60.0)
     write_page(
@@ -101,6 +112,7 @@ def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool
 def _tables(summary: Summary) -> Mapping[str, Table]:
     units = {parameter.name: parameter.unit for parameter in PARAMETERS}
     read = [(role, topic, f"{summary.messages[role]:,}") for role, topic in summary.topics.items()]
+    trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
     unanswered = [(name, f"{count:,}") for name, count in summary.withheld.items()]
     return {
         "metrics": Table(
@@ -110,6 +122,21 @@ def _tables(summary: Summary) -> Mapping[str, Table]:
             f" 20 % of the recording's peak. Depth bins are those of {Phase.PENETRATION}. summary.json has every axis.",
             heads=("", *METRIC_HEADS),
             rows=metric_rows(summary),
+        ),
+        "doubts": Table(
+            title="Doubts",
+            sentence=f"What is doubtful about how many of the {summary.estimates:,} estimates (trust: {trusted})."
+            f" Beside that, each component of a predicted force scatters by {100 * SCATTER:.0f} % of the force's"
+            " magnitude (standard deviation, from simulated plates): the band in the figures.",
+            heads=("doubt", "estimates", "trust", "meaning"),
+            rows=[
+                (name, f"{summary.doubts[name]:,}", trust(doubt).value, sentences(doubt))
+                for doubt in Doubt
+                for name in doubts_named(doubt)
+                if summary.doubts[name]
+            ]
+            or [("none", "0", "", "")],
+            words=True,
         ),
         "read": Table(title="Read", heads=("role", "topic", "messages"), rows=read, words=True),
         "withheld": Table(
@@ -123,12 +150,14 @@ def _tables(summary: Summary) -> Mapping[str, Table]:
             heads=("parameter", "value", "unit"),
             rows=[(name, _text(value), units.get(name, "")) for name, value in summary.parameters.items()],
             words=True,
+            folded=True,
         ),
         "versions": Table(
             title="Versions",
             heads=("package", "version"),
             rows=[("Python", platform.python_version()), *((name, _version(name)) for name in _PACKAGES)],
             words=True,
+            folded=True,
         ),
     }
 

@@ -5,6 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from rft_ros.bags.doubt_counts import counted_doubts
 from rft_ros.bags.motion import Motion
 from rft_ros.bags.phases import Phase, Phases
 from rft_ros.bags.progress import with_progress
@@ -13,7 +14,7 @@ from rft_ros.bags.remapping import remapped_topics
 from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
 from rft_ros.bags.statistics import statistics
 from rft_ros.bags.summary import Summary
-from rft_ros.bags.table import COLUMNS, row, with_phase
+from rft_ros.bags.table import COLUMNS, ending, row
 from rft_ros.bags.trace import Trace, packed
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
@@ -83,6 +84,7 @@ def replay(
                 why = f" ({recording.damage})" if recording.damage else ""
                 raise InputError(f"bag '{bag}' has no message on {topics['pose']} in the part that is replayed{why}")
             whole, phases = statistics(trace)
+            doubts, trust = counted_doubts(trace)
             estimator.counts.pop("estimates", 0)
             summary = Summary(
                 bag=bag.resolve().name,
@@ -92,6 +94,8 @@ def replay(
                 messages={role: recording.counts[role] for role in topics},
                 estimates=whole.estimates,
                 withheld=dict(sorted(estimator.counts.items())),
+                doubts=doubts,
+                trust=trust,
                 duration=(recording.time - recording.first) * 1e-9,
                 damage=recording.damage,
                 wrench=whole.wrench,
@@ -124,8 +128,8 @@ def _answer_all(
         table.write(",".join(COLUMNS) + "\n")
 
         def settle(rows: list[tuple[_Row, Phase | None]]) -> None:
-            for (stamp, begun, numbers, state), phase in rows:
-                table.write(with_phase(begun, phase))
+            for (stamp, begun, doubts, numbers, state), phase in rows:
+                table.write(begun + ending(phase, doubts))
                 if numbers is not None:
                     trace.add(stamp, phase, numbers, state)
 
@@ -135,14 +139,17 @@ def _answer_all(
                 continue
             depth, moment = motion.after(answer)
             numbers = None if depth is None else packed(depth, answer)
-            settle(phases.push((sample.stamp, row(depth, answer), numbers, estimator.state.tobytes()), moment))
+            doubts = 0
             if isinstance(answer, Estimate):
+                doubts = answer.doubts
                 _write(writer, frame, answer)
+            begun = (sample.stamp, row(depth, answer), doubts, numbers, estimator.state.tobytes())
+            settle(phases.push(begun, moment))
         settle(phases.finish())
 
 
-_Row = tuple[int, str, bytes | None, bytes]
-"""Stamp [ns], the table's row as far as it is known, what goes into the trace, and the state."""
+_Row = tuple[int, str, int, bytes | None, bytes]
+"""Stamp [ns], the table's row as far as it is known, doubts, what goes into the trace, and the state."""
 
 
 def _push(estimator: Estimator, sample: Sample) -> Estimate | Withheld | None:

@@ -19,6 +19,7 @@ class Summary:
 
     `topics`: the topic read for each role. `messages`: how many of each role came in. `estimates`: poses with a
     prediction. `withheld`: poses and other samples that were not used, and estimates without residual, by reason.
+    `doubts`: estimates by the name of each `Doubt`. `trust`: estimates by `Trust`.
     `duration`: receive time covered [s]. `damage`: where and why reading stopped early. `wrench`, `rms_over_peak`,
     `median_relative_error`: over all estimates, as in `Group`. `phases`: the same of each phase, by name. `seconds`:
     wall time of the replay, without its report.
@@ -31,6 +32,8 @@ class Summary:
     messages: dict[Role, int]
     estimates: int
     withheld: dict[str, int]
+    doubts: dict[str, int]
+    trust: dict[str, int]
     duration: float
     damage: str | None
     wrench: dict[str, Axis]
@@ -54,6 +57,9 @@ class Summary:
         poses = self.messages["pose"]
         text = [f"{self.bag}: {self.estimates} estimates of {poses} poses, {self.real_time_factor:.0f} times real time"]
         text += [f"  not used or unanswered: {reason} {n}" for reason, n in self.withheld.items()]
+        named = ", ".join(f"{name} {n}" for name, n in self.doubts.items() if n)
+        if named:
+            text.append(f"  doubtful: {named}; trust: " + ", ".join(f"{name} {n}" for name, n in self.trust.items()))
         if self.damage:
             text.append(f"  reading stopped early: {self.damage}")
         for title, *cells in (("force on the tool", *METRIC_HEADS), *metric_rows(self)):

@@ -1,9 +1,12 @@
 """estimates.csv: a row for each pose."""
 
+from functools import cache
+
 from rft_ros.bags.phases import Phase
 from rft_ros.estimator import Estimate, Withheld
+from rft_ros.estimator.doubts import doubts_named
 
-__all__ = ["AXES", "COLUMNS", "row", "with_phase"]
+__all__ = ["AXES", "COLUMNS", "ending", "row"]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -15,10 +18,11 @@ COLUMNS = (
     "reason",
     "generation",
     "phase",
+    "doubts",
 )
 """Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; speed of its fastest
 plate [m/s]; wrenches in the sensor frame [N], [N m]; or the reason for none; which model answered; `Phase`, empty where
-the pose or its velocity was not known."""
+the pose or its velocity was not known; names of `Doubt`s, joined by +."""
 
 _SIX = ",%.9g" * 6
 _FULL = "%d.%09d,%.9g,%.9g" + 3 * _SIX + ",,%d"
@@ -26,7 +30,7 @@ _WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + ",,%d"
 
 
 def row(depth: float | None, answer: Estimate | Withheld) -> str:
-    """A row as far as it is known at once: all but the phase."""
+    """A row as far as it is known at once: all before the phase."""
     seconds, nanoseconds = divmod(answer.stamp, 1_000_000_000)
     if isinstance(answer, Withheld):
         place = "" if depth is None else f"{depth:.9g}"
@@ -37,6 +41,7 @@ def row(depth: float | None, answer: Estimate | Withheld) -> str:
     return _FULL % (*head, *answer.compensated, *answer.residual, answer.generation)
 
 
-def with_phase(begun: str, phase: Phase | None) -> str:
-    """The whole row, as a line."""
-    return f"{begun},{phase.value if phase else ''}\n"
+@cache
+def ending(phase: Phase | None, doubts: int) -> str:
+    """The rest of a row, and the end of its line; `doubts`: an or of `Doubt`."""
+    return f",{phase.value if phase else ''},{'+'.join(doubts_named(doubts))}\n"

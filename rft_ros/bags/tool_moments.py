@@ -36,7 +36,7 @@ def tool_view(rows: NDArray[np.void], model: Model, *, surface_height: float) ->
         force = forces.sum(axis=0).tolist()
         moments.append(
             TractionMoment(
-                label=f"{PHASES[row['phase']]}, {1e3 * row['depth']:.1f} mm deep",
+                label=f"{1e3 * row['depth']:.1f} mm, {PHASES[row['phase']]}",
                 vertices=placed,
                 traction=np.linalg.norm(forces, axis=1) / plates.packed[6],
                 force=(force[0], force[1], force[2]),

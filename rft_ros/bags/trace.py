@@ -25,13 +25,14 @@ ROW = np.dtype(
         ("depth", "<f8"),
         ("predicted", "<f8", 6),
         ("compensated", "<f8", 6),
+        ("doubts", "<i8"),
         ("state", "<f8", 13),
     ]
 )
-"""A placed pose: stamp [ns], phase, depth [m], wrenches in the sensor frame [N, N m], NaN where there is none, state
-(columns `rft_ros.rft.STATE`; its velocity counts only with an estimate)."""
+"""A placed pose: stamp [ns], phase, depth [m], wrenches in the sensor frame [N, N m], NaN where there is none, an or of
+`Doubt`, state (columns `rft_ros.rft.STATE`; its velocity counts only with an estimate)."""
 
-_LAYOUT = struct.Struct("<d12d")
+_LAYOUT = struct.Struct("<d12dq")
 _HEAD = struct.Struct("<qq")
 _CODE = {phase: code for code, phase in enumerate(PHASES)} | {None: -1}
 _NONE: Wrench = (math.nan,) * 6
@@ -39,10 +40,10 @@ _BLOCK = 16_384
 
 
 def packed(depth: float, answer: Estimate | Withheld) -> bytes:
-    """Depth and wrenches as they lie in a `ROW`."""
+    """Depth, wrenches and doubts as they lie in a `ROW`."""
     if isinstance(answer, Withheld):
-        return _LAYOUT.pack(depth, *_NONE, *_NONE)
-    return _LAYOUT.pack(depth, *answer.predicted, *(answer.compensated or _NONE))
+        return _LAYOUT.pack(depth, *_NONE, *_NONE, 0)
+    return _LAYOUT.pack(depth, *answer.predicted, *(answer.compensated or _NONE), answer.doubts)
 
 
 class Trace:

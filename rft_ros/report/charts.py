@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["COLOURS", "Chart", "Line", "Panel", "Span", "ToolView", "TractionMoment"]
+__all__ = ["BAND", "COLOURS", "SHADE", "Chart", "Line", "Panel", "Span", "ToolView", "TractionMoment"]
 
 COLOURS = {
     "measured": "#333333",
@@ -19,15 +19,22 @@ COLOURS = {
     "ploughing": "#CC79A7",
     "dwell": "#F0E442",
     "withdrawal": "#E69F00",
+    "caution": "#56B4E9",
+    "no": "#000000",
 }
 """Okabe and Ito's palette, which people with any kind of colour vision can tell apart."""
+
+SHADE, BAND = 0.13, 0.22
+"""Opacity of spans, and of bands."""
 
 _Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """`y` over `x`, shape [n], NaN for a gap; or, for `kind` "bars", heights between the edges `x`, shape [n + 1].
+    """`y` over `x`, shape [n], NaN for a gap, and what is drawn of them is the `kind`.
+
+    "line"; "band": from y[0] to y[1], shape [2, n]; "bars": heights between the edges `x`, shape [n + 1].
 
     `colour`: a key of `COLOURS`. Lines of one label share a place in the legend.
     """
@@ -42,11 +49,12 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panel:
-    """One pair of axes."""
+    """One pair of axes; `names`: of y = 0, 1, 2 ..., from the top down, in place of numbers."""
 
     x_label: str
     y_label: str
     lines: tuple[Line, ...]
+    names: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +70,8 @@ class Span:
 class Chart:
     """Panels in rows, with a title and one sentence on what they show.
 
-    `name`: for files and links. `panels`: rows of equal length. `spans`: shaded in the panels of the columns `shaded`.
+    `name`: for files and links. `panels`: rows of equal length. `heights`: of the rows, by comparison. `spans`: shaded
+    in the panels of the columns `shaded`.
     `same_x`: the panels of a column share their x axis.
     """
 
@@ -74,6 +83,7 @@ class Chart:
     shaded: tuple[int, ...] = (0,)
     same_x: bool = True
     height: int = 640
+    heights: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -101,3 +111,8 @@ class ToolView:
     chosen: int
     surface_height: float
     name: str = field(default="tool")
+
+    @property
+    def from_above(self) -> bool:
+        """Whether the faces that the grains push are seen from above: those that the force points away from."""
+        return self.moments[self.chosen].force[2] <= 0.0

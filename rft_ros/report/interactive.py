@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.report.charts import COLOURS, Chart, Line, ToolView, TractionMoment
+from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line, ToolView, TractionMoment
 
 __all__ = ["chart_figure", "tool_figure"]
 
 _FONT = {"family": "system-ui, sans-serif", "size": 13, "color": "#222222"}
-_SHADE = 0.13
 _SURFACE = "#C2A878"
 
 
@@ -23,6 +22,7 @@ def chart_figure(chart: Chart) -> Any:
     figure = make_subplots(
         rows=rows,
         cols=columns,
+        row_heights=chart.heights or None,
         shared_xaxes="columns" if chart.same_x else False,
         vertical_spacing=0.04 if chart.same_x else 0.14,
         horizontal_spacing=0.09,
@@ -40,23 +40,25 @@ def chart_figure(chart: Chart) -> Any:
                     row=r,
                     col=c,
                     fillcolor=COLOURS[span.name],
-                    opacity=_SHADE,
+                    opacity=SHADE,
                     line_width=0,
                     layer="below",
                 )
             figure.update_yaxes(title_text=panel.y_label, row=r, col=c)
+            if panel.names:
+                ticks = {"tickvals": list(range(len(panel.names))), "ticktext": list(panel.names)}
+                figure.update_yaxes(**ticks, range=[len(panel.names) - 0.5, -0.5], row=r, col=c)
             if r == rows or not chart.same_x:
                 figure.update_xaxes(title_text=panel.x_label, row=r, col=c)
     for name in dict.fromkeys(span.name for span in chart.spans):
-        marker = {"symbol": "square", "size": 13, "color": COLOURS[name], "opacity": 2.5 * _SHADE}
-        figure.add_trace(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name, legend="legend2"))
+        marker = {"symbol": "square", "size": 13, "color": COLOURS[name], "opacity": 2.5 * SHADE}
+        figure.add_trace(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name))
     figure.update_layout(
         template="plotly_white",
         font=_FONT,
         height=chart.height,
-        margin={"l": 70, "r": 20, "t": 50, "b": 55},
+        margin={"l": 70, "r": 20, "t": 80, "b": 55},
         legend={"orientation": "h", "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
-        legend2={"orientation": "h", "x": 1.0, "y": 1.0, "xanchor": "right", "yanchor": "bottom"},
         barmode="overlay",
         bargap=0.0,
     )
@@ -71,8 +73,27 @@ def _trace(line: Line, *, new: bool) -> Any:
     if line.kind == "bars":
         return go.Bar(x=_short((line.x[:-1] + line.x[1:]) / 2.0), y=_short(line.y), marker_color=colour, opacity=0.5,
                       marker_line_width=0, **shared)  # fmt: skip
+    if line.kind == "band":
+        x, y = _outline(line)
+        filled = {"fill": "toself", "fillcolor": _faint(colour), "hoverinfo": "skip"}
+        return go.Scatter(x=x, y=y, mode="lines", line_width=0, **filled, **shared)
     style = {"color": colour, "width": line.width}
     return go.Scatter(x=_short(line.x), y=_short(line.y), mode="lines", line=style, connectgaps=False, **shared)
+
+
+def _outline(line: Line) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """A closed line around each unbroken stretch of a band, with gaps between them."""
+    rows = np.flatnonzero(~np.isnan(line.x + line.y[0]))
+    x, y = [np.empty(0)], [np.empty(0)]
+    for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):
+        x += [line.x[part], line.x[part[::-1]], np.array([np.nan])]
+        y += [line.y[0][part], line.y[1][part[::-1]], np.array([np.nan])]
+    return _short(np.concatenate(x)), _short(np.concatenate(y))
+
+
+def _faint(colour: str) -> str:
+    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{BAND})"
 
 
 def _short(values: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -95,14 +116,22 @@ def tool_figure(view: ToolView) -> Any:
     for i, trace in enumerate(traces[:-1]):
         trace.visible = i // 2 == view.chosen
     figure = go.Figure(traces)
+    height = 0.9 if view.from_above else -0.9
     names = {f"{axis}axis": {"title": {"text": f"{axis} [mm]"}} for axis in "xyz"}
     figure.update_layout(
         template="plotly_white",
         font=_FONT,
         height=640,
         margin={"l": 10, "r": 10, "t": 20, "b": 20},
-        scene={**names, "aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}}},
-        sliders=[{"active": view.chosen, "steps": steps, "currentvalue": {"prefix": "Moment: "}, "pad": {"t": 10}}],
+        scene={**names, "aspectmode": "data", "camera": {"eye": {"x": 1.3, "y": -1.3, "z": height}}},
+        sliders=[
+            {
+                "active": view.chosen,
+                "steps": steps,
+                "currentvalue": {"prefix": "Moment: "},
+                "pad": {"t": 10, "l": 70, "r": 70},
+            }
+        ],
         showlegend=False,
     )
     return figure

@@ -18,7 +18,8 @@ p.warning { color: #a33b00; font-weight: 600; }
 table { border-collapse: collapse; font-size: .93em; font-variant-numeric: tabular-nums; }
 th, td { padding: .22em .8em; text-align: right; border-bottom: 1px solid #e4e4e4; }
 th { color: #555; font-weight: 600; } th:first-child, td:first-child { text-align: left; white-space: pre; }
-table.words td { text-align: left; word-break: break-word; } details { margin: .5em 0; } summary { cursor: pointer; }
+table.words th, table.words td { text-align: left; } table.words td { word-break: break-word; }
+details { margin: .5em 0; } summary { cursor: pointer; }
 """
 
 
@@ -62,7 +63,11 @@ def write_page(
     ]
     for name, heading, text, figure in figures:
         drawn = to_html(
-            figure, include_plotlyjs=False, full_html=False, div_id=f"figure-{name}", config={"responsive": True}
+            figure,
+            include_plotlyjs=False,
+            full_html=False,
+            div_id=f"figure-{name}",
+            config={"responsive": True, "displaylogo": False},
         )
         parts += [f"<section><h2>{escape(heading)}</h2><p>{escape(text)}</p>", drawn, "</section>"]
     parts += [_table(table) for name, table in tables.items() if name != "metrics"]

@@ -6,11 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from rft_ros.report.charts import COLOURS, Chart, Line, ToolView
+from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line, ToolView
 
 __all__ = ["draw_chart", "draw_tool"]
-
-_SHADE = 0.13
 
 
 def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
@@ -20,7 +18,13 @@ def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
 
     rows, columns = len(chart.panels), len(chart.panels[0])
     figure = Figure(figsize=(12.0, max(3.8, chart.height / 90.0)), layout="constrained")
-    grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if chart.same_x else "none")
+    grid = figure.subplots(
+        rows,
+        columns,
+        squeeze=False,
+        sharex="col" if chart.same_x else "none",
+        gridspec_kw={"height_ratios": chart.heights} if chart.heights else None,
+    )
     legend: dict[str, Any] = {}
     for row, panels in enumerate(chart.panels):
         for column, panel in enumerate(panels):
@@ -28,13 +32,17 @@ def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
             for line in panel.lines:
                 legend.setdefault(line.label, _draw(axes, line))
             for span in chart.spans if column in chart.shaded else ():
-                axes.axvspan(span.begin, span.end, color=COLOURS[span.name], alpha=_SHADE, lw=0)
-                legend.setdefault(f"{span.name} ", Patch(color=COLOURS[span.name], alpha=2 * _SHADE))
+                axes.axvspan(span.begin, span.end, color=COLOURS[span.name], alpha=SHADE, lw=0)
+                legend.setdefault(f"{span.name} ", Patch(color=COLOURS[span.name], alpha=2 * SHADE))
             axes.set_ylabel(panel.y_label)
             if row == rows - 1 or not chart.same_x:
                 axes.set_xlabel(panel.x_label)
             axes.grid(alpha=0.3)
-            axes.axhline(0.0, color="0.6", lw=0.6)
+            if panel.names:
+                axes.set_yticks(range(len(panel.names)), panel.names)
+                axes.set_ylim(len(panel.names) - 0.5, -0.5)
+            else:
+                axes.axhline(0.0, color="0.6", lw=0.6)
     figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=7, frameon=False)
     figure.suptitle(f"{chart.title}: {title}")
     figure.savefig(file, dpi=110, metadata={"Software": None})
@@ -44,7 +52,9 @@ def _draw(axes: Any, line: Line) -> Any:
     colour = COLOURS[line.colour]
     if line.kind == "bars":
         return axes.stairs(line.y, line.x, color=colour, fill=True, alpha=0.5)
-    return axes.plot(line.x, line.y, color=colour, lw=line.width)[0]
+    if line.kind == "band":
+        return axes.fill_between(line.x, line.y[0], line.y[1], color=colour, alpha=BAND, lw=0)
+    return axes.plot(line.x, line.y, color=colour, lw=line.width, solid_capstyle="butt")[0]
 
 
 def draw_tool(view: ToolView, file: Path, *, title: str) -> None:
@@ -72,6 +82,7 @@ def draw_tool(view: ToolView, file: Path, *, title: str) -> None:
     axes.set_ylabel("y [mm]")
     axes.set_zlabel("z [mm]")
     axes.set_box_aspect((1, 1, 1))
+    axes.view_init(elev=30.0 if view.from_above else -30.0)
     figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, label="Traction [kPa]", shrink=0.6)
     figure.suptitle(f"{view.title}: {title}, {moment.label}")
     figure.savefig(file, dpi=110, metadata={"Software": None})
