@@ -4,7 +4,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, rotation_matrix, treers2021
+from rft_ros.rft import MEDIA, Integration, Plates, alpha_y_model, checked_states, rotation_matrix, treers2021
+from rft_ros.rft.traction import FLAT_BLEND
 
 Array = NDArray[np.float64]
 
@@ -15,6 +16,9 @@ LINEAR = treers2021(GENERIC, alpha_y_model("linear", GENERIC))
 FLAT = 1.0 - 1e-3
 """Plates with abs(n·E3) at or above this follow the released code's rule for horizontal plates."""
 
+LEVEL = {"centroid": FLAT, "refined": float(np.cos(np.radians(FLAT_BLEND)))}
+"""Where each rule begins to take e2 from the velocity, nudged along x."""
+
 seeds = st.integers(0, 2**32 - 1)
 
 
@@ -22,7 +26,10 @@ def unit(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 
 
-def random_plates(rng: np.random.Generator, n: int) -> Plates:
+def random_plates(rng: np.random.Generator, n: int, rule: Integration = "centroid") -> Plates:
+    if rule == "refined":
+        corners = rng.uniform(-0.04, 0.04, (n, 1, 3)) + rng.uniform(-0.005, 0.005, (n, 3, 3))
+        return Plates.from_triangles(corners, rng.uniform(0.01, 0.5, n))
     return Plates.from_arrays(rng.uniform(-0.04, 0.04, (n, 3)), unit(rng.normal(size=(n, 3))), rng.uniform(0, 1e-4, n))
 
 
@@ -42,10 +49,23 @@ def random_scene(rng: np.random.Generator, n: int) -> Array:
 
 def without_flat(plates: Plates, state: Array, margin: float = 1e-4) -> Plates:
     """The plates that are not within the horizontal cap in this state, where the nudge along x breaks symmetry."""
-    nz = (rotation_matrix(state[3:7]) @ plates.packed[3:6])[2]
-    keep = np.abs(nz) < FLAT - margin
-    r, n, a = plates.packed[:3, keep], plates.packed[3:6, keep], plates.packed[6, keep]
-    return Plates.from_arrays(r.T, n.T, a)
+    rows = plates.rows
+    nz = (rotation_matrix(state[3:7]) @ rows[3:6])[2]
+    return Plates.from_rows(rows[:, np.abs(nz) < LEVEL[plates.integration] - margin])
+
+
+def moved(plates: Plates, shift: Array) -> Plates:
+    """The same plates seen from a tool frame whose origin lies elsewhere [m]."""
+    rows = plates.rows
+    rows[:3] -= shift[:, None]
+    return Plates.from_rows(rows)
+
+
+def mirrored(plates: Plates) -> Plates:
+    """The plates' image in the plane y = 0."""
+    rows = plates.rows
+    rows[[1, 4] if len(rows) == 7 else [1, 4, 8, 11]] *= -1.0
+    return Plates.from_rows(rows)
 
 
 def listed(plates: Plates) -> list[tuple[list[float], list[float], float]]:

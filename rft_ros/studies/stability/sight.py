@@ -10,6 +10,8 @@ Array = NDArray[np.float64]
 
 _FACETS, _RAYS = 400, 64  # that `seen_share` looks at, and from each
 
+_INSIDE = 1e-9  # of a triangle: a ray that grazes its edge passes
+
 
 @numba.njit(cache=True)
 def _cross(a, b):  # type: ignore[no-untyped-def]
@@ -42,7 +44,7 @@ def _blocked(triangles, origins, directions):  # type: ignore[no-untyped-def]
             to = _minus(origins[k], corner)
             aside = _cross(to, first)
             u, v = _dot(to, across) / determinant, _dot(directions[k], aside) / determinant
-            if u >= 0.0 and v >= 0.0 and u + v <= 1.0 and _dot(second, aside) / determinant > near:
+            if min(u, v, 1.0 - u - v) > _INSIDE and _dot(second, aside) / determinant > near:
                 out[k] = True
                 break
     return out

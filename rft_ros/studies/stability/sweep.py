@@ -1,6 +1,6 @@
 """A parameter taken through a bad place: the force along it, its jumps and its noise gain, by rule and α_y model."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -104,12 +104,13 @@ class Sweep:
 _JUMP = 1e-3  # steps that count as jumps do not count as slope
 
 
-def measured(sweep: Sweep) -> tuple[Line, ...]:
-    """The sweep by both rules with both α_y models of the paper."""
+def measured(sweep: Sweep, *, rules: Sequence[Integration] = INTEGRATIONS) -> tuple[Line, ...]:
+    """The sweep by these rules with both α_y models of the paper."""
     states = sweep.states(sweep.values)
     step = float(sweep.values[1] - sweep.values[0])
     lines = []
-    for rule, plates in sweep.tool.items():
+    for rule in rules:
+        plates = sweep.tool[rule]
         for model in ALPHA_Y:
             forces = wrenches(plates, law(model, zeta=sweep.zeta), states)[:, :3]
             beyond = jumps(forces)

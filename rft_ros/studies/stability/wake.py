@@ -17,7 +17,7 @@ PITCHES = (0.01, 0.015, 0.02, 0.03, 0.04, 0.05, 0.06, 0.08, 0.12)
 
 _DEEP = 0.5e-3  # [m] inside a former place of the tool; less is the facets' own size
 
-_POSES = 160  # along the path
+_POSES = 100  # along the path
 
 
 def share_in_wake(pitch: float) -> float:

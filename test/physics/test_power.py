@@ -1,0 +1,59 @@
+"""Grains resist: the power of the force on a leading plate, and the one fit that breaks this."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import directions, random_plates, random_scene, seeds
+
+from rft_ros.rft import INTEGRATIONS, MEDIA, alpha_y_model, plate_forces, treers2021, wrenches
+from rft_ros.studies.stability.withdrawal import greatest_power, plate_facing
+
+RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
+
+ZERO_OF_LINEAR = 0.2035 / 0.0015
+"""β at which the paper's linear α_y passes through zero [deg]; at 180° it is -0.0665 N/cm³."""
+
+
+def power(law, rule, beta, v):
+    """Of one plate, over area, depth and speed [N/cm³]."""
+    plate = plate_facing(np.radians(beta), rule)
+    state = np.array([[0, 0, -1.0, 0, 0, 0, 1, *v, 0, 0, 0]])
+    return float(wrenches(plate, law, state)[0, :3] @ v / (1e6 * plate.area))
+
+
+@RULES
+@pytest.mark.parametrize("medium", MEDIA)
+@given(beta=st.floats(0.0, 180.0), v=directions())
+def test_with_alpha_y_constant_no_leading_plate_is_ever_pushed_on(rule, medium, beta, v):
+    """In any direction, γ < 0 too: a fortiori in intrusion."""
+    law = treers2021(MEDIA[medium], alpha_y_model("constant", MEDIA[medium]))
+    assert power(law, rule, beta, v) <= 1e-12
+
+
+@RULES
+@pytest.mark.parametrize("medium", MEDIA)
+@given(beta=st.floats(0.0, 180.0), v=directions())
+def test_with_alpha_y_linear_only_faces_that_look_up_are_pushed_on_and_by_a_bounded_amount(rule, medium, beta, v):
+    law = treers2021(MEDIA[medium], alpha_y_model("linear", MEDIA[medium]))
+    most = 1e-12 if beta <= ZERO_OF_LINEAR else 0.0015 * beta - 0.2035 + 1e-12
+    assert power(law, rule, beta, v) <= most
+
+
+@RULES
+def test_the_break_of_the_linear_fit_is_reached(rule):
+    """About 0.06 N/cm³, a fifteenth of α_z(0, 90°), for a face that looks up and moves along itself."""
+    assert 0.05 < greatest_power(np.radians(174.0), rule, "linear", intruding=False) < 0.0665
+    assert 0.03 < greatest_power(np.radians(165.0), rule, "linear", intruding=True) < 0.0665
+    assert greatest_power(np.radians(130.0), rule, "linear", intruding=False) < 0.0
+    assert greatest_power(np.radians(180.0), rule, "linear", intruding=True) == -np.inf
+
+
+@RULES
+@given(seed=seeds)
+def test_each_plate_of_a_body_resists_its_motion(rule, seed):
+    rng = np.random.default_rng(seed)
+    body, state = random_plates(rng, 60, rule), random_scene(rng, 1)[0]
+    state[10:13] = 0.0
+    law = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
+    assert (plate_forces(body, law, state) @ state[7:10] <= 1e-15).all()
