@@ -116,14 +116,14 @@ def tool_figure(view: ToolView) -> Any:
     for i, trace in enumerate(traces[:-1]):
         trace.visible = i // 2 == view.chosen
     figure = go.Figure(traces)
-    height = 0.9 if view.from_above else -0.9
+    height = 0.7 if view.from_above else -0.7
     names = {f"{axis}axis": {"title": {"text": f"{axis} [mm]"}} for axis in "xyz"}
     figure.update_layout(
         template="plotly_white",
         font=_FONT,
         height=640,
         margin={"l": 10, "r": 10, "t": 20, "b": 20},
-        scene={**names, "aspectmode": "data", "camera": {"eye": {"x": 1.3, "y": -1.3, "z": height}}},
+        scene={**names, "aspectmode": "data", "camera": {"eye": {"x": 1.5, "y": -1.5, "z": height}}},
         sliders=[
             {
                 "active": view.chosen,

@@ -141,8 +141,8 @@ def _residual(series: ReplaySeries, spans: tuple[Span, ...]) -> Chart:
     return Chart(
         name="residual",
         title="Residual",
-        sentence="Measured minus predicted, by sensor axis: over time, and how often each size occurs while the tool is in"
-        " the grains (the outermost bars hold what lies beyond them).",
+        sentence="Measured minus predicted, by sensor axis: over time, and how often each size occurs while the tool"
+        " is in the grains (the outermost bars hold what lies beyond them).",
         panels=tuple(rows),
         spans=spans,
         same_x=False,

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
@@ -41,6 +42,27 @@ def moments(count: int = 60):
         yield "wrench", stamp, stamp, (1.0, 2.0, 3.0 + 100.0 * depth, 0.1, 0.2, 0.3)
         yield "twist", stamp, stamp, (0.0, 0.0, speed, 0.0, 0.0, 0.0)
         yield "pose", stamp, stamp, (0.0, 0.0, 0.01 - depth, 0.0, 0.0, 0.0, 1.0)
+
+
+def plunge(repeats: int = 1, *, noise: float = 0.0):
+    """As `moments`, of a plate that goes down from 10 mm above to 30 mm below, rests, is dragged, and comes out: 6.5 s a repeat.
+
+    `noise`: standard deviation of each component of its velocity [m/s]; the same numbers every time.
+    """
+    random = np.random.default_rng(7)
+    legs = ((200, (0.0, 0.0, -0.02)), (50, (0.0, 0.0, 0.0)), (100, (0.02, 0.0, 0.0)), (300, (0.0, 0.0, 0.02)))
+    stamp = START
+    for _ in range(repeats):
+        place = np.array([0.0, 0.0, 0.01])
+        for count, velocity in legs:
+            for _ in range(count):
+                place = place + 0.01 * np.array(velocity)
+                shaken = np.array(velocity) + noise * random.standard_normal(3)
+                force = 1000.0 * max(0.0, -place[2])
+                yield "wrench", stamp, stamp, (0.05, 0.0, force, 0.0, 0.0, 0.0)
+                yield "twist", stamp, stamp, (*shaken.tolist(), 0.0, 0.0, 0.0)
+                yield "pose", stamp, stamp, (*place.tolist(), 0.0, 0.0, 0.0, 1.0)
+                stamp += STEP
 
 
 def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, compress=False, frame=None) -> Path:

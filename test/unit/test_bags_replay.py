@@ -1,28 +1,18 @@
 """Replay: deterministic, complete, and clear about what it could not use."""
 
-import csv
 import json
 
 import numpy as np
 import pytest
 from recordings import START, STEP, TOPICS, moments, write_ros2
+from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.replay import COLUMNS, read_replay_options, replay
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameters import checked, defaults
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.tool import load_tool
-
-
-def values(**changes):
-    return defaults() | {k.replace("__", "."): checked(k.replace("__", "."), v) for k, v in changes.items()}
-
-
-def rows_of(folder):
-    with (folder / "estimates.csv").open() as file:
-        return list(csv.DictReader(file))
 
 
 def test_estimates_are_the_cores_with_the_poses_stamps(tmp_path):

@@ -1,0 +1,124 @@
+"""Phases: each where its definition says, no flicker under noise, and every moment given back in order."""
+
+import numpy as np
+import pytest
+
+from rft_ros.bags.phases import Moment, Phase, Phases
+
+REST = 0.001
+STEP = 10_000_000
+DOWN, UP, LEVEL, STILL = (0.0, -0.02), (0.0, 0.02), (0.02, 0.0), (0.0, 0.0)
+
+
+def run(legs, *, depth=-0.01, noise=0.0):
+    """Moments at 100 Hz of (count, (vx, vz)) legs; `noise` on both."""
+    random = np.random.default_rng(3)
+    stamp, moments = 10**9, []
+    for count, (vx, vz) in legs:
+        for _ in range(count):
+            depth -= vz * 0.01
+            x, z = np.array([vx, vz]) + noise * random.standard_normal(2)
+            speed = float(np.hypot(x, z))
+            moments.append(Moment(stamp, depth, -float(z), speed, speed))
+            stamp += STEP
+    return moments
+
+
+def phases_of(moments):
+    phases = Phases(REST)
+    settled = [item for k, moment in enumerate(moments) for item in phases.push(k, moment)] + phases.finish()
+    assert [k for k, _ in settled] == list(range(len(moments)))
+    return [phase for _, phase in settled]
+
+
+def stretches(phases):
+    found = []
+    for phase in phases:
+        if found and found[-1][0] is phase:
+            found[-1][1] += 1
+        else:
+            found.append([phase, 1])
+    return [(phase, count) for phase, count in found]
+
+
+PLUNGE = ((200, DOWN), (50, STILL), (100, LEVEL), (300, UP))
+
+
+def test_a_plunge_has_every_phase_where_it_begins():
+    assert stretches(phases_of(run(PLUNGE))) == [
+        (Phase.APPROACH, 50),
+        (Phase.PENETRATION, 150),
+        (Phase.DWELL, 50),
+        (Phase.PLOUGHING, 100),
+        (Phase.WITHDRAWAL, 300),
+    ]
+
+
+@pytest.mark.parametrize("noise", [0.0003, 0.0005])
+def test_noise_makes_no_phase_flicker(noise):
+    """Noise up to half of `rest_speed`."""
+    found = stretches(phases_of(run(PLUNGE, noise=noise)))
+    assert [phase for phase, _ in found] == [
+        *(Phase.APPROACH, Phase.PENETRATION, Phase.DWELL, Phase.PLOUGHING, Phase.WITHDRAWAL)
+    ]
+    exact = [count for _, count in stretches(phases_of(run(PLUNGE)))]
+    assert [count for _, count in found] == pytest.approx(exact, abs=12)
+
+
+@pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
+def test_noise_over_the_rest_speed_blurs_phases_and_still_none_is_shorter_than_a_tenth_of_a_second(noise):
+    assert min(count for _, count in stretches(phases_of(run(PLUNGE, noise=noise)))) >= 10
+
+
+def test_a_blip_shorter_than_a_tenth_of_a_second_is_no_phase():
+    blip = ((150, DOWN), (5, UP), (100, DOWN))
+    assert [phase for phase, _ in stretches(phases_of(run(blip)))] == [Phase.APPROACH, Phase.PENETRATION]
+    longer = ((150, DOWN), (12, UP), (100, DOWN))
+    assert stretches(phases_of(run(longer)))[2] == (Phase.WITHDRAWAL, 12)
+
+
+@pytest.mark.parametrize(
+    ("degrees", "phase"),
+    [(90.0, Phase.PENETRATION), (20.0, Phase.PENETRATION), (3.0, Phase.PLOUGHING), (0.0, Phase.PLOUGHING),
+     (-3.0, Phase.PLOUGHING), (-20.0, Phase.WITHDRAWAL), (-90.0, Phase.WITHDRAWAL)],
+)  # fmt: skip
+def test_the_slope_tells_ploughing_from_going_down_or_up(degrees, phase):
+    angle = np.deg2rad(degrees)
+    leg = ((60, (0.02 * float(np.cos(angle)), -0.02 * float(np.sin(angle)))),)
+    assert set(phases_of(run(leg, depth=0.02))) == {phase}
+
+
+def test_out_of_the_grains_it_withdraws_until_it_moves_otherwise():
+    legs = ((100, UP), (30, STILL), (50, LEVEL), (50, DOWN))
+    found = [phase for phase, _ in stretches(phases_of(run(legs, depth=0.005)))]
+    assert found == [Phase.WITHDRAWAL, Phase.APPROACH]
+
+
+def test_turning_in_place_below_the_surface_is_no_dwell():
+    turning = [Moment(10**9 + k * STEP, 0.02, 0.0, 0.0005, 0.01) for k in range(30)]
+    assert set(phases_of(turning)) == {Phase.PLOUGHING}
+
+
+def test_moments_whose_motion_is_not_known_have_no_phase_and_break_none():
+    moments = run(((100, DOWN),), depth=0.0)
+    for k in (0, 20, 21, 60):
+        moments[k] = None
+    found = phases_of(moments)
+    assert [k for k, phase in enumerate(found) if phase is None] == [0, 20, 21, 60]
+    assert set(found) == {None, Phase.PENETRATION}
+
+
+def test_a_time_jump_begins_another_run():
+    found = phases_of([*run(PLUNGE), *run(PLUNGE)])
+    assert found[650:] == found[:650]
+
+
+def test_what_waits_is_bounded_when_stamps_stand_still():
+    phases = Phases(REST)
+    still = Moment(10**9, 0.01, 0.0, 0.0, 0.0)
+    phases.push(0, Moment(10**9, 0.01, 0.02, 0.02, 0.02))
+    longest = waiting = 0
+    for k in range(1, 20_000):
+        waiting += 1 - len(phases.push(k, still))
+        longest = max(longest, waiting)
+    assert longest <= 4096
