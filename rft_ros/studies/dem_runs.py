@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import STATE, Law, checked_states, wrenches
+from rft_ros.rft import STATE, Law, Memory, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
 
 __all__ = ["CALIBRATION", "RUNS", "DemRun", "fitted_zeta", "median_error", "read_run", "smoothed"]
@@ -48,8 +48,8 @@ _STRONG = 0.2  # of the peak: below it, noise decides the relative error
 class DemRun:
     """One run, rows with the tool at rest dropped.
 
-    `times` [s], shape [n]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`. `forces`: on the tool by the grains [N],
-    shape [n, 3], world axes.
+    `times` [s], shape [n]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`. `forces`: on the tool by the grains
+    [N], shape [n, 3], world axes.
     """
 
     name: str
@@ -58,9 +58,19 @@ class DemRun:
     states: Array
     forces: Array
 
-    def predicted(self, law: Law) -> Array:
-        """The model's force at each state [N], shape [n, 3]."""
-        return wrenches(self.tool.plates, law, self.states)[:, :3]
+    def predicted(self, law: Law, *, mobilization_length: float = 0.0) -> Array:
+        """The model's force at each state [N], shape [n, 3]; of plates that remember, over a length [m]."""
+        plates = self.tool.plates
+        if mobilization_length == 0.0:
+            return wrenches(plates, law, self.states)[:, :3]
+        return wrenches_in_time(
+            plates,
+            law,
+            self.states,
+            np.diff(self.times, prepend=self.times[0]),
+            Memory.of(plates),
+            mobilization_length=mobilization_length,
+        )[:, :3]
 
 
 def read_run(data: Path, name: str) -> DemRun:
@@ -101,9 +111,9 @@ def smoothed(forces: Array) -> Array:
 
 
 def median_error(measured: Array, model: Array) -> float:
-    """Median of abs(model - measured) / abs(measured) of force vectors, shape [n, 3], where it is above 20 % of the peak.
+    """Median of abs(model - measured) / abs(measured) of force vectors, shape [n, 3].
 
-    The measured force is smoothed first, and its ends are dropped.
+    Of those above 20 % of the peak; the measured force is smoothed first, and its ends are dropped.
     """
     smooth = smoothed(measured)[_FIRST:_LAST]
     size = np.linalg.norm(smooth, axis=1)

@@ -36,11 +36,17 @@ def label_axes(axes: "Axes", *, x: str, y: str, title: str = "", legend: dict[st
 
 
 def picture(figure: "Figure", kind: str) -> bytes:
-    """The figure as "png" or "svg", without dates, versions or random names in it."""
+    """The figure as "png" (256 colours, small enough for docs) or "svg"; no dates, versions or random names in it."""
     import matplotlib as mpl
+    from PIL import Image
 
     out = io.BytesIO()
     with mpl.rc_context({"svg.hashsalt": "rft_ros", "svg.fonttype": "path"}):
         nothing = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
         figure.savefig(out, format=kind, dpi=_DPI, metadata=nothing)
-    return out.getvalue()
+    if kind != "png":
+        return out.getvalue()
+    small = io.BytesIO()
+    with Image.open(out) as image:
+        image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(small, format="png", optimize=True)
+    return small.getvalue()

@@ -1,0 +1,85 @@
+"""Compute the paper's studies again, beside the published numbers."""
+
+import argparse
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rft_ros.errors import InputError
+from rft_ros.studies.registry import STUDIES
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rft_ros.studies.outcome import Outcome
+
+__all__ = ["add_options", "run"]
+
+ALL = "all"
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    command.add_argument("name", metavar="NAME", choices=(*STUDIES, ALL), help=", ".join((*STUDIES, ALL)))
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for figures (PNG, SVG), CSV and tables"
+    )
+    command.add_argument(
+        "--data",
+        type=Path,
+        metavar="DIR",
+        help="reference data: for dem, for the points of plates, and for the authors' own meshes",
+    )
+    command.add_argument(
+        "--docs",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE.md",
+        help="write the tables between their marks in this file too; may be repeated",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the studies; exit status."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from rft_ros.studies.marked import write_marked
+    from rft_ros.studies.outcome import write_outcome
+    from rft_ros.studies.registry import run_study
+
+    data: Path | None = arguments.data
+    if data is not None and not data.is_dir():
+        raise InputError(f"--data '{data}' is no folder")
+    names = [arguments.name]
+    if arguments.name == ALL:
+        names = [name for name, study in STUDIES.items() if data is not None or not study.needs_data]
+    console = Console()
+    tables: dict[str, str] = {}
+    with Progress(transient=True, disable=not sys.stderr.isatty(), console=Console(stderr=True)) as progress:
+        for name in progress.track(names, description="studies"):
+            for outcome in run_study(name, data):
+                files = write_outcome(outcome, arguments.output)
+                tables[outcome.name] = outcome.markdown()
+                _show(console, outcome)
+                console.print("\n".join(f"-> {file}" for file in files), soft_wrap=True, highlight=False)
+    for name in STUDIES if arguments.name == ALL else ():
+        if name not in names:
+            console.print(f"left out: {name}, which needs the reference data (--data DIR)")
+    for file in arguments.docs:
+        console.print(f"-> {file}: {', '.join(write_marked(file, tables))}", soft_wrap=True, highlight=False)
+    return 0
+
+
+def _show(console: "Console", outcome: "Outcome") -> None:
+    from rich.table import Table
+
+    table = Table(title=outcome.title, title_justify="left")
+    for name in outcome.table.header:
+        table.add_column(name)
+    for row in outcome.table.rows:
+        table.add_row(*row)
+    console.print(table)
+    for sentence in outcome.left_out:
+        console.print(f"left out: {sentence}")
