@@ -86,7 +86,7 @@ def load_tool(
     rule = reduced.about.integration if reduced else integration
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
-    facets = refined_plates(vertices, faces) if rule == "refined" else _plates(vertices, faces)
+    facets = refined_plates(vertices, faces) if rule == "refined" else centroid_plates(vertices, faces)
     corners = _corners(vertices[_used(vertices, faces)])
     plates, reduction = facets, None
     if reduced:
@@ -106,7 +106,7 @@ def load_tool(
     )
 
 
-def _plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
+def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
     a, b, c = vertices[faces.T]
     area_vectors = np.cross(b - a, c - a) / 2.0
     return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))

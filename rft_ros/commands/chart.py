@@ -1,0 +1,78 @@
+"""Draw accuracy against time, for scenes and for modelling choices."""
+
+import argparse
+import importlib.util
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rft_ros.errors import InputError
+
+if TYPE_CHECKING:
+    from rft_ros.studies.chart_points import Beside
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the charts")
+    command.add_argument(
+        "--data", type=Path, metavar="DIR", help="reference data, whose dem/ the second chart is drawn from"
+    )
+    command.add_argument(
+        "--beside",
+        type=Path,
+        metavar="FILE.py",
+        help="time and judge another implementation too: wrench(plates, medium, zeta, alpha_y, state), as in"
+        " bench/numpy_rft.py",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Measure and draw; exit status."""
+    from rich.console import Console
+    from rich.progress import Progress
+
+    from rft_ros.studies.chart import chart_outcome
+    from rft_ros.studies.chart_page import chart_page, models_page
+    from rft_ros.studies.chart_points import Point, points
+    from rft_ros.studies.chart_scenes import scenes
+    from rft_ros.studies.model_chart import model_outcome
+    from rft_ros.studies.model_choice import judged_choices, wall_seconds
+    from rft_ros.studies.outcome import write_outcome
+
+    if arguments.data is not None and not (arguments.data / "dem").is_dir():
+        raise InputError(f"--data '{arguments.data}' holds no folder dem")
+    beside = _loaded(arguments.beside) if arguments.beside else None
+    found: list[Point] = []
+    with Progress(transient=True, disable=not sys.stderr.isatty(), console=Console(stderr=True)) as progress:
+        all_scenes = list(scenes())
+        for scene in progress.track(all_scenes, description="scenes"):
+            found += points(scene, beside=beside)
+    pages = {"chart": chart_page(found)}
+    outcomes = [chart_outcome(found)]
+    if arguments.data is not None:
+        judged, walls = judged_choices(arguments.data), wall_seconds(arguments.data)
+        outcomes.append(model_outcome(judged, walls))
+        pages["models"] = models_page(judged, walls)
+    for outcome in outcomes:
+        files = write_outcome(outcome, arguments.output)
+        page = arguments.output / f"{outcome.name}.html"
+        page.write_text(pages[outcome.name], encoding="utf-8")
+        print(outcome.markdown())
+        print("\n".join(f"-> {file}" for file in [*files, page]))
+    return 0
+
+
+def _loaded(file: Path) -> "Beside":
+    """The function `wrench` of a Python file."""
+    spec = importlib.util.spec_from_file_location(file.stem, file)
+    if spec is None or spec.loader is None or not file.is_file():
+        raise InputError(f"--beside '{file}' is no Python file")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    if not callable(found := getattr(module, "wrench", None)):
+        raise InputError(f"--beside '{file}' has no function wrench")
+    loaded: Beside = found
+    return loaded

@@ -1,0 +1,146 @@
+"""The chart: scenes that are what they claim, points that are measured, a front that nothing beats, files."""
+
+import csv
+import shutil
+
+import numpy as np
+import pytest
+import trimesh
+
+from rft_ros.cli import main
+from rft_ros.studies import chart_points, chart_scenes, model_choice
+from rft_ros.studies.chart_points import CHOSEN, FULL, MERGED, NUMPY, Point, front, median_seconds, points
+from rft_ros.studies.chart_scenes import Scene, lathe, scenes
+from rft_ros.studies.model_choice import CHOICES, GROUPS, wall_seconds
+
+SCENES = {scene.name: scene for scene in scenes()}
+
+
+def test_the_scenes_of_the_issue_are_all_there():
+    assert list(SCENES) == [
+        *("half-buried sphere", "deep sphere", "oscillating ellipsoid", "circumnutating root tip"),
+        *("inclined plate", "bucket (concave)"),
+    ]
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_scenes_body_is_closed_faces_outwards_and_gets_finer(name):
+    counts = []
+    for level in range(3):
+        vertices, faces = SCENES[name].mesh(level)
+        mesh = trimesh.Trimesh(vertices, faces)
+        assert mesh.is_watertight
+        assert mesh.is_winding_consistent
+        assert mesh.volume > 0.0
+        assert (mesh.area_faces > 0.0).all()
+        counts.append(len(faces))
+    assert counts == sorted(set(counts))
+
+
+def test_the_bucket_is_hollow_and_of_more_than_50000_facets():
+    bucket = SCENES["bucket (concave)"]
+    assert len(bucket.mesh(bucket.levels - 1)[1]) > 50_000
+    hull = trimesh.Trimesh(*bucket.mesh(1)).convex_hull
+    assert trimesh.Trimesh(*bucket.mesh(1)).volume < 0.25 * hull.volume
+
+
+def test_a_cylinder_from_the_lathe_has_a_cylinders_volume():
+    mesh = trimesh.Trimesh(*lathe(np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 2.0], [0.0, 2.0]]), 400))
+    assert mesh.volume == pytest.approx(2.0 * np.pi, rel=1e-3)
+
+
+def point(time, error, plates=1):
+    return Point(
+        scene="s", integration="refined", alpha_y="constant", reduction=FULL, plates=plates, time=time, error=error
+    )
+
+
+def test_nothing_beats_the_front_in_both_time_and_error_by_more_than_noise():
+    candidates = [point(1.0, 0.5), point(2.0, 0.1), point(2.5, 0.3), point(3.0, 0.099), point(4.0, 0.05)]
+    assert [p.time for p in front(candidates)] == [1.0, 2.0, 4.0]
+
+
+def test_calls_take_turns_and_the_slower_one_is_told():
+    quick, slow = median_seconds([lambda: None, lambda: np.linalg.svd(np.ones((60, 60)))])
+    assert 0.0 < quick < slow
+
+
+@pytest.fixture(scope="module")
+def small():
+    sphere = SCENES["deep sphere"]
+    return Scene(name="ball", mesh=sphere.mesh, levels=3, reference=4, delivered=2, states=sphere.states)
+
+
+def test_finer_meshes_take_longer_and_are_nearer_to_the_converged_force(small):
+    found = points(small, beside=lambda *_: np.zeros(6))
+    assert {p.reduction for p in found} == {FULL, MERGED, CHOSEN, NUMPY}
+    for rule in ("centroid", "refined"):
+        full = [p for p in found if (p.integration, p.reduction, p.alpha_y) == (rule, FULL, "constant")]
+        assert [p.plates for p in full] == [80, 320, 1280]
+        assert [p.error for p in full] == sorted((p.error for p in full), reverse=True)
+        assert full[-1].time > full[0].time > 0.0
+    published, refined = (
+        next(p for p in found if p.integration == rule and p.reduction == FULL and p.plates == 1280)
+        for rule in ("centroid", "refined")
+    )
+    assert refined.error < published.error
+    assert all(p.error > 0.9 for p in found if p.reduction == NUMPY)  # it answers nothing
+
+
+def test_the_command_writes_pictures_pages_and_numbers(small, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(chart_scenes, "scenes", lambda: iter([small]))
+    monkeypatch.setattr(chart_points, "_TURNS", 1)
+    (tmp_path / "zero.py").write_text("def wrench(plates, medium, zeta, alpha_y, state):\n    return state[:6] * 0.0\n")
+    assert main(["chart", "-o", str(tmp_path / "out"), "--beside", str(tmp_path / "zero.py")]) == 0
+    assert {f.name for f in (tmp_path / "out").iterdir()} == {
+        f"chart.{kind}" for kind in ("png", "svg", "html", "csv", "md")
+    }
+    with (tmp_path / "out" / "chart.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert {row["reduction"] for row in rows} == {FULL, MERGED, CHOSEN, NUMPY}
+    assert {"True", "False"} == {row["on_front"] for row in rows}
+    page = (tmp_path / "out" / "chart.html").read_text()
+    assert "Pareto front" in page
+    assert "refined rule, full mesh, α_y linear" in page or "\\u03b1_y linear" in page
+    assert 'src="http' not in page
+    assert "published rule, full mesh" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--data", "nothing"), "--data 'nothing' holds no folder dem"),
+        (("--beside", "nothing.py"), "--beside 'nothing.py' is no Python file"),
+    ],
+)
+def test_what_is_not_there_is_a_sentence(tmp_path, capsys, options, message):
+    assert main(["chart", "-o", str(tmp_path / "out"), *options]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_the_second_chart_tells_choices_apart_and_the_simulations_time(small, shared_data, tmp_path, monkeypatch):
+    monkeypatch.setattr(chart_scenes, "scenes", lambda: iter([small]))
+    monkeypatch.setattr(chart_points, "_TURNS", 1)
+    assert main(["chart", "-o", str(tmp_path), "--data", str(shared_data)]) == 0
+    with (tmp_path / "models.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(CHOICES) * 11
+    mean = {
+        (c.name, group): np.mean([float(r["median_error"]) for r in rows if r["choice"] == c.name and member(r["run"])])
+        for c in CHOICES
+        for group, member in GROUPS.items()
+    }
+    along, ellipsoid = "plate moving along itself", "ellipsoid (straight, pitching)"
+    assert mean["refined", along] < 0.8 * mean["published", along]
+    assert mean["refined, memory 3 mm", ellipsoid] < 0.75 * mean["refined", ellipsoid]
+    assert "discrete elements" in (tmp_path / "models.html").read_text()
+
+
+def test_the_simulations_wall_times_come_from_the_datas_readme(shared_data, tmp_path):
+    walls = wall_seconds(shared_data)
+    assert walls["ellipsoid_straight"] == (279.0, 279.0)
+    assert walls["ellipsoid_osc9deg_5Hz"] == (339.0, 339.0)
+    assert walls["plate_b90_psi30_phi0"] == (157.0, 424.0)
+    assert len(walls) == len(model_choice.RUNS)
+    shutil.copytree(shared_data / "dem", tmp_path / "dem", ignore=lambda *_: ["README.md"])
+    assert wall_seconds(tmp_path) == {}
