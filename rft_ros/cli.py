@@ -5,13 +5,13 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
-from rft_ros.commands import calibrate, chart, check_mesh, demo, predict, reduce, replay, sweep
+from rft_ros.commands import calibrate, chart, check_mesh, demo, predict, reduce, replay, study, sweep, view
 from rft_ros.errors import InputError
 
 __all__ = ["main", "parser"]
 
 # The modules import what they need when they run, so that `rft --help` answers at once.
-_COMMANDS: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, chart, sweep, demo)
+_COMMANDS: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, chart, study, sweep, view, demo)
 
 
 def parser() -> argparse.ArgumentParser:

@@ -1,0 +1,54 @@
+"""`rft view`: a tool on its way, as a page that needs nothing beside it, or a film."""
+
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from test_cli import HEADER, refused, rft
+
+STATES = "\n".join([HEADER, *(f"{k / 4},0,0,{-0.004 * k},0,0,0,1,0.002,0,-0.016,0,0,0" for k in range(12))]) + "\n"
+
+
+def view(tmp_path, output, *options):
+    (tmp_path / "states.csv").write_text(STATES)
+    return rft("view", "states.csv", "--mesh", "root_tip", "--zeta", "0.33", *options, "-o", output, cwd=tmp_path)
+
+
+def test_the_page_needs_nothing_beside_it_and_is_the_same_each_time(tmp_path):
+    for name in ("one.html", "two.html"):
+        done = view(tmp_path, name)
+        assert done.returncode == 0, done.stderr
+    page = (tmp_path / "one.html").read_text()
+    assert page == (tmp_path / "two.html").read_text()
+    assert "12 moments of root_tip" in done.stdout
+    assert not re.search(r"<(script|link|img)[^>]+(src|href)=.https?:", page)
+    assert "Traction [kPa]" in page
+    assert "2.75" in page  # the last moment, at the slider
+
+
+def test_a_film_has_a_picture_for_each_moment_and_shows_the_tool(tmp_path):
+    done = view(tmp_path, "film.gif")
+    assert done.returncode == 0, done.stderr
+    with Image.open(tmp_path / "film.gif") as film:
+        assert film.n_frames == 12
+        first = np.asarray(film.convert("RGB")).astype(int)
+        film.seek(11)
+        last = np.asarray(film.convert("RGB")).astype(int)
+    assert np.abs(first - last).max() > 50
+
+
+def test_what_cannot_be_drawn_is_a_sentence(tmp_path):
+    refused(view(tmp_path, "film.avi"), "film.avi", ".html")
+    (tmp_path / "states.csv").write_text(STATES)
+    refused(rft("view", "states.csv", "-o", "o.html", cwd=tmp_path), "--mesh")
+    refused(rft("view", "gone.csv", "--mesh", "plate", "-o", "o.html", cwd=tmp_path), "gone.csv")
+    refused(rft("view", tmp_path / "no_bag", "-o", "o.html", cwd=tmp_path), "no_bag")
+
+
+@pytest.mark.parametrize("trial", ["abb_plate_3"])
+def test_a_bag_is_drawn_from_its_estimates(shared_data, tmp_path, trial):
+    config = __file__.replace("test/unit/test_view.py", "config/abb_plate.yaml")
+    done = rft("view", shared_data / "abb_plate" / trial, "--params", config, "-o", "plate.gif", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "60 moments of abb_plate" in done.stdout
