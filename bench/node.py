@@ -170,6 +170,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--executor", choices=("single", "events"), default="single")
+    parser.add_argument("--parameter", action="append", default=[], metavar="NAME:=VALUE", help="of rft_node")
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -200,6 +201,7 @@ def main() -> None:
                 mesh = sphere(Path(folder), elements)
                 nodes[mesh.stem] = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={mesh}"]
                 nodes[mesh.stem] += ["-p", "tolerance:=0.0", *executor]
+                nodes[mesh.stem] += [part for given in arguments.parameter for part in ("-p", given)]
             runs: dict[str, list[Run]] = {name: [] for name in nodes}
             for _ in range(arguments.repeat):
                 for name, command in nodes.items():

@@ -1,0 +1,61 @@
+"""What the README and the docs point to exists: links, pictures, commands and their options."""
+
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+from rft_ros.cli import parser
+from rft_ros.estimator.parameters import defaults
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(#[^)]*)?\)")
+
+
+def ids(page):
+    return page.name
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_no_link_or_picture_is_dead(page):
+    targets = [target for target, _ in LINK.findall(page.read_text(encoding="utf-8"))]
+    missing = [t for t in targets if not t.startswith("http") and not (page.parent / t).exists()]
+    assert not missing
+
+
+def commands(page):
+    """Lines of code and inline code that begin with ``rft ``, without what the shell makes of them."""
+    text = page.read_text(encoding="utf-8")
+    blocks = re.findall(r"```(?:sh|bash)\n(.*?)```", text, flags=re.DOTALL)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    lines += re.findall(r"`(rft [^`]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL).replace("\n", " "))
+    return [line for line in lines if line.startswith("rft ")]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_every_command_in_the_docs_is_one_that_can_be_typed(page):
+    known = parser()
+    names = next(a for a in known._actions if a.dest == "command").choices
+    for line in commands(page):
+        words = shlex.split(line, comments=True)[1:]
+        if not words or words[0].startswith("-"):
+            continue
+        assert words[0] in names, line
+        options = {o for action in names[words[0]]._actions for o in action.option_strings}
+        for word in words[1:]:
+            if re.fullmatch(r"--?[a-z][a-z-]*", word):
+                assert word in options, f"{line}: {word}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_every_parameter_in_the_docs_is_one_of_the_node(page):
+    named = re.findall(r"`((?:mesh|medium|alpha_y|sensor)\.[a-z_]+)", page.read_text(encoding="utf-8"))
+    assert set(named) <= set(defaults())
+
+
+def test_the_readme_names_every_command():
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    names = next(a for a in parser()._actions if a.dest == "command").choices
+    assert [name for name in names if f"rft {name}" not in text and name != "demo"] == []
