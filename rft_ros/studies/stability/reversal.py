@@ -57,10 +57,11 @@ def reversal() -> Outcome:
                 mobilization_length=_MOBILIZATION_LENGTH,
             )[:, 2]
             label = f"with memory, λ = {1e3 * _MOBILIZATION_LENGTH:g} mm"
-            over_time.plot(times, held, color=GREEN, lw=2.0, ls="--", label=label)
+            over_time.plot(times, held, color=GREEN, lw=2.0, ls="--", label=label, zorder=5)
+    over_time.set_ylim(-95.0, 145.0)
     over_time.axvspan(2.0, 3.0, color="0.93")
     over_time.axhline(0.0, color=BLACK, lw=0.5)
-    label_axes(over_time, x="Time [s]", y="Vertical force [N]", legend={"loc": "upper right"})
+    label_axes(over_time, x="Time [s]", y="Vertical force [N]", legend={"loc": "lower left"})
     over_time.set_title("Down, rest (shaded) with noise, up", fontsize=10)
     return jump_outcome("fails_reversal", "Rest and reversal", figure, lines, SPEEDS)
 

@@ -1,0 +1,85 @@
+"""The study of bad places: what its measures say where the answer is known, and that its figures are made."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from rft_ros.studies.outcome import write_outcome
+from rft_ros.studies.stability.hollow import bowl, fork, resistance
+from rft_ros.studies.stability.plate_sweeps import knife_edge
+from rft_ros.studies.stability.sight import blocked, seen_share
+from rft_ros.studies.stability.speed import inertia_over_weight
+from rft_ros.studies.stability.study import CASES
+from rft_ros.studies.stability.time_step import STROKES, errors_of_work, order
+from rft_ros.studies.stability.wake import share_in_wake
+from rft_ros.studies.stability.window import NOISE, differenced
+
+
+def test_a_convex_tool_sees_nothing_of_itself_and_a_hemisphere_half():
+    assert seen_share(trimesh.creation.box((1.0, 2.0, 3.0)).triangles) == 0.0
+    ball = trimesh.creation.icosphere(3).triangles[:, ::-1]  # seen from inside
+    assert seen_share(ball[ball.mean(axis=1)[:, 2] > 0.0]) == pytest.approx(0.5, abs=0.02)
+
+
+def test_a_plate_behind_another_is_blocked_in_the_direction_of_motion_and_not_to_the_side():
+    pair = fork(0.005)
+    on = blocked(pair.triangles, np.tile([1.0, 0.0, 0.0], (len(pair.faces), 1)))
+    front = pair.triangles_center[:, 0] > 0.0026
+    assert not on[front].any()
+    assert on[pair.triangles_center[:, 0] < -0.0056].all()
+    assert not blocked(pair.triangles, pair.face_normals)[np.abs(pair.face_normals[:, 1]) > 0.9].any()
+
+
+def test_two_plates_close_together_count_twice_where_shadowing_would_count_one():
+    counted, lit = resistance(fork(0.0025), np.array([1.0, 0.0, 0.0]))
+    assert counted == pytest.approx(2.0 * lit, rel=0.06)
+
+
+def test_a_bowl_pushed_mouth_first_counts_for_less_than_the_disc_that_its_plug_would_be():
+    down = np.array([0.0, 0.0, -1.0])
+    (disc, _), (deep, lit) = resistance(bowl(0.0), down), resistance(bowl(0.025), down)
+    assert 0.55 * disc < deep < 0.7 * disc
+    assert lit == pytest.approx(deep, rel=0.01)
+
+
+def test_a_helix_of_less_pitch_has_more_of_its_force_from_its_own_wake():
+    tight, wide = share_in_wake(0.02), share_in_wake(0.08)
+    assert 0.25 < tight < 0.45
+    assert wide < 0.05
+
+
+@pytest.mark.parametrize("width", [0.031, 0.051, 0.101])
+def test_the_scatter_of_a_differenced_pose_is_that_of_a_fitted_slope(width):
+    """σ sqrt(12 / (n (n² - 1))) / Δt for n poses."""
+    rate, n = 500.0, int(width * 500.0) + 1
+    states = np.zeros((4000, 13))
+    states[:, 6] = 1.0
+    states[:, :3] += np.random.default_rng(0).normal(0.0, NOISE, (4000, 3))
+    scatter = differenced(states, rate, width)[n:, 7:10].std()
+    assert scatter == pytest.approx(NOISE * rate * np.sqrt(12.0 / (n * (n * n - 1.0))), rel=0.1)
+
+
+def test_work_converges_at_second_order_under_the_refined_rule():
+    for name in STROKES:
+        assert 1.8 < order(*errors_of_work(name, "refined")) < 2.4
+
+
+def test_inertia_grows_with_the_square_of_speed_and_is_small_where_the_paper_measured():
+    slow, fast = inertia_over_weight(np.array([0.025, 0.25]), 0.02)
+    assert fast == pytest.approx(100.0 * slow)
+    assert slow < 1e-3
+
+
+def test_a_case_leaves_a_figure_a_table_and_numbers_always_the_same(tmp_path):
+    files = write_outcome(knife_edge(), tmp_path / "a")
+    assert sorted(f.suffix for f in files) == [".csv", ".md", ".png", ".svg"]
+    again = write_outcome(knife_edge(), tmp_path / "b")
+    assert [f.read_bytes() for f in files] == [f.read_bytes() for f in again]
+    assert files[0].stat().st_size < 100_000
+
+
+def test_every_case_is_on_the_page():
+    page = (Path(__file__).parents[2] / "docs/where-it-fails.md").read_text(encoding="utf-8")
+    assert page.count("(images/fails_") == len(CASES)
