@@ -51,7 +51,8 @@ class Group:
 
     `wrench`: by axis. `rms_over_peak`: RMS of the residual force over the group's greatest measured force.
     `median_relative_error`: median of abs(residual force) / abs(measured force) over the estimates whose measured force
-    is over 20 % of the greatest of the whole replay (within 0.25 % of itself). None without values.
+    is over 20 % of the greatest of the whole replay (between the two middle ones, or within
+    0.25 % of them). None without values.
     """
 
     estimates: int
