@@ -11,6 +11,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from rft_ros.tool import Tool
+
 __all__ = ["add_options", "run"]
 
 
@@ -30,12 +32,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
     size.add_argument("--plates", type=int, metavar="N", help="at most this many plates, whatever their error")
     command.add_argument(
         "--scene",
-        metavar="STATES.csv",
-        help="choose plates for these motions only: a states file as for rft predict, or the name of a family of"
-        " motions (straight, plate_drag, oscillating_insertion, circumnutation) at its defaults; default: any motion",
+        metavar="STATES.csv|BAG|FAMILY",
+        help="choose plates for these motions only: a states file as for rft predict, a recorded bag, or the name of a"
+        " family of motions (straight, plate_drag, oscillating_insertion, circumnutation) at its defaults; default: any"
+        " motion",
     )
+    command.add_argument("--params", type=Path, metavar="FILE.yaml", help="how the bag is read: the node's parameters")
     command.add_argument(
-        "--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface in the scene [m]"
+        "--surface-height",
+        type=finite,
+        metavar="Z",
+        help="world z of the surface in the scene [m] (default: the parameter file's, or 0)",
     )
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz", help="taken wherever a mesh is")
 
@@ -60,8 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.scene is None:
         plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance, count=count)
     else:
-        states = _scene(arguments.scene)
-        states[:, 2] -= arguments.surface_height
+        states = _scene(arguments, tool)
         plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
     save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
 
@@ -80,8 +86,24 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _scene(name: str) -> "NDArray[np.float64]":
+def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]":
+    """The scene's states, the surface at z = 0."""
+    from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
+    from rft_ros.bags.states import states_of
+    from rft_ros.estimator.parameter_file import read_parameter_file
+    from rft_ros.estimator.parameters import defaults, model_of, settings_of
     from rft_ros.states_file import read_states
     from rft_ros.studies.motions import FAMILIES, sample
 
-    return sample(FAMILIES[name](), 600)[1] if name in FAMILIES else read_states(Path(name))[1]
+    name, file = arguments.scene, arguments.params
+    values = read_parameter_file(file) if file else defaults()
+    surface = arguments.surface_height
+    if name in FAMILIES:
+        states = sample(FAMILIES[name](), 600)[1]
+    elif Path(name).is_dir() or Path(name).suffix in (".bag", ".mcap", ".db3"):
+        options = read_replay_options(file) if file else ReplayOptions()
+        states = states_of(Path(name), values, model_of(values, tool=tool), options)[1]
+    else:
+        states = read_states(Path(name))[1]
+    states[:, 2] -= settings_of(values).surface_height if surface is None else surface
+    return states

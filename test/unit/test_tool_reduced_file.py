@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from recordings import moments, write_ros2
 
 from rft_ros.cli import main
 from rft_ros.errors import InputError
@@ -99,6 +100,16 @@ def test_a_reduced_tool_predicts_its_scene_within_the_tolerance(tmp_path):
 
 def test_a_family_of_motions_is_a_scene_too(tmp_path):
     assert len(load_tool(reduce(tmp_path, "--scene", "circumnutation", *ORIGIN)).plates) < 37
+
+
+def test_a_recorded_bag_is_a_scene_too(tmp_path):
+    """Its surface is that of the parameter file."""
+    write_ros2(tmp_path / "bag", moments())
+    (tmp_path / "cell.yaml").write_text("/**:\n  ros__parameters:\n    mesh.file: plate\n    surface_height: 0.01\n")
+    bag = ("--scene", str(tmp_path / "bag"), "--params", str(tmp_path / "cell.yaml"))
+    tool = load_tool(reduce(tmp_path, *bag, mesh="plate"))
+    assert len(tool.plates) < 0.1 * len(tool.facets)
+    assert tool.reduction.motions.startswith("a scene of ")
 
 
 def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
