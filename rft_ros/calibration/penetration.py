@@ -150,7 +150,7 @@ def penetration(
     return penetration_of(
         track.name,
         track.tool.plates,
-        track.states[rows],
+        track.smooth_states()[rows],
         surface - track.heights()[rows],
         grain_forces(track, cell)[rows, 2],
         law=law,

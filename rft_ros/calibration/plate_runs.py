@@ -134,7 +134,7 @@ def plate_run(
     measured = grain_forces(track, cell)[steady]
     edges = np.zeros_like(measured)
     if sheet.edges is not None:
-        edges = wrenches(sheet.edges, law, track.states[steady], surface_height=surface, threads=1)[:, :3]
+        edges = wrenches(sheet.edges, law, track.smooth_states()[steady], surface_height=surface, threads=1)[:, :3]
     force = measured - edges
     along, across = -ahead * (force @ e1), -(force @ e2)
     taken_off = -ahead * float(edges.mean(axis=0) @ e1), -float(edges.mean(axis=0) @ e2)

@@ -46,26 +46,35 @@ class ProfileFit:
     linear: Fit
 
 
+def _lag_one(series: NDArray[np.float64]) -> float:
+    """Correlation of neighbours, kept from ±1, where the variance of a mean has no bound."""
+    power = float(series @ series)
+    return min(max(float(series[1:] @ series[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
+
+
 def covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     """Covariance of least-squares coefficients under serially correlated residuals, shape [k, k].
 
     `design`: shape [n, k], rows in time order. Newey and West's estimate (Econometrica 55, 1987) with Bartlett weights
-    over as many lags as Andrews' rule asks for (Econometrica 59, 1991, from the residuals' lag-one correlation).
+    over as many lags as Andrews' rule asks for (Econometrica 59, 1991), on scores whitened by the residuals' lag-one
+    correlation (Andrews and Monahan, Econometrica 60, 1992): without that, errors of a few hundred samples of filtered
+    noise come out a third too small.
     """
     n, k = design.shape
     e = residuals - residuals.mean()
-    power = float(e @ e)
-    rho = min(max(float(e[1:] @ e[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
+    scores = design * residuals[:, None]
+    first = _lag_one(e)
+    scores = scores[1:] - first * scores[:-1]
+    rho = _lag_one(e[1:] - first * e[:-1])
     ratio = 4.0 * rho**2 / ((1.0 - rho) ** 2 * (1.0 + rho) ** 2)
     lags = min(math.ceil(1.1447 * (ratio * n) ** (1.0 / 3.0)), n // 4)
-    scores = design * residuals[:, None]
     total = scores.T @ scores
     for lag in range(1, lags + 1):
         product = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
     bread = np.linalg.pinv(design.T @ design)
     # k fitted coefficients and the kernel's own width each take their share of the variance
-    return np.asarray(bread @ total @ bread * n / max(n - k - lags, 1))
+    return np.asarray(bread @ total @ bread / (1.0 - first) ** 2 * n / max(n - k - lags, 1))
 
 
 def error_of_mean(series: NDArray[np.float64]) -> float:

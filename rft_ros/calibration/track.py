@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.progress import with_progress
@@ -53,7 +53,13 @@ class Track:
     def smooth_twists(self) -> NDArray[np.float64]:
         """Velocity of the tool frame's origin and angular velocity, world axes, averaged over 0.1 s, shape [n, 6]."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
-        return np.asarray(uniform_filter1d(self.states[:, 7:13], max(1, round(_SMOOTHING / step)), axis=0))
+        count = max(1, round(_SMOOTHING / step))
+        # not uniform_filter1d: its running sums leave 1e-18 where there was 0, and walls along the motion then lead
+        return np.asarray(correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest"))
+
+    def smooth_states(self) -> NDArray[np.float64]:
+        """The states with averaged velocities: one sample that shows rest or a step back is noise, shape [n, 13]."""
+        return np.hstack([self.states[:, :7], self.smooth_twists()])
 
     def speeds(self) -> NDArray[np.float64]:
         """An upper bound of the speed of the tool's plates [m/s], shape [n]."""
