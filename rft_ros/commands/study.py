@@ -52,6 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
     data: Path | None = arguments.data
     if data is not None and not data.is_dir():
         raise InputError(f"--data '{data}' is no folder")
+    for file in arguments.docs:
+        if not file.is_file():
+            raise InputError(f"--docs '{file}' is no file")
     names = [arguments.name]
     if arguments.name == ALL:
         names = [name for name, study in STUDIES.items() if data is not None or not study.needs_data]

@@ -3,6 +3,7 @@
 The times are this machine's, and differ from run to run; the errors do not.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
@@ -53,14 +54,14 @@ def fineness(facets: int) -> float:
     return float(np.sqrt(facets / (4.0 * np.pi)))
 
 
-def convergence() -> dict[Integration, Convergence]:
-    """Both rules against the refined rule on 327,680 facets, over a plunge from touching to submerged."""
+def convergence(levels: Sequence[int] = LEVELS, reference: int = _REFERENCE) -> dict[Integration, Convergence]:
+    """Both rules against the refined rule at level `reference`, over a plunge from touching to submerged."""
     states = sample(_PLUNGE, _STATES)[1]
-    exact = _forces(_sphere(_REFERENCE, "refined"), states)
+    exact = _forces(_sphere(reference, "refined"), states)
     largest = np.linalg.norm(exact, axis=1).max()
     found: dict[Integration, Convergence] = {}
     for rule in INTEGRATIONS:
-        bodies = [_sphere(level, rule) for level in LEVELS]
+        bodies = [_sphere(level, rule) for level in levels]
         errors = [np.linalg.norm(_forces(plates, states) - exact, axis=1) / largest for plates in bodies]
         found[rule] = Convergence(
             facets=np.array([len(plates) for plates in bodies], dtype=np.float64),

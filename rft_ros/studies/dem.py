@@ -107,7 +107,8 @@ def _draw(found: Accuracy) -> "Figure":
     panels[0].legend(fontsize=7)
     _draw_errors(panels[len(found.runs)], found)
     figure.suptitle(
-        f"Force on the tool: simulated grains against 3D RFT with ζ = {found.zeta:.2f} from the first panel alone"
+        f"Force on the tool: simulated grains against 3D RFT with ζ = {found.zeta:.2f} from the first panel alone;"
+        " median error of the force vector, without → with memory"
     )
     return figure
 
@@ -122,7 +123,7 @@ def _draw_run(axes: "Axes", run: DemRun, found: Accuracy) -> None:
     axes.axhline(0.0, color=GREY, lw=0.6)
     plain, with_memory = (100.0 * found.errors[run.name][column] for column in ("constant", _MEMORY))
     label_axes(axes, x="Time [s]", y="Force [N]")
-    axes.set_title(f"{RUNS[run.name].partition(' (')[0]}: {plain:.0f} %, with memory {with_memory:.0f} %", fontsize=8)
+    axes.set_title(f"{RUNS[run.name].partition(' (')[0]}: {plain:.0f} → {with_memory:.0f} %", fontsize=8)
 
 
 def _draw_errors(axes: "Axes", found: Accuracy) -> None:
@@ -133,4 +134,5 @@ def _draw_errors(axes: "Axes", found: Accuracy) -> None:
         errors = [100.0 * e[column] for e in found.errors.values()]
         axes.bar(place + shift, errors, width=0.27, color=colour, label=label)
     axes.set_xticks(place, [str(k + 1) for k in place])
-    label_axes(axes, x="Panel", y="Median error of the force vector [%]", legend={"loc": "upper left"})
+    label_axes(axes, x="Panel", y="Median error [%]", legend={"loc": "upper left"})
+    axes.set_ylim(0.0, 120.0)

@@ -27,6 +27,7 @@ STUDIES: dict[str, Study] = {
     "circumnutation": Study("rft_ros.studies.circumnutation"),
     "convergence": Study("rft_ros.studies.convergence"),
     "dem": Study("rft_ros.studies.dem", needs_data=True),
+    "stability": Study("rft_ros.studies.stability.study"),
 }
 
 
