@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-node bench-swaps soak venv clean
+.PHONY: demo test lint bench bench-node bench-swaps soak fuzz venv clean
 
 demo: venv
 	$(BIN)/rft demo -o out/demo
@@ -28,6 +28,9 @@ bench-swaps: venv
 
 soak: venv
 	$(BIN)/python test/ros/soak.py
+
+fuzz: venv
+	$(BIN)/python test/fuzz.py
 
 venv: $(STAMP)
 

@@ -33,7 +33,10 @@ def refined_plates(vertices: Array, faces: NDArray[np.int64]) -> Plates:
     facet = _unit(_doubled_areas(triangles))
     angles = np.arccos(np.clip(np.einsum("fck,fk->fc", normals, facet), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
-    return Plates.from_triangles(_with_area_of_surface(points, corners, normals), half_angles)
+    triangles = _with_area_of_surface(points, corners, normals)
+    lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than what is welded
+    triangles[lost] = vertices[faces[lost]]
+    return Plates.from_triangles(triangles, half_angles)
 
 
 def _welded(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

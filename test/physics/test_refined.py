@@ -241,3 +241,13 @@ def test_the_inside_of_a_bowl_is_moved_outwards_not_inwards():
 def test_half_angles_that_cannot_be_are_refused(half_angles):
     with pytest.raises(ValueError, match="half_angles"):
         Plates.from_triangles(np.eye(3)[None], half_angles)
+
+
+def test_facets_smaller_than_what_is_welded_stay_as_they_are():
+    """A stray corner a million tool sizes away, as a damaged file has it; found by test/fuzz.py."""
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=RADIUS)
+    stray = np.array([[0.0, 0.0, 1e7], [1e7, 0.0, 0.0], [0.0, 1e7, 0.0]])
+    vertices = np.vstack([ball.vertices, stray])
+    faces = np.vstack([ball.faces, 42 + np.arange(3)])
+    plates = refined_plates(vertices, faces)
+    np.testing.assert_allclose(plates.packed[6, :80], ball.area_faces, rtol=1e-12)
