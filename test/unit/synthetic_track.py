@@ -1,0 +1,127 @@
+"""Recordings with known parameters: a tool on a path, what a load cell in any mounting reads of it, noise added."""
+
+import numpy as np
+from scipy.signal import lfilter
+from scipy.spatial.transform import Rotation, Slerp
+
+from rft_ros.calibration import Track
+from rft_ros.estimator import LoadCell
+from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator.parameters import defaults
+from rft_ros.rft import MEDIA, Memory, alpha_y_model, treers2021, wrenches_in_time
+from rft_ros.tool import load_tool
+
+RATE = 100.0
+GENERIC = MEDIA["generic"]
+TOOL = load_tool("abb_plate", scale=0.001)
+"""The shipped plate of few facets, its faces horizontal in the orientation 0, 0, 0, 1."""
+
+ROTATED = tuple(float(v) for v in Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_quat())
+
+
+def law(zeta=1.0, alpha_y="constant", table=None):
+    return treers2021(GENERIC, alpha_y_model(alpha_y, GENERIC, table), zeta=zeta)
+
+
+def parameters(**given):
+    """The node's parameters for `TOOL`, names with __ for dots."""
+    named = {name.replace("__", "."): value for name, value in given.items()}
+    return {**defaults(), "mesh.file": "abb_plate", "mesh.scale": 0.001, "tolerance": 0.0, **named}
+
+
+class Path:
+    """Corners of a path with times; states in between, at 100 Hz."""
+
+    def __init__(self, position, rotation=None):
+        self.times, self.positions = [0.0], [np.array(position, dtype=float)]
+        self.rotations = [rotation or Rotation.identity()]
+
+    def wait(self, seconds):
+        return self._corner(seconds, self.positions[-1], self.rotations[-1])
+
+    def move(self, offset, speed):
+        offset = np.array(offset, dtype=float)
+        return self._corner(np.linalg.norm(offset) / speed, self.positions[-1] + offset, self.rotations[-1])
+
+    def turn_to(self, rotation, seconds=0.5):
+        return self._corner(seconds, self.positions[-1], rotation)
+
+    def _corner(self, seconds, position, rotation):
+        self.times.append(self.times[-1] + seconds)
+        self.positions.append(position)
+        self.rotations.append(rotation)
+        return self
+
+    def states(self):
+        """Time [s], shape [n], and states, shape [n, 13]: velocities are those of the corner's straight leg."""
+        time = np.arange(0.0, self.times[-1], 1.0 / RATE)
+        places = np.array(self.positions)
+        position = np.column_stack([np.interp(time, self.times, column) for column in places.T])
+        turns = Slerp(self.times, Rotation.concatenate(self.rotations))(time)
+        leg = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
+        lengths = np.diff(self.times)[leg, None]
+        velocity = np.diff(places, axis=0)[leg] / lengths
+        spins = np.array([(b * a.inv()).as_rotvec() for a, b in zip(self.rotations, self.rotations[1:], strict=False)])
+        return time, np.hstack([position, turns.as_quat(), velocity, spins[leg] / lengths])
+
+
+def grain_wrenches(time, states, law, *, surface, length=1e-9, tool=TOOL):
+    """What the grains do to the tool, world axes, shape [n, 6]: by default with a memory that shows at rest alone."""
+    durations = np.diff(time, prepend=time[0])
+    memory = Memory.of(tool.plates)
+    return wrenches_in_time(
+        tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
+    )
+
+
+def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0), memory=0.8):
+    """What the load cell reads: raw sign, sensor axes. `noise`: [N], [N m], with that lag-one correlation."""
+    frame = LoadCellFrame(cell)
+    rows = []
+    for state, wrench in zip(states, wrench_rows, strict=True):
+        numbers = np.array(frame.into_sensor(state[3:7], wrench))
+        rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:]))
+    readings = np.array(rows)
+    if rng is not None:
+        white = rng.normal(size=readings.shape) * np.repeat(noise, 3) * np.sqrt(1.0 - memory**2)
+        readings = readings + lfilter([1.0], [1.0, -memory], white, axis=0)
+    return readings
+
+
+def track_of(time, states, readings, name="synthetic", tool=TOOL):
+    return Track(name=name, begin=1_600_000_000 * 10**9, time=time, states=states, readings=readings, tool=tool)
+
+
+HANGING = LoadCell(
+    position=(0.01, -0.02, -0.1),
+    quaternion=ROTATED,
+    sign=-1.0,
+    bias=(1.5, -0.8, 2.4, 0.05, -0.02, 0.01),
+    mass=0.42,
+    center_of_mass=(0.005, -0.012, 0.06),
+)
+"""A cell with everything that a calibration has to see through."""
+
+
+def unknown(cell=HANGING):
+    """Parameters that know how the cell is mounted and no more."""
+    return parameters(sensor__position=cell.position, sensor__quaternion=cell.quaternion, sensor__sign=cell.sign)
+
+
+def known(cell=HANGING, **given):
+    """Parameters that know all of the cell."""
+    return {**unknown(cell), **parameters_of_cell(cell), **{n.replace("__", "."): v for n, v in given.items()}}
+
+
+def parameters_of_cell(cell):
+    return {"sensor.bias": cell.bias, "sensor.mass": cell.mass, "sensor.center_of_mass": cell.center_of_mass}
+
+
+def hanging(path, orientations):
+    """The tool waits in each orientation and comes back level."""
+    for angles in orientations:
+        path.turn_to(Rotation.from_euler("xyz", angles, degrees=True)).wait(0.8)
+    return path.turn_to(Rotation.identity()).wait(0.8)
+
+
+ORIENTATIONS = ((40, 0, 0), (-40, 0, 0), (0, 40, 0), (0, -40, 0), (90, 0, 0))
