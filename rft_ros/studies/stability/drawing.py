@@ -1,12 +1,13 @@
 """How the sweeps are drawn and tabled: colour tells the rule, dashes the α_y model."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.rft import INTEGRATIONS, Integration
 from rft_ros.studies.figure import BLUE, VERMILION
 from rft_ros.studies.outcome import Columns, Outcome, TextTable
 from rft_ros.studies.stability.sweep import Line
@@ -15,7 +16,16 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["DEGREES", "MILLIMETRES", "RULE_COLOUR", "Unit", "draw_lines", "jump_outcome", "magnitude"]
+__all__ = [
+    "DEGREES",
+    "MILLIMETRES",
+    "RULE_COLOUR",
+    "Unit",
+    "by_rule_outcome",
+    "draw_lines",
+    "jump_outcome",
+    "magnitude",
+]
 
 Array = NDArray[np.float64]
 
@@ -77,6 +87,27 @@ def jump_outcome(name: str, title: str, figure: "Figure", lines: Sequence[Line],
         figure=figure,
         numbers={name: _numbers(lines, unit)},
         table=_table(lines, unit),
+    )
+
+
+def by_rule_outcome(
+    name: str, title: str, figure: "Figure", *, of: str, what: str, values: Mapping[str, Mapping[Integration, float]]
+) -> Outcome:
+    """A figure with a number [1] for each of some things (`of`) by each rule; `what`: the number's name in the CSV."""
+    return Outcome(
+        name=name,
+        title=title,
+        figure=figure,
+        numbers={
+            name: {of: list(values), **{f"{what}_{rule}": [v[rule] for v in values.values()] for rule in INTEGRATIONS}}
+        },
+        table=TextTable(
+            header=(of, *INTEGRATIONS),
+            rows=tuple(
+                (thing, *(f"{100.0 * by_rule[rule]:.2g} %" for rule in INTEGRATIONS))
+                for thing, by_rule in values.items()
+            ),
+        ),
     )
 
 

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import INTEGRATIONS, Plates, wrenches
 from rft_ros.studies.figure import label_axes, new_figure
-from rft_ros.studies.outcome import Outcome, TextTable
+from rft_ros.studies.outcome import Outcome
 from rft_ros.studies.paper import law
-from rft_ros.studies.stability.drawing import RULE_COLOUR
+from rft_ros.studies.stability.drawing import RULE_COLOUR, by_rule_outcome
 from rft_ros.studies.stability.sweep import Array, both_rules
 from rft_ros.tool.any_motion import random_motions
 
@@ -82,18 +82,4 @@ def mesh_faults() -> Outcome:
     axes.set_xscale("log")
     label_axes(axes, x="RMS error of the force [%]", y="Mesh of a ball", legend={"loc": "lower right"})
     axes.set_title("A ball in random motions, against 81,920 facets", fontsize=10)
-    return Outcome(
-        name="fails_mesh",
-        title="Bad meshes",
-        figure=figure,
-        numbers={
-            "fails_mesh": {
-                "mesh": list(errors),
-                **{f"rms_error_{rule}": [e[rule] for e in errors.values()] for rule in INTEGRATIONS},
-            }
-        },
-        table=TextTable(
-            header=("mesh of a ball", "centroid", "refined"),
-            rows=tuple((name, *(f"{100.0 * e[rule]:.2g} %" for rule in INTEGRATIONS)) for name, e in errors.items()),
-        ),
-    )
+    return by_rule_outcome("fails_mesh", "Bad meshes", figure, of="mesh of a ball", what="rms_error", values=errors)

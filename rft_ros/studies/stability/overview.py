@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from rft_ros.rft import INTEGRATIONS, Integration
 from rft_ros.studies.figure import BLACK, label_axes, new_figure
-from rft_ros.studies.outcome import Outcome, TextTable
-from rft_ros.studies.stability.drawing import RULE_COLOUR
+from rft_ros.studies.outcome import Outcome
+from rft_ros.studies.stability.drawing import RULE_COLOUR, by_rule_outcome
 from rft_ros.studies.stability.plate_sweeps import level_sweeps, wheel_sweep
 from rft_ros.studies.stability.reversal import reversal_sweep
 from rft_ros.studies.stability.surface import height_sweeps
@@ -33,16 +34,14 @@ def overview() -> Outcome:
         turning_sweep(1),
         turning_sweep(8),
     )
-    found = {}
+    found: dict[str, dict[Integration, float]] = {}
     for sweep in sweeps:
         lines = measured(sweep)
-        found[sweep.name] = {
-            rule: max(line.jump for line in lines if line.rule == rule) for rule in ("centroid", "refined")
-        }
+        found[sweep.name] = {rule: max(line.jump for line in lines if line.rule == rule) for rule in INTEGRATIONS}
     figure = new_figure(8.0, 6.2)
     axes = figure.subplots()
     place = np.arange(len(found))
-    for rule, marker in (("centroid", "o"), ("refined", "s")):
+    for rule, marker in zip(INTEGRATIONS, ("o", "s"), strict=True):
         jumps = [100.0 * max(jump[rule], _LEAST) for jump in found.values()]
         axes.semilogx(jumps, place, marker, ms=5, color=RULE_COLOUR[rule], label=rule)
     axes.axvline(100.0 * LIMIT, color=BLACK, lw=1.0, ls="--", label=f"limit for refined, {100.0 * LIMIT:.0f} %")
@@ -50,21 +49,6 @@ def overview() -> Outcome:
     axes.invert_yaxis()
     label_axes(axes, x="Largest jump over a step of 1e-4 rad, 1e-5 m or 1e-5 m/s [% of the local force]", y="Sweep")
     axes.legend(fontsize=8, loc="lower left")
-    return Outcome(
-        name="fails_overview",
-        title="The largest jump of each sweep",
-        figure=figure,
-        numbers={
-            "fails_overview": {
-                "sweep": list(found),
-                **{f"jump_{rule}": [jump[rule] for jump in found.values()] for rule in ("centroid", "refined")},
-            }
-        },
-        table=TextTable(
-            header=("sweep", "centroid", "refined"),
-            rows=tuple(
-                (name, *(f"{100.0 * jump[rule]:.2g} %" for rule in ("centroid", "refined")))
-                for name, jump in found.items()
-            ),
-        ),
+    return by_rule_outcome(
+        "fails_overview", "The largest jump of each sweep", figure, of="sweep", what="jump", values=found
     )

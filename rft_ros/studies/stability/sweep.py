@@ -11,6 +11,7 @@ from rft_ros.rft import INTEGRATIONS, Integration, Plates, checked_states, wrenc
 from rft_ros.studies.paper import ALPHA_Y, law
 from rft_ros.tool import load_tool
 from rft_ros.tool.refine import refined_plates
+from rft_ros.tool.tool import centroid_plates
 
 __all__ = ["ANGLE_STEP", "LENGTH_STEP", "BothRules", "Line", "Sweep", "both_rules", "evenly", "jumps", "measured"]
 __all__ += ["scene_states", "shipped"]
@@ -29,10 +30,7 @@ _FEEBLE = 0.01  # of the largest force along a sweep: where it begins from nothi
 
 def both_rules(vertices: Array, faces: NDArray[np.int64]) -> BothRules:
     """The plates of a mesh in the tool frame [m] by the published and by the refined rule."""
-    a, b, c = vertices[faces.T]
-    area_vectors = np.cross(b - a, c - a) / 2.0
-    published = Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
-    return {"centroid": published, "refined": refined_plates(vertices, faces)}
+    return {"centroid": centroid_plates(vertices, faces), "refined": refined_plates(vertices, faces)}
 
 
 def shipped(name: str) -> BothRules:
