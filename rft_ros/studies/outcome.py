@@ -33,7 +33,7 @@ class TextTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Outcome:
-    """A study's results. `numbers`: CSV tables by file stem. `left_out`: sentences on what was not computed, and why."""
+    """A study's results. `numbers`: CSV tables by file stem. `left_out`: what was not computed, and why."""
 
     name: str
     title: str

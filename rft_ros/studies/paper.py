@@ -29,7 +29,7 @@ def plate() -> Tool:
 
 
 def ellipsoid(data: Path | None = None) -> Tool:
-    """The ellipsoid of Fig. 7, 36 x 19 x 19 mm, origin at its centre: the authors' file from `data`, or the shipped one."""
+    """The ellipsoid of Fig. 7, 36 x 19 x 19 mm, origin at its centre: the authors' file from `data`, or ours."""
     if data is None:
         return load_tool("ellipsoid")
     return load_tool(str(data / "paper" / "ellipsoid-exp.stl"), origin=(9.6, 9.6, 18.05))

@@ -33,7 +33,7 @@ def power(states: Array, wrenches: Array) -> Array:
 
 
 def work(times: Array, states: Array, wrenches: Array) -> Work:
-    """Vertical and total work over a motion, by the trapezoidal rule; arguments as for `power`, times [s], shape [n]."""
+    """Vertical and total work over a motion, by the trapezoidal rule; arguments as for `power`, times [s] too."""
     return Work(
         vertical=float(trapezoid(-wrenches[:, 2] * states[:, 9], times)),
         total=float(trapezoid(power(states, wrenches), times)),
