@@ -9,6 +9,7 @@ import io
 import json
 import math
 import os
+import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -179,10 +180,22 @@ def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]
         yield used, answers
 
 
+def _end_with_parent() -> None:
+    """In a worker: end when the process that started it is gone, even if that was killed."""
+    parent = os.getppid()
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(0.5)
+        os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[int, Rows]]:
     left = dict(tasks)
     for restart in range(_RESTARTS + 1):
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
+        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent) as pool:
             futures = {pool.submit(rows_of, variants, columns): k for k, variants in left.items()}
             try:
                 for future in as_completed(futures):

@@ -53,6 +53,12 @@ def sweep(file, out, *options):
     return [sys.executable, "-m", "rft_ros.cli", "sweep", str(file), "-o", str(out), *options]
 
 
+def children(pid):
+    """The workers that a sweep has started."""
+    started = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
+    return [int(c) for c in started if b"spawn_main" in Path(f"/proc/{c}/cmdline").read_bytes()]
+
+
 def test_every_tool_meets_every_motion_and_medium_in_one_order(tmp_path):
     design = read_design(study(tmp_path, SMALL))
     variants = [design.variant(k) for k in range(len(design))]
@@ -102,8 +108,14 @@ def test_a_killed_sweep_goes_on_where_it_stopped_with_no_row_lost_or_doubled(tmp
         assert time.monotonic() < until
         assert process.poll() is None
         time.sleep(0.01)
+    workers = children(process.pid)
+    assert workers
     process.kill()
     process.wait()
+    until = time.monotonic() + 20.0
+    while any(Path(f"/proc/{pid}").exists() for pid in workers):  # nobody else would end them
+        assert time.monotonic() < until
+        time.sleep(0.1)
     done = sum(len(f.read_text().splitlines()) for f in (tmp_path / "out" / "chunks").glob("*.csv"))
     assert 0 < done < 1200
     report = run(read_design(file), tmp_path / "out")
@@ -119,9 +131,7 @@ def test_a_killed_worker_costs_no_row(tmp_path):
     while not list((tmp_path / "out").glob("chunks/*.csv")):
         assert time.monotonic() < until
         time.sleep(0.01)
-    children = Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()
-    workers = [pid for pid in children if b"spawn_main" in Path(f"/proc/{pid}/cmdline").read_bytes()]
-    os.kill(int(workers[0]), signal.SIGKILL)
+    os.kill(children(process.pid)[0], signal.SIGKILL)
     assert process.wait(timeout=120) == 0
     rows = table(tmp_path / "out" / "results.csv")
     assert len(rows) == 1200
