@@ -37,7 +37,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         status: int = parsed.run(parsed)
         return status
     except InputError as error:
-        print(f"rft {parsed.command}: {error}", file=sys.stderr)
+        # a damaged file's names may hold control characters
+        sentence = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(error))
+        print(f"rft {parsed.command}: {sentence}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
         print(f"rft {parsed.command}: interrupted", file=sys.stderr)

@@ -94,6 +94,12 @@ def run(arguments: argparse.Namespace) -> int:
         )
     else:
         result = wrenches(tool.plates, law, states, surface_height=surface)
+    finite = np.isfinite(result).all(axis=1)
+    if not finite.all():
+        raise InputError(
+            f"states file '{arguments.states}': the state at t = {times[np.argmin(finite)]:g} has no finite wrench;"
+            " its place is too far away, or the tool or the stress too large"
+        )
     write_wrenches(arguments.output, times, result)
     print(f"{len(states)} states, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
     return 0

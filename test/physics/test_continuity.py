@@ -44,7 +44,7 @@ def tilt_sweeps():
 SWEEPS = (
     *tilt_sweeps(),
     *level_sweeps(),
-    *yaw_sweeps(*TOOLS),
+    *yaw_sweeps(),
     wheel_sweep(),
     *direction_sweeps(),
     *height_sweeps(),

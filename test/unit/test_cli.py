@@ -154,3 +154,15 @@ def test_predict_with_memory_holds_the_force_at_rest_and_wants_the_states_in_ord
     np.testing.assert_allclose(vertical[39:] / vertical[38], 0.04 / 0.039, rtol=0.05)
     refused(predict(tmp_path, f"{HEADER}\n{resting[0]}\n{moving[0]}\n", "--mobilization-length", "0.003"), "goes back")
     refused(predict(tmp_path, f"{HEADER}\n{moving[0]}\n", "--mobilization-length", "-1"), "-1", "negative")
+
+
+def test_predict_refuses_a_state_whose_wrench_has_no_number(tmp_path):
+    done = predict(tmp_path, f"{HEADER}\n{ROW}\n1,0,0,-1e308,0,0,0,1,0,0,-0.01,0,0,0\n")
+    refused(done, "states.csv", "t = 1 ", "no finite wrench")
+    assert not (tmp_path / "out.csv").exists()
+
+
+def test_control_characters_of_a_damaged_file_do_not_reach_the_terminal(tmp_path):
+    done = predict(tmp_path, f"{HEADER}\n{ROW.replace('-0.01', chr(27) + '[31m')}\n")
+    refused(done, "not a number", "\\x1b[31m")
+    assert chr(27) not in done.stderr
