@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-node bench-swaps soak fuzz venv clean
+.PHONY: demo test lint bench bench-node bench-swaps bench-replay soak fuzz venv clean
 
 demo: venv
 	$(BIN)/rft demo -o out/demo
@@ -25,6 +25,9 @@ bench-node: venv
 
 bench-swaps: venv
 	$(BIN)/python bench/swaps.py
+
+bench-replay: venv
+	$(BIN)/python bench/replay.py
 
 soak: venv
 	$(BIN)/python test/ros/soak.py

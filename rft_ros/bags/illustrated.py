@@ -25,7 +25,7 @@ from rft_ros.report.replay_series import DoubtedRows, ReplaySeries
 __all__ = ["draw", "thinned"]
 
 _BUCKETS = 1500
-_BLOCK = 16_384
+_BLOCK = 4096
 _PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
 
 

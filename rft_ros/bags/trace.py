@@ -36,7 +36,7 @@ _LAYOUT = struct.Struct("<d12dq")
 _HEAD = struct.Struct("<qq")
 _CODE = {phase: code for code, phase in enumerate(PHASES)} | {None: -1}
 _NONE: Wrench = (math.nan,) * 6
-_BLOCK = 16_384
+_BLOCK = 4096
 
 
 def packed(depth: float, answer: Estimate | Withheld) -> bytes:

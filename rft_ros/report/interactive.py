@@ -28,22 +28,14 @@ def chart_figure(chart: Chart) -> Any:
         horizontal_spacing=0.09,
     )
     named: set[str] = set()
+    shapes: list[dict[str, Any]] = []
     for r, panels in enumerate(chart.panels, start=1):
         for c, panel in enumerate(panels, start=1):
             for line in panel.lines:
                 figure.add_trace(_trace(line, new=line.label not in named), row=r, col=c)
                 named.add(line.label)
-            for span in chart.spans if c - 1 in chart.shaded else ():
-                figure.add_vrect(
-                    x0=span.begin,
-                    x1=span.end,
-                    row=r,
-                    col=c,
-                    fillcolor=COLOURS[span.name],
-                    opacity=SHADE,
-                    line_width=0,
-                    layer="below",
-                )
+            if c - 1 in chart.shaded:
+                shapes += _shades(chart, (r - 1) * columns + c)
             figure.update_yaxes(title_text=panel.y_label, row=r, col=c)
             if panel.names:
                 ticks = {"tickvals": list(range(len(panel.names))), "ticktext": list(panel.names)}
@@ -59,10 +51,19 @@ def chart_figure(chart: Chart) -> Any:
         height=chart.height,
         margin={"l": 70, "r": 20, "t": 80, "b": 55},
         legend={"orientation": "h", "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
+        shapes=shapes,
         barmode="overlay",
         bargap=0.0,
     )
     return figure
+
+
+def _shades(chart: Chart, panel: int) -> list[dict[str, Any]]:
+    """The spans in a panel, counted from 1; in one list, since plotly's `add_vrect` slows down with their number."""
+    number = "" if panel == 1 else str(panel)
+    axes = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1}
+    look = {"type": "rect", "opacity": SHADE, "line": {"width": 0}, "layer": "below"}
+    return [{**axes, **look, "x0": s.begin, "x1": s.end, "fillcolor": COLOURS[s.name]} for s in chart.spans]
 
 
 def _trace(line: Line, *, new: bool) -> Any:
