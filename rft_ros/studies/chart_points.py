@@ -119,13 +119,13 @@ def _by(beside: Beside, plates: Plates, state: Array) -> Array:
 
 
 def median_seconds(calls: Sequence[Callable[[], object]]) -> list[float]:
-    """What each call takes once it is warm [s]: they take turns, so that a busy machine slows all alike; medians."""
+    """Processor time of each call once warm [s], medians; they take turns, so that a busy machine slows all alike."""
 
     def seconds(call: Callable[[], object], times: int) -> float:
-        began = time.perf_counter()
+        began = time.thread_time()
         for _ in range(times):
             call()
-        return (time.perf_counter() - began) / times
+        return (time.thread_time() - began) / times
 
     times = [max(1, int(_TURN / min(seconds(call, 1) for _ in range(2)))) for call in calls]
     turns = [[seconds(call, n) for call, n in zip(calls, times, strict=True)] for _ in range(_TURNS)]
