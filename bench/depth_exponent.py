@@ -1,4 +1,4 @@
-"""Does an exponent of depth earn its place? RMS residuals of penetrations that it was not fitted to, p = 1 against fitted p.
+"""Whether an exponent of depth earns its place: RMS residuals on penetrations that it was not fitted to.
 
 Run from the project's root, with the reference data beside it: python bench/depth_exponent.py [../shared/data]
 """
@@ -17,7 +17,7 @@ from rft_ros.calibration.depth_exponent import PowerOfDepth, fit_exponent
 from rft_ros.calibration.penetration import Penetration, penetration_of
 from rft_ros.estimator.parameter_file import read_parameter_file
 from rft_ros.estimator.parameters import defaults
-from rft_ros.rft import MEDIA, Law, alpha_y_model, checked_states, treers2021
+from rft_ros.rft import MEDIA, Law, alpha_y_model, checked_states, rotation_matrix, treers2021
 from rft_ros.tool import load_tool
 
 LAW: Law = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]), zeta=1.0)
@@ -43,7 +43,7 @@ def abb(data: Path) -> list[Penetration]:
     """Both trials, each with its own surface and tare."""
     file = Path(__file__).parents[1] / "config" / "abb_plate.yaml"
     values, options = read_parameter_file(file), read_replay_options(file)
-    found = []
+    found: list[Penetration] = []
     for trial in (2, 3):
         track = read_track(data / "abb_plate" / f"abb_plate_{trial}", values, remap=options.remap)
         fit = calibrate([track], values, Options(parts=("sensor", "surface", "zeta"))).zeta
@@ -53,7 +53,7 @@ def abb(data: Path) -> list[Penetration]:
 
 def cmu(data: Path) -> list[Penetration]:
     """The three round plates, each with its own surface and tare."""
-    found = []
+    found: list[Penetration] = []
     with TemporaryDirectory() as folder:
         for diameter, name in CMU.items():
             values = {
@@ -73,23 +73,17 @@ def cmu(data: Path) -> list[Penetration]:
 
 def dem(data: Path) -> list[Penetration]:
     """Simulated runs that go deeper as they go, vertical force smoothed over 9 samples."""
-    found = []
+    found: list[Penetration] = []
     for name, mesh in DEM.items():
         rows = np.loadtxt(data / "dem" / f"{name}.csv", delimiter=",", skiprows=1)
         rows = rows[np.any(rows[:, 8:14] != 0.0, axis=1)]
         tool = load_tool(str(data / "dem" / "meshes" / f"{mesh}.stl"), scale=1.0)
         states = checked_states(rows[:, 1:14])
         force = np.convolve(rows[:, 16], np.full(9, 1.0 / 9.0), "same")
-        depth = -np.array([s[2] + tool.lowest_point(_rotation(s)) for s in states])
+        depth = -np.array([s[2] + tool.lowest_point(rotation_matrix(s[3:7])) for s in states])
         used = np.flatnonzero(depth > 0.0)[5:-8]
         found.append(penetration_of(name, tool.plates, states[used], depth[used], force[used], law=LAW, surface=0.0))
     return found
-
-
-def _rotation(state: "np.ndarray[tuple[int], np.dtype[np.float64]]") -> "np.ndarray[tuple[int, ...], np.dtype[np.float64]]":
-    from rft_ros.rft import rotation_matrix
-
-    return rotation_matrix(state[3:7])
 
 
 def held_out(test: Penetration, fitted: Sequence[Penetration]) -> tuple[float, float, float]:

@@ -26,7 +26,7 @@ _SHORTEST, _LONGEST = 1e-4, 0.1
 _UNSURE = 0.5
 """Standard error of λ over λ from which on it is not told."""
 
-_UNLIKE = 0.5
+_UNLIKE = 0.15
 """RMS residual over the greatest force from which on the model does not describe what happened."""
 
 

@@ -1,7 +1,7 @@
 """What a calibration came to, as a table on the terminal."""
 
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from rich.text import Text
 
 from rft_ros.calibration.outcome import Calibration
@@ -20,13 +20,14 @@ def _number(value: float, error: float) -> str:
 def print_overview(result: Calibration, console: Console) -> None:
     """Print what was fitted with its standard error and goodness of fit, what was refused and why, and the notes."""
     if result.findings:
-        table = Table("fitted", "value ± standard error", "unit", "goodness of fit", "from", box=None, pad_edge=False)
+        whole = [Column(head, no_wrap=True) for head in ("fitted", "value ± error", "unit")]
+        table = Table(*whole, "goodness of fit", "from", box=None, pad_edge=False)
         for f in result.findings:
             values = "\n".join(_number(v, e) for v, e in zip(f.values, f.errors, strict=True))
             table.add_row(*(Text(cell) for cell in (f.name, values, f.unit, f.goodness, f.source)))
         console.print(table)
     if result.refusals:
-        table = Table("not told", "why", box=None, pad_edge=False)
+        table = Table(Column("not told", no_wrap=True), "why", box=None, pad_edge=False)
         for r in result.refusals:
             table.add_row(Text(r.name), Text(r.why))
         console.print(table)

@@ -28,6 +28,7 @@ _STEADY = 0.5
 
 _SHORTEST = 0.01
 _SHALLOWEST = 0.005
+_LEADING = np.sin(np.deg2rad(1.0))
 _SIDEWAYS = np.sin(np.deg2rad(5.0))
 
 
@@ -93,6 +94,17 @@ def sheet_of(plates: Plates, name: str) -> Sheet:
     )
 
 
+def _leading(edges: Plates | None, velocity: NDArray[np.float64]) -> Plates | None:
+    """Those edges that clearly lead at a velocity in tool axes, shape [3]; None without any.
+
+    Along the others the plate slides, and by the leading-edge rule rounding would decide whether they push.
+    """
+    if edges is None:
+        return None
+    rows = edges.packed[:, velocity @ edges.packed[3:6] > _LEADING * np.linalg.norm(velocity)]
+    return Plates.from_arrays(rows[:3].T, rows[3:6].T, rows[6]) if rows.size else None
+
+
 def plate_run(
     track: Track,
     rows: NDArray[np.int64],
@@ -133,11 +145,12 @@ def plate_run(
 
     measured = grain_forces(track, cell)[steady]
     edges = np.zeros_like(measured)
-    if sheet.edges is not None:
-        edges = wrenches(sheet.edges, law, track.smooth_states()[steady], surface_height=surface, threads=1)[:, :3]
+    ahead_of = _leading(sheet.edges, rotation.mean(axis=0).T @ velocity)
+    if ahead_of is not None:
+        edges = wrenches(ahead_of, law, track.smooth_states()[steady], surface_height=surface, threads=1)[:, :3]
     force = measured - edges
     along, across = -ahead * (force @ e1), -(force @ e2)
-    taken_off = -ahead * float(edges.mean(axis=0) @ e1), -float(edges.mean(axis=0) @ e2)
+    taken_off = -float(ahead * (edges.mean(axis=0) @ e1)), -float(edges.mean(axis=0) @ e2)
     return PlateRun(
         bag=track.name,
         beta=float(np.degrees(np.arctan2(normal[2], normal[:2] @ e2[:2]) + 0.5 * np.pi)),

@@ -5,10 +5,11 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
 from rft_ros.calibration import Track
+from rft_ros.calibration.plate_runs import sheet_of
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.parameters import defaults
-from rft_ros.rft import MEDIA, Memory, alpha_y_model, treers2021, wrenches_in_time
+from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 
 RATE = 100.0
@@ -125,3 +126,21 @@ def hanging(path, orientations):
 
 
 ORIENTATIONS = ((40, 0, 0), (-40, 0, 0), (0, 40, 0), (0, -40, 0), (90, 0, 0))
+
+
+def dragged(betas, alpha_y, *, zeta, depth=0.06, speed=0.01):
+    """The plate dragged along itself at each β: time, states, and what the grains do, the front edge by the model."""
+    path = Path((0.0, 0.0, -depth), Rotation.from_euler("x", betas[0], degrees=True))
+    for beta in betas:
+        path.turn_to(Rotation.from_euler("x", beta, degrees=True)).move((0.03, 0.0, 0.0), speed).wait(0.3)
+    time, states = path.states()
+    sheet = sheet_of(TOOL.plates, TOOL.name)
+    edges = sheet.edges.packed[:, sheet.edges.packed[3] > 0.5]
+    pushing = states.copy()  # grains hold their force while the plate waits
+    pushing[:, 7:13] = (speed, 0.0, 0.0, 0.0, 0.0, 0.0)
+    found = wrenches(Plates.from_arrays(edges[:3].T, edges[3:6].T, edges[6]), law(zeta), pushing)[:, :6]
+    rotation = Rotation.from_quat(states[:, 3:7]).as_matrix()
+    depths = -states[:, 2, None] - rotation[:, 2] @ sheet.centers.T
+    beta = np.degrees(np.arccos(np.abs(rotation[:, 2] @ sheet.normal)))
+    found[:, 0] -= zeta * alpha_y(beta) * 1e6 * (depths @ sheet.areas)
+    return time, states, found

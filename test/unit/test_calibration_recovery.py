@@ -8,8 +8,8 @@ from scipy.spatial.transform import Rotation
 from synthetic_track import (
     HANGING,
     ORIENTATIONS,
-    TOOL,
     Path,
+    dragged,
     grain_wrenches,
     hanging,
     known,
@@ -22,10 +22,9 @@ from synthetic_track import (
 from rft_ros.calibration import Options, calibrate
 from rft_ros.calibration.alpha_y_fit import fit_alpha_y
 from rft_ros.calibration.mobilization import fit_turn, length_finding
-from rft_ros.calibration.plate_runs import PlateRun, sheet_of
+from rft_ros.calibration.plate_runs import PlateRun
 from rft_ros.calibration.sigmoids import fit_f1, fit_f23
 from rft_ros.calibration.stretches import turns_in_grains
-from rft_ros.rft import wrenches
 from rft_ros.rft.velocity_weights import A2, A3, B2, B3, exact_f1, exact_f23
 
 TRIALS, ENOUGH = 100, 95
@@ -97,27 +96,11 @@ def test_mobilization_length(path):
     assert min(hits.values()) >= ENOUGH, hits
 
 
-def dragged(betas, alpha_y, *, depth=0.06, speed=0.01):
-    """The plate dragged along itself at each β: time, states, and what the grains do, edges by the model."""
-    path = Path((0.0, 0.0, -depth), Rotation.from_euler("x", betas[0], degrees=True))
-    for beta in betas:
-        path.turn_to(Rotation.from_euler("x", beta, degrees=True)).move((0.03, 0.0, 0.0), speed).wait(0.3)
-    time, states = path.states()
-    sheet = sheet_of(TOOL.plates, TOOL.name)
-    found = wrenches(sheet.edges, law(ZETA), states)[:, :6]
-    rotation = Rotation.from_quat(states[:, 3:7]).as_matrix()
-    depths = -states[:, 2, None] - rotation[:, 2] @ sheet.centers.T
-    beta = np.degrees(np.arccos(np.abs(rotation[:, 2] @ sheet.normal)))
-    moving = np.linalg.norm(states[:, 7:10], axis=1) > 0.0
-    found[:, 0] -= moving * ZETA * alpha_y(beta) * 1e6 * (depths @ sheet.areas)
-    return time, states, found
-
-
 @pytest.mark.parametrize(
     ("model", "truth"), [("constant", (0.12,)), ("linear", (0.2035, -0.0015))], ids=["constant", "linear"]
 )
 def test_alpha_y_from_plates_dragged_along_themselves(model, truth):
-    time, states, grains = dragged((30.0, 50.0, 70.0, 90.0), lambda beta: truth[0] + sum(truth[1:]) * beta)
+    time, states, grains = dragged((30.0, 50.0, 70.0, 90.0), lambda beta: truth[0] + sum(truth[1:]) * beta, zeta=ZETA)
 
     def trial(rng):
         track = track_of(time, states, read_by(HANGING, states, grains, rng, noise=NOISE))

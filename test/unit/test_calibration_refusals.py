@@ -9,6 +9,7 @@ from synthetic_track import (
     HANGING,
     ORIENTATIONS,
     Path,
+    dragged,
     grain_wrenches,
     hanging,
     known,
@@ -117,14 +118,22 @@ def test_no_memory_is_seen_where_the_force_follows_at_once():
     assert "at once" in why(result, "medium.mobilization_length")
 
 
-def test_a_force_that_is_not_the_models_tells_no_mobilization_length():
-    def pull(states):
-        return np.column_stack(
-            [30.0 * np.sin(900.0 * states[:, 2]) * (states[:, 2] < 0.0), *np.zeros((5, len(states)))]
-        )
+def test_a_force_that_has_nothing_to_do_with_the_path_tells_no_mobilization_length():
+    def waves(states):
+        up = 30.0 * np.sin(900.0 * states[:, 2]) * (states[:, 2] < 0.0)
+        return np.column_stack([up, np.zeros((len(states), 5))])
 
     path = down(40.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01)
-    sentence = why(calibrated(path, force=pull, parts=("mobilization",)), "medium.mobilization_length")
+    sentence = why(calibrated(path, force=waves, parts=("mobilization",)), "medium.mobilization_length")
+    assert "it needs 50 % and less than 100 mm" in sentence
+
+
+def test_a_plate_dragged_along_itself_tells_no_mobilization_length():
+    """The model has neither face lead: what it misses must not be taken for memory."""
+    time, states, grains = dragged((90.0,), lambda beta: 0.1 + 0.0 * beta, zeta=0.8)
+    track = track_of(time, states, read_by(HANGING, states, grains))
+    sentence = why(calibrate([track], known(), Options(parts=("mobilization",))), "medium.mobilization_length")
+    assert "after" in sentence
     assert "λ" in sentence
 
 

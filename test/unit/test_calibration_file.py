@@ -1,0 +1,141 @@
+"""`rft calibrate` on a synthetic bag: exit status, what is written, and that the node's reader takes it as it is."""
+
+import numpy as np
+import pytest
+import yaml
+from recordings import START, write_ros2
+from synthetic_track import HANGING, ORIENTATIONS, Path, dragged, grain_wrenches, hanging, law, read_by, unknown
+
+from rft_ros.calibration.calibrated_file import rounded
+from rft_ros.cli import main
+from rft_ros.estimator.parameter_file import read_parameter_file
+from rft_ros.estimator.parameters import defaults, model_of
+
+
+def write_bag(path, time, states, readings):
+    """Pose, twist and wrench of every moment."""
+
+    def rows():
+        for t, state, reading in zip(time, states, readings, strict=True):
+            stamp = START + round(t * 1e9)
+            yield "wrench", stamp, stamp, tuple(reading)
+            yield "twist", stamp, stamp, tuple(state[7:13])
+            yield "pose", stamp, stamp, tuple(state[:7])
+
+    return write_ros2(path, rows())
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """A folder with a parameter file, a bag of poses and a penetration, and one of a dragged plate."""
+    folder = tmp_path_factory.mktemp("cell")
+    path = hanging(Path((0.0, 0.0, 0.06)), ORIENTATIONS).move((0.0, 0.0, -0.095), 0.01).wait(1.0)
+    scenes = {"pressed": path.move((0.0, 0.0, 0.09), 0.02).states()}
+    grains = {"pressed": grain_wrenches(*scenes["pressed"], law(0.8), surface=0.0, length=0.003)}
+    time, states, forces = dragged((30.0, 60.0, 90.0), lambda beta: 0.2035 - 0.0015 * beta, zeta=0.8)
+    scenes["dragged"], grains["dragged"] = (time, states), forces
+    for name, (time, states) in scenes.items():
+        readings = read_by(HANGING, states, grains[name], np.random.default_rng(1), noise=(0.1, 0.002))
+        write_bag(folder / name, time, states, readings)
+    given = {n: list(v) if isinstance(v, tuple) else v for n, v in unknown().items() if v != defaults()[n]}
+    tree = {"/**": {"ros__parameters": given}, "other_node": {"ros__parameters": {"kept": 1}}}
+    (folder / "cell.yaml").write_text(yaml.safe_dump(tree))
+    return folder
+
+
+def calibrate(cell, bags, out, *more):
+    return main(
+        ["calibrate", *(str(cell / b) for b in bags), "--params", str(cell / "cell.yaml"), "-o", str(out), *more]
+    )
+
+
+@pytest.fixture(scope="module")
+def calibrated(cell):
+    out = cell / "out" / "calibrated.yaml"
+    assert calibrate(cell, ("pressed", "dragged"), out) == 0
+    return out
+
+
+def test_the_nodes_reader_takes_the_file_as_it_is(calibrated):
+    values = read_parameter_file(calibrated)
+    assert values["sensor.bias"] == pytest.approx(HANGING.bias, abs=0.1)
+    assert values["sensor.mass"] == pytest.approx(HANGING.mass, abs=0.01)
+    assert values["sensor.center_of_mass"] == pytest.approx(HANGING.center_of_mass, abs=0.002)
+    assert values["medium.zeta"] == pytest.approx(0.8, abs=0.005)
+    assert values["surface_height"] == pytest.approx(0.0, abs=2e-4)
+    assert values["medium.mobilization_length"] == pytest.approx(0.003, abs=1e-4)
+    assert values["medium.calibrated_depth"] == pytest.approx(0.038, abs=5e-4)
+    assert values["sensor.quaternion"] == pytest.approx(HANGING.quaternion)
+
+
+def test_alpha_y_is_written_as_a_table_that_the_model_reads(calibrated):
+    values = read_parameter_file(calibrated)
+    assert values["alpha_y.model"] == "table"
+    assert model_of(values).alpha_y == "table"
+    lines = calibrated.with_name("calibrated.alpha_y.csv").read_text().splitlines()
+    table = {float(b): float(a) for b, a in (line.split(",") for line in lines if line[0].isdigit())}
+    assert table[30.0] == pytest.approx(0.1585, abs=0.005)
+    assert table[90.0] == pytest.approx(0.0685, abs=0.005)
+
+
+def test_the_replay_takes_the_file_as_it_is(calibrated, cell, tmp_path):
+    assert main(["replay", str(cell / "pressed"), "--params", str(calibrated), "-o", str(tmp_path / "out")]) == 0
+
+
+def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated):
+    tree = yaml.safe_load(calibrated.read_text())
+    assert tree["other_node"] == {"ros__parameters": {"kept": 1}}
+    record = tree["rft_calibration"]["ros__parameters"]
+    assert record["bags"] == ["pressed (2020-09-13T12:26:40Z)", "dragged (2020-09-13T12:26:40Z)"]
+    assert set(record["fitted"]["sensor_mass"]) == {"value", "standard_error", "unit", "goodness", "source"}
+    assert 0.0 < record["fitted"]["medium_zeta"]["standard_error"][0] < 0.01
+    assert any(line.startswith("f1: ") for line in record["refused"])
+
+
+def test_the_same_bags_give_the_same_bytes_also_from_a_calibrated_file(calibrated, cell, tmp_path):
+    again = tmp_path / "calibrated.yaml"
+    assert calibrate(cell, ("pressed", "dragged"), again) == 0
+    place = str(calibrated.parent)
+    assert again.read_text().replace(str(tmp_path), place) == calibrated.read_text()
+    assert (tmp_path / "calibrated.alpha_y.csv").read_bytes() == (
+        calibrated.parent / "calibrated.alpha_y.csv"
+    ).read_bytes()
+
+
+def test_what_is_asked_for_and_refused_is_a_failure(cell, tmp_path):
+    assert calibrate(cell, ("pressed",), tmp_path / "out.yaml", "--fit", "zeta", "--fit", "alpha_y") == 1
+    assert "medium.zeta" in (tmp_path / "out.yaml").read_text()
+
+
+def test_nothing_told_writes_no_file(cell, tmp_path):
+    assert calibrate(cell, ("pressed",), tmp_path / "out.yaml", "--fit", "alpha_y") == 1
+    assert not (tmp_path / "out.yaml").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "sentence"),
+    [
+        (("--fit", "colour"), "--fit 'colour' is none of sensor, surface, zeta, mobilization, alpha_y, weights"),
+        (("--mesh", "elsewhere=plate"), "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags pressed"),
+        (("--tare", "-1"), "tare is -1.0 s"),
+        (("--start", "1e6"), "pressed"),
+    ],
+)
+def test_wrong_options_are_a_sentence(cell, tmp_path, capsys, more, sentence):
+    assert calibrate(cell, ("pressed",), tmp_path / "out.yaml", *more) == 2
+    error = capsys.readouterr().err
+    assert sentence in error
+    assert "Traceback" not in error
+
+
+def test_a_figure_of_the_penetrations(cell, tmp_path):
+    figure = tmp_path / "figures" / "penetrations.png"
+    assert calibrate(cell, ("pressed",), tmp_path / "out.yaml", "--figure", str(figure)) == 0
+    assert figure.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "kept"), [(1.23456789, 0.1, 1.235), (1.23456789, 0.0, 1.23456789), (123.456, 20.0, 123.5)]
+)
+def test_digits_end_at_a_hundredth_of_the_error(value, error, kept):
+    assert rounded(value, error) == kept
