@@ -1,7 +1,7 @@
 """``make bench-replay``: `rft replay` beside a bare loop over the same bag with rosbags, and against real time.
 
-The bag: pose, twist and wrench at 125 Hz of a plate that goes down, rests, is dragged and comes out, again and again. The
-bare loop reads and deserialises the same messages and serialises and writes as many wrenches as the replay, all with
+The bag: pose, twist and wrench at 125 Hz of a plate that goes down, rests, is dragged and comes out, time and again.
+The bare loop reads and deserialises the same messages, and serialises and writes as many wrenches as the replay, with
 rosbags. The two take turns; figures are medians, the ratio is the median of each turn's. Neither draws a report.
 """
 
@@ -101,7 +101,7 @@ def main() -> int:
             ours.append(seconds(partial(replay, bag, out / "replay", values, model=model), 1))
     cost = ratio(ours, theirs)
     speed = poses / RATE / median(ours)
-    table = Table(title=f"rft replay of {SECONDS} s at {RATE} Hz: {3 * poses} messages in, {wrenches} out")
+    table = Table()
     for head in ("", "seconds", "µs a pose", "times real time"):
         table.add_column(head, justify="right" if head else "left")
     for name, times in (("rft replay", ours), ("bare loop with rosbags", theirs)):

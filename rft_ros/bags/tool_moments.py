@@ -14,6 +14,7 @@ __all__ = ["tool_view"]
 
 _FRACTIONS = (0.25, 0.5, 0.75)
 _MOST_FACES = 4000
+_FORGETFUL = " The traction is that of the law at full strength: what the grains remember is left out of this picture."
 
 
 def tool_view(rows: NDArray[np.void], model: Model, *, surface_height: float) -> ToolView | None:
@@ -46,7 +47,7 @@ def tool_view(rows: NDArray[np.void], model: Model, *, surface_height: float) ->
         title="Tool and traction",
         sentence="The tool coloured by the predicted traction on its leading faces, in world axes (x and y from the"
         " tool's origin), the surface of the grains, and the predicted force as an arrow. The slider goes through"
-        " moments of the recording.",
+        " moments of the recording." + (_FORGETFUL if model.mobilization_length > 0.0 else ""),
         faces=faces,
         moments=tuple(moments),
         chosen=chosen,
