@@ -55,8 +55,8 @@ class Stroke:
 class Turn:
     """A change of direction in the grains by 60° or more, or a start from rest where a recording begins in them.
 
-    `first`: row from which on what the grains remember is known. `at`: row of the turn. `rows`: moving ones, from 3 mm
-    of path before the turn to 10 mm after it, or to the next turn.
+    `first`: row from which on what the grains remember is known. `at`: row of the turn, before its rest if it has one.
+    `rows`: moving ones, from 3 mm of path before the turn to 10 mm after it, or to the next turn.
     """
 
     first: int

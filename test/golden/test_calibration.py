@@ -107,7 +107,7 @@ def test_the_push_is_gone_after_3_mm_of_withdrawal(held_out, trial):
 
     The law has the upper face lead when the plate goes up, and pulls it down with 18 % (22 %) of the peak from the
     first moment without memory, 8 % after 3 mm and 14 % (17 %) after 10 mm with it. The load cell reads 1 %. A λ of 3
-    to 4 mm would put the crossing of zero at 3 mm, at the price of twice the push that was measured after 1 mm.
+    to 4 mm would put the crossing of zero at 3 mm, at the price of three to ten times the push measured after 1 mm.
     """
     phase, depth, predicted, measured = held_out[trial, True]
     peak = np.nanmax(measured)

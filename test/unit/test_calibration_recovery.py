@@ -72,14 +72,14 @@ def test_load_cell_surface_and_zeta(correlation):
     "path",
     [
         pytest.param(
-            lambda: Path((0, 0, 0.03)).move((0, 0, -0.07), 0.01).wait(1).move((0, 0, 0.06), 0.01), id="reversal"
+            lambda: Path((0, 0, 0.03)).move((0, 0, -0.07), 0.02).wait(0.3).move((0, 0, 0.015), 0.01), id="reversal"
         ),
         pytest.param(
             lambda: Path((0, 0, -0.03), Rotation.from_euler("x", 90, degrees=True)).wait(1).move((0, 0.04, 0), 0.01),
             id="start from rest",
         ),
         pytest.param(
-            lambda: Path((0, 0, 0.03)).move((0, 0, -0.06), 0.01).move((0.03, 0, -0.005), 0.01), id="turn to the side"
+            lambda: Path((0, 0, 0.03)).move((0, 0, -0.06), 0.02).move((0.015, 0, -0.002), 0.01), id="turn to the side"
         ),
     ],
 )
