@@ -65,8 +65,8 @@ def replay(
     topics = remapped_topics(remap)
     if values["twist_source"] != "topic":
         del topics["twist"]
-    if bag.resolve() == (out / "estimates").resolve():
-        raise InputError(f"bag '{bag}' lies where its own estimates would be written; choose another output folder")
+    if bag.resolve() in (out.resolve(), (out / "estimates").resolve()):
+        raise InputError(f"bag '{bag}' lies where its own results would be written; choose another output folder")
     model = model or replay_model(values)
 
     began = time.perf_counter()

@@ -68,7 +68,8 @@ def _doubts(series: ReplaySeries) -> Panel:
         x, y = np.array(times), np.full(len(times), float(place))
         label = "doubt: no trust" if doubt.trust == "NO" else f"doubt: {doubt.trust.lower()}"
         lines.append(Line(label=label, colour=doubt.trust.lower(), x=x, y=y, width=9.0))
-    return Panel(x_label=_TIME, y_label="Doubts", lines=tuple(lines), names=tuple(d.name for d in series.doubts))
+    label = "Doubts" if len(lines) > 2 else ""  # as high as three of them
+    return Panel(x_label=_TIME, y_label=label, lines=tuple(lines), names=tuple(d.name for d in series.doubts))
 
 
 def _z_points(series: ReplaySeries) -> str:

@@ -70,6 +70,16 @@ def test_folder_names_are_unique_and_keep_to_the_bags_own_names(tmp_path):
     assert folder_names([tmp_path / "a" / "." / "run"] * 2) == ["run", "run_2"]
 
 
+def test_no_bag_is_written_into(bags, tmp_path, capsys):
+    """Results in the folder above the bags would land in the bags themselves."""
+    before = sorted(p.name for p in bags[0].iterdir())
+    assert replay(bags[0], "-o", bags[0]) == 2
+    assert replay(bags[0], tmp_path / "gone", "-o", bags[0].parent) == 1
+    assert capsys.readouterr().err.count("lies where its own results would be written") == 2
+    assert sorted(p.name for p in bags[0].iterdir()) == before
+    (bags[0].parent / "summary.json").unlink()
+
+
 def test_an_end_before_the_start_is_refused(bags, tmp_path, capsys):
     assert replay(bags[0], "-o", tmp_path / "out", "--start", 2, "--end", 1) == 2
     assert "end is 1 s; it must be after start, 2 s" in capsys.readouterr().err
