@@ -76,16 +76,3 @@ def test_buried_the_ellipsoid_needs_fewer_still(body):
     error = np.linalg.norm(force(plates, states, "linear") - full, axis=1) / np.linalg.norm(full, axis=1)
     assert len(plates) <= 110
     assert np.percentile(error, 95.0) < 0.025
-
-
-@pytest.mark.parametrize(("name", "seconds"), [("paper/ellipsoid-exp.stl", 1.5), ("cmu_wheel/smooth.stl", 6.0)])
-def test_a_tool_is_reduced_while_a_user_waits(shared_data, name, seconds):
-    """Half a second and two on an idle core; the bound leaves room for a busy machine."""
-    from time import perf_counter
-
-    tool = load_tool(str(shared_data / name))
-    reduced_for_any_motion(tool.facets, tool.corners, 0.025)  # loads the kernel
-    began = perf_counter()
-    plates, _ = reduced_for_any_motion(tool.facets, tool.corners, 0.025)
-    assert perf_counter() - began < seconds
-    assert len(plates) < 0.3 * len(tool.facets)
