@@ -96,6 +96,7 @@ def error_in_double(target: Target, found: Fit) -> float:
 
 def error_in_use(name: str) -> float:
     """Greatest absolute error of f1 or f23 as the kernel computes it, on 2,001 shares of the speed."""
+    kernel: Callable[[float], float]
     if name == "f1":
         a, b, function, kernel = mp.mpf(weights.A2), mp.mpf(weights.A3), mp.tanh, weights.f1
     else:
