@@ -20,7 +20,8 @@ _CONCAVE, _FLAT, _EDGE, _DEEP = (int(d) for d in (Doubt.CONCAVE, Doubt.NEAR_FLAT
 FAST = 0.025  # m/s
 INERTIAL = 0.2  # m/s
 _NEAR_REST = 5.0  # times rest_speed
-_SHARE = 0.1  # of the wet area
+_FLAT_SHARE = 0.1  # of the wet area
+_EDGE_SHARE = 0.4  # the narrow sides of a plate that goes straight down are no reason for distrust
 _EVERY = 8  # estimates between two looks at what takes longer
 
 
@@ -68,7 +69,7 @@ class Validity:
             doubts |= _DEEP
         if self._plates.integration == "centroid":  # the refined rule has neither
             flat, edge = edge_shares(self._plates, state, surface_height=settings.surface_height)
-            doubts |= (_FLAT if flat > _SHARE else 0) | (_EDGE if edge > _SHARE else 0)
+            doubts |= (_FLAT if flat > _FLAT_SHARE else 0) | (_EDGE if edge > _EDGE_SHARE else 0)
         return doubts
 
 

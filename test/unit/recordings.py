@@ -45,7 +45,7 @@ def moments(count: int = 60):
 
 
 def plunge(repeats: int = 1, *, noise: float = 0.0):
-    """As `moments`, of a plate that goes down from 10 mm above to 30 mm below, rests, is dragged, and comes out: 6.5 s a repeat.
+    """As `moments`, of a plate that goes from 10 mm above to 30 mm below, rests, is dragged, comes out: 6.5 s a repeat.
 
     `noise`: standard deviation of each component of its velocity [m/s]; the same numbers every time.
     """

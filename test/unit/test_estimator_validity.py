@@ -90,6 +90,11 @@ def test_the_published_rule_doubts_what_moves_along_itself_and_the_refined_rule_
     assert last_doubts(load_tool("plate", integration="refined"), **along) == Doubt.NONE
 
 
+def test_the_narrow_sides_of_a_plate_that_goes_straight_down_are_no_reason_for_doubt():
+    down = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.0, 0.0, -0.01)}
+    assert last_doubts(load_tool("plate"), **down) == Doubt.NONE
+
+
 def test_the_published_rule_doubts_a_plate_that_is_nearly_horizontal():
     tilt = np.deg2rad(2.0)
     tilted = (np.sin(tilt / 2), 0.0, 0.0, np.cos(tilt / 2))
