@@ -6,6 +6,7 @@ imported; for each request it forks a child, on processor time that nobody else 
 their own, which the node maps: reading 9 MB would hold up a tick for 5 ms.
 """
 
+import ctypes
 import gc
 import mmap
 import os
@@ -27,6 +28,7 @@ _ALIGNMENT = 64
 _TOOL, _ARRAYS, _REFUSED = "tool", "arrays", "refused"
 _LONGEST = 1 << 16
 _CANCEL = b"cancel"
+_PR_SET_THP_DISABLE = 41
 
 
 def write_tool(folder: Path, tool: Tool) -> None:
@@ -136,8 +138,7 @@ def start_preparer() -> Preparer:
 def _serve(requests: socket.socket) -> NoReturn:
     for number in (signal.SIGINT, signal.SIGTERM):  # Ctrl-C reaches the whole group; the node decides when to end
         signal.signal(number, signal.SIG_IGN)
-    with suppress(OSError):
-        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    _stay_out_of_the_way()
     gc.collect()
     gc.freeze()
     child: _Child | None = None
@@ -157,6 +158,19 @@ def _serve(requests: socket.socket) -> NoReturn:
         elif child:
             child.bury()
             child = None
+
+
+def _stay_out_of_the_way() -> None:
+    """Run on processor time that nobody else wants, on one processor, and ask the kernel for small pages.
+
+    What a process of idle priority does inside the kernel still delays others; clearing a page of 2 MB is the worst.
+    """
+    with suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    with suppress(OSError):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_THP_DISABLE, 1, 0, 0, 0)
 
 
 class _Child:
