@@ -125,7 +125,8 @@ def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
     area = np.linalg.norm(doubled, axis=1)
     points = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
     points = points[:: 1 + len(points) // _LOOKED_AT]
-    normal = doubled / area[:, None]
+    outward = -1.0 if _volume_if_shut(mesh) < 0.0 else 1.0  # of a surface that is inside out, that is said already
+    normal = outward * doubled / area[:, None]
     # in parts: a process that zeroes 32 MB at once holds up whatever else the processor should run
     farthest = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, 1 + len(normal) // 64)])
     before = farthest - (normal * triangles.mean(axis=1)).sum(axis=1)
