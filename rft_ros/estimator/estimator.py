@@ -21,6 +21,9 @@ TIME_JUMP = 1_000_000_000
 """A stamp this far [ns] before the last one of its stream is a new beginning (a bag that loops), not a late sample."""
 
 
+_ABSURD = 1e100
+"""Forces [N] and torques [N m] from here on are not finite in effect: their squares overflow in any statistics."""
+
 _HISTORY = 256
 """Twists and wrenches kept, so that a pose that waited in a queue of 200 is answered from those of its own time."""
 
@@ -126,7 +129,7 @@ class Estimator:
         reason = None
         if sample.stamp <= 0:
             reason = Reason.WRENCH_STAMP_ZERO
-        elif not math.isfinite(sum(sample.wrench)):
+        elif not math.hypot(*sample.wrench) < _ABSURD:
             reason = Reason.WRENCH_NOT_FINITE
         elif sample.frame != self.settings.sensor_frame:
             reason = Reason.WRENCH_FRAME_UNKNOWN
@@ -225,7 +228,7 @@ class Estimator:
 
         doubts = self._validity.of(state, speed=speed, submerged=submerged > 0.0, depth=self.depth, settings=settings)
         numbers = self._frame.into_sensor(state[3:7], self._result[0])
-        if not math.isfinite(sum(numbers)):
+        if not math.hypot(*numbers) < _ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
         predicted = (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
         wrench = _at(self._wrenches, stamp)

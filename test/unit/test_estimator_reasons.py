@@ -201,3 +201,9 @@ def test_a_tool_that_turns_on_the_spot_is_not_at_rest():
     assert answer.reason is Reason.AT_REST
     _, answer = pushed(turning, pose(), rest_speed=5e-5)
     assert isinstance(answer, Estimate)
+
+
+@pytest.mark.parametrize("value", [1e154, -1e300, math.inf, math.nan])
+def test_a_load_cell_that_reports_more_than_can_be_squared_is_not_used(value):
+    _, answer = pushed(wrench(numbers=(0.0, value, 0.0, 0.0, 0.0, 0.0)))
+    assert answer is Reason.WRENCH_NOT_FINITE
