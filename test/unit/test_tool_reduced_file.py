@@ -188,3 +188,14 @@ def test_a_pickle_is_not_opened(tmp_path):
     np.savez(tmp_path / "m.npz", about=np.array([{"a": 1}], dtype=object))
     with pytest.raises(InputError, match=r"m\.npz"):
         load_tool(str(tmp_path / "m.npz"))
+
+
+def test_a_reduced_tool_with_a_damaged_header_is_a_sentence(tmp_path):
+    import zipfile
+
+    file = tmp_path / "damaged.npz"
+    with zipfile.ZipFile(file, "w") as archive:
+        header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,\n"
+        archive.writestr("vertices.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
+    with pytest.raises(InputError, match="no reduced tool"):
+        load_tool(str(file))
