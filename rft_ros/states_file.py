@@ -12,6 +12,7 @@ __all__ = ["WRENCH_HEADER", "read_states", "write_wrenches"]
 
 STATES_HEADER = ("t", *STATE)
 WRENCH_HEADER = ("t", "fx", "fy", "fz", "tx", "ty", "tz")
+"""Header of a file of wrenches: time [s], force [N], torque [N m]."""
 
 
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -9,6 +9,7 @@ from rft_ros.estimator.doubts import doubts_named
 __all__ = ["AXES", "COLUMNS", "ending", "row"]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Components of a wrench: force [N], torque [N m]."""
 
 COLUMNS = (
     "t",

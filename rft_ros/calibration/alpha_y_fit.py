@@ -18,6 +18,7 @@ from rft_ros.rft.velocity_weights import exact_f1
 __all__ = ["AlphaYFit", "AlphaYModel", "fit_alpha_y"]
 
 AlphaYModel = Literal["auto", "constant", "linear", "table"]
+"""Which model of α_y to fit; "auto": linear where the data are sure of a slope, else constant."""
 
 _ALONG = 80.0
 """ψ [deg] from which on a plate counts as moved along e1: f1 is within 1 % of 1 there."""

@@ -14,6 +14,7 @@ __all__ = ["TYPES", "UNREADABLE", "Role", "Sample", "decoder", "wrench_cdr"]
 
 Role = Literal["pose", "twist", "wrench"]
 Sample = PoseSample | TwistSample | WrenchSample
+"""The inputs, and what each becomes."""
 
 TYPES: dict[Role, str] = {
     "pose": "geometry_msgs/msg/PoseStamped",

@@ -8,6 +8,7 @@ from rft_ros.estimator.parameters import PARAMETERS, Parameter, Value
 __all__ = ["BEGIN", "END", "default_yaml", "main", "markdown_table"]
 
 BEGIN, END = "<!-- parameters: begin (generated) -->\n", "<!-- parameters: end -->\n"
+"""The marks between which a table is written."""
 
 
 def _yaml(value: Value) -> str:

@@ -11,6 +11,7 @@ __all__ = ["PARAMETERS", "Parameter", "Value", "Values"]
 
 Value = str | float | tuple[float, ...]
 Values = Mapping[str, Value]
+"""Of one parameter, in its own type; of all, by name."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -223,3 +224,4 @@ PARAMETERS: tuple[Parameter, ...] = (
         description="rclpy executor: single-threaded, or the experimental one with half its latency.",
     ),
 )
+"""Every parameter, in the order in which they are documented."""

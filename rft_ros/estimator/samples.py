@@ -7,6 +7,7 @@ __all__ = ["Estimate", "PoseSample", "Reason", "TwistSample", "Vector", "Withhel
 
 Vector = tuple[float, float, float]
 Wrench = tuple[float, float, float, float, float, float]
+"""x, y, z; force [N], then torque [N m]."""
 """Force [N] and torque [N m]: fx, fy, fz, tx, ty, tz."""
 
 

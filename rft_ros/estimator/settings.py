@@ -10,6 +10,7 @@ from rft_ros.tool import Tool
 __all__ = ["LoadCell", "Model", "Settings", "TwistSource"]
 
 TwistSource = Literal["topic", "pose_difference"]
+"""Where velocity comes from: the topic ~/twist, or the last poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,8 +1,59 @@
-"""The physics: 3D granular Resistive Force Theory (Treers, Cao, Stuart, RA-L 2021), on numpy and numba only.
+"""The method: 3D granular Resistive Force Theory, on numpy and numba only.
 
-Read beside the paper: `media` (Li's coefficients), `velocity_weights` (f1, f23), `alpha_y` (its models),
-`traction` (one plate), `plates` and `wrench` (many plates), `mobilization` (with memory, ours), `frames` (quaternions
-and states); `kernel`, `element`, `blocks`, `wet_part` and `compiled` are how the sum over plates is made fast.
+After Treers, Cao, Stuart, IEEE RA-L 6(2), 2021, on the 2D stresses of Li, Zhang, Goldman, Science 339, 2013. The
+equations are numbered here; "Eq. (n)" in a docstring of this package is one of these, not one of the papers'.
+
+Conventions. Force ON the tool BY the grains; SI units; world axes with z up, E3 its unit vector; quaternions xyzw;
+torque about the origin of the tool frame.
+
+Motion of a plate. The tool's surface is cut into plate elements (`Plates`), each with centroid r [m], outward unit
+normal n and area dA [m²]. A state (`STATE`, `checked_states`) places the tool frame and gives its twist v_o [m/s],
+ω [rad/s]. With r and n in world axes a plate lies at the depth d and moves with v:
+
+    d = surface_height - z,   v = v_o + ω × r                                                    Eq. (1)
+
+It is loaded where it is below the surface, d > 0, and leads, v·n > 0; elsewhere it carries nothing.
+
+Directions. Of the velocity, v1 lies along the plate's horizontal, v23 in the vertical plane of its normal:
+
+    e2 = n's horizontal projection at unit length,   e1 = e2 × E3
+    v1 = (v·e1) e1,   v23 = v - v1                                                               Eq. (2)
+
+Angles, as in 2D: attack β, 0 for a plate that faces down and 90° for an upright one; intrusion γ, positive downwards:
+
+    β = atan2(n·E3, n·e2) + 90°,   γ = -atan2(v23·E3, v23·e2)                                    Eq. (3)
+
+Stress per depth in the plane of e2 and E3 [N/cm³], nine coefficients for each `Medium` (`MEDIA`, `medium_named`):
+
+    α_z = A00 + A10 cos 2β + B11 sin(2β+γ) + B01 sin γ + B-11 sin(-2β+γ)
+    α_x = C11 cos(2β+γ) + C01 cos γ + C-11 cos(-2β+γ) + D10 sin 2β                               Eq. (4)
+
+Weights of the two parts of the velocity, 0 at 0 and, by N1 and N23, 1 at 1 (`velocity_weights.f1`, `velocity_weights.f23`):
+
+    f1(u) = A1 [tanh(A2 u - A3) + tanh A3] / N1,        u = |v1| / |v|                           Eq. (5)
+    f23(w) = B1 [atanh(B2 w - B3) + atanh B3] / N23,    w = |v23| / |v|                          Eq. (6)
+
+Stress per depth along e1 [N/cm³], one of the models that `alpha_y_model` makes (`Constant`, `Linear`, `Table`):
+
+    α_y = α_x(β = 0, γ = 0);   0.2035 - 0.0015 β[deg];   a table over β and γ                    Eq. (7)
+
+Traction per depth [N/m³] of a plate that leads (`treers2021` makes the law, `traction_per_depth` evaluates it), with
+the medium's scale factor ζ and 1 N/cm³ = 1e6 N/m³:
+
+    t = ζ { -f1 α_y sign(v·e1) e1 + f23 (-α_x e2 + α_z E3) }                                     Eq. (8)
+
+Wrench (`wrenches`; plate by plate, `plate_forces`), a superposition of plates that know nothing of each other:
+
+    F = Σ t d dA  [N],   T = Σ r × t d dA  [N m]                                                 Eq. (9)
+
+Horizontal plates have no e2 of their own and take the velocity's horizontal direction, where 2D RFT holds.
+`edge_shares` says how much of a tool is near that switch, or near v·n = 0.
+
+Ours, not the paper's. `Plates.integration` "refined" integrates d over the wet part of each triangle and fades both
+switches (`Plates.from_triangles`). `Memory` and `wrenches_in_time` let forces build up over a path and hold at rest.
+
+Read beside the paper: `plates`, `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `wrench`, and ours in
+`mobilization`; `kernel`, `element`, `blocks`, `wet_part` and `compiled` are how the sum over plates is made fast.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 

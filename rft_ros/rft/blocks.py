@@ -47,7 +47,7 @@ class Blocks:
 
 
 def blocks_of(rows: NDArray[np.float64]) -> Blocks:
-    """Sort plates, shape [7 or 14, n], into blocks of like normals and places."""
+    """Sort plates, shape [7 or 14, n], units as in `Plates.packed`, into blocks of like normals and places."""
     n = rows.shape[1]
     extents = np.zeros(n)
     if len(rows) > 7:

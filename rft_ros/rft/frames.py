@@ -30,7 +30,7 @@ rotation = inlined(_rotation)
 
 
 def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """Rotation matrix of a unit quaternion xyzw, shape [3, 3]."""
+    """Rotation matrix, shape [3, 3], of a unit quaternion xyzw, shape [4]: columns are the frame's axes, outside."""
     qx, qy, qz, qw = np.asarray(quaternion, dtype=np.float64)
     return np.array(_rotation(qx, qy, qz, qw)).reshape(3, 3)
 
@@ -44,7 +44,7 @@ def unit_quaternion(qx: float, qy: float, qz: float, qw: float) -> tuple[float, 
 
 
 def checked_states(states: ArrayLike) -> NDArray[np.float64]:
-    """States ready for the kernel: float64, shape [n, 13], finite, quaternions at unit length.
+    """States ready for the kernel, units as in `STATE`: float64, shape [n, 13], finite, quaternions at unit length.
 
     Raises ValueError with the row (counted from 0) and column of the first value that cannot be used.
     """

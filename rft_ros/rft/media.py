@@ -1,4 +1,4 @@
-"""Media: the Fourier coefficients of the 2D stresses per depth (Li, Zhang, Goldman 2013, table S2)."""
+"""Media: the Fourier coefficients of the 2D stresses per depth (Eq. (4); Li, Zhang, Goldman 2013, table S2)."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ __all__ = ["MEDIA", "Medium", "medium_named"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
-    """Nine Fourier coefficients of α_z(β, γ) and α_x(β, γ) [N/cm³], before the scale factor ζ.
+    """Nine Fourier coefficients of α_z(β, γ) and α_x(β, γ) [N/cm³], Eq. (4), before the scale factor ζ.
 
     Subscripts follow Li et al. 2013: A and B make α_z, C and D make α_x; ``m1`` stands for -1.
     """
@@ -25,7 +25,7 @@ class Medium:
 
     @property
     def alpha_x_flat(self) -> float:
-        """α_x at γ = 0, β = 0 [N/cm³]: the `constant` model's α_y (Treers et al. 2021, IV-B)."""
+        """α_x at γ = 0, β = 0 [N/cm³]: the `constant` model's α_y, Eq. (7) (Treers et al. 2021, IV-B)."""
         return self.C11 + self.C01 + self.Cm11
 
 
@@ -46,10 +46,11 @@ _POPPY_CLOSE = Medium(
 )  # fmt: skip
 
 MEDIA: dict[str, Medium] = {m.name: m for m in (_GENERIC, _POPPY_LOOSE, _POPPY_CLOSE)}
+"""The media that Li et al. 2013 measured, by name."""
 
 
 def medium_named(name: str) -> Medium:
-    """The medium of that name; ValueError names the ones there are."""
+    """The medium of that name, a key of `MEDIA`. Raises ValueError that names those there are."""
     try:
         return MEDIA[name]
     except KeyError:

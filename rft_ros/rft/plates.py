@@ -12,6 +12,7 @@ __all__ = ["INTEGRATIONS", "Integration", "Plates"]
 
 Integration = Literal["centroid", "refined"]
 INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
+"""The rules of integration: see `Plates.integration`."""
 
 Array = NDArray[np.float64]
 
@@ -71,6 +72,7 @@ class Plates:
     def from_rows(cls, rows: ArrayLike) -> "Plates":
         """Plates from what `rows` of others holds, chosen, merged or weighted by area; shape [7, n] or [14, n].
 
+        Units and axes as in `packed` and `Blocks.rows`: x, y, z [m], unit normal, area [m²]; refined plates have more.
         Raises ValueError as `from_arrays`.
         """
         r = np.asarray(rows, dtype=np.float64)
@@ -101,7 +103,7 @@ class Plates:
 
     @property
     def rows(self) -> Array:
-        """All that the kernel reads of each plate, in the plates' order, shape [7 or 14, n]: see `Blocks.rows`."""
+        """All that the kernel reads, in the plates' order, shape [7 or 14, n]; units and axes as in `Blocks.rows`."""
         rows = np.empty((len(self.blocks.rows), len(self)))
         rows[:, self.blocks.order] = self.blocks.rows[:, : len(self)]
         return rows

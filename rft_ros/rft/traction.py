@@ -1,4 +1,4 @@
-"""Traction per depth of one plate from its normal and velocity: the law, and the only place that knows which law.
+"""Traction per depth of one plate, Eq. (8), from its normal and velocity: the only place that knows which law it is.
 
 A law is a NamedTuple of numbers plus a function ``traction_per_depth(law, n, v, flatness) -> t``, all in world axes
 with z up. The wrench of many plates (``rft_ros.rft.wrench``) calls `traction_per_depth` and nothing else; a second law
@@ -45,10 +45,10 @@ _NUDGE = 1e-5
 
 
 class Treers2021(NamedTuple):
-    """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013.
+    """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
-    `stiffness`: ζ in N/m³ per N/cm³. The sums and differences of Li's coefficients are those that appear once
-    sin(±2β + γ) and cos(±2β + γ) are multiplied out, so that no angle needs computing.
+    `stiffness`: ζ in N/m³ per N/cm³. The sums and differences of Li's coefficients [N/cm³] are those that appear once
+    sin(±2β + γ) and cos(±2β + γ) are multiplied out, so that no angle needs computing. `alpha_y`: the model of Eq. (7).
     """
 
     stiffness: float
@@ -65,10 +65,14 @@ class Treers2021(NamedTuple):
 
 
 Law = Treers2021
+"""Any law; another one is united with it here."""
 
 
 def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> Treers2021:
-    """The law for a medium scaled by ζ (> 0) with a model of α_y."""
+    """The law, Eq. (8), for a medium scaled by `zeta` (no unit) with a model of α_y.
+
+    Raises ValueError unless `zeta` is a positive, finite number.
+    """
     if not 0.0 < zeta < float("inf"):
         raise ValueError(f"medium.zeta is {zeta}; it must be a positive number")
     m = medium
@@ -157,10 +161,11 @@ _FUNCTIONS: dict[type, Callable[..., tuple[float, float, float]]] = {Treers2021:
 def traction_per_depth(
     law: Law, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float, flatness: int = SWITCHED
 ) -> tuple[float, float, float]:
-    """Traction per depth on a leading plate [N/m³], from its outward unit normal and velocity, both with z up.
+    """Traction per depth on a leading plate [N/m³], Eq. (8), from its outward unit normal and velocity, in world axes.
 
-    Of the velocity only the direction counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED`
-    (the released code) or `BLENDED`, a constant where it is compiled.
+    Returns its x, y and z: times depth and area it is the force on the plate by the grains. Of the velocity only the
+    direction counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the released code) or
+    `BLENDED`, a constant where it is compiled.
     """
     return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz, flatness)
 

@@ -1,4 +1,4 @@
-"""How much of the speed along and across a plate becomes force: f1 and f23 (Treers et al. 2021, eqs. 5-6).
+"""How much of the speed along and across a plate becomes force: f1 and f23 (Eqs. (5), (6); Treers et al. 2021).
 
 Both are fits to a plate dragged horizontally at angle ψ, exactly 0 at 0 and exactly 1 at 1. The paper prints them
 rounded and without the atanh; these are the released code's digits. The kernels below are rational (minimax in the
@@ -14,16 +14,17 @@ __all__ = ["A1", "A2", "A3", "B1", "B2", "B3", "exact_f1", "exact_f23", "f1", "f
 
 A1, A2, A3 = 0.440850096954369, 3.62263982880971, 1.60910808139526
 B1, B2, B3 = 1.99392673405210, 1.61146827229181, 0.973746396532650
+"""Coefficients of Eqs. (5) and (6), with all digits of the released code; no unit."""
 
 
 def exact_f1(u: float) -> float:
-    """f1 by the library's tanh: weight of the force along e1, from u = abs(v1)/abs(v) in [0, 1]."""
+    """f1 by the library's tanh, Eq. (5): weight of the force along e1, from u = abs(v1)/abs(v) in 0 to 1."""
     bracket_at_1 = math.tanh(A2 - A3) + math.tanh(A3)
     return (math.tanh(A2 * u - A3) + math.tanh(A3)) / bracket_at_1
 
 
 def exact_f23(w: float) -> float:
-    """f23 by the library's atanh: weight of the force in the e2-E3 plane, from w = abs(v23)/abs(v) in [0, 1]."""
+    """f23 by the library's atanh, Eq. (6): weight of the force across e1, from w = abs(v23)/abs(v) in 0 to 1."""
     bracket_at_1 = math.atanh(B2 - B3) + math.atanh(B3)
     return (math.atanh(B2 * w - B3) + math.atanh(B3)) / bracket_at_1
 
@@ -60,13 +61,13 @@ def _atanh(x: float) -> float:
 
 @inlined
 def f1(u: float) -> float:
-    """Rational `exact_f1`; u in [0, 1], clamped above 1 against rounding."""
+    """Rational `exact_f1`, Eq. (5); u in [0, 1], clamped above 1 against rounding."""
     f = _F1_SCALE * (_tanh(A2 * min(u, 1.0) - A3) + _TANH_A3)
     return f if u > 0.0 else 0.0
 
 
 @inlined
 def f23(w: float) -> float:
-    """Rational `exact_f23`; w in [0, 1], clamped above 1 against rounding."""
+    """Rational `exact_f23`, Eq. (6); w in [0, 1], clamped above 1 against rounding."""
     f = _F23_SCALE * (_atanh(B2 * min(w, 1.0) - B3) + _ATANH_B3)
     return f if w > 0.0 else 0.0

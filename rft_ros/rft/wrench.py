@@ -1,4 +1,4 @@
-"""The wrench on a tool of many plates: superposition of the plates' tractions (Treers et al. 2021, eq. 1).
+"""The wrench on a tool of many plates: superposition of the plates' tractions, Eq. (9).
 
 Force ON the tool BY the grains; world axes, z up; torque about the tool frame's origin.
 """
@@ -44,7 +44,10 @@ def _entry(plates: Plates, law: Law) -> Callable[..., None]:
 def plate_forces(
     plates: Plates, law: Law, state: NDArray[np.float64], *, surface_height: float = 0.0
 ) -> NDArray[np.float64]:
-    """Force on each plate [N], shape [n, 3], world axes, at one state, shape [13]; their sum is the wrench's force."""
+    """Force on each plate by the grains [N], shape [n, 3], world axes, in the plates' order: the terms of Eq. (9).
+
+    `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height`: world z of the surface [m].
+    """
     law = law._replace(alpha_y=as_table(law.alpha_y))  # drawing is worth one compilation, not one for each model
     out = np.empty((len(plates), 3))
     _, kernel = KERNELS[plates.integration]
@@ -53,7 +56,10 @@ def plate_forces(
 
 
 def edge_shares(plates: Plates, state: NDArray[np.float64], *, surface_height: float = 0.0) -> tuple[float, float]:
-    """Shares of the wet area where the published rule jumps: within 5° of horizontal, within 1° of its own motion."""
+    """Shares of the wet area where the published rule jumps: within 5° of horizontal, within 1° of its own motion.
+
+    `state`: shape [13], columns `STATE`; `surface_height` [m]. Each lies in 0 to 1, no unit; both 0 in the air.
+    """
     flat, edge, wet = EDGE_AREAS(plates.blocks.rows, plates.reach, surface_height, state)
     return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
 
@@ -67,10 +73,11 @@ def wrenches(
     threads: int | None = None,
     out: NDArray[np.float64] | None = None,
 ) -> NDArray[np.float64]:
-    """Wrench at each state, by the rule that `plates.integration` names.
+    """Wrench at each state, Eq. (9), by the rule that `plates.integration` names.
 
     `states`: shape [n, 13], columns `STATE`; finite, unit quaternions (`rft_ros.rft.frames.checked_states` checks).
     `surface_height`: world z of the undisturbed surface [m]. `threads`: default all cores when the work is worth it.
+    `out`: where to write the result, instead of a new array.
     Returns shape [n, 7], columns `COLUMNS`: force on the tool by the grains [N] and torque about the tool frame's
     origin [N m], world axes; submerged area [m²]. Each row is the same, to the last bit, whatever n and the threads.
     """

@@ -17,6 +17,7 @@ __all__ = ["BUDGETS", "COLOURS", "FLOOR", "MARKERS", "NAMES", "chart_outcome", "
 COLOURS = {"centroid": ORANGE, "refined": BLUE}
 NAMES = {"centroid": "published rule", "refined": "refined rule"}
 MARKERS = {FULL: "o", MERGED: "s", CHOSEN: "^", NUMPY: "x"}
+"""How a point is drawn, and its rule called."""
 
 BUDGETS = {"1,000 Hz": 1e3, "500 Hz": 2e3, "125 Hz": 8e3}
 """What a tick leaves at most [µs]."""

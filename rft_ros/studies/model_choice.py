@@ -54,6 +54,7 @@ CHOICES = (
     Choice(name="refined, memory 3 mm", integration="refined", mobilization_length=0.003),
     Choice(name="refined, α_y linear, memory 3 mm", integration="refined", alpha_y="linear", mobilization_length=0.003),
 )
+"""The choices that are judged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

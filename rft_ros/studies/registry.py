@@ -29,6 +29,7 @@ STUDIES: dict[str, Study] = {
     "dem": Study("rft_ros.studies.dem", needs_data=True),
     "stability": Study("rft_ros.studies.stability.study"),
 }
+"""Every study, in the order of `rft study all`."""
 
 
 def run_study(name: str, data: Path | None) -> "Sequence[Outcome]":

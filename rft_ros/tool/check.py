@@ -37,6 +37,7 @@ FindingKind = Literal[
     "concave",
     "size",
 ]
+"""What may be wrong with a mesh."""
 
 
 @dataclass(frozen=True, slots=True)

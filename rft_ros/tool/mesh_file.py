@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["MAX_BYTES", "MAX_FACETS", "SUFFIXES", "read_mesh"]
 
 SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
+"""Mesh files that can be read."""
 
 MAX_BYTES = 256 * 2**20
 """The largest mesh file that is read."""

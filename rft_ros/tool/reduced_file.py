@@ -24,6 +24,7 @@ __all__ = ["SUFFIX", "About", "ReducedMesh", "placed", "read_reduced", "write_re
 Array = NDArray[np.float64]
 
 SUFFIX = ".npz"
+"""Of the file of a reduced tool."""
 
 _FORMAT = "rft_ros reduced tool 1"
 

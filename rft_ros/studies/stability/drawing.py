@@ -30,6 +30,7 @@ __all__ = [
 Array = NDArray[np.float64]
 
 RULE_COLOUR = {"centroid": VERMILION, "refined": BLUE}
+"""Colour of each rule of integration."""
 _DASH = {"constant": "-", "linear": "--"}
 _WIDTH = {"centroid": 2.4, "refined": 1.4}
 _MOST_POINTS = 500  # of a line, besides the steepest steps
@@ -46,6 +47,7 @@ class Unit:
 
 DEGREES = Unit(name="°", per_si=180.0 / np.pi)
 MILLIMETRES = Unit(name="mm", per_si=1e3)
+"""What sweeps are drawn over."""
 
 
 def magnitude(forces: Array) -> Array:

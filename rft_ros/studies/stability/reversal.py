@@ -13,6 +13,7 @@ from rft_ros.studies.stability.sweep import Array, Sweep, evenly, measured, scen
 __all__ = ["SPEEDS", "reversal", "reversal_sweep"]
 
 SPEEDS = Unit(name="mm/s", per_si=1e3)
+"""What this sweep is drawn over."""
 
 _STEP = 1e-5  # [m/s]
 

@@ -18,6 +18,7 @@ __all__ += ["scene_states", "shipped"]
 
 Array = NDArray[np.float64]
 BothRules = Mapping[Integration, Plates]
+"""The same tool for each rule of integration."""
 
 ANGLE_STEP = 1e-4
 """Steps [rad] over which a force must not jump; a degree has 175."""

@@ -1,0 +1,130 @@
+"""Whoever reads the package with `python -m pydoc` finds every public name explained."""
+
+import ast
+import importlib
+import inspect
+import pkgutil
+import pydoc
+import re
+from pathlib import Path
+
+import pytest
+
+import rft_ros
+import rft_ros.rft
+
+ROS = ("rft_ros.node.", "rft_ros.prepare_tool")
+MODULES = sorted(
+    m.name
+    for m in pkgutil.walk_packages(rft_ros.__path__, "rft_ros.")
+    if not m.name.startswith(ROS) and not m.name.endswith("__main__")
+)
+CORE = [name for name in MODULES if name.startswith("rft_ros.rft.")]
+
+ARRAYS = re.compile(r"NDArray|ArrayLike|\bArray\b")
+UNIT = re.compile(r"\[(m|m²|m³|m/s|rad|rad/s|deg|N|N m|N/m²|N/m³|N/cm³)\b|\[m, m²\]|\bunits?\b|no unit")
+SHAPE = re.compile(r"[Ss]hape")
+
+EQUATIONS = {
+    "media.Medium": 4,
+    "velocity_weights.f1": 5,
+    "velocity_weights.exact_f1": 5,
+    "velocity_weights.f23": 6,
+    "velocity_weights.exact_f23": 6,
+    "media.Medium.alpha_x_flat": 7,
+    "traction.traction_per_depth": 8,
+    "traction.treers2021": 8,
+    "wrench.wrenches": 9,
+    "wrench.plate_forces": 9,
+}
+
+
+def explained(name):
+    """The public functions, classes, methods and properties of a module, by dotted name, that are its own."""
+    module = importlib.import_module(name)
+    found = {}
+    for public in getattr(module, "__all__", ()):
+        thing = getattr(module, public)
+        if not (inspect.isclass(thing) or callable(thing)) or getattr(thing, "__module__", None) != name:
+            continue
+        found[public] = thing
+        for member, value in vars(thing).items() if inspect.isclass(thing) else ():
+            if isinstance(value, classmethod | staticmethod):
+                value = value.__func__
+            if not member.startswith("_") and (inspect.isfunction(value) or isinstance(value, property)):
+                found[f"{public}.{member}"] = value
+    return found
+
+
+def signature(thing):
+    thing = thing.fget if isinstance(thing, property) else thing
+    return " ".join(str(a) for a in getattr(thing, "__annotations__", {}).values())
+
+
+@pytest.mark.parametrize("name", MODULES)
+def test_a_module_says_what_it_is_for_and_so_does_every_public_name_in_it(name):
+    module = importlib.import_module(name)
+    assert module.__doc__
+    assert not [n for n, thing in explained(name).items() if not (thing.__doc__ or "").strip()]
+
+
+@pytest.mark.parametrize("name", [name for name in MODULES if name != "rft_ros.rft.alpha_y"])
+def test_public_constants_are_followed_by_what_they_mean(name):
+    """By a string below the assignments, a comment beside them, or by name in the module's own docstring."""
+    module = importlib.import_module(name)
+    source = Path(module.__file__).read_text()
+    bare, waiting = [], set()
+    for node in [*ast.parse(source).body, None]:
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            names = {n.id for t in targets for n in ast.walk(t) if isinstance(n, ast.Name)}
+            beside = "#" in "\n".join(source.splitlines()[node.lineno - 1 : node.end_lineno])
+            waiting |= set() if beside else names & set(getattr(module, "__all__", ()))
+            continue
+        said = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        bare += [] if said else sorted(n for n in waiting if n not in module.__doc__)
+        waiting = set()
+    assert not bare
+
+
+@pytest.mark.parametrize("name", CORE)
+def test_in_the_core_what_takes_or_gives_arrays_names_their_shapes_and_units(name):
+    for dotted, thing in explained(name).items():
+        if ARRAYS.search(signature(thing)):
+            assert SHAPE.search(thing.__doc__), f"{name}.{dotted} names no shape"
+            assert UNIT.search(thing.__doc__), f"{name}.{dotted} names no unit"
+
+
+@pytest.mark.parametrize(("dotted", "number"), EQUATIONS.items())
+def test_what_is_an_equation_of_the_method_says_which(dotted, number):
+    module, _, names = dotted.partition(".")
+    assert f"Eq. ({number})" in explained(f"rft_ros.rft.{module}")[names].__doc__
+
+
+def test_pydoc_of_the_core_reads_like_the_method_with_its_equations_in_order():
+    page = pydoc.plain(pydoc.render_doc(rft_ros.rft)).partition("PACKAGE CONTENTS")[0]
+    numbers = [int(n) for n in re.findall(r"  Eq\. \((\d)\)\n", page)]
+    assert numbers == list(range(1, 10))
+    assert max(len(line) for line in page.splitlines()) <= 124
+
+
+def test_every_name_that_the_method_mentions_exists():
+    names = re.findall(r"`([A-Za-z_][\w.]*)`", rft_ros.rft.__doc__)
+    assert len(names) > 25
+    for name in names:
+        thing = rft_ros.rft
+        for part in name.split("."):
+            thing = getattr(thing, part)
+
+
+def test_the_method_s_equations_are_cited_by_numbers_that_there_are():
+    for file in Path(rft_ros.rft.__file__).parent.glob("*.py"):
+        for number in re.findall(r"Eqs?\. \((\d+)\)", file.read_text()):
+            assert 1 <= int(number) <= 9, file
+
+
+def test_compiled_functions_show_their_docstrings_in_help():
+    from rft_ros.rft import velocity_weights
+
+    page = pydoc.plain(pydoc.render_doc(velocity_weights))
+    assert "f1(u: float) -> float\n        Rational `exact_f1`" in page
