@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from rft_ros.bags.summary import Summary
 from rft_ros.errors import InputError
 from rft_ros.estimator import Reason
+from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Finding", "Limit", "check", "finding_lines", "read_limits"]
 
@@ -40,12 +39,7 @@ class Finding:
 
 def read_limits(file: Path) -> list[Limit]:
     """A YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, either or both; anything else is an InputError."""
-    try:
-        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"limits file '{file}' cannot be read: {error}") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"limits file '{file}' is not YAML: {' '.join(str(error).split())}") from None
+    tree = read_yaml(file, "limits file")
     if not isinstance(tree, dict) or not tree:
         raise InputError(f"limits file '{file}' holds no metrics; a line is such as 'estimates: {{min: 1000}}'")
     return [_limit(file, str(metric), bounds) for metric, bounds in tree.items()]

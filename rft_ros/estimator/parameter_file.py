@@ -1,28 +1,17 @@
 """Reading a ROS 2 parameter file without ROS: the same YAML that ``rft_node --params-file`` takes."""
 
-import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import Value, checked, defaults
+from rft_ros.yaml_file import read_yaml
 
 __all__ = ["NODE_KEYS", "node_parameters", "parameter_tree", "read_parameter_file"]
 
 NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
 """Top-level keys that hold parameters of the node `rft`, later ones over earlier ones."""
-
-
-class _Loader(yaml.SafeLoader):
-    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; to PyYAML alone they are strings."""
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
-)
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -34,15 +23,19 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def parameter_tree(file: Path) -> dict[str, Any]:
-    """A parameter file as it is written: by node, nested and flat names as they come."""
-    try:
-        tree = yaml.load(file.read_text(encoding="utf-8"), Loader=_Loader)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"parameter file '{file}' cannot be read: {error}") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"parameter file '{file}' is not YAML: {' '.join(str(error).split())}") from None
+    """A parameter file as it is written: by node, nested and flat names as they come.
+
+    Raises InputError for what ROS would not read either: no YAML, no node at the top, a list of mixed types.
+    """
+    tree = read_yaml(file, "parameter file")
     if not isinstance(tree, dict):
         raise InputError(f"parameter file '{file}' has no node name at its top level, such as '/**'")
+    for name, value in _flat(tree):
+        if isinstance(value, list) and len({type(v) for v in value}) > 1:
+            name = name.partition(".ros__parameters.")[2] or name
+            raise InputError(
+                f"parameter file '{file}': {name} is {value}; ROS takes lists of one type only, such as [0.0, 0.5]"
+            )
     return tree
 
 

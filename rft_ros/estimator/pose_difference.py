@@ -17,8 +17,8 @@ _FEWEST = 3
 def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignore[no-untyped-def]
     """Least-squares slopes over the poses of the window; rotations as vectors from the newest pose, world axes.
 
-    `stamps` [ns], 0 where there is no pose; `ring`: rows position, quaternion xyzw. Writes vx..wz to `twist`; returns
-    the number of poses used.
+    `stamps`, `window`, `oldest_allowed` [ns]; a stamp is 0 where there is no pose. `ring`: rows position, quaternion
+    xyzw. Writes vx..wz to `twist`; returns the number of poses used.
     """
     capacity = ring.shape[0]
     ax, ay, az, aw = -ring[newest, 3], -ring[newest, 4], -ring[newest, 5], ring[newest, 6]
@@ -30,9 +30,10 @@ def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignor
     for back in range(capacity):
         at = (newest - back) % capacity
         row = ring[at]
-        t = (stamps[at] - stamps[newest]) * 1e-9  # from integers: the same whenever the run began
-        if stamps[at] == 0 or -t > oldest_allowed or (-t > window and n >= _FEWEST):
+        age = stamps[newest] - stamps[at]
+        if stamps[at] == 0 or age > oldest_allowed or (age > window and n >= _FEWEST):
             break
+        t = -1e-9 * age  # from integers: the same whenever the run began
         # rotation from the newest pose to this one: q_row * conj(q_newest), as a rotation vector
         bx, by, bz, bw = row[3], row[4], row[5], row[6]
         rx = bw * ax + bx * aw + by * az - bz * ay
@@ -62,8 +63,8 @@ class PoseDifference:
     """Ring of the last poses. Causal: the twist is that of the window's middle, half a window ago."""
 
     def __init__(self) -> None:
-        self.window = 0.0
-        self.max_age = 0.0
+        self._window = 0
+        self._max_age = 0
         self._stamps = np.zeros(_CAPACITY, dtype=np.int64)
         self._ring = np.zeros((_CAPACITY, 7))
         self._newest = -1
@@ -71,8 +72,8 @@ class PoseDifference:
 
     def span(self, *, window: float, max_age: float) -> None:
         """Fit the line to the poses of the last `window` [s], at least three, none older than `max_age` [s]."""
-        self.window = window
-        self.max_age = max(max_age, window)
+        self._window = round(1e9 * window)
+        self._max_age = max(round(1e9 * max_age), self._window)
 
     def push(self, pose: PoseSample) -> bool:
         """Add a pose; True once `twist` (vx, vy, vz, wx, wy, wz; world axes) holds the answer for it."""
@@ -81,7 +82,7 @@ class PoseDifference:
         row = self._ring[self._newest]
         row[0:3] = pose.position
         row[3:7] = pose.quaternion
-        used: int = _slopes(self._stamps, self._ring, self._newest, self.window, self.max_age, self.twist)
+        used: int = _slopes(self._stamps, self._ring, self._newest, self._window, self._max_age, self.twist)
         return used >= _FEWEST
 
     def reset(self) -> None:

@@ -1,16 +1,20 @@
 """``rft_node``: start, warm up, spin until told to stop."""
 
 import gc
+import itertools
 import signal
 import sys
 import threading
+from pathlib import Path
 
 import rclpy
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
 
 from rft_ros.errors import InputError
+from rft_ros.estimator.parameter_file import parameter_tree
 from rft_ros.estimator.warm_up import fork_compilation, warm_up_all
 from rft_ros.node.rft_node import RftNode
 from rft_ros.prepare_tool import start_preparer
@@ -21,7 +25,12 @@ __all__ = ["main"]
 def main() -> int:
     """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its parameters cannot be used."""
     preparer, compilation = start_preparer(), fork_compilation()
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    except RCLError as error:
+        print(f"rft_node: {_why(error)}", file=sys.stderr)
+        preparer.close()
+        return 2
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
@@ -51,6 +60,17 @@ def main() -> int:
         rclpy.try_shutdown()
         preparer.close()
     return 0
+
+
+def _why(error: Exception) -> str:
+    """What ROS could not use: in the words of a replay where it is a parameter file, else in its own."""
+    for option, value in itertools.pairwise(sys.argv):
+        if option == "--params-file":
+            try:
+                parameter_tree(Path(value))
+            except InputError as why:
+                return str(why)
+    return str(error).partition(", at ")[0]
 
 
 if __name__ == "__main__":

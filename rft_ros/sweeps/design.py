@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rft_ros.errors import InputError
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA
 from rft_ros.studies.motions import FAMILIES
+from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Design", "Variant", "read_design"]
 
@@ -48,13 +48,7 @@ class Design:
 
 def read_design(file: Path) -> Design:
     """Read a study; InputError names the file, the entry and what is wrong with it."""
-    try:
-        text = file.read_text(encoding="utf-8")
-        content = yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"study '{file}' cannot be read: {error}") from None
-    except yaml.YAMLError as error:
-        raise InputError(f"study '{file}' is no YAML: {' '.join(str(error).split())}") from None
+    content = read_yaml(file, "study")
     if not isinstance(content, Mapping):
         raise InputError(f"study '{file}' has no entries; it needs tools, motions and media")
     known = {"tools", "motions", "media", "sample", "seed"}
@@ -72,7 +66,7 @@ def read_design(file: Path) -> Design:
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number from 0 on")
         picked = tuple(sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist()))
-    return Design(file=file, picked=picked, fingerprint=zlib.crc32(text.encode()), **lists)
+    return Design(file=file, picked=picked, fingerprint=zlib.crc32(file.read_bytes()), **lists)
 
 
 def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]]:

@@ -7,6 +7,9 @@ import numpy as np
 import pytest
 from cell import OUTPUTS, numbers, predicted_by_the_core, stamp_of
 
+from rft_ros.errors import InputError
+from rft_ros.estimator.parameter_file import read_parameter_file
+
 S = 1_000_000_000
 
 
@@ -208,6 +211,17 @@ def test_it_does_not_start_on_parameters_it_cannot_use(start_cell, argument, wor
     cell = start_cell("-p", argument)
     assert cell.process.wait(30.0) == 2
     assert words in cell.said()
+    assert "Traceback" not in cell.said()
+
+
+def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_replay(start_cell, tmp_path):
+    file = tmp_path / "cell.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
+    cell = start_cell("--params-file", str(file))
+    assert cell.process.wait(30.0) == 2
+    with pytest.raises(InputError) as refusal:
+        read_parameter_file(file)
+    assert f"rft_node: {refusal.value}" in cell.said()
     assert "Traceback" not in cell.said()
 
 

@@ -90,6 +90,7 @@ def test_what_is_no_metric_cannot_be_limited(summary, word):
         ("", "holds no metrics"),
         ("- estimates", "holds no metrics"),
         ("estimates: [", "is not YAML"),
+        ("estimates: {max: 2026-02-30}", "is not YAML: day is out of range for month"),
         ("estimates: 5", "estimates is 5; it must be {min: NUMBER, max: NUMBER}"),
         ("estimates: {least: 5}", "it must be {min: NUMBER, max: NUMBER}"),
         ("estimates: {}", "it must be {min: NUMBER, max: NUMBER}"),
@@ -106,6 +107,11 @@ def test_a_malformed_file_is_refused_before_anything_is_replayed(bag, tmp_path, 
     assert words in error
     assert len(error.splitlines()) == 1
     assert not (tmp_path / "out").exists()
+
+
+def test_a_limit_with_an_exponent_is_a_number_as_in_a_parameter_file(tmp_path):
+    (tmp_path / "limits.yaml").write_text("rms_over_peak: {max: 1e-3}\n")
+    assert read_limits(tmp_path / "limits.yaml") == [Limit(metric="rms_over_peak", max=1e-3)]
 
 
 def test_a_limits_file_that_is_not_there_is_named(tmp_path):

@@ -54,6 +54,16 @@ def test_uneven_stamps_do_not_matter(steps, v):
     assert found == pytest.approx([*v, 0.1, 0.2, 0.3], abs=1e-9)
 
 
+@pytest.mark.parametrize(("window", "rate"), [(0.03, 500), (0.05, 1000), (0.07, 100), (0.1, 125), (0.3, 1000)])
+def test_the_pose_at_the_windows_very_edge_counts_and_the_one_before_does_not(window, rate):
+    """0.03 s hold 16 poses at 500 Hz, though 15 times 2 ms is more than 0.03 in floating point."""
+    edge, step = round(window * rate), SECOND // rate
+    for back, counts in ((edge, True), (edge + 1, False)):
+        poses = [pose(START + k * step, (1e-3 if k == 2 else 0.0, 0.0, 0.0)) for k in range(back + 3)]
+        found, _ = differenced(poses, window=window)
+        assert (found[0] != 0.0) == counts
+
+
 def test_a_point_off_the_axis_gets_the_velocity_of_the_windows_middle_less_a_tenth_of_its_half_turn_squared():
     """The slope of sin over [-a, a] is 3 (sin a - a cos a) / a³, that is 1 - a²/10; a = ω T/2."""
     w, lever, window = 2.0, 0.1, 0.2

@@ -86,6 +86,11 @@ def test_names_that_only_look_like_numbers_stay_names(read, name):
         ("/**:\n  ros__parameters:\n    medium.zeta: high\n", "medium.zeta is 'high'; it must be a finite number"),
         ("/**:\n  ros__parameters:\n    medium.zeta: .nan\n", "medium.zeta is nan; it must be a finite number"),
         ("/**:\n  ros__parameters:\n    mesh.origin: [1.0]\n", "mesh.origin is [1.0]; it must be 3 numbers"),
+        (
+            "/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n",
+            "sensor.position is [0, 0, 0.5]; ROS takes lists of one type only, such as [0.0, 0.5]",
+        ),
+        ("arm:\n  ros__parameters:\n    x: {y: [1, a]}\n", "x.y is [1, 'a']; ROS takes lists of one type only"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
 )

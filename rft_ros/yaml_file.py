@@ -1,0 +1,32 @@
+"""Reading YAML: as ROS reads it, with errors that name the file."""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rft_ros.errors import InputError
+
+__all__ = ["read_yaml"]
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; to PyYAML alone they are strings."""
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
+
+
+def read_yaml(file: Path, what: str) -> Any:
+    """The content of a YAML file. `what` it is for the error: InputError where it cannot be read or is no YAML."""
+    try:
+        return yaml.load(file.read_text(encoding="utf-8"), Loader=_Loader)
+    except OSError as error:
+        raise InputError(f"{what} '{file}' cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise InputError(f"{what} '{file}' cannot be read: it is not UTF-8 text") from None
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month
+        raise InputError(f"{what} '{file}' is not YAML: {' '.join(str(error).split())}") from None
