@@ -7,8 +7,8 @@ from rft_ros.bags.phases import Phase
 from rft_ros.bags.trace import PHASES
 from rft_ros.estimator import Model
 from rft_ros.report.charts import ToolView, TractionMoment
-from rft_ros.rft import Plates, plate_forces, rotation_matrix
-from rft_ros.tool import Tool
+from rft_ros.rft import plate_forces, rotation_matrix
+from rft_ros.tool.drawing import drawable
 
 __all__ = ["tool_view"]
 
@@ -25,8 +25,7 @@ def tool_view(rows: NDArray[np.void], model: Model, *, surface_height: float) ->
     indices, chosen = _moments(rows)
     if not indices:
         return None
-    vertices, faces = _drawable(model.tool)
-    plates = _plates(vertices, faces)
+    vertices, faces, plates = drawable(model.tool, most_faces=_MOST_FACES)
     moments = []
     for index in indices:
         row = rows[index]
@@ -74,27 +73,3 @@ def _moments(rows: NDArray[np.void]) -> tuple[list[int], int]:
             found.add(int(after[len(after) // 2]))
     ordered = sorted(found)
     return ordered, ordered.index(deepest)
-
-
-def _drawable(tool: Tool) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices and faces, few enough for a page."""
-    if len(tool.faces) <= _MOST_FACES:
-        return tool.vertices, tool.faces
-    import fast_simplification  # type: ignore[import-untyped]
-
-    vertices, faces = fast_simplification.simplify(
-        np.asarray(tool.vertices, dtype=np.float64), tool.faces.astype(np.int32), target_count=_MOST_FACES
-    )
-    vertices, faces = np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64)
-    return vertices, faces[np.linalg.norm(_areas(vertices, faces), axis=1) > 0.0]
-
-
-def _areas(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Area vectors, outwards, shape [m, 3] [m²]."""
-    a, b, c = vertices[faces.T]
-    return np.asarray(np.cross(b - a, c - a) / 2.0)
-
-
-def _plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
-    areas = _areas(vertices, faces)
-    return Plates.from_arrays(vertices[faces].mean(axis=1), areas, np.linalg.norm(areas, axis=1))

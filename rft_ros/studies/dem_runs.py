@@ -58,11 +58,11 @@ class DemRun:
     states: Array
     forces: Array
 
-    def predicted(self, law: Law, *, mobilization_length: float = 0.0) -> Array:
+    def predicted(self, law: Law, *, mobilization_length: float = 0.0, threads: int | None = None) -> Array:
         """The model's force at each state [N], shape [n, 3]; of plates that remember, over a length [m]."""
         plates = self.tool.plates
         if mobilization_length == 0.0:
-            return wrenches(plates, law, self.states)[:, :3]
+            return wrenches(plates, law, self.states, threads=threads)[:, :3]
         return wrenches_in_time(
             plates,
             law,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import Integration, Law, Memory, wrenches, wrenches_in_time
+from rft_ros.rft import Integration
 from rft_ros.studies.chart_points import median_seconds
 from rft_ros.studies.dem_runs import CALIBRATION, RUNS, DemRun, fitted_zeta, median_error, read_run
 from rft_ros.studies.paper import law
@@ -80,7 +80,13 @@ def judged_choices(data: Path) -> list[Judged]:
         zeta = fitted_zeta(calibration, law(choice.alpha_y, zeta=1.0))
         cases += [(choice, run, zeta) for run in own]
     calls = [
-        partial(_force, run, law(choice.alpha_y, zeta=zeta), choice.mobilization_length) for choice, run, zeta in cases
+        partial(
+            run.predicted,
+            law(choice.alpha_y, zeta=zeta),
+            mobilization_length=choice.mobilization_length,
+            threads=1,
+        )
+        for choice, run, zeta in cases
     ]
     return [
         Judged(
@@ -98,16 +104,6 @@ def judged_choices(data: Path) -> list[Judged]:
 
 def _tool(run: DemRun, choice: Choice) -> Tool:
     return load_tool(run.tool.file, scale=1.0, integration=choice.integration, tolerance=choice.tolerance)
-
-
-def _force(run: DemRun, model: Law, mobilization_length: float) -> Array:
-    if mobilization_length == 0.0:
-        return wrenches(run.tool.plates, model, run.states, threads=1)[:, :3]
-    durations = np.diff(run.times, prepend=run.times[0])
-    memory = Memory.of(run.tool.plates)
-    return wrenches_in_time(
-        run.tool.plates, model, run.states, durations, memory, mobilization_length=mobilization_length
-    )[:, :3]
 
 
 _ROW = re.compile(r"^\|(?P<names>[^|]*`[^|]*)\|[^|]*\|(?P<times>[^|]*\d) s \|\s*$", re.MULTILINE)

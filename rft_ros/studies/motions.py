@@ -13,7 +13,7 @@ unless the caller says otherwise. Positions are those of the tool frame's origin
 
 import math
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,21 +41,11 @@ class Motion(Protocol):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Straight:
-    """Insertion, penetration or withdrawal along a line, without turning.
+class _Steady:
+    """At one speed along a path; the fields of all families that are."""
 
-    `start_height`: z of the origin at t = 0 [m]. `speed` [m/s]. `travel`: length of the path [m]. `descent_deg`: how
-    far below the horizontal it goes [deg]; 90 straight down, -90 straight up. `heading_deg`: its horizontal direction,
-    from +x towards +y [deg]. `tilt_deg`, then `yaw_deg`: the tool's attitude, Rz(yaw) Ry(tilt) [deg].
-    """
-
-    start_height: float = 0.0
     speed: float = 0.01
     travel: float = 0.05
-    descent_deg: float = 90.0
-    heading_deg: float = 0.0
-    tilt_deg: float = 0.0
-    yaw_deg: float = 0.0
 
     def __post_init__(self) -> None:
         _check(self, positive=("speed", "travel"))
@@ -64,6 +54,22 @@ class Straight:
     def duration(self) -> float:
         """From the first pose to the last [s]."""
         return self.travel / self.speed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Straight(_Steady):
+    """Insertion, penetration or withdrawal along a line, without turning.
+
+    `start_height`: z of the origin at t = 0 [m]. `speed` [m/s]. `travel`: length of the path [m]. `descent_deg`: how
+    far below the horizontal it goes [deg]; 90 straight down, -90 straight up. `heading_deg`: its horizontal direction,
+    from +x towards +y [deg]. `tilt_deg`, then `yaw_deg`: the tool's attitude, Rz(yaw) Ry(tilt) [deg].
+    """
+
+    start_height: float = 0.0
+    descent_deg: float = 90.0
+    heading_deg: float = 0.0
+    tilt_deg: float = 0.0
+    yaw_deg: float = 0.0
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
@@ -77,7 +83,7 @@ class Straight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlateDrag:
+class PlateDrag(_Steady):
     """A plate dragged along +x without turning (paper Figs. 2 and 3; with `phi_deg`, Figs. 5 and 6).
 
     The plate's face is the tool's -z: it faces down at `beta_deg` = 0 and forwards at 90 [deg]. `psi_deg`: angle from
@@ -90,16 +96,6 @@ class PlateDrag:
     beta_deg: float = 90.0
     phi_deg: float = 0.0
     depth: float = 0.0255
-    speed: float = 0.01
-    travel: float = 0.05
-
-    def __post_init__(self) -> None:
-        _check(self, positive=("speed", "travel"))
-
-    @property
-    def duration(self) -> float:
-        """From the first pose to the last [s]."""
-        return self.travel / self.speed
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
@@ -113,7 +109,7 @@ class PlateDrag:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OscillatingInsertion:
+class OscillatingInsertion(_Steady):
     """Straight down while pitching about y as amplitude * sin(2π frequency t) (paper Fig. 7; its ellipsoid).
 
     `frequency`: of the pitch [Hz]. The released code has 0.625 (ω = 1.25π rad/s), the paper's text 1.25.
@@ -126,14 +122,6 @@ class OscillatingInsertion:
     speed: float = 0.005
     travel: float = 0.06
     start_height: float = 0.018
-
-    def __post_init__(self) -> None:
-        _check(self, positive=("speed", "travel"))
-
-    @property
-    def duration(self) -> float:
-        """From the first pose to the last [s]."""
-        return self.travel / self.speed
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
@@ -220,8 +208,8 @@ def sample_every(motion: Motion, step: float) -> tuple[Array, Array]:
     return times, motion.at(times)
 
 
-def _check(motion: Motion, *, positive: tuple[str, ...]) -> None:
-    for field in fields(motion):  # type: ignore[arg-type]
+def _check(motion: Any, *, positive: tuple[str, ...]) -> None:
+    for field in fields(motion):
         name, value = field.name, getattr(motion, field.name)
         if not math.isfinite(value) or (name in positive and value <= 0.0):
             kind = "positive" if name in positive else "finite"

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.report.moving_tool import MovingTool
-from rft_ros.rft import Law, Plates, plate_forces, rotation_matrix
+from rft_ros.rft import Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 from rft_ros.tool.drawing import drawable
 
@@ -19,11 +19,7 @@ def moving_tool(
 ) -> MovingTool:
     """The scene of states, shape [n, 13], at times [s], shape [n]; at most 60 moments, evenly by number."""
     chosen = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
-    vertices, faces = drawable(tool, most_faces=_MOST_FACES)
-    a, b, c = vertices[faces.T]
-    area_vectors = np.cross(b - a, c - a) / 2.0
-    areas = np.linalg.norm(area_vectors, axis=1)
-    plates = Plates.from_arrays((a + b + c) / 3.0, area_vectors, areas)
+    vertices, faces, plates = drawable(tool, most_faces=_MOST_FACES)
     forces = np.array([plate_forces(plates, law, states[k], surface_height=surface_height) for k in chosen])
     placed = [vertices @ rotation_matrix(states[k, 3:7]).T + states[k, :3] for k in chosen]
     return MovingTool(
@@ -31,7 +27,7 @@ def moving_tool(
         times=times[chosen],
         placed=np.array(placed),
         faces=faces,
-        traction=np.linalg.norm(forces, axis=2) / areas,
+        traction=np.linalg.norm(forces, axis=2) / plates.packed[6],
         origins=states[chosen, :3],
         forces=forces.sum(axis=1),
         surface_height=surface_height,

@@ -3,13 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.tool.tool import Tool
+from rft_ros.rft import Plates
+from rft_ros.tool.tool import Tool, centroid_plates
 
 __all__ = ["drawable"]
 
 
-def drawable(tool: Tool, *, most_faces: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Vertices [m], shape [n, 3], and faces with an area, shape [m, 3], m about `most_faces` at most."""
+def drawable(tool: Tool, *, most_faces: int) -> tuple[NDArray[np.float64], NDArray[np.int64], Plates]:
+    """Vertices [m], shape [n, 3]; faces with an area, shape [m, 3], m about `most_faces` at most; a plate for each."""
     import trimesh
 
     mesh = trimesh.Trimesh(tool.vertices, tool.faces, process=True)
@@ -22,4 +23,5 @@ def drawable(tool: Tool, *, most_faces: int) -> tuple[NDArray[np.float64], NDArr
         )
         vertices, faces = (np.asarray(fewer[0], dtype=np.float64), np.asarray(fewer[1], dtype=np.int64))
     a, b, c = vertices[faces.T]
-    return vertices, faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0.0]
+    faces = faces[np.linalg.norm(np.cross(b - a, c - a), axis=1) > 0.0]
+    return vertices, faces, centroid_plates(vertices, faces)
