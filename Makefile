@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint bench bench-node bench-swaps bench-replay soak fuzz venv clean
+.PHONY: demo test lint lines dist bench bench-node bench-swaps bench-replay soak fuzz venv clean
 
 demo: venv
 	$(BIN)/rft demo -o out/demo
@@ -16,6 +16,12 @@ lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+lines: venv
+	$(BIN)/python bench/lines.py
+
+dist: venv
+	$(BIN)/python -m build
 
 bench: venv
 	$(BIN)/python bench/kernel.py
@@ -37,7 +43,7 @@ fuzz: venv
 
 venv: $(STAMP)
 
-$(STAMP): setup.py
+$(STAMP): setup.py package.xml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[ros,test,dev]'

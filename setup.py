@@ -1,18 +1,26 @@
-"""ament_python package of rft_ros; works with colcon on ROS 2 Jazzy and with plain pip."""
+"""ament_python package of rft_ros; works with colcon on ROS 2 Jazzy and with plain pip.
+
+Name, version, description, licence and maintainer stand in package.xml, which ROS tools read, and only there.
+"""
 
 from glob import glob
+from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
-NAME = "rft_ros"
+MANIFEST = ElementTree.parse(Path(__file__).resolve().parent / "package.xml")
+NAME = MANIFEST.findtext("name", "")
+
+SWEEP = ["dask[distributed]>=2024.1", "pyarrow>=14"]
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="The wrench that dry granular material puts on a robot's tool, in real time, by 3D RFT.",
-    license="Apache-2.0",
-    maintainer="rft_ros maintainers",
-    maintainer_email="maintainers@rft-ros.invalid",
+    version=MANIFEST.findtext("version"),
+    description=MANIFEST.findtext("description"),
+    license=MANIFEST.findtext("license"),
+    maintainer=MANIFEST.findtext("maintainer"),
+    maintainer_email=MANIFEST.find("maintainer").get("email"),
     python_requires=">=3.10",
     packages=find_packages(include=[NAME, f"{NAME}.*"]),
     package_data={NAME: ["py.typed"]},
@@ -27,25 +35,35 @@ setup(
         (f"lib/{NAME}", ["scripts/rft_node", "scripts/rft"]),
     ],
     install_requires=[
-        "setuptools",
         "numpy>=1.26",
-        "numba>=0.60",
+        "numba>=0.58.1",
         "scipy>=1.11",
         "trimesh>=4.4",
-        "pycollada>=0.8",
+        "pycollada>=0.7.2",
         "rosbags>=0.10.9",
+        "lz4>=4.0",
+        "backports.zstd; python_version < '3.14'",
         "PyYAML>=6.0",
         "rich>=13.0",
-        "matplotlib>=3.8",
-        "plotly>=5.20",
+        "matplotlib>=3.7",
+        "Pillow>=10.0",
+        "plotly>=5.15",
         "fast-simplification>=0.1.7",
     ],
     extras_require={
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
-        "sweep": ["dask[distributed]>=2024.1", "pyarrow>=14"],
-        "test": ["pytest>=8", "pytest-xdist>=3.5", "hypothesis>=6.100", "dask[distributed]>=2024.1", "pyarrow>=14"],
+        "sweep": SWEEP,
+        "test": [
+            "pytest>=8",
+            "pytest-xdist>=3.5",
+            "hypothesis>=6.100",
+            "build>=1.0",
+            "colcon-common-extensions",
+            "catkin_pkg>=1.0",
+            *SWEEP,
+        ],
         "dev": ["mpmath>=1.3", "mypy>=1.10", "ruff>=0.6", "types-PyYAML", "scipy-stubs; python_version >= '3.11'"],
     },
-    entry_points={"console_scripts": ["rft = rft_ros.cli:main", "rft_node = rft_ros.node.main:main"]},
+    entry_points={"console_scripts": [f"rft = {NAME}.cli:main", f"rft_node = {NAME}.node.main:main"]},
     zip_safe=True,
 )

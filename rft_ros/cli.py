@@ -4,6 +4,7 @@ import argparse
 import sys
 from collections.abc import Sequence
 from types import ModuleType
+from typing import NoReturn
 
 from rft_ros.commands import calibrate, chart, check_mesh, demo, predict, reduce, replay, study, sweep, view
 from rft_ros.errors import InputError
@@ -20,6 +21,7 @@ def parser() -> argparse.ArgumentParser:
         prog="rft",
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
     )
+    whole.add_argument("--version", action=_Version, nargs=0, help="show the installed version and exit")
     commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for module in _COMMANDS:
         text = (module.__doc__ or "").partition("\n")[0]
@@ -28,6 +30,19 @@ def parser() -> argparse.ArgumentParser:
         module.add_options(command)
         command.set_defaults(run=module.run)
     return whole
+
+
+class _Version(argparse.Action):
+    """What the package is installed as; looked up only when asked for."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
+        from importlib.metadata import PackageNotFoundError, version
+
+        try:
+            print(f"rft {version('rft_ros')}")
+        except PackageNotFoundError:
+            print("rft, not installed")
+        parser.exit()
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
