@@ -1,6 +1,10 @@
-"""The command ``rft``: works without ROS. Exit status 0 done, 1 failed, 2 wrong usage or unusable input."""
+"""The command ``rft``: works without ROS.
+
+Exit status: 0 done, 1 failed, 2 wrong usage or unusable input, 130 interrupted.
+"""
 
 import argparse
+import difflib
 import sys
 from collections.abc import Sequence
 from types import ModuleType
@@ -12,24 +16,41 @@ from rft_ros.errors import InputError
 __all__ = ["main", "parser"]
 
 # The modules import what they need when they run, so that `rft --help` answers at once.
-_COMMANDS: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, chart, study, sweep, view, demo)
+_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, chart, study, sweep, view, demo)
+_COMMANDS = {module.__name__.rpartition(".")[2].replace("_", "-"): module for module in _MODULES}
 
 
 def parser() -> argparse.ArgumentParser:
-    """The whole command line: a subcommand for each module, named and described as the module is."""
+    """The whole command line: a subcommand for each module, named as it is.
+
+    The first line of a module's docstring describes its command, what follows are examples.
+    """
     whole = argparse.ArgumentParser(
         prog="rft",
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
+        epilog="rft COMMAND --help says more of each. " + (__doc__ or "").partition("\n\n")[2],
+        formatter_class=_Help,
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="show the installed version and exit")
-    commands = whole.add_subparsers(dest="command", required=True, metavar="COMMAND")
-    for module in _COMMANDS:
-        text = (module.__doc__ or "").partition("\n")[0]
-        name = module.__name__.rpartition(".")[2].replace("_", "-")
-        command = commands.add_parser(name, help=text, description=text)
+    commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
+    for name, module in _COMMANDS.items():
+        text, _, examples = (module.__doc__ or "").strip().partition("\n\n")
+        epilog = "\n".join(["example:", *(f"  {line}" for line in examples.splitlines())])
+        command = commands.add_parser(name, help=text, description=text, epilog=epilog, formatter_class=_Help)
         module.add_options(command)
         command.set_defaults(run=module.run)
     return whole
+
+
+class _Help(argparse.HelpFormatter):
+    """Names and what they mean side by side where they fit; examples as they are written."""
+
+    def __init__(self, prog: str) -> None:
+        super().__init__(prog, max_help_position=30)
+        self._action_max_length = 14  # of the longest command, whose indent argparse does not count
+
+    def _fill_text(self, text: str, width: int, indent: str) -> str:
+        return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
 class _Version(argparse.Action):
@@ -47,7 +68,15 @@ class _Version(argparse.Action):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    parsed = parser().parse_args(arguments)
+    arguments = sys.argv[1:] if arguments is None else arguments
+    whole = parser()
+    if not arguments:
+        whole.print_help(sys.stderr)
+        return 2
+    if unknown := _unknown(arguments[0]):
+        print(f"rft: {unknown}", file=sys.stderr)
+        return 2
+    parsed = whole.parse_args(arguments)
     try:
         status: int = parsed.run(parsed)
         return status
@@ -58,7 +87,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 2
     except KeyboardInterrupt:
         print(f"rft {parsed.command}: interrupted", file=sys.stderr)
-        return 1
+        return 130
+
+
+def _unknown(word: str) -> str:
+    """What to say where the first word is neither an option nor a command, else nothing."""
+    if word.startswith("-") or word in _COMMANDS:
+        return ""
+    near = difflib.get_close_matches(word, _COMMANDS, n=1)
+    return f"there is no command '{word}'; " + (
+        f"did you mean '{near[0]}'?" if near else f"there are {', '.join(_COMMANDS)}"
+    )
 
 
 if __name__ == "__main__":

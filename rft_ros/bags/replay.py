@@ -57,11 +57,7 @@ def replay(
     same bag, parameters and versions. A bag that cannot be used is an InputError (`Recording` lists what that can be),
     and so is a tare that the estimator refuses.
     """
-    for name, seconds in (("start", start), ("end", end), ("tare", tare)):
-        if seconds is not None and not 0.0 <= seconds <= 1e9:
-            raise InputError(f"{name} is {seconds} s; it must be a number of seconds from 0 on")
-    if start is not None and end is not None and end <= start:
-        raise InputError(f"end is {end:g} s; it must be after start, {start:g} s")
+    ReplayOptions(remap=tuple(remap), tare=tare, start=start, end=end)  # refuses spans that cannot be
     topics = remapped_topics(remap)
     if values["twist_source"] != "topic":
         del topics["twist"]

@@ -16,13 +16,20 @@ class ReplayOptions:
     """Which topics and which part of a bag.
 
     `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: take the load cell's bias from this many seconds at the
-    beginning. `start`, `end`: use this part of the bag only [s].
+    beginning. `start`, `end`: use this part of the bag only [s]. Raises InputError for spans that cannot be.
     """
 
     remap: tuple[str, ...] = ()
     tare: float | None = None
     start: float | None = None
     end: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
+            if seconds is not None and not 0.0 <= seconds <= 1e9:
+                raise InputError(f"{name} is {seconds} s; it must be a number of seconds from 0 on")
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")
 
 
 def read_replay_options(file: Path) -> ReplayOptions:

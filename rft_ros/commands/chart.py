@@ -1,4 +1,7 @@
-"""Draw accuracy against time, for scenes and for modelling choices."""
+"""Draw accuracy against time, for scenes and for modelling choices.
+
+rft chart -o out/chart
+"""
 
 import argparse
 import importlib.util
@@ -18,14 +21,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the charts")
     command.add_argument(
-        "--data", type=Path, metavar="DIR", help="reference data, whose dem/ the second chart is drawn from"
+        "--data",
+        type=Path,
+        metavar="DIR",
+        help="reference data with the simulated runs in dem/: draws the chart of modelling choices too",
     )
     command.add_argument(
         "--beside",
         type=Path,
         metavar="FILE.py",
-        help="time and judge another implementation too: wrench(plates, medium, zeta, alpha_y, state), as in"
-        " bench/numpy_rft.py",
+        help="time and judge another implementation too: a file with the function wrench(plates, medium, zeta,"
+        " alpha_y, state), such as bench/numpy_rft.py",
     )
 
 

@@ -1,15 +1,18 @@
-"""Say what a mesh file holds and what is wrong with it."""
+"""Say what a mesh file holds and what is wrong with it.
+
+rft check-mesh my_tool.stl --scale 0.001
+"""
 
 import argparse
 
-from rft_ros.commands.options import mesh_options
+from rft_ros.commands.options import MESH, mesh_options
 
 __all__ = ["add_options", "run"]
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument("file", metavar="FILE", help="path, package:// URI or name of a shipped mesh")
+    command.add_argument("file", metavar="FILE", help=MESH)
     mesh_options(command)
 
 

@@ -1,4 +1,7 @@
-"""A virtual arm, a real node, the live table (needs ROS: pip install 'rft_ros[ros]')."""
+"""Run a virtual arm, a real node and a live table (needs ROS).
+
+rft demo --seconds 20 -o out/demo
+"""
 
 import argparse
 from pathlib import Path
@@ -11,8 +14,17 @@ __all__ = ["add_options", "run"]
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help="default out/demo")
-    command.add_argument("--seconds", type=finite, default=12.0, help="how long the arm moves (default 12)")
+    command.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=Path("out/demo"),
+        metavar="DIR",
+        help="for bag and figure (default out/demo)",
+    )
+    command.add_argument(
+        "--seconds", type=finite, default=12.0, metavar="S", help="how long the arm moves [s] (default 12)"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:

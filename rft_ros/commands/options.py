@@ -1,12 +1,38 @@
-"""Options that several commands share."""
+"""Options that several commands share, and what they come to."""
 
 import argparse
 import math
+from pathlib import Path
+from typing import TYPE_CHECKING
 
-__all__ = ["finite", "integration_option", "mesh_options"]
+from rft_ros.errors import InputError
 
-# as in rft_ros.rft, which would cost the help text a second
+if TYPE_CHECKING:
+    from rft_ros.bags.replay_options import ReplayOptions
+    from rft_ros.estimator.parameters import Values
+    from rft_ros.rft import Law
+
+__all__ = [
+    "BAG",
+    "MESH",
+    "finite",
+    "integration_option",
+    "law_of",
+    "law_options",
+    "mesh_options",
+    "recording",
+    "recording_options",
+    "surface_option",
+]
+
+# as in rft_ros.rft and rft_ros.tool, which would cost the help text a second
 _INTEGRATIONS = ("centroid", "refined")
+_MEDIA = "generic, poppy_seeds_loose or poppy_seeds_close"
+MESH = "path, package:// URI or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
+"""What a mesh is named by."""
+
+BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
+"""What a recording is named by."""
 
 
 def finite(text: str) -> float:
@@ -17,10 +43,10 @@ def finite(text: str) -> float:
     return value
 
 
-def mesh_options(command: argparse.ArgumentParser) -> None:
+def mesh_options(command: argparse._ActionsContainer) -> None:
     """``--scale`` and ``--origin``: how a mesh file becomes a tool."""
     command.add_argument(
-        "--scale", type=finite, default=0.001, metavar="M", help="metres per mesh unit (default 0.001)"
+        "--scale", type=finite, default=0.001, metavar="M", help="metres per mesh unit (default 0.001: millimetres)"
     )
     command.add_argument(
         "--origin",
@@ -32,10 +58,87 @@ def mesh_options(command: argparse.ArgumentParser) -> None:
     )
 
 
-def integration_option(command: argparse.ArgumentParser) -> None:
+def integration_option(command: argparse._ActionsContainer) -> None:
     """``--integration``: the rule for plates."""
     command.add_argument(
         "--integration",
         choices=_INTEGRATIONS,
-        help="centroid: published rule (default); refined: ours; a reduced tool has its own",
+        metavar="RULE",
+        help="centroid: published rule; refined: ours (default centroid; a reduced tool has its own)",
+    )
+
+
+def surface_option(command: argparse._ActionsContainer) -> None:
+    """``--surface-height``, for states."""
+    command.add_argument(
+        "--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface [m] (default 0)"
+    )
+
+
+def law_options(command: argparse._ActionsContainer) -> None:
+    """``--medium``, ``--zeta`` and ``--alpha-y``: the traction law, for states."""
+    command.add_argument("--medium", default="generic", metavar="NAME", help=f"{_MEDIA} (default generic)")
+    command.add_argument(
+        "--zeta", type=finite, default=1.0, metavar="FACTOR", help="the medium's scale factor, no unit (default 1)"
+    )
+    command.add_argument(
+        "--alpha-y",
+        default="constant",
+        metavar="MODEL",
+        help="constant, linear or a TABLE.csv of beta [deg], alpha_y [N/cm³] (default constant)",
+    )
+
+
+def law_of(arguments: argparse.Namespace) -> "Law":
+    """The law that `law_options` ask for; InputError names what cannot be used."""
+    from rft_ros.estimator.alpha_y_table import read_alpha_y_table
+    from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, medium_named, treers2021
+
+    name, table = arguments.alpha_y, None
+    try:
+        medium = medium_named(arguments.medium)
+        if name not in ALPHA_Y_MODELS or name == "table":
+            name, table = "table", read_alpha_y_table(name)
+        return treers2021(medium, alpha_y_model(name, medium, table), zeta=arguments.zeta)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+
+
+def recording_options(command: argparse._ActionsContainer, *, required: bool = False) -> None:
+    """``--params``, ``--remap``, ``--start`` and ``--end``: how a recording is read."""
+    command.add_argument(
+        "--params",
+        type=Path,
+        required=required,
+        metavar="FILE.yaml",
+        help="the node's own parameter file" + ("" if required else " (default: the node's defaults)"),
+    )
+    command.add_argument(
+        "--remap",
+        action="append",
+        default=[],
+        metavar="FROM:=TO",
+        help="topic of the recording, such as ~/pose:=/tool_pose; may be repeated",
+    )
+    command.add_argument(
+        "--start", type=finite, metavar="S", help="begin S seconds into the recording (default: at its beginning)"
+    )
+    command.add_argument(
+        "--end", type=finite, metavar="S", help="stop S seconds into the recording (default: at its end)"
+    )
+
+
+def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
+    """The parameters, and how to read the recording: the options over what the parameter file says."""
+    from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
+    from rft_ros.estimator.parameter_file import read_parameter_file
+    from rft_ros.estimator.parameters import defaults
+
+    file = arguments.params
+    values = read_parameter_file(file) if file else defaults()
+    written = read_replay_options(file) if file else ReplayOptions()
+    given = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
+    return values, ReplayOptions(
+        remap=(*written.remap, *getattr(arguments, "remap", ())),
+        **{name: getattr(written, name) if value is None else value for name, value in given.items()},
     )

@@ -1,10 +1,13 @@
-"""Wrench at each state of a CSV file."""
+"""Predict the wrench at each state of a CSV file.
+
+rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv
+"""
 
 import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.commands.options import finite, integration_option, mesh_options
+from rft_ros.commands.options import MESH, finite, integration_option, law_of, law_options, mesh_options, surface_option
 from rft_ros.errors import InputError
 
 __all__ = ["add_options", "run"]
@@ -12,47 +15,47 @@ __all__ = ["add_options", "run"]
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument("states", type=Path, metavar="STATES.csv", help="header t,px,py,pz,qx,qy,qz,qw,vx,..,wz (SI)")
-    command.add_argument("--mesh", required=True, metavar="FILE", help="path, package:// URI or name of a shipped mesh")
-    mesh_options(command)
-    command.add_argument("--medium", default="generic", metavar="NAME", help="medium (default generic)")
-    command.add_argument("--zeta", type=finite, default=1.0, help="the medium's scale factor (default 1.0)")
     command.add_argument(
-        "--alpha-y", default="constant", metavar="MODEL", help="constant, linear or a TABLE.csv (default constant)"
+        "states",
+        type=Path,
+        metavar="STATES.csv",
+        help="header t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz [s, m, quaternion, m/s, rad/s]; world axes, z up",
     )
+    command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
+    mesh_options(command)
+    law_options(command)
     command.add_argument(
         "--mobilization-length",
         type=finite,
         default=0.0,
         metavar="M",
-        help="path over which grains 30 mm deep come to strength; takes the states in the order of time (default 0)",
+        help="path [m] over which grains 30 mm deep come to strength, states in the order of time (default 0: none)",
     )
-    command.add_argument("--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface [m]")
+    surface_option(command)
     integration_option(command)
     command.add_argument(
         "--tolerance",
         type=finite,
         default=0.0,
         metavar="SHARE",
-        help="reduce the tool to the fewest plates within this share of the force in any motion (default 0: full tool)",
+        help="reduce the tool to the fewest plates within this share of the force in any motion, such as 0.01"
+        " (default 0: full tool)",
     )
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help="t,fx,fy,fz,tx,ty,tz")
+    command.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="OUT.csv",
+        help="what to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Predict; exit status."""
     import numpy as np
 
-    from rft_ros.estimator.alpha_y_table import read_alpha_y_table
-    from rft_ros.rft import (
-        ALPHA_Y_MODELS,
-        Memory,
-        alpha_y_model,
-        medium_named,
-        treers2021,
-        wrenches,
-        wrenches_in_time,
-    )
+    from rft_ros.rft import Memory, wrenches, wrenches_in_time
     from rft_ros.states_file import read_states, write_wrenches
     from rft_ros.tool import load_tool
 
@@ -68,15 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{tool.name}: {tool.reduction}")
     for finding in tool.findings:
         print(f"warning: {tool.name}: {finding.message}", file=sys.stderr)
-    named = arguments.alpha_y in ALPHA_Y_MODELS and arguments.alpha_y != "table"
-    try:
-        medium = medium_named(arguments.medium)
-        table = None if named else read_alpha_y_table(arguments.alpha_y)
-        law = treers2021(
-            medium, alpha_y_model(arguments.alpha_y if named else "table", medium, table), zeta=arguments.zeta
-        )
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    law = law_of(arguments)
     length, surface = arguments.mobilization_length, arguments.surface_height
     if length < 0.0:
         raise InputError(f"--mobilization-length is {length:g}; it must not be negative")

@@ -1,10 +1,13 @@
-"""Write a tool with the fewest plates that its motions need."""
+"""Write a tool with the fewest plates that its motions need.
+
+rft reduce my_tool.stl --integration refined --tolerance 0.01 -o my_tool.npz
+"""
 
 import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import finite, integration_option, mesh_options
+from rft_ros.commands.options import MESH, finite, integration_option, mesh_options, recording
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
@@ -18,7 +21,7 @@ __all__ = ["add_options", "run"]
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument("mesh", metavar="MESH", help="path, package:// URI or name of a shipped mesh")
+    command.add_argument("mesh", metavar="MESH", help=MESH)
     mesh_options(command)
     integration_option(command)
     size = command.add_mutually_exclusive_group()
@@ -27,24 +30,34 @@ def add_options(command: argparse.ArgumentParser) -> None:
         type=finite,
         default=0.025,
         metavar="SHARE",
-        help="of the force, at the 95th percentile of motions not used for the choice (default 0.025)",
+        help="error allowed, as a share of the force, at the 95th percentile of motions not used for the choice"
+        " (default 0.025)",
     )
-    size.add_argument("--plates", type=int, metavar="N", help="at most this many plates, whatever their error")
+    size.add_argument(
+        "--plates",
+        type=int,
+        metavar="N",
+        help="at most this many plates, whatever their error (default: --tolerance decides)",
+    )
     command.add_argument(
         "--scene",
         metavar="STATES.csv|BAG|FAMILY",
         help="choose plates for these motions only: a states file as for rft predict, a recorded bag, or the name of a"
-        " family of motions (straight, plate_drag, oscillating_insertion, circumnutation) at its defaults; default: any"
-        " motion",
+        " family of motions (straight, plate_drag, oscillating_insertion, circumnutation) at its defaults (default: any"
+        " motion)",
     )
-    command.add_argument("--params", type=Path, metavar="FILE.yaml", help="how the bag is read: the node's parameters")
+    command.add_argument(
+        "--params", type=Path, metavar="FILE.yaml", help="for a recorded bag: the node's parameter file"
+    )
     command.add_argument(
         "--surface-height",
         type=finite,
         metavar="Z",
         help="world z of the surface in the scene [m] (default: the parameter file's, or 0)",
     )
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz", help="taken wherever a mesh is")
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OUT.npz", help="what to write; taken wherever a mesh is"
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -88,20 +101,17 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]":
     """The scene's states, the surface at z = 0."""
-    from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
     from rft_ros.bags.states import states_of
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import defaults, model_of, settings_of
+    from rft_ros.estimator.parameters import model_of, settings_of
     from rft_ros.states_file import read_states
     from rft_ros.studies.motions import FAMILIES, sample
 
-    name, file = arguments.scene, arguments.params
-    values = read_parameter_file(file) if file else defaults()
+    name = arguments.scene
+    values, options = recording(arguments)
     surface = arguments.surface_height
     if name in FAMILIES:
         states = sample(FAMILIES[name](), 600)[1]
     elif Path(name).is_dir() or Path(name).suffix in (".bag", ".mcap", ".db3"):
-        options = read_replay_options(file) if file else ReplayOptions()
         states = states_of(Path(name), values, model_of(values, tool=tool), options)[1]
     else:
         states = read_states(Path(name))[1]

@@ -1,11 +1,14 @@
-"""Run recorded bags through the estimator."""
+"""Run recorded bags through the estimator.
+
+rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
+"""
 
 import argparse
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import finite
+from rft_ros.commands.options import BAG, finite, recording, recording_options
 
 if TYPE_CHECKING:
     from rft_ros.bags.limits import Limit
@@ -21,21 +24,18 @@ def add_options(command: argparse.ArgumentParser) -> None:
         type=Path,
         nargs="+",
         metavar="BAG",
-        help="rosbag2 folder (MCAP or sqlite3), .mcap file, ROS 1 .bag; several get a folder each below DIR",
+        help=f"{BAG}; several get a folder each below DIR",
     )
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
-    command.add_argument("--params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
+    recording_options(command)
     command.add_argument(
-        "--remap", action="append", default=[], metavar="FROM:=TO", help="as ~/pose:=/tool_pose; may be repeated"
+        "--tare", type=finite, metavar="S", help="take the load cell's bias from the first S seconds (default: no tare)"
     )
-    command.add_argument("--tare", type=finite, metavar="S", help="take the load cell's bias from the first S seconds")
-    command.add_argument("--start", type=finite, metavar="S", help="begin S seconds into the bag")
-    command.add_argument("--end", type=finite, metavar="S", help="stop S seconds into the bag")
     command.add_argument(
         "--check",
         type=Path,
         metavar="LIMITS.yaml",
-        help="fail (status 1) if a metric of a bag's summary passes a limit",
+        help="exit with 1 if a metric of a bag's summary passes a limit",
     )
     command.add_argument("--figures", action="store_true", help="write the report's figures as PNG too")
     command.add_argument("--no-report", action="store_true", help="write no report.html")
@@ -45,18 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
     """Replay; exit status."""
     from rft_ros.bags.batch import replay_all
     from rft_ros.bags.limits import read_limits
-    from rft_ros.bags.replay import ReplayOptions, read_replay_options, replay, replay_model
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import defaults
+    from rft_ros.bags.replay import replay, replay_model
 
     limits = read_limits(arguments.check) if arguments.check else []
-    file = arguments.params
-    values = read_parameter_file(file) if file else defaults()
-    options = read_replay_options(file) if file else ReplayOptions()
-    tare, start, end = (
-        getattr(options, name) if getattr(arguments, name) is None else getattr(arguments, name)
-        for name in ("tare", "start", "end")
-    )
+    values, options = recording(arguments)
     model = replay_model(values)
 
     def one(bag: Path, out: Path, label: str | None = None) -> "Summary":
@@ -64,10 +56,10 @@ def run(arguments: argparse.Namespace) -> int:
             bag,
             out,
             values,
-            remap=[*options.remap, *arguments.remap],
-            tare=tare,
-            start=start,
-            end=end,
+            remap=options.remap,
+            tare=options.tare,
+            start=options.start,
+            end=options.end,
             model=model,
             report=not arguments.no_report,
             figures=arguments.figures,

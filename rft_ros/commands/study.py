@@ -1,4 +1,7 @@
-"""Compute the paper's studies again, beside the published numbers."""
+"""Compute the paper's studies again, beside the published numbers.
+
+rft study oscillation -o out/studies
+"""
 
 import argparse
 import sys
@@ -20,7 +23,7 @@ ALL = "all"
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument("name", metavar="NAME", choices=(*STUDIES, ALL), help=", ".join((*STUDIES, ALL)))
+    command.add_argument("name", metavar="NAME", choices=(*STUDIES, ALL), help=f"{', '.join(STUDIES)}, or {ALL}")
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for figures (PNG, SVG), CSV and tables"
     )
@@ -28,7 +31,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--data",
         type=Path,
         metavar="DIR",
-        help="reference data: for dem, for the points of plates, and for the authors' own meshes",
+        help="reference data: needed by dem; gives plates its measured points, and the studies the authors' meshes",
     )
     command.add_argument(
         "--docs",

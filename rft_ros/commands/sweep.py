@@ -1,4 +1,7 @@
-"""Run a design study: tools x motions x media x models, on all cores or on a Dask cluster."""
+"""Run a design study: tools x motions x media x models, on all cores or a cluster.
+
+rft sweep config/sweep_example.yaml -o out/sweep
+"""
 
 import argparse
 from pathlib import Path
@@ -8,13 +11,22 @@ __all__ = ["add_options", "run"]
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument("study", type=Path, metavar="STUDY.yaml", help="tools, motions and media (docs/sweep.md)")
     command.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="DIR", help="the results; a sweep that was stopped goes on"
+        "study", type=Path, metavar="STUDY.yaml", help="tools, motions and media, as in config/sweep_example.yaml"
     )
-    command.add_argument("--scheduler", metavar="tcp://HOST:PORT", help="a Dask scheduler (default: processes here)")
+    command.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the results; a sweep that was stopped goes on",
+    )
+    command.add_argument(
+        "--scheduler", metavar="tcp://HOST:PORT", help="run on this Dask cluster (default: processes here)"
+    )
     command.add_argument("--workers", type=int, metavar="N", help="processes here (default: one a core)")
-    command.add_argument("--format", choices=("csv", "parquet"), default="csv", help="of the table (default csv)")
+    command.add_argument("--format", choices=("csv", "parquet"), default="csv", help="kind of table (default csv)")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -1,9 +1,22 @@
-"""Draw a tool on its way through the grains: a page that plays it, a .gif or an .mp4."""
+"""Draw a tool on its way through the grains: a page that plays it, or a film.
+
+rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
+rft view out/demo/bag --params config/demo.yaml -o tool.gif
+"""
 
 import argparse
 from pathlib import Path
 
-from rft_ros.commands.options import finite, mesh_options
+from rft_ros.commands.options import (
+    BAG,
+    MESH,
+    law_of,
+    law_options,
+    mesh_options,
+    recording,
+    recording_options,
+    surface_option,
+)
 from rft_ros.errors import InputError
 
 __all__ = ["add_options", "run"]
@@ -11,12 +24,13 @@ __all__ = ["add_options", "run"]
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument("source", type=Path, metavar="STATES.csv|BAG", help="states as for `rft predict`, or a bag")
-    command.add_argument("--mesh", metavar="FILE", help="for states: path, package:// URI or name of a shipped mesh")
-    mesh_options(command)
-    command.add_argument("--zeta", type=finite, default=1.0, help="for states: the medium's scale factor (default 1.0)")
-    command.add_argument("--surface-height", type=finite, default=0.0, metavar="Z", help="for states: world z [m]")
-    command.add_argument("--params", type=Path, metavar="FILE.yaml", help="for a bag: the node's parameter file")
+    command.add_argument("source", type=Path, metavar="STATES.csv|BAG", help=f"states as for rft predict, or a {BAG}")
+    states = command.add_argument_group("for states")
+    states.add_argument("--mesh", metavar="FILE", help=MESH)
+    mesh_options(states)
+    law_options(states)
+    surface_option(states)
+    recording_options(command.add_argument_group("for a bag"))
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT", help="OUT.html, OUT.gif or OUT.mp4 (needs ffmpeg)"
     )
@@ -41,7 +55,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _of_states(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
-    from rft_ros.rft import alpha_y_model, medium_named, treers2021
     from rft_ros.states_file import read_states
     from rft_ros.tool import load_tool
 
@@ -49,22 +62,14 @@ def _of_states(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
         raise InputError(f"states file '{arguments.source}' needs --mesh: the tool whose states they are")
     times, states = read_states(arguments.source)
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin)
-    generic = medium_named("generic")
-    try:
-        law = treers2021(generic, alpha_y_model("constant", generic), zeta=arguments.zeta)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    return tool, law, times, states
+    return tool, law_of(arguments), times, states
 
 
 def _of_bag(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
-    from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
     from rft_ros.bags.states import states_of
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import defaults, model_of, settings_of
+    from rft_ros.estimator.parameters import model_of, settings_of
 
-    values = read_parameter_file(arguments.params) if arguments.params else defaults()
-    options = read_replay_options(arguments.params) if arguments.params else ReplayOptions()
+    values, options = recording(arguments)
     model = model_of(values)
     times, states = states_of(arguments.source, values, model, options)
     return model.tool, model.law, times, states, settings_of(values).surface_height
