@@ -1,0 +1,111 @@
+"""package.xml, CHANGELOG.rst and the workflows: what ROS tools and GitHub read, held against what the project is."""
+
+import configparser
+import re
+from xml.etree import ElementTree
+
+import pytest
+import yaml
+from catkin_pkg.changelog import get_changelog_from_path
+from catkin_pkg.package_version import get_forthcoming_label, update_changelog_sections
+from clean_copy import ROOT
+from package_manifest import manifest, third_party_imports
+
+# What a rosdep key brings that a module of ours imports.
+MODULES = {
+    "python3-numpy": "numpy",
+    "python3-scipy": "scipy",
+    "python3-matplotlib": "matplotlib",
+    "python3-pil": "PIL",
+    "python3-yaml": "yaml",
+    "python3-rich": "rich",
+    "python3-trimesh-pip": "trimesh",
+    "python3-rosbags-pip": "rosbags",
+}
+READS_DAE_FOR_TRIMESH = {"python3-collada"}
+COMES_WITH = {"mpl_toolkits": "matplotlib", "lz4": "rosbags", "backports": "rosbags"}
+NO_KEY_ON_NOBLE = {"numba", "plotly", "fast_simplification"}
+EXTRA_SWEEP = {"distributed", "pyarrow"}
+
+
+def test_the_manifest_is_valid_and_nothing_is_warned_of():
+    package, warnings = manifest()
+    assert warnings == []
+    assert (package.name, package.package_format, package.get_build_type()) == ("rft_ros", 3, "ament_python")
+    assert package.licenses == ["Apache-2.0"]
+    assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+
+
+def test_each_dependency_is_imported_and_each_import_is_a_dependency():
+    package, _ = manifest()
+    keys = {d.name for d in package.exec_depends} - READS_DAE_FOR_TRIMESH
+    imported = {COMES_WITH.get(name, name) for name in third_party_imports()}
+    assert {MODULES.get(key, key) for key in keys} == imported - NO_KEY_ON_NOBLE - EXTRA_SWEEP
+
+
+def test_what_has_no_rosdep_key_is_named_to_be_installed_by_hand():
+    names = {name.replace("_", "-") for name in NO_KEY_ON_NOBLE}
+    comments = " ".join(
+        re.findall(r"<!--(.*?)-->", (ROOT / "package.xml").read_text(encoding="utf-8"), flags=re.DOTALL)
+    )
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    (by_hand,) = re.findall(r"pip install --break-system-packages (.+)", readme)
+    for name in names:
+        assert name in comments
+        assert name in by_hand
+
+
+@pytest.mark.parametrize("file", ["package.xml", "config/plotjuggler.xml"])
+def test_every_xml_file_is_well_formed(file):
+    assert ElementTree.parse(ROOT / file).getroot() is not None
+    assert {f.relative_to(ROOT).as_posix() for f in (ROOT / "config").glob("*.xml")} == {"config/plotjuggler.xml"}
+
+
+def test_the_changelog_can_be_released_by_ros_tools(tmp_path):
+    package, _ = manifest()
+    ours = get_changelog_from_path(str(ROOT), package.name)
+    label = get_forthcoming_label(ours.rst)
+    update_changelog_sections({package.name: (tmp_path / "CHANGELOG.rst", ours, label)}, package.version)
+    released = get_changelog_from_path(str(tmp_path), package.name)
+    assert released.package_name == package.name
+    assert [version for version, _, _ in released.foreach_version()] == [package.version]
+    (changes,) = released.get_content_of_version(package.version)
+    assert len(changes.bullets) >= 10
+
+
+def workflow_commands() -> list[str]:
+    commands = []
+    for file in sorted((ROOT / ".github" / "workflows").glob("*.yml")):
+        for job in yaml.safe_load(file.read_text(encoding="utf-8"))["jobs"].values():
+            commands += [line.strip() for step in job["steps"] for line in step.get("run", "").splitlines()]
+    return commands
+
+
+def test_workflows_run_targets_and_files_that_exist():
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE))
+    commands = workflow_commands()
+    made = {word for line in commands if line.startswith("make ") for word in line.split()[1:] if "=" not in word}
+    assert "test" in made
+    assert made <= targets
+    for path in re.findall(r"(?<![\w/.])(?:test|scripts|launch|\.ci)/[\w./-]+", " ".join(commands)):
+        assert (ROOT / path).exists(), path
+
+
+def test_workflows_try_every_python_that_the_readme_promises():
+    matrix = yaml.safe_load((ROOT / ".github" / "workflows" / "pypi.yml").read_text(encoding="utf-8"))
+    pythons = matrix["jobs"]["test"]["strategy"]["matrix"]["python"]
+    first, last = re.search(r"Python 3\.(\d+)–3\.(\d+)", (ROOT / "README.md").read_text(encoding="utf-8")).groups()
+    assert pythons == [f"3.{minor}" for minor in range(int(first), int(last) + 1)]
+
+
+def test_ros_starts_the_executables_with_the_python_of_the_shell():
+    setup = configparser.ConfigParser()
+    setup.read(ROOT / "setup.cfg")
+    assert setup["install"]["install_scripts"] == "$base/lib/rft_ros"
+    assert setup["build_scripts"]["executable"] == "/usr/bin/env python3"
+
+
+@pytest.mark.parametrize("folder", ["rft_ros", "test", "bench", "launch", "scripts", "meshes", "docs", ".github"])
+def test_no_file_is_longer_than_350_lines(folder):
+    files = [f for f in (ROOT / folder).rglob("*") if f.suffix in ("", ".py", ".md", ".yml", ".yaml") and f.is_file()]
+    assert [f for f in files if len(f.read_text(encoding="utf-8").splitlines()) > 350] == []
