@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 
-_OF_A_SETUP_FILE = ("AMENT_", "CMAKE_PREFIX_PATH", "COLCON_", "LD_LIBRARY_PATH", "PYTHONPATH", "RMW_", "ROS_")
+_OF_ROS = ("AMENT_", "CMAKE_PREFIX_PATH", "COLCON_", "LD_LIBRARY_PATH", "PYTHONPATH", "RMW_", "ROS_", "_ROS_WHEELS_")
 
 
 def clean_copy(folder: Path) -> Path:
@@ -17,4 +17,4 @@ def clean_copy(folder: Path) -> Path:
 
 def without_ros() -> dict[str, str]:
     """This process's environment without what a ROS setup file, or rclpy from PyPI at its start, puts there."""
-    return {k: v for k, v in os.environ.items() if not k.startswith(_OF_A_SETUP_FILE)}
+    return {k: v for k, v in os.environ.items() if not k.startswith(_OF_ROS)}

@@ -1,37 +1,107 @@
-"""``pip install .`` as a user does it: a wheel, in a virtual environment of its own, run from elsewhere."""
+"""A release as a user gets it: sdist, the wheel built from it, and that wheel installed where nothing else is."""
 
 import os
 import subprocess
 import sys
-import sysconfig
+import tarfile
 import venv
-import xml.etree.ElementTree as ElementTree
+import zipfile
+from email import message_from_bytes
 from pathlib import Path
 
 import pytest
+from clean_copy import ROOT, clean_copy, without_ros
+from package_manifest import manifest, third_party_imports
 
-ROOT = Path(__file__).resolve().parents[2]
+pytest.importorskip("build", reason="building a release needs build: pip install 'rft_ros[test]'")
+
+EMPTY_DOMAIN = str(10 + os.getpid() % 90)  # no other test's node
 
 
 @pytest.fixture(scope="module")
-def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A new environment with this project's wheel; dependencies come from the environment that runs the tests."""
-    folder = tmp_path_factory.mktemp("packaging")
-    pip = [sys.executable, "-m", "pip", "--quiet"]
-    subprocess.run([*pip, "wheel", "--no-deps", "--wheel-dir", folder, ROOT], check=True, cwd=folder)
-    environment = folder / "env"
+def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder that ``make dist`` fills: an sdist, and a wheel built from nothing but the sdist."""
+    folder = tmp_path_factory.mktemp("dist")
+    source = clean_copy(tmp_path_factory.mktemp("source") / "rft_ros")
+    command = [sys.executable, "-m", "build", "--outdir", str(folder), str(source)]
+    done = subprocess.run(command, capture_output=True, text=True, env=without_ros(), timeout=300)
+    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
+    return folder
+
+
+@pytest.fixture(scope="module")
+def wheel(dist: Path) -> Path:
+    (wheel,) = dist.glob("rft_ros-*.whl")
+    return wheel
+
+
+@pytest.fixture(scope="module")
+def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An empty environment, without setuptools even, into which pip installs the wheel and all that it asks for."""
+    environment = tmp_path_factory.mktemp("installed") / "env"
     venv.create(environment, with_pip=False)
-    python = environment / "bin" / "python"
-    (wheel,) = folder.glob("rft_ros-*.whl")
-    subprocess.run([*pip, "--python", python, "install", "--no-deps", wheel], check=True, cwd=folder)
-    (site,) = environment.glob("lib/python3*/site-packages")
-    (site / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    python = str(environment / "bin" / "python")
+    # compiling the bytecode of 80 packages takes longer than installing them
+    pip = [sys.executable, "-m", "pip", "--quiet", "--python", python, "install", "--no-compile", f"{wheel}[ros]"]
+    subprocess.run(pip, check=True, cwd=environment, env=without_ros(), timeout=600)
     return environment
 
 
 def run(environment: Path, *command: str, **extra: str) -> subprocess.CompletedProcess[str]:
-    variables = {k: v for k, v in os.environ.items() if k not in ("AMENT_PREFIX_PATH", "PYTHONPATH")} | extra
-    return subprocess.run(command, capture_output=True, text=True, cwd=environment, env=variables, timeout=120)
+    variables = without_ros() | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": EMPTY_DOMAIN} | extra
+    return subprocess.run(command, capture_output=True, text=True, cwd=environment, env=variables, timeout=240)
+
+
+def metadata(wheel: Path) -> dict[str, list[str]]:
+    with zipfile.ZipFile(wheel) as files:
+        (name,) = (n for n in files.namelist() if n.endswith(".dist-info/METADATA"))
+        message = message_from_bytes(files.read(name))
+    return {key: message.get_all(key, []) for key in message}
+
+
+def test_the_wheel_holds_every_module_and_every_shared_file(wheel):
+    shared = {
+        *(
+            f"share/rft_ros/{f.relative_to(ROOT)}"
+            for kind in ("config", "launch", "rviz")
+            for f in (ROOT / kind).glob("*.*")
+        ),
+        *(f"share/rft_ros/meshes/{f.name}" for f in (ROOT / "meshes").glob("*.stl")),
+        *("share/rft_ros/package.xml", "share/ament_index/resource_index/packages/rft_ros"),
+        *("lib/rft_ros/rft", "lib/rft_ros/rft_node"),
+    }
+    modules = {str(f.relative_to(ROOT)) for f in (ROOT / "rft_ros").rglob("*.py")} | {"rft_ros/py.typed"}
+    with zipfile.ZipFile(wheel) as files:
+        names = {n for n in files.namelist() if ".dist-info/" not in n}
+    assert {n for n in names if ".data/" not in n} == modules
+    assert {n.partition(".data/data/")[2] for n in names if ".data/" in n} == shared
+
+
+def test_the_sdist_brings_its_licence_its_changes_and_no_rubbish(dist):
+    (sdist,) = dist.glob("rft_ros-*.tar.gz")
+    with tarfile.open(sdist) as files:
+        names = {name.partition("/")[2] for name in files.getnames()}
+    assert {"LICENSE", "README.md", "CHANGELOG.rst", "package.xml", "setup.py", "setup.cfg"} <= names
+    assert not {n for n in names if n.endswith((".pyc", ".nbi", ".nbc")) or n.startswith((".", "out", "build"))}
+
+
+def test_every_package_that_is_imported_is_required(wheel):
+    package, _ = manifest()
+    of_ros = {dependency.name for dependency in package.exec_depends}  # one requirement brings them all
+    of_dask = {"distributed"}  # dask[distributed]
+    from importlib.metadata import packages_distributions
+
+    from packaging.requirements import Requirement
+    from packaging.utils import canonicalize_name
+
+    required = {canonicalize_name(Requirement(line).name) for line in metadata(wheel)["Requires-Dist"]}
+    by_module = packages_distributions()
+    missing = {
+        module
+        for module in third_party_imports() - of_ros - of_dask
+        if not {canonicalize_name(name) for name in by_module.get(module, [module])} & required
+    }
+    assert missing == set()
 
 
 def test_data_files_land_where_ros_looks_for_them(installed):
@@ -58,7 +128,14 @@ def test_package_uris_are_found_with_and_without_ros(installed, with_ros):
         assert str(installed / "share" / "rft_ros") in done.stdout
 
 
-def test_the_versions_agree():
-    manifest = ElementTree.parse(ROOT / "package.xml")
-    assert manifest.findtext("name") == "rft_ros"
-    assert f'version="{manifest.findtext("version")}"' in (ROOT / "setup.py").read_text(encoding="utf-8")
+def test_the_version_is_that_of_the_package_manifest(installed, wheel):
+    package, _ = manifest()
+    assert metadata(wheel)["Version"] == [package.version]
+    assert run(installed, str(installed / "bin" / "rft"), "--version").stdout == f"rft {package.version}\n"
+
+
+def test_the_demo_runs_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
+    done = run(installed, str(installed / "bin" / "rft"), "demo", "--seconds", "6", "-o", str(tmp_path / "demo"))
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert (tmp_path / "demo" / "force_over_depth.png").stat().st_size > 10_000
+    assert list((tmp_path / "demo" / "bag").glob("*.mcap"))
