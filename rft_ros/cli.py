@@ -6,7 +6,7 @@ Exit status: 0 done, 1 failed, 2 wrong usage or unusable input, 130 interrupted.
 import argparse
 import difflib
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import NoReturn
 
@@ -25,7 +25,7 @@ def parser() -> argparse.ArgumentParser:
 
     The first line of a module's docstring describes its command, what follows are examples.
     """
-    whole = argparse.ArgumentParser(
+    whole = _Parser(
         prog="rft",
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
         epilog="rft COMMAND --help says more of each. " + (__doc__ or "").partition("\n\n")[2],
@@ -38,8 +38,15 @@ def parser() -> argparse.ArgumentParser:
         epilog = "\n".join(["example:", *(f"  {line}" for line in examples.splitlines())])
         command = commands.add_parser(name, help=text, description=text, epilog=epilog, formatter_class=_Help)
         module.add_options(command)
-        command.set_defaults(run=module.run)
+        command.set_defaults(run=module.run, own=command)
     return whole
+
+
+class _Parser(argparse.ArgumentParser):
+    """Answers wrong usage with a sentence, and leaves the rest to --help."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
 
 class _Help(argparse.HelpFormatter):
@@ -73,10 +80,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if not arguments:
         whole.print_help(sys.stderr)
         return 2
-    if unknown := _unknown(arguments[0]):
-        print(f"rft: {unknown}", file=sys.stderr)
+    word = arguments[0]
+    if not word.startswith("-") and word not in _COMMANDS:
+        print(f"rft: there is no command '{word}'; {_meant(word, _COMMANDS)}", file=sys.stderr)
         return 2
-    parsed = whole.parse_args(arguments)
+    parsed, left = whole.parse_known_args(arguments)
+    if left:
+        options = [name for name in parsed.own._option_string_actions if name.startswith("--")]
+        parsed.own.error(f"'{left[0]}' is not one of its arguments; {_meant(left[0], options)}")
     try:
         status: int = parsed.run(parsed)
         return status
@@ -90,14 +101,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _unknown(word: str) -> str:
-    """What to say where the first word is neither an option nor a command, else nothing."""
-    if word.startswith("-") or word in _COMMANDS:
-        return ""
-    near = difflib.get_close_matches(word, _COMMANDS, n=1)
-    return f"there is no command '{word}'; " + (
-        f"did you mean '{near[0]}'?" if near else f"there are {', '.join(_COMMANDS)}"
-    )
+def _meant(word: str, names: Iterable[str]) -> str:
+    """What to say after what is none of the names: the nearest, else all of them."""
+    near = difflib.get_close_matches(word, names, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"there are {', '.join(names)}"
 
 
 if __name__ == "__main__":

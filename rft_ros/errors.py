@@ -1,6 +1,6 @@
-"""The one exception that every room raises for input it cannot use."""
+"""The one exception that every room raises for input it cannot use, and what it says of files."""
 
-__all__ = ["InputError"]
+__all__ = ["InputError", "reason_of"]
 
 
 class InputError(ValueError):
@@ -8,3 +8,10 @@ class InputError(ValueError):
 
     The command line prints it and exits with status 2; the node logs it and keeps what it had.
     """
+
+
+def reason_of(error: Exception) -> str:
+    """Why a file could not be used, without its name, which the sentence has already."""
+    if isinstance(error, UnicodeDecodeError):
+        return "it is not UTF-8 text"
+    return (isinstance(error, OSError) and error.strerror) or str(error)

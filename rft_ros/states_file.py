@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.rft import STATE, checked_states
 
 __all__ = ["WRENCH_HEADER", "read_states", "write_wrenches"]
@@ -23,7 +23,7 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     try:
         lines = file.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"states file '{file}' cannot be read: {error}") from None
+        raise InputError(f"states file '{file}' cannot be read: {reason_of(error)}") from None
     if not lines or not lines[0].strip():
         raise InputError(f"states file '{file}' is empty; its first line must be {','.join(STATES_HEADER)}")
     header = [name.strip() for name in lines[0].split(",")]

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 
 __all__ = ["read_yaml"]
 
@@ -24,9 +24,7 @@ def read_yaml(file: Path, what: str) -> Any:
     """The content of a YAML file. `what` it is for the error: InputError where it cannot be read or is no YAML."""
     try:
         return yaml.load(file.read_text(encoding="utf-8"), Loader=_Loader)
-    except OSError as error:
-        raise InputError(f"{what} '{file}' cannot be read: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise InputError(f"{what} '{file}' cannot be read: it is not UTF-8 text") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{what} '{file}' cannot be read: {reason_of(error)}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month
         raise InputError(f"{what} '{file}' is not YAML: {' '.join(str(error).split())}") from None

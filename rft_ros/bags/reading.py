@@ -12,7 +12,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.damaged import DamagedFile
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator.messages import TYPES, Role, Sample, decoder
 
 __all__ = ["Recording"]
@@ -98,7 +98,7 @@ class Recording:
             self._set_span()
         except OSError as error:
             self._close()
-            raise InputError(f"bag '{self.bag}' cannot be read: {error}") from None
+            raise InputError(f"bag '{self.bag}' cannot be read: {reason_of(error)}") from None
         except BaseException:
             self._close()
             raise

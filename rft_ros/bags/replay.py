@@ -17,7 +17,7 @@ from rft_ros.bags.summary import Summary
 from rft_ros.bags.table import COLUMNS, ending, row
 from rft_ros.bags.trace import Trace, packed
 from rft_ros.bags.writing import BagWriter
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Settings, TwistSample, Withheld, Wrench
 from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, model_of, settings_of
@@ -108,7 +108,7 @@ def replay(
 
                 draw(summary, trace, model, out, vertical=motion.vertical_axis(), page=report, pictures=figures)
     except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be written: {error}") from None
+        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     return summary
 
 

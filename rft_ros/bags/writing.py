@@ -10,7 +10,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import Wrench
 from rft_ros.estimator.messages import TYPES, wrench_cdr
 
@@ -39,7 +39,7 @@ class BagWriter:
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         except OSError as error:
-            raise InputError(f"bag '{self.path}' cannot be written: {error}") from None
+            raise InputError(f"bag '{self.path}' cannot be written: {reason_of(error)}") from None
         for key, value in _MARK.items():
             self._writer.set_custom_data(key, value)
         return self

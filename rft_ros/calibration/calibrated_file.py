@@ -11,7 +11,7 @@ import yaml
 from rft_ros.calibration.findings import Finding
 from rft_ros.calibration.outcome import Calibration
 from rft_ros.calibration.track import Track
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator.parameter_file import NODE_KEYS, parameter_tree
 from rft_ros.estimator.parameters import Value
 
@@ -133,7 +133,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         if result.alpha_y:
             written[1].write_text(_table(result.alpha_y.rows, result.alpha_y.model, begins), encoding="utf-8")
     except OSError as error:
-        raise InputError(f"calibrated file '{file}' cannot be written: {error}") from None
+        raise InputError(f"calibrated file '{file}' cannot be written: {reason_of(error)}") from None
     return written
 
 

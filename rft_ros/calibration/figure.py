@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from rft_ros.calibration.penetration import ZetaFit
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 
 __all__ = ["draw_penetrations"]
 
@@ -45,4 +45,4 @@ def draw_penetrations(fit: ZetaFit, file: Path) -> None:
         file.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(file, dpi=110, metadata={"Software": None})
     except (OSError, ValueError) as error:
-        raise InputError(f"figure '{file}' cannot be written: {error}") from None
+        raise InputError(f"figure '{file}' cannot be written: {reason_of(error)}") from None

@@ -37,7 +37,10 @@ BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
 
 def finite(text: str) -> float:
     """A finite number, as argparse's `type`."""
-    value = float(text)
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
     if not math.isfinite(value):
         raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
     return value
@@ -98,6 +101,8 @@ def law_of(arguments: argparse.Namespace) -> "Law":
     try:
         medium = medium_named(arguments.medium)
         if name not in ALPHA_Y_MODELS or name == "table":
+            if not Path(name).suffix:
+                raise InputError(f"--alpha-y '{name}' is neither constant nor linear, nor the CSV file of a table")
             name, table = "table", read_alpha_y_table(name)
         return treers2021(medium, alpha_y_model(name, medium, table), zeta=arguments.zeta)
     except ValueError as error:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 
 __all__ = ["FILMS", "MovingTool", "write_film", "write_moving_page"]
 
@@ -204,6 +204,6 @@ def write_film(scene: MovingTool, file: Path) -> None:
                 axes.view_init(elev=14.0, azim=-55.0)
                 writer.grab_frame()
     except OSError as error:
-        raise InputError(f"cannot write '{file}': {error}") from None
+        raise InputError(f"cannot write '{file}': {reason_of(error)}") from None
     finally:
         plt.close(figure)

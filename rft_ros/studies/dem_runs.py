@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.rft import STATE, Law, Memory, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
 
@@ -86,7 +86,7 @@ def read_run(data: Path, name: str) -> DemRun:
     except InputError:
         raise
     except (OSError, ValueError) as error:
-        raise InputError(f"'{file}' is no run of the reference data: {error}") from None
+        raise InputError(f"'{file}' is no run of the reference data: {reason_of(error)}") from None
     moving = np.any(states[:, 7:13] != 0.0, axis=1)
     mesh = data / "dem" / "meshes" / f"{_MESHES[name.split('_')[0]]}.stl"
     return DemRun(

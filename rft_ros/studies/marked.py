@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 
 __all__ = ["marked", "with_marked", "write_marked"]
 
@@ -31,7 +31,7 @@ def write_marked(file: Path, contents: dict[str, str]) -> list[str]:
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"cannot read '{file}': {error}") from None
+        raise InputError(f"cannot read '{file}': {reason_of(error)}") from None
     names = [name for name in contents if marked(text, name) is not None]
     if not names:
         raise InputError(f"'{file}' has no line '{_marks(next(iter(contents)))[0].strip()}', nor that of another study")

@@ -22,7 +22,7 @@ from typing import Literal
 
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.sweeps.design import Design, Variant
 from rft_ros.sweeps.outcomes import RESULTS, row_of
 
@@ -103,7 +103,7 @@ def run(
         rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
         file = _table(out, columns, rows, form)
     except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be used: {error}") from None
+        raise InputError(f"output folder '{out}' cannot be used: {reason_of(error)}") from None
     failed = sum(bool(row[-1]) for row in rows)
     return Report(
         file=file,

@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_cli import rft
+from test_cli import HEADER, ROW, refused, rft
 
 from rft_ros.cli import parser
 
@@ -28,6 +28,24 @@ def test_a_mistyped_command_is_answered_with_the_one_that_was_meant(tmp_path):
     assert (done.returncode, done.stderr) == (2, "rft: there is no command 'repaly'; did you mean 'replay'?\n")
     done = rft("xyz", cwd=tmp_path)
     assert done.stderr.startswith("rft: there is no command 'xyz'; there are predict, check-mesh, ")
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--mesj", "x", "--mesh", "plate", "-o", "o"), "'--mesj' is not one of its arguments; did you mean '--mesh'?"),
+        (("--mesh", "plate"), "the following arguments are required: -o/--output"),
+        (("--mesh", "plate", "--zeta", "abc", "-o", "o"), "argument --zeta: 'abc' is not a number"),
+        (("--mesh", "plate", "--zeta", "inf", "-o", "o"), "argument --zeta: 'inf' is not a finite number"),
+        (
+            ("--mesh", "plate", "--alpha-y", "linaer", "-o", "o"),
+            "--alpha-y 'linaer' is neither constant nor linear, nor the CSV",
+        ),
+    ],
+)
+def test_wrong_usage_is_a_sentence(tmp_path, words, sentence):
+    (tmp_path / "states.csv").write_text(f"{HEADER}\n{ROW}\n")
+    refused(rft("predict", "states.csv", *words, cwd=tmp_path), f"rft predict: {sentence}")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
