@@ -8,6 +8,7 @@ from pathlib import Path
 
 from rft_ros.commands.options import BAG, finite, recording, recording_options
 from rft_ros.errors import InputError
+from rft_ros.progress import busy
 
 __all__ = ["add_options", "run"]
 
@@ -71,7 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
         for bag in arguments.bags
     ]
-    result = calibrate(tracks, values, Options(parts=parts, tare=options.tare, alpha_y=arguments.alpha_y))
+    with busy("fitting"):
+        result = calibrate(tracks, values, Options(parts=parts, tare=options.tare, alpha_y=arguments.alpha_y))
     console = Console()
     print_overview(result, console)
     if arguments.figure and result.zeta:

@@ -5,11 +5,11 @@ rft chart -o out/chart
 
 import argparse
 import importlib.util
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rft_ros.errors import InputError
+from rft_ros.progress import busy, each
 
 if TYPE_CHECKING:
     from rft_ros.studies.chart_points import Beside
@@ -37,9 +37,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure and draw; exit status."""
-    from rich.console import Console
-    from rich.progress import Progress
-
     from rft_ros.studies.chart import chart_outcome
     from rft_ros.studies.chart_page import chart_page, models_page
     from rft_ros.studies.chart_points import Point, points
@@ -52,14 +49,13 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--data '{arguments.data}' holds no folder dem")
     beside = _loaded(arguments.beside) if arguments.beside else None
     found: list[Point] = []
-    with Progress(transient=True, disable=not sys.stderr.isatty(), console=Console(stderr=True)) as progress:
-        all_scenes = list(scenes())
-        for scene in progress.track(all_scenes, description="scenes"):
-            found += points(scene, beside=beside)
+    for scene in each(list(scenes()), lambda scene: scene.name):
+        found += points(scene, beside=beside)
     pages = {"chart": chart_page(found)}
     outcomes = [chart_outcome(found)]
     if arguments.data is not None:
-        judged, walls = judged_choices(arguments.data), wall_seconds(arguments.data)
+        with busy("modelling choices"):
+            judged, walls = judged_choices(arguments.data), wall_seconds(arguments.data)
         outcomes.append(model_outcome(judged, walls))
         pages["models"] = models_page(judged, walls)
     for outcome in outcomes:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import MESH, finite, integration_option, mesh_options, recording
 from rft_ros.errors import InputError
+from rft_ros.progress import busy
 
 if TYPE_CHECKING:
     import numpy as np
@@ -77,11 +78,12 @@ def run(arguments: argparse.Namespace) -> int:
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin, integration=arguments.integration)
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is a reduced tool already; reduce the mesh that it was made from")
-    if arguments.scene is None:
-        plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance, count=count)
-    else:
-        states = _scene(arguments, tool)
-        plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
+    states = None if arguments.scene is None else _scene(arguments, tool)
+    with busy("choosing plates"):
+        if states is None:
+            plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance, count=count)
+        else:
+            plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
     save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
 
     table = Table(show_header=False)

@@ -69,6 +69,7 @@ def run(arguments: argparse.Namespace) -> int:
     if len(arguments.bag) == 1:
         summary = one(arguments.bag[0], arguments.output)
         _say(summary)
+        print(f"-> {arguments.output / ('summary.json' if arguments.no_report else 'report.html')}")
         return _checked({summary.bag: summary}, limits)
     batch = replay_all(arguments.bag, arguments.output, one, done=_say)
     print("\n".join(batch.lines()))

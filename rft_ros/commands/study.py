@@ -4,11 +4,11 @@ rft study oscillation -o out/studies
 """
 
 import argparse
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rft_ros.errors import InputError
+from rft_ros.progress import each
 from rft_ros.studies.registry import STUDIES
 
 if TYPE_CHECKING:
@@ -46,7 +46,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the studies; exit status."""
     from rich.console import Console
-    from rich.progress import Progress
 
     from rft_ros.studies.marked import write_marked
     from rft_ros.studies.outcome import write_outcome
@@ -63,13 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
         names = [name for name, study in STUDIES.items() if data is not None or not study.needs_data]
     console = Console()
     tables: dict[str, str] = {}
-    with Progress(transient=True, disable=not sys.stderr.isatty(), console=Console(stderr=True)) as progress:
-        for name in progress.track(names, description="studies"):
-            for outcome in run_study(name, data):
-                files = write_outcome(outcome, arguments.output)
-                tables[outcome.name] = outcome.markdown()
-                _show(console, outcome)
-                console.print("\n".join(f"-> {file}" for file in files), soft_wrap=True, highlight=False)
+    for name in each(names, str):
+        for outcome in run_study(name, data):
+            files = write_outcome(outcome, arguments.output)
+            tables[outcome.name] = outcome.markdown()
+            _show(console, outcome)
+            console.print("\n".join(f"-> {file}" for file in files), soft_wrap=True, highlight=False)
     for name in STUDIES if arguments.name == ALL else ():
         if name not in names:
             console.print(f"left out: {name}, which needs the reference data (--data DIR)")

@@ -18,6 +18,7 @@ from rft_ros.commands.options import (
     surface_option,
 )
 from rft_ros.errors import InputError
+from rft_ros.progress import busy
 
 __all__ = ["add_options", "run"]
 
@@ -44,12 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
     suffix = arguments.output.suffix
     if suffix not in (".html", *FILMS):
         raise InputError(f"'{arguments.output}' must end in .html, {' or '.join(FILMS)}")
-    if arguments.source.suffix == ".csv":
-        scene = moving_tool(*_of_states(arguments), surface_height=arguments.surface_height)
-    else:
-        *parts, surface_height = _of_bag(arguments)
-        scene = moving_tool(*parts, surface_height=surface_height)
-    (write_moving_page if suffix == ".html" else write_film)(scene, arguments.output)
+    parts = _of_states(arguments) if arguments.source.suffix == ".csv" else _of_bag(arguments)
+    with busy("drawing"):
+        scene = moving_tool(*parts)
+        (write_moving_page if suffix == ".html" else write_film)(scene, arguments.output)
     print(f"{len(scene.times)} moments of {scene.title} -> {arguments.output}")
     return 0
 
@@ -62,7 +61,7 @@ def _of_states(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
         raise InputError(f"states file '{arguments.source}' needs --mesh: the tool whose states they are")
     times, states = read_states(arguments.source)
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin)
-    return tool, law_of(arguments), times, states
+    return tool.name, tool, law_of(arguments), times, states, arguments.surface_height
 
 
 def _of_bag(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
@@ -72,4 +71,6 @@ def _of_bag(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
     values, options = recording(arguments)
     model = model_of(values)
     times, states = states_of(arguments.source, values, model, options)
-    return model.tool, model.law, times, states, settings_of(values).surface_height
+    remembers = model.mobilization_length > 0.0
+    title = f"{model.tool.name} (law at full strength, without memory)" if remembers else model.tool.name
+    return title, model.tool, model.law, times, states, settings_of(values).surface_height

@@ -177,7 +177,9 @@ def demo(output: Path, *, seconds: float) -> int:
     draw_force_over_depth(trace, figure, title="Demo: ellipsoid pitching ±9° on its way down at 5 mm/s")
     for topic, count in watcher.counts.items():
         console.print(f"recorded {count:5d} {topic}", highlight=False)
-    console.print(f"wrote {output / 'bag'} (rosbag2, MCAP)\nwrote {figure}", soft_wrap=True)
+    console.print(f"-> {output / 'bag'} (rosbag2, MCAP)\n-> {figure}", soft_wrap=True, highlight=False)
+    again = f"rft replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
+    console.print(f"the same offline: {again}", soft_wrap=True, highlight=False)
     return 0
 
 
@@ -198,14 +200,14 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
             if not tared and elapsed > PAUSE - 0.7:
                 tared = True
                 answer = watcher.call(Trigger, "/rft/tare", Trigger.Request())
-                live.console.print(f"t = {elapsed:.1f} s  tare: {answer.message}", highlight=False)
+                live.console.print(f"t = {elapsed:4.1f} s  tare: {answer.message}", highlight=False, soft_wrap=True)
             if model == "constant" and elapsed > swap_at:
                 value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="linear")
                 request = SetParameters.Request(parameters=[Parameter(name="alpha_y.model", value=value)])
                 result = watcher.call(SetParameters, "/rft/set_parameters", request).results[0]
                 watcher.swap = list(watcher.depth.values())[-1]
                 model = "linear" if result.successful else f"constant (refused: {result.reason})"
-                live.console.print(f"t = {elapsed:.1f} s  alpha_y.model set to {model}", highlight=False)
+                live.console.print(f"t = {elapsed:4.1f} s  alpha_y.model set to {model}", highlight=False)
             if console.is_terminal:
                 live.update(_table(watcher, elapsed, model))
             elif elapsed - said >= 1.0:

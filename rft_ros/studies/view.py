@@ -15,15 +15,23 @@ _MOST_FACES = 1500
 
 
 def moving_tool(
-    tool: Tool, law: Law, times: NDArray[np.float64], states: NDArray[np.float64], *, surface_height: float = 0.0
+    title: str,
+    tool: Tool,
+    law: Law,
+    times: NDArray[np.float64],
+    states: NDArray[np.float64],
+    surface_height: float = 0.0,
 ) -> MovingTool:
-    """The scene of states, shape [n, 13], at times [s], shape [n]; at most 60 moments, evenly by number."""
+    """The scene of states, shape [n, 13], at times [s], shape [n]; at most 60 moments, evenly by number.
+
+    The traction is the law's, without memory. `surface_height` [m].
+    """
     chosen = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
     vertices, faces, plates = drawable(tool, most_faces=_MOST_FACES)
     forces = np.array([plate_forces(plates, law, states[k], surface_height=surface_height) for k in chosen])
     placed = [vertices @ rotation_matrix(states[k, 3:7]).T + states[k, :3] for k in chosen]
     return MovingTool(
-        title=tool.name,
+        title=title,
         times=times[chosen],
         placed=np.array(placed),
         faces=faces,

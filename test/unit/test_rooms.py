@@ -15,6 +15,7 @@ ALLOWED = {
     "estimator": {"tool", "rft", "errors", "yaml_file"},
     "report": {"errors"},
     "yaml_file": {"errors"},
+    "progress": set(),
     "states_file": {"rft", "errors"},
     "prepare_tool": {"tool", "errors"},
     "bags": {"estimator", "tool", "rft", "report", "errors", "yaml_file"},
@@ -24,7 +25,7 @@ ALLOWED = {
     "sweeps": {"studies", "tool", "rft", "states_file", "errors", "yaml_file"},
     "commands": {
         *("node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"),
-        *("calibration", "studies", "sweeps"),
+        *("calibration", "studies", "sweeps", "progress"),
     },
     "cli": {"commands", "errors"},
 }
