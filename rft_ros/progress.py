@@ -18,13 +18,12 @@ def _bar() -> "Progress":
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
-    return Progress(
-        *columns, console=Console(stderr=True), transient=True, disable=not sys.stderr.isatty(), refresh_per_second=4
-    )
+    shown = sys.stderr.isatty()
+    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not shown, redirect_stdout=False)
 
 
 def each(items: Sequence[_T], name: Callable[[_T], str]) -> Iterator[_T]:
-    """The items, and a bar that names the one under way."""
+    """The items, and a bar that names the one under way. What is printed meanwhile would get into it."""
     with _bar() as bar:
         task = bar.add_task("", total=len(items))
         for item in items:
@@ -35,7 +34,7 @@ def each(items: Sequence[_T], name: Callable[[_T], str]) -> Iterator[_T]:
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """Show what is under way while nobody knows how long it takes."""
+    """Show what is under way, where nobody knows how long it takes. What is printed meanwhile would get into it."""
     from rich.console import Console
 
     with Console(stderr=True).status(f"{what} ..."):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rft_ros.errors import InputError
-from rft_ros.progress import each
+from rft_ros.progress import busy
 from rft_ros.studies.registry import STUDIES
 
 if TYPE_CHECKING:
@@ -62,8 +62,10 @@ def run(arguments: argparse.Namespace) -> int:
         names = [name for name, study in STUDIES.items() if data is not None or not study.needs_data]
     console = Console()
     tables: dict[str, str] = {}
-    for name in each(names, str):
-        for outcome in run_study(name, data):
+    for number, name in enumerate(names, start=1):
+        with busy(f"study {name}, {number} of {len(names)}"):
+            outcomes = run_study(name, data)
+        for outcome in outcomes:
             files = write_outcome(outcome, arguments.output)
             tables[outcome.name] = outcome.markdown()
             _show(console, outcome)
