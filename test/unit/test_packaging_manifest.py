@@ -61,6 +61,7 @@ def test_every_xml_file_is_well_formed(file):
     assert {f.relative_to(ROOT).as_posix() for f in (ROOT / "config").glob("*.xml")} == {"config/plotjuggler.xml"}
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:catkin_pkg")
 def test_the_changelog_can_be_released_by_ros_tools(tmp_path):
     package, _ = manifest()
     ours = get_changelog_from_path(str(ROOT), package.name)
