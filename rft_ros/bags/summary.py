@@ -77,7 +77,7 @@ class Summary:
         return json.dumps(self.content(), indent=2, allow_nan=False) + "\n"
 
 
-METRIC_HEADS = ("estimates", "peak N", "RMS res.", "peak res.", "RMS/peak", "median err.")
+METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", "median err.")
 """Columns of `metric_rows`: of the force vector's magnitude, with its residual's RMS and peak [N]."""
 
 

@@ -1,6 +1,7 @@
 """A tool on its way through the grains, coloured by traction: a page that plays it, and a film."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -62,6 +63,12 @@ class MovingTool:
         return np.asarray(self.placed.mean(axis=1))
 
 
+def _in_millimetres(scene: MovingTool) -> MovingTool:
+    """As people read it: all lengths times 1,000."""
+    lengths = {name: 1e3 * getattr(scene, name) for name in ("placed", "origins", "surface_height")}
+    return replace(scene, **lengths)
+
+
 def _caption(scene: MovingTool, k: int) -> str:
     return f"{scene.title}   t = {scene.times[k]:.2f} s   |F| = {np.linalg.norm(scene.forces[k]):.2f} N"
 
@@ -70,6 +77,7 @@ def write_moving_page(scene: MovingTool, file: Path) -> None:
     """One HTML file that needs nothing beside it; the same scene gives the same bytes."""
     import plotly.graph_objects as go
 
+    scene = _in_millimetres(scene)
     low, high = scene.box()
     strongest = float(scene.traction.max()) or 1.0
     starts, ends, middles = scene.middles(), scene.arrows(), scene.middles()
@@ -81,7 +89,7 @@ def write_moving_page(scene: MovingTool, file: Path) -> None:
         so_far = middles[: n + 1].T
         return [
             go.Mesh3d(
-                x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, opacity=0.9,
+                x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
                 colorscale=[list(c) for c in _COLOURS], cmin=0.0, cmax=strongest / 1e3,
                 intensity=(scene.traction[n] / 1e3).astype(np.float32), intensitymode="cell", name="tool",
                 colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
@@ -119,19 +127,21 @@ def write_moving_page(scene: MovingTool, file: Path) -> None:
         title=_caption(scene, 0),
         font={"family": "system-ui, sans-serif", "size": 13},
         scene={
-            "xaxis": {"title": {"text": "x [m]"}, "range": [low[0], high[0]], **axis},
-            "yaxis": {"title": {"text": "y [m]"}, "range": [low[1], high[1]], **axis},
-            "zaxis": {"title": {"text": "z [m]"}, "range": [low[2], high[2]], **axis},
-            "aspectmode": "data",
-            "camera": {"eye": {"x": 1.25, "y": -1.45, "z": 0.35}},
+            "xaxis": {"title": {"text": "x [mm]"}, "range": [low[0], high[0]], **axis},
+            "yaxis": {"title": {"text": "y [mm]"}, "range": [low[1], high[1]], **axis},
+            "zaxis": {"title": {"text": "z [mm]"}, "range": [low[2], high[2]], **axis},
+            "aspectmode": "manual",  # "data" lets a wide scene, seen from the side, fill more than the page
+            "aspectratio": dict(zip("xyz", (1.05 * (high - low) / (high - low).max()).tolist(), strict=True)),
+            "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5}},
         },
-        legend={"orientation": "h", "y": 0.0},
+        legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
         updatemenus=[
             {
                 "type": "buttons",
                 "direction": "left",
                 "x": 0.0,
-                "y": 0.02,
+                "y": -0.02,
+                "yanchor": "top",
                 "buttons": [
                     {"label": "Play", "method": "animate", "args": [None, each]},
                     {"label": "Pause", "method": "animate", "args": [[None], {"mode": "immediate"}]},
@@ -149,10 +159,11 @@ def write_moving_page(scene: MovingTool, file: Path) -> None:
                 ],
             }
         ],
-        margin={"l": 0, "r": 0, "t": 50, "b": 0},
+        margin={"l": 0, "r": 0, "t": 50, "b": 100},
         height=760,
     )
-    _written(file, figure.to_html(include_plotlyjs=True, full_html=True, div_id="moving-tool", auto_play=False))
+    page = figure.to_html(include_plotlyjs=True, full_html=True, div_id="moving-tool", auto_play=False)
+    _written(file, page.replace("<head>", f"<head><title>{escape(scene.title)}</title>", 1))
 
 
 def _written(file: Path, text: str) -> None:
@@ -177,6 +188,7 @@ def write_film(scene: MovingTool, file: Path) -> None:
     if file.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
         raise InputError(f"'{file}' needs the program ffmpeg (apt install ffmpeg), or write a .gif")
     writer = animation.writers["ffmpeg" if file.suffix == ".mp4" else "pillow"](fps=_FRAMES_A_SECOND)
+    scene = _in_millimetres(scene)
     low, high = scene.box()
     strongest = float(scene.traction.max()) or 1.0
     colours = LinearSegmentedColormap.from_list("traction", _COLOURS)
@@ -197,7 +209,7 @@ def write_film(scene: MovingTool, file: Path) -> None:
                 axes.plot(*middles[: n + 1].T, color=_PATH, lw=1.0, zorder=3)
                 axes.plot(*np.array([middles[n], ends[n]]).T, color=_FORCE, lw=3.0, zorder=4)
                 axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-                axes.set(xlabel="x [m]", ylabel="y [m]", zlabel="z [m]", title=_caption(scene, n))
+                axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]", title=_caption(scene, n))
                 for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
                     axis.set_major_locator(MaxNLocator(3))
                 axes.set_box_aspect(high - low, zoom=0.9)
