@@ -21,19 +21,19 @@ from rft_ros.rft.element import element, in_tool_axes, length, motion
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import BLENDED, NEVER_FLAT, SWITCHED, Law, traction_per_depth
 
-__all__ = ["DEPTH", "TRAILING", "UNLOADING", "Memory", "wrenches_in_time"]
+__all__ = ["DEPTH", "TRAILING", "Memory", "wrenches_in_time"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ is the mobilization length; it grows with the square of depth."""
 
-UNLOADING = 0.5
-"""λ of a traction that grows less, over that of one that grows."""
-
-TRAILING = 0.1
-"""λ of a plate that no longer leads, over that of one that does."""
+TRAILING = 0.04
+"""λ of a plate that no longer leads, over that of one whose traction grows."""
 
 _FADING = 5
 """Beside the kinds of `blocks`: all plates are submerged, none leads, and they remember."""
+
+_NONE = 1e-100
+"""Share of a plate that does not lead: what it forgets must not fade into numbers that the processor is slow with."""
 
 _FORGOTTEN = 1e-9
 """Tractions of a trailing block, over the law's stiffness, that are as good as none."""
@@ -46,29 +46,33 @@ class Memory:
     """What the plates of one tool remember, in the order of their blocks.
 
     `tractions`: shape [6, m]: traction per depth [N/m³], world axes, and what the law last asked for. `active`: shape
-    [m / BLOCK], 1 where a block remembers anything. `speed`: shape [1], of the last twist [m/s], -1 before any.
+    [m / BLOCK], 1 where a block remembers anything. `motion`: shape [7]: speed of the last state [m/s], -1 before any,
+    and the last twist that was not zero, scaled to order one.
     """
 
     tractions: Array
     active: NDArray[np.uint8]
-    speed: Array
+    motion: Array
 
     @classmethod
     def of(cls, plates: Plates) -> "Memory":
         """An empty memory for these plates."""
         m = plates.blocks.rows.shape[1]
-        return cls(np.zeros((6, m)), np.zeros(m // BLOCK, dtype=np.uint8), np.full(1, -1.0))
+        memory = cls(np.empty((6, m)), np.empty(m // BLOCK, dtype=np.uint8), np.empty(7))
+        memory.forget()
+        return memory
 
     def forget(self) -> None:
         """Begin anew: the tool was moved by nobody knows what."""
         self.tractions[:] = 0.0
         self.active[:] = 0
-        self.speed[:] = -1.0
+        self.motion[:] = 0.0
+        self.motion[0] = -1.0
 
 
 @inlined
-def _approach(x):  # type: ignore[no-untyped-def]
-    """1 - exp(-x) for x >= 0, to 1e-11: the series at x / 64, squared six times."""
+def _left(x):  # type: ignore[no-untyped-def]
+    """exp(-x) for x >= 0, to 1e-11 and exactly 1 for 0: the series at x / 64, squared six times."""
     y = min(x, 40.0) * (1.0 / 64.0)
     y2 = y * y
     e = (1.0 - y) + y2 * ((1 / 2 - y * (1 / 6)) + y2 * (1 / 24 - y * (1 / 120)))
@@ -77,7 +81,7 @@ def _approach(x):  # type: ignore[no-untyped-def]
     e = e * e
     e = e * e
     e = e * e
-    return 1.0 - e * e
+    return e * e
 
 
 @inlined
@@ -87,28 +91,25 @@ def _sum(rows, first, last, scene, refined, careful, flatness, path, per_length,
     fx = fy = fz = tx = ty = tz = submerged = 0.0
     sunk = 0.5 * path * twist[2]  # the depth halfway through the step lies by this much from that at its end
     loading = path * per_length
-    unloading, trailing = loading / UNLOADING, loading / TRAILING
+    trailing = loading / TRAILING
     for i in range(first, last):
         place, normal, (ux, uy, uz), load, share, area = element(rows, i, axes, twist, below, refined, careful)
         (x, y, z), (nx, ny, nz) = place, normal
+        share = max(share, _NONE)
+        # before the law, which takes long and does not need it
+        squared = ux * ux + uy * uy + uz * uz
+        depth = below - z + sunk
+        ratio = loading if share > _NONE else trailing
+        left = _left(ratio * squared / (sqrt(max(squared, 1e-290)) * (depth * depth + 1e-30)))
         ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
         ax, ay, az = ax * share, ay * share, az * share
         mx, my, mz = memory[0, i], memory[1, i], memory[2, i]
         bx, by, bz = memory[3, i], memory[4, i], memory[5, i]
-        squared = ux * ux + uy * uy + uz * uz
-        moves = squared > 0.0
-        memory[3, i] = ax if moves else bx
-        memory[4, i] = ay if moves else by
-        memory[5, i] = az if moves else bz
+        memory[3, i], memory[4, i], memory[5, i] = ax, ay, az
         # the mean of what is asked for at both ends of the step makes it exact to second order
         gx, gy, gz = 0.5 * (ax + bx) - mx, 0.5 * (ay + by) - my, 0.5 * (az + bz) - mz
-        more = gx * mx + gy * my + gz * mz
-        ratio = unloading if more < 0.0 else loading
-        # next to nothing is forgotten at once: numbers that cannot be told from zero are slow
-        ratio = ratio if share > 1e-12 else (trailing if more < -1e-12 else 1e30)
-        speed = squared * (1.0 / sqrt(max(squared, 1e-290)))
-        depth = below - z + sunk
-        w = _approach(ratio * speed / (depth * depth + 1e-30))
+        # λ is half as long for a traction that grows less: twice the exponent
+        w = 1.0 - (left * left if (gx * mx + gy * my + gz * mz < 0.0) & (share > _NONE) else left)
         mx, my, mz = mx + w * gx, my + w * gy, mz + w * gz
         if careful:
             mx, my, mz = (mx if load > 0.0 else 0.0), (my if load > 0.0 else 0.0), (mz if load > 0.0 else 0.0)
@@ -151,12 +152,17 @@ def _kernel(source: int, refined: bool) -> Any:
     """The compiled loop over states in the order of time; see `kernel._kernels` for the cache."""
     flatness = BLENDED if refined else SWITCHED
 
-    def in_time(rows, bounds, reach, law, span, surface, states, durations, memory, active, speed, out):  # type: ignore[no-untyped-def]
+    def in_time(rows, bounds, reach, law, span, surface, states, durations, memory, active, last, out):  # type: ignore[no-untyped-def]
         if source == 0:
             return
-        per_length = DEPTH * DEPTH / span
+        per_length = min(DEPTH * DEPTH / span, 1e100)
         for k in range(states.shape[0]):
             axes, twist, scale = motion(states[k], reach)
+            if scale > 0.0:
+                for c in range(6):
+                    last[1 + c] = twist[c]
+            # a tool at rest is asked what it was asked while it moved; its path is 0
+            twist = last[1], last[2], last[3], last[4], last[5], last[6]
             below = surface - states[k, 2]
             linear = in_tool_axes(axes, twist[0], twist[1], twist[2])
             angular = in_tool_axes(axes, twist[3], twist[4], twist[5])
@@ -164,16 +170,18 @@ def _kernel(source: int, refined: bool) -> Any:
             up = axes[6:]
             # metres for each unit of scaled speed: as fast as the mean of both ends of the step
             now = fastest / scale if scale > 0.0 else 0.0
-            before = speed[0] if speed[0] >= 0.0 else now
+            before = last[0] if last[0] >= 0.0 else now
             path = 0.5 * (now + before) / fastest * durations[k] if now > 0.0 else 0.0
-            speed[0] = now
+            last[0] = now
             fx = fy = fz = tx = ty = tz = submerged = 0.0
             # unsigned, or numba looks for negative indices in the inner loops
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
             kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, refined, active)
             while b < blocks:
-                first, run = b, kind
-                while b < blocks and kind == run:
+                # one submerged block after a cut one goes with it: to begin a run costs more
+                first, run, previous = b, kind, kind
+                while b < blocks and (kind == run or (kind == PLAIN and previous == CUT)):
+                    previous = kind
                     if kind == SKIP_DRY and active[b]:
                         _forget(memory, b)
                         active[b] = 0
@@ -237,7 +245,7 @@ def wrenches_in_time(
     blocks = plates.blocks
     geometry = blocks.rows, blocks.bounds, plates.reach
     medium = law, mobilization_length, surface_height
-    arguments = *geometry, *medium, states, durations, memory.tractions, memory.active, memory.speed, out
+    arguments = *geometry, *medium, states, durations, memory.tractions, memory.active, memory.motion, out
     if entry is None:
         entry = machine_code(_KERNELS[plates.integration], arguments)
         if not isinstance(law.alpha_y, Table):  # how its arrays lie in memory is part of its type

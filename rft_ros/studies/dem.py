@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 PUBLISHED_PLATES = "1.2–18.8 %"
 """Median errors of the paper's own plates, over its combinations of β, φ and ψ."""
 
-MOBILIZATION_LENGTH = 0.003
+MOBILIZATION_LENGTH = 0.0029
 """λ [m] of the column with memory (α_y constant); `rft_ros.rft.mobilization`."""
 
 ALONG_ITSELF = "plate_b90_psi90_phi0"

@@ -9,7 +9,7 @@ from rft_ros.bags.replay import read_replay_options, replay
 from rft_ros.estimator.parameter_file import read_parameter_file
 
 FILE = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
-LENGTH = 0.003  # m
+LENGTH = 0.0043  # m, as calibrated on both trials (docs/calibrate.md)
 
 
 class Run:
