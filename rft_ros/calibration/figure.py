@@ -40,7 +40,9 @@ def draw_penetrations(fit: ZetaFit, file: Path) -> None:
         axes.set_ylabel("Vertical force on the tool, up [N]")
         axes.grid(alpha=0.3)
         axes.legend(loc="upper left", fontsize=8)
-    figure.suptitle(f"Vertical penetration: ζ = {fit.zeta:.3f} ± {fit.error:.3f} over {count}")
+    figure.suptitle(
+        f"Vertical penetration: ζ = {fit.zeta:.3f} ± {fit.error:.3f} over {count} way{'s' * (count > 1)} down"
+    )
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(file, dpi=110, metadata={"Software": None})

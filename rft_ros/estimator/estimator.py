@@ -103,8 +103,6 @@ class Estimator:
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
         """Take a twist; the reason if it cannot be used."""
-        history = self._twists
-        behind = history[-1].stamp - sample.stamp if history else 0
         reason = None
         if sample.stamp <= 0:
             reason = Reason.TWIST_STAMP_ZERO
@@ -112,20 +110,10 @@ class Estimator:
             reason = Reason.TWIST_NOT_FINITE
         elif sample.frame != self.settings.world_frame and sample.frame != self.settings.tool_frame:
             reason = Reason.TWIST_FRAME_UNKNOWN
-        elif 0 < behind < TIME_JUMP:
-            reason = Reason.TWIST_OUT_OF_ORDER
-        if reason is None:
-            if behind > 0:
-                history.clear()
-            history.append(sample)
-        else:
-            self.counts[reason.value] += 1
-        return reason
+        return self._taken(self._twists, sample, reason, Reason.TWIST_OUT_OF_ORDER)
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:
         """Take a load-cell sample; the reason if it cannot be used."""
-        history = self._wrenches
-        behind = history[-1].stamp - sample.stamp if history else 0
         reason = None
         if sample.stamp <= 0:
             reason = Reason.WRENCH_STAMP_ZERO
@@ -133,16 +121,23 @@ class Estimator:
             reason = Reason.WRENCH_NOT_FINITE
         elif sample.frame != self.settings.sensor_frame:
             reason = Reason.WRENCH_FRAME_UNKNOWN
-        elif 0 < behind < TIME_JUMP:
-            reason = Reason.WRENCH_OUT_OF_ORDER
+        reason = self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
         if reason is None:
-            if behind > 0:
-                history.clear()
-            history.append(sample)
             self._tare.push(sample)
-        else:
-            self.counts[reason.value] += 1
         return reason
+
+    def _taken(self, history: deque[_Sample], sample: _Sample, unusable: Reason | None, late: Reason) -> Reason | None:
+        """Add a sample to the history of its kind; count and return the reason if it is unusable or late."""
+        behind = history[-1].stamp - sample.stamp if history else 0
+        if unusable is None and 0 < behind < TIME_JUMP:
+            unusable = late
+        if unusable is not None:
+            self.counts[unusable.value] += 1
+            return unusable
+        if behind > 0:
+            history.clear()
+        history.append(sample)
+        return None
 
     def push_pose(self, sample: PoseSample) -> Estimate | Withheld:
         """Answer a pose: an estimate, or the reason why there is none."""

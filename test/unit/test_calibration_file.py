@@ -1,12 +1,18 @@
 """`rft calibrate` on a synthetic bag: exit status, what is written, and that the node's reader takes it as it is."""
 
+import io
+
 import numpy as np
 import pytest
 import yaml
 from recordings import START, write_ros2
+from rich.console import Console
 from synthetic_track import HANGING, ORIENTATIONS, Path, dragged, grain_wrenches, hanging, law, read_by, unknown
 
 from rft_ros.calibration.calibrated_file import rounded
+from rft_ros.calibration.findings import Finding
+from rft_ros.calibration.outcome import Calibration
+from rft_ros.calibration.overview import print_overview
 from rft_ros.cli import main
 from rft_ros.estimator.parameter_file import read_parameter_file
 from rft_ros.estimator.parameters import defaults, model_of
@@ -139,3 +145,28 @@ def test_a_figure_of_the_penetrations(cell, tmp_path):
 )
 def test_digits_end_at_a_hundredth_of_the_error(value, error, kept):
     assert rounded(value, error) == kept
+
+
+@pytest.mark.parametrize("width", [70, 80, 140])
+def test_the_overview_cuts_no_word_on_a_terminal_of_any_width(width):
+    result = Calibration()
+    source = "a_bag_with_a_long_name_2026_11_21 4.73 ± 1.27 mm"
+    result.told(
+        Finding(
+            name="medium.mobilization_length",
+            values=(0.00433,),
+            errors=(0.00094,),
+            unit="m",
+            goodness="RMS 3.9 %",
+            source=source,
+            parameter="medium.mobilization_length",
+        )
+    )
+    console = Console(width=width, file=io.StringIO())
+    print_overview(result, console)
+    lines = console.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    assert "…" not in "".join(lines)
+    assert "0.00433 ± 0.00094" in "".join(lines)
+    together = "".join("".join(line[49:].split()) for line in lines)
+    assert "".join(source.split()) in together
