@@ -40,7 +40,7 @@ setup(
         "scipy>=1.11",
         "trimesh>=4.4",
         "pycollada>=0.7.2",
-        "rosbags>=0.10.9",
+        "rosbags>=0.11",
         "lz4>=4.0",
         "backports.zstd; python_version < '3.14'",
         "PyYAML>=6.0",
