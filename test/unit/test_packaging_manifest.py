@@ -36,6 +36,15 @@ def test_the_manifest_is_valid_and_nothing_is_warned_of():
     assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
 
 
+def test_the_manifests_elements_stand_in_the_order_of_its_schema():
+    """catkin_pkg takes any order; package_format3.xsd, and so ament_xmllint, does not."""
+    order = ["name", "version", "description", "maintainer", "license", "url", "author", "depend", "export"]
+    root = ElementTree.parse(ROOT / "package.xml").getroot()
+    places = [order.index(re.sub(r"^[a-z]+_depend$", "depend", element.tag)) for element in root]
+    assert places == sorted(places)
+    assert {"name", "version", "description", "maintainer", "license"} <= {element.tag for element in root}
+
+
 def test_each_dependency_is_imported_and_each_import_is_a_dependency():
     package, _ = manifest()
     keys = {d.name for d in package.exec_depends} - READS_DAE_FOR_TRIMESH
