@@ -115,7 +115,9 @@ def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]"
         states = sample(FAMILIES[name](), 600)[1]
     elif Path(name).is_dir() or Path(name).suffix in (".bag", ".mcap", ".db3"):
         states = states_of(Path(name), values, model_of(values, tool=tool), options)[1]
-    else:
+    elif Path(name).suffix or Path(name).exists():
         states = read_states(Path(name))[1]
+    else:
+        raise InputError(f"--scene '{name}' is no file, and no family of motions: {', '.join(FAMILIES)}")
     states[:, 2] -= settings_of(values).surface_height if surface is None else surface
     return states

@@ -144,6 +144,8 @@ def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
 
 def demo(output: Path, *, seconds: float) -> int:
     """Run the demo for `seconds` of arm motion; writes the recorded bag and a figure to `output`."""
+    if not seconds > PAUSE:
+        raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     console = Console()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     output.mkdir(parents=True, exist_ok=True)

@@ -21,9 +21,23 @@ from rft_ros.prepare_tool import start_preparer
 
 __all__ = ["main"]
 
+_HELP = """\
+usage: rft_node [--ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...]
+
+Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2.
+
+Its topics, services and parameters are in the README; config/default.yaml has every parameter with its default.
+SIGINT or SIGTERM ends it with exit status 0; parameters that cannot be used, with 2.
+
+example:
+  rft_node --ros-args --params-file my_cell.yaml -r ~/pose:=/tool_pose"""
+
 
 def main() -> int:
     """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its parameters cannot be used."""
+    if {"-h", "--help"} & set(sys.argv[1:]):
+        print(_HELP)
+        return 0
     preparer, compilation = start_preparer(), fork_compilation()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)

@@ -72,8 +72,10 @@ def raw_reading(
 def main() -> int:
     """Run the arm until its time is up."""
     parser = argparse.ArgumentParser(description="The demo's virtual arm.")
-    parser.add_argument("--seconds", type=float, default=12.0)
-    parser.add_argument("--listeners", type=int, default=1, help="start once this many subscribe to the pose")
+    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="how long it moves [s] (default 12)")
+    parser.add_argument(
+        "--listeners", type=int, default=1, metavar="N", help="start once N subscribe to the pose (default 1)"
+    )
     seconds, listeners = (arguments := parser.parse_args()).seconds, arguments.listeners
 
     tool = load_tool("ellipsoid")

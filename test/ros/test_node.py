@@ -225,6 +225,12 @@ def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_repl
     assert "Traceback" not in cell.said()
 
 
+def test_asked_for_help_it_gives_some_and_does_not_start(start_cell):
+    cell = start_cell("--help")
+    assert cell.process.wait(30.0) == 0
+    assert cell.said().startswith("usage: rft_node")
+
+
 def test_the_events_executor_answers_too(start_cell):
     cell = start_cell("-p", "executor:=events").wait_ready()
     np.testing.assert_array_equal(numbers(cell.ask(cell.moment())), predicted_by_the_core())

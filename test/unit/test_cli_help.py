@@ -84,6 +84,12 @@ def test_help_fits_the_terminal(name, width, monkeypatch):
     assert not [line for line in too_long if "rft " not in line]  # examples are for copying
 
 
+def test_a_demo_too_short_to_reach_the_grains_is_refused_before_anything_starts(tmp_path):
+    pytest.importorskip("rclpy")
+    refused(rft("demo", "--seconds", "3", "-o", "out", cwd=tmp_path), "--seconds is 3; it must be over 3")
+    assert not (tmp_path / "out").exists()
+
+
 def test_an_interrupted_command_says_so_and_ends_as_the_shell_expects(tmp_path):
     command = [sys.executable, "-m", "rft_ros.cli", "study", "all", "-o", str(tmp_path / "out")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
