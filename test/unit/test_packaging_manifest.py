@@ -101,6 +101,18 @@ def test_workflows_run_targets_and_files_that_exist():
         assert (ROOT / path).exists(), path
 
 
+def test_the_workflow_for_ros_from_apt_follows_the_readme():
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    section = readme[readme.index("## On your robot") :]
+    block = re.search(r"```sh\n(.*?)```", section, flags=re.DOTALL)
+    assert block
+    told = [line for line in block[1].splitlines() if line.startswith(("pip install", "rosdep", "colcon"))]
+    assert len(told) == 3
+    done = "\n".join(workflow_commands())
+    for line in told:
+        assert line.partition(" && ")[0] in done
+
+
 def test_workflows_try_every_python_that_the_readme_promises():
     matrix = yaml.safe_load((ROOT / ".github" / "workflows" / "pypi.yml").read_text(encoding="utf-8"))
     pythons = matrix["jobs"]["test"]["strategy"]["matrix"]["python"]
