@@ -107,13 +107,14 @@ def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def kind_of_block(bounds, b, linear, angular, fastest, reach, up, below, refined):  # type: ignore[no-untyped-def]
+def kind_of_block(bounds, b, seen, below, refined):  # type: ignore[no-untyped-def]
     """Which of the five a block is, for certain; in doubt the more laborious.
 
-    `linear`, `angular`: twist in tool axes, `fastest`: no point is faster. `up`: E3 in tool axes. `below`: depth of the
-    origin. Columns of `bounds`: boxes (middle, half of the sides) of the normals, of r x n, and of the places; area;
-    sine of the widest angle over which a plate begins to lead.
+    `seen`: `element.seen_from_tool`. `below`: depth of the origin. Columns of `bounds`: boxes (middle, half of the
+    sides) of the normals, of r x n, and of the places; area; sine of the widest angle over which a plate begins to
+    lead.
     """
+    linear, angular, fastest, up, reach = seen
     depth, spread = below - _middle(bounds, b, 2, up), _spread(bounds, b, 2, up) + _SLACK * (reach + abs(below))
     if depth + spread <= 0.0:
         return SKIP_DRY

@@ -6,7 +6,7 @@ from rft_ros.rft.compiled import inlined
 from rft_ros.rft.frames import rotation
 from rft_ros.rft.wet_part import wet_part
 
-__all__ = ["element", "in_tool_axes", "length", "motion"]
+__all__ = ["element", "in_tool_axes", "motion", "seen_from_tool"]
 
 
 @inlined
@@ -30,9 +30,16 @@ def in_tool_axes(axes, x, y, z):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def length(v):  # type: ignore[no-untyped-def]
-    """Of a vector of three."""
+def _length(v):  # type: ignore[no-untyped-def]
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@inlined
+def seen_from_tool(axes, twist, reach):  # type: ignore[no-untyped-def]
+    """Linear and angular velocity in tool axes, a speed that no point exceeds, E3 in tool axes, and the reach again."""
+    linear = in_tool_axes(axes, twist[0], twist[1], twist[2])
+    angular = in_tool_axes(axes, twist[3], twist[4], twist[5])
+    return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach
 
 
 @inlined

@@ -8,10 +8,10 @@ import numpy as np
 
 from rft_ros.rft.blocks import BLOCK, CUT, PLAIN, SKIP_WET, kind_of_block
 from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined
-from rft_ros.rft.element import element, in_tool_axes, length, motion
+from rft_ros.rft.element import element, in_tool_axes, motion, seen_from_tool
 from rft_ros.rft.traction import BLENDED, NEVER_FLAT, SWITCHED, traction_per_depth
 
-__all__ = ["EDGE_AREAS", "KERNELS"]
+__all__ = ["EDGE_AREAS", "KERNELS", "added", "with_area"]
 
 
 @inlined
@@ -39,6 +39,18 @@ def _sum(rows, first, last, axes, twist, law, below, refined, careful, flatness)
     return fx, fy, fz, tx, ty, tz, submerged
 
 
+@inlined
+def with_area(total, area):  # type: ignore[no-untyped-def]
+    """A wrench and submerged area, with more area."""
+    return total[0], total[1], total[2], total[3], total[4], total[5], total[6] + area
+
+
+@inlined
+def added(a, b):  # type: ignore[no-untyped-def]
+    """Two wrenches and submerged areas, in their order."""
+    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6]
+
+
 def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
     """The compiled loops over states and over plates, for one rule of integration.
 
@@ -52,21 +64,18 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
         for k in range(states.shape[0]):
             axes, twist, _ = motion(states[k], reach)
             below = surface_height - states[k, 2]
-            linear = in_tool_axes(axes, twist[0], twist[1], twist[2])
-            angular = in_tool_axes(axes, twist[3], twist[4], twist[5])
-            fastest = length(linear) + length(angular) * reach
-            up = axes[6:]
-            fx = fy = fz = tx = ty = tz = submerged = 0.0
+            seen = seen_from_tool(axes, twist, reach)
+            total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             # unsigned, or numba looks for negative indices in the inner loops
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
-            kind = kind_of_block(bounds, b, linear, angular, fastest, reach, up, below, refined)
+            kind = kind_of_block(bounds, b, seen, below, refined)
             while b < blocks:
                 first, run = b, kind
                 while b < blocks and kind == run:
-                    submerged += bounds[b, 18] if kind == SKIP_WET else 0.0
+                    total = with_area(total, bounds[b, 18] if kind == SKIP_WET else 0.0)
                     b += np.uint64(1)
                     if b < blocks:
-                        kind = kind_of_block(bounds, b, linear, angular, fastest, reach, up, below, refined)
+                        kind = kind_of_block(bounds, b, seen, below, refined)
                 if run >= PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
                     if run == PLAIN:
@@ -75,16 +84,9 @@ def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
                         part = _sum(rows, i, j, axes, twist, law, below, refined, True, NEVER_FLAT)
                     else:
                         part = _sum(rows, i, j, axes, twist, law, below, refined, True, flatness)
-                    fx += part[0]
-                    fy += part[1]
-                    fz += part[2]
-                    tx += part[3]
-                    ty += part[4]
-                    tz += part[5]
-                    submerged += part[6]
-            out[k, 0], out[k, 1], out[k, 2] = fx, fy, fz
-            out[k, 3], out[k, 4], out[k, 5] = tx, ty, tz
-            out[k, 6] = submerged
+                    total = added(total, part)
+            for c in range(7):
+                out[k, c] = total[c]
 
     def of_plates(rows, reach, law, surface_height, state, order, out):  # type: ignore[no-untyped-def]
         if source == 0:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from rft_ros.rft.alpha_y import Table
 from rft_ros.rft.blocks import BLOCK, CUT, PLAIN, SKIP_DRY, SKIP_WET, kind_of_block
 from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined, machine_code
-from rft_ros.rft.element import element, in_tool_axes, length, motion
+from rft_ros.rft.element import element, motion, seen_from_tool
+from rft_ros.rft.kernel import added, with_area
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import BLENDED, NEVER_FLAT, SWITCHED, Law, traction_per_depth
 
@@ -142,9 +143,9 @@ def _forget(memory, b):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _kind(bounds, b, linear, angular, fastest, reach, up, below, refined, active):  # type: ignore[no-untyped-def]
+def _kind(bounds, b, seen, below, refined, active):  # type: ignore[no-untyped-def]
     """As `kind_of_block`; a block that trails and remembers is not passed over."""
-    kind = kind_of_block(bounds, b, linear, angular, fastest, reach, up, below, refined)
+    kind = kind_of_block(bounds, b, seen, below, refined)
     return _FADING if kind == SKIP_WET and active[b] else kind
 
 
@@ -164,19 +165,17 @@ def _kernel(source: int, refined: bool) -> Any:
             # a tool at rest is asked what it was asked while it moved; its path is 0
             twist = last[1], last[2], last[3], last[4], last[5], last[6]
             below = surface - states[k, 2]
-            linear = in_tool_axes(axes, twist[0], twist[1], twist[2])
-            angular = in_tool_axes(axes, twist[3], twist[4], twist[5])
-            fastest = length(linear) + length(angular) * reach
-            up = axes[6:]
+            seen = seen_from_tool(axes, twist, reach)
             # metres for each unit of scaled speed: as fast as the mean of both ends of the step
+            fastest = seen[2]
             now = fastest / scale if scale > 0.0 else 0.0
             before = last[0] if last[0] >= 0.0 else now
             path = 0.5 * (now + before) / fastest * durations[k] if now > 0.0 else 0.0
             last[0] = now
-            fx = fy = fz = tx = ty = tz = submerged = 0.0
+            total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
             # unsigned, or numba looks for negative indices in the inner loops
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
-            kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, refined, active)
+            kind = _kind(bounds, b, seen, below, refined, active)
             while b < blocks:
                 # one submerged block after a cut one goes with it: to begin a run costs more
                 first, run, previous = b, kind, kind
@@ -185,10 +184,10 @@ def _kernel(source: int, refined: bool) -> Any:
                     if kind == SKIP_DRY and active[b]:
                         _forget(memory, b)
                         active[b] = 0
-                    submerged += bounds[b, 18] if kind == SKIP_WET else 0.0
+                    total = with_area(total, bounds[b, 18] if kind == SKIP_WET else 0.0)
                     b += np.uint64(1)
                     if b < blocks:
-                        kind = _kind(bounds, b, linear, angular, fastest, reach, up, below, refined, active)
+                        kind = _kind(bounds, b, seen, below, refined, active)
                 if run >= PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
                     scene = axes, twist, law, below
@@ -198,21 +197,14 @@ def _kernel(source: int, refined: bool) -> Any:
                         part = _sum(rows, i, j, scene, refined, True, NEVER_FLAT, path, per_length, memory)
                     else:
                         part = _sum(rows, i, j, scene, refined, True, flatness, path, per_length, memory)
-                    fx += part[0]
-                    fy += part[1]
-                    fz += part[2]
-                    tx += part[3]
-                    ty += part[4]
-                    tz += part[5]
-                    submerged += part[6]
+                    total = added(total, part)
                     for c in range(first, b):
                         active[c] = 1
                         if run == _FADING and _fades(memory, c, _FORGOTTEN * law.stiffness):
                             _forget(memory, c)
                             active[c] = 0
-            out[k, 0], out[k, 1], out[k, 2] = fx, fy, fz
-            out[k, 3], out[k, 4], out[k, 5] = tx, ty, tz
-            out[k, 6] = submerged
+            for c in range(7):
+                out[k, c] = total[c]
 
     in_time.__qualname__ += "_refined" if refined else "_centroid"
     return numba.njit(cache=True, nogil=True, **OPTIONS)(in_time)
