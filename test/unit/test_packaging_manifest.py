@@ -6,8 +6,6 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
-from catkin_pkg.changelog import get_changelog_from_path
-from catkin_pkg.package_version import get_forthcoming_label, update_changelog_sections
 from clean_copy import ROOT
 from package_manifest import manifest, third_party_imports
 
@@ -72,6 +70,9 @@ def test_every_xml_file_is_well_formed(file):
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:catkin_pkg")
 def test_the_changelog_can_be_released_by_ros_tools(tmp_path):
+    from catkin_pkg.changelog import get_changelog_from_path
+    from catkin_pkg.package_version import get_forthcoming_label, update_changelog_sections
+
     package, _ = manifest()
     ours = get_changelog_from_path(str(ROOT), package.name)
     label = get_forthcoming_label(ours.rst)
