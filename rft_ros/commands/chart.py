@@ -1,4 +1,4 @@
-"""Draw accuracy against time, for scenes and for modelling choices.
+"""Draw accuracy against time, for scenes and for modelling choices: a matter of minutes.
 
 rft chart -o out/chart
 """
@@ -37,6 +37,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Measure and draw; exit status."""
+    from rich.console import Console
+
+    from rft_ros.commands.show_outcome import show_outcome
     from rft_ros.studies.chart import chart_outcome
     from rft_ros.studies.chart_page import chart_page, models_page
     from rft_ros.studies.chart_points import Point, points
@@ -58,12 +61,12 @@ def run(arguments: argparse.Namespace) -> int:
             judged, walls = judged_choices(arguments.data), wall_seconds(arguments.data)
         outcomes.append(model_outcome(judged, walls))
         pages["models"] = models_page(judged, walls)
+    console = Console()
     for outcome in outcomes:
         files = write_outcome(outcome, arguments.output)
         page = arguments.output / f"{outcome.name}.html"
         page.write_text(pages[outcome.name], encoding="utf-8")
-        print(outcome.markdown())
-        print("\n".join(f"-> {file}" for file in [*files, page]))
+        show_outcome(console, outcome, [*files, page])
     return 0
 
 

@@ -5,16 +5,10 @@ rft study oscillation -o out/studies
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 from rft_ros.studies.registry import STUDIES
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from rft_ros.studies.outcome import Outcome
 
 __all__ = ["add_options", "run"]
 
@@ -47,6 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the studies; exit status."""
     from rich.console import Console
 
+    from rft_ros.commands.show_outcome import show_outcome
     from rft_ros.studies.marked import write_marked
     from rft_ros.studies.outcome import write_outcome
     from rft_ros.studies.registry import run_study
@@ -68,24 +63,10 @@ def run(arguments: argparse.Namespace) -> int:
         for outcome in outcomes:
             files = write_outcome(outcome, arguments.output)
             tables[outcome.name] = outcome.markdown()
-            _show(console, outcome)
-            console.print("\n".join(f"-> {file}" for file in files), soft_wrap=True, highlight=False)
+            show_outcome(console, outcome, files)
     for name in STUDIES if arguments.name == ALL else ():
         if name not in names:
             console.print(f"left out: {name}, which needs the reference data (--data DIR)")
     for file in arguments.docs:
         console.print(f"-> {file}: {', '.join(write_marked(file, tables))}", soft_wrap=True, highlight=False)
     return 0
-
-
-def _show(console: "Console", outcome: "Outcome") -> None:
-    from rich.table import Table
-
-    table = Table(title=outcome.title, title_justify="left")
-    for name in outcome.table.header:
-        table.add_column(name)
-    for row in outcome.table.rows:
-        table.add_row(*row)
-    console.print(table)
-    for sentence in outcome.left_out:
-        console.print(f"left out: {sentence}")

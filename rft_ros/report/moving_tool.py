@@ -1,7 +1,6 @@
 """A tool on its way through the grains, coloured by traction: a page that plays it, and a film."""
 
 from dataclasses import dataclass, replace
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, reason_of
+from rft_ros.report.figure_page import figure_page
 
 __all__ = ["FILMS", "MovingTool", "write_film", "write_moving_page"]
 
@@ -162,8 +162,7 @@ def write_moving_page(scene: MovingTool, file: Path) -> None:
         margin={"l": 0, "r": 0, "t": 50, "b": 100},
         height=760,
     )
-    page = figure.to_html(include_plotlyjs=True, full_html=True, div_id="moving-tool", auto_play=False)
-    _written(file, page.replace("<head>", f"<head><title>{escape(scene.title)}</title>", 1))
+    _written(file, figure_page(figure, title=scene.title, name="moving-tool"))
 
 
 def _written(file: Path, text: str) -> None:

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from rft_ros.report.figure_page import figure_page
 from rft_ros.studies.chart import BUDGETS, COLOURS, NAMES, in_scenes, shown_error
 from rft_ros.studies.chart_points import CHOSEN, FULL, MERGED, NUMPY, Point, front
 from rft_ros.studies.figure import BLACK, GREY
@@ -91,4 +92,4 @@ def models_page(judged: Sequence[Judged], walls: Mapping[str, tuple[float, float
 
 def _page(figure: Any, name: str, title: str, height: int) -> str:
     figure.update_layout(template="plotly_white", title=title, height=height)
-    return str(figure.to_html(full_html=True, include_plotlyjs=True, div_id=name))
+    return figure_page(figure, title=title.partition(";")[0], name=name)

@@ -103,7 +103,9 @@ def test_the_command_writes_pictures_pages_and_numbers(small, tmp_path, monkeypa
     assert "Pareto front" in page
     assert "refined rule, full mesh, α_y linear" in page or "\\u03b1_y linear" in page
     assert 'src="http' not in page
-    assert "published rule, full mesh" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert said.startswith("Accuracy against time")
+    assert f"-> {tmp_path / 'out' / 'chart.html'}" in said
 
 
 @pytest.mark.parametrize(

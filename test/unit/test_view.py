@@ -24,6 +24,7 @@ def test_the_page_needs_nothing_beside_it_and_is_the_same_each_time(tmp_path):
     assert "12 moments of root_tip" in done.stdout
     assert not re.search(r"<(script|link|img)[^>]+(src|href)=.https?:", page)
     assert "Traction [kPa]" in page
+    assert "<title>root_tip</title>" in page
     assert "2.75" in page  # the last moment, at the slider
 
 
