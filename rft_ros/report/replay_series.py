@@ -51,7 +51,10 @@ class ReplaySeries:
         )
 
     def stretches(self, values: "NDArray[np.int64] | NDArray[np.bool_]") -> list[tuple[int, float, float]]:
-        """Where the value of a row stays the same: its first row, and its times up to the beginning of the next one."""
+        """Where the value of a row stays the same: its first row, and its times [s] up to the next's begin.
+
+        `values`: shape [n], a value for each row.
+        """
         if not len(values):
             return []
         differs = (values[1:] != values[:-1]) | (np.diff(self.time) < 0.0)

@@ -19,10 +19,9 @@ MODULES = sorted(
     for m in pkgutil.walk_packages(rft_ros.__path__, "rft_ros.")
     if not m.name.startswith(ROS) and not m.name.endswith("__main__")
 )
-CORE = [name for name in MODULES if name.startswith("rft_ros.rft.")]
 
 ARRAYS = re.compile(r"NDArray|ArrayLike|\bArray\b")
-UNIT = re.compile(r"\[(m|m²|m³|m/s|rad|rad/s|deg|N|N m|N/m²|N/m³|N/cm³)\b|\[m, m²\]|\bunits?\b|no unit")
+UNIT = re.compile(r"\[(s|m|m²|m³|m/s|rad|rad/s|deg|N|N m|N/m²|N/m³|N/cm³)\b|\[m, m²\]|\bunits?\b|no unit")
 SHAPE = re.compile(r"[Ss]hape")
 
 EQUATIONS = {
@@ -87,8 +86,8 @@ def test_public_constants_are_followed_by_what_they_mean(name):
     assert not bare
 
 
-@pytest.mark.parametrize("name", CORE)
-def test_in_the_core_what_takes_or_gives_arrays_names_their_shapes_and_units(name):
+@pytest.mark.parametrize("name", MODULES)
+def test_what_takes_or_gives_arrays_names_their_shapes_and_units(name):
     for dotted, thing in explained(name).items():
         if ARRAYS.search(signature(thing)):
             assert SHAPE.search(thing.__doc__), f"{name}.{dotted} names no shape"
