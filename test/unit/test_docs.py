@@ -11,18 +11,56 @@ from rft_ros.estimator.parameters import defaults
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)(#[^)]*)?\)")
+LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
 
 
 def ids(page):
     return page.name
 
 
+def links(page):
+    """(path, anchor) of each link and picture that points into the project."""
+    found = LINK.findall(page.read_text(encoding="utf-8"))
+    return [(path, anchor) for path, anchor in found if not path.startswith(("http:", "https:", "mailto:"))]
+
+
+def anchors(page):
+    """The names that GitHub gives the headings of a page.
+
+    Lower case; only letters, digits, hyphens and underscores stay; spaces become hyphens; repeats are numbered.
+    """
+    prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
+    names: list[str] = []
+    for heading in re.findall(r"^#{1,6} +(.+?)[ #]*$", prose, flags=re.MULTILINE):
+        shown = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", heading)
+        name = re.sub(r"[^\w\- ]", "", shown.lower()).replace(" ", "-")
+        before = sum(re.fullmatch(rf"{re.escape(name)}(-\d+)?", other) is not None for other in names)
+        names.append(f"{name}-{before}" if before else name)
+    return names
+
+
 @pytest.mark.parametrize("page", PAGES, ids=ids)
 def test_no_link_or_picture_is_dead(page):
-    targets = [target for target, _ in LINK.findall(page.read_text(encoding="utf-8"))]
-    missing = [t for t in targets if not t.startswith("http") and not (page.parent / t).exists()]
-    assert not missing
+    assert [path for path, _ in links(page) if not (page.parent / path).exists()] == []
+
+
+@pytest.mark.parametrize("page", PAGES, ids=ids)
+def test_every_anchor_is_a_heading_of_its_page(page):
+    pointed = [(page.parent / path if path else page, anchor) for path, anchor in links(page) if anchor]
+    assert [f"{file.name}#{anchor}" for file, anchor in pointed if anchor not in anchors(file)] == []
+
+
+def test_anchors_are_those_that_github_makes(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        "# On *your* `robot`\n## α_y, or [not](x.md)?\n```sh\n# no heading\n```\n### Beside - it\n## Beside - it\n"
+    )
+    assert anchors(page) == ["on-your-robot", "α_y-or-not", "beside---it", "beside---it-1"]
+
+
+def test_every_picture_of_the_docs_is_shown_on_a_page():
+    shown = {(page.parent / path).resolve() for page in PAGES for path, _ in links(page) if path}
+    assert sorted(p.name for p in (ROOT / "docs" / "images").iterdir() if p.resolve() not in shown) == []
 
 
 def commands(page):
