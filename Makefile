@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint lines dist bench bench-node bench-swaps bench-replay soak fuzz venv clean
+.PHONY: demo test lint docs lines dist bench bench-node bench-swaps bench-replay soak fuzz venv clean
 
 demo: venv
 	$(BIN)/rft demo -o out/demo
@@ -16,6 +16,9 @@ lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
+
+docs: venv
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 lines: venv
 	$(BIN)/python bench/lines.py

@@ -13,6 +13,7 @@ MANIFEST = ElementTree.parse(Path(__file__).resolve().parent / "package.xml")
 NAME = MANIFEST.findtext("name", "")
 
 SWEEP = ["dask[distributed]>=2024.1", "pyarrow>=14"]
+DOCS = ["mkdocs-material>=9.5", "latex2mathml>=3.77"]
 
 setup(
     name=NAME,
@@ -53,6 +54,7 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
         "sweep": SWEEP,
+        "docs": DOCS,
         "test": [
             "pytest>=8",
             "pytest-xdist>=3.5",
@@ -61,6 +63,7 @@ setup(
             "colcon-common-extensions",
             "catkin_pkg>=1.0",
             *SWEEP,
+            *DOCS,
         ],
         "dev": ["mpmath>=1.3", "mypy>=1.10", "ruff>=0.6", "types-PyYAML", "scipy-stubs; python_version >= '3.11'"],
     },

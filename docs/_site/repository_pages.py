@@ -1,0 +1,45 @@
+"""mkdocs hook: the README as the site's home page, and the repository's files that pages link to, beside the pages.
+
+GitHub resolves a page's links from where the page lies in the repository. On the site the pages of ``docs/`` lie at the
+top, so what they link to outside of it is laid into ``repository/``, and the links are turned there.
+"""
+
+import posixpath
+import re
+from pathlib import Path
+
+from mkdocs.config.defaults import MkDocsConfig
+from mkdocs.structure.files import File, Files
+from mkdocs.structure.pages import Page
+
+__all__ = ["on_files", "on_page_markdown", "with_links_from_the_site"]
+
+ROOT = Path(__file__).resolve().parents[2]
+_FENCED_OR_LINK = re.compile(r"^```.*?^```|(?<=\]\()(?![a-z]+:|#)[^)#\s]+", re.DOTALL | re.MULTILINE)
+
+
+def _on_the_site(target: str, folder: str) -> str:
+    path = posixpath.normpath(posixpath.join(folder, target))
+    return path.removeprefix("docs/") if path.startswith("docs/") else f"repository/{path}"
+
+
+def with_links_from_the_site(text: str, folder: str) -> str:
+    """Turn the links of a page that lies in `folder` of the repository ("" is its top) to where the site has them."""
+    return _FENCED_OR_LINK.sub(lambda m: m[0] if m[0].startswith("```") else _on_the_site(m[0], folder), text)
+
+
+def on_files(files: Files, config: MkDocsConfig) -> Files:
+    """Add the home page, and each file outside ``docs/`` that a page links to."""
+    home = with_links_from_the_site((ROOT / "README.md").read_text(encoding="utf-8"), "")
+    files.append(File.generated(config, "index.md", content=home))
+    pages = [home, *(with_links_from_the_site(f.content_string, "docs") for f in files.documentation_pages())]
+    for path in sorted({p for text in pages for p in re.findall(r"\]\((repository/[^)#\s]+)", text)}):
+        source = ROOT / path.removeprefix("repository/")
+        if source.is_file():  # else mkdocs says which page has the dead link
+            files.append(File.generated(config, path, abs_src_path=str(source)))
+    return files
+
+
+def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
+    """Turn the links of every page but the home page, which is made with them turned."""
+    return markdown if page.is_homepage else with_links_from_the_site(markdown, "docs")

@@ -1,0 +1,69 @@
+"""The site that `make docs` builds: strictly, and with nothing to fetch from elsewhere."""
+
+import os
+import subprocess
+import sys
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("mkdocs", reason="no mkdocs; `pip install -e '.[docs]'` installs it")
+
+ROOT = Path(__file__).resolve().parents[2]
+NOT_FETCHED = {"a", "base"}
+CANONICAL = {"canonical", "alternate"}
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("site")
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(folder)]
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, env=environment, timeout=120)
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+class Page(HTMLParser):
+    """What a page fetches as it is shown, and what its links lead to."""
+
+    def __init__(self, file):
+        super().__init__()
+        self.fetched, self.links = [], []
+        self.feed(file.read_text(encoding="utf-8"))
+
+    def handle_starttag(self, tag, attrs):
+        values = dict(attrs)
+        if values.get("href") and tag == "a":
+            self.links.append(values["href"])
+        if tag not in NOT_FETCHED and values.get("rel") not in CANONICAL:
+            self.fetched += [values[name] for name in ("src", "href", "srcset", "data") if values.get(name)]
+
+
+def test_every_page_of_the_docs_is_in_the_site(site):
+    pages = {page.stem for page in (ROOT / "docs").glob("*.md")} | {"index"}
+    assert pages <= {page.stem for page in site.glob("*.html")}
+
+
+def test_the_home_page_is_the_readme(site):
+    first = (ROOT / "README.md").read_text(encoding="utf-8").split("\n\n")[1].replace("\n", " ")[:60]
+    assert first in (site / "index.html").read_text(encoding="utf-8").replace("\n", " ")
+
+
+def test_no_page_fetches_anything_from_elsewhere(site):
+    for file in site.rglob("*.html"):
+        elsewhere = [what for what in Page(file).fetched if what.startswith(("http", "//"))]
+        assert elsewhere == [], file.name
+    for file in (file for file in site.rglob("*.css") if "assets" not in file.parts):
+        assert "http" not in file.read_text(encoding="utf-8"), file.name
+
+
+def test_everything_that_a_page_refers_to_is_in_the_site(site):
+    for file in site.glob("*.html"):
+        if file.stem == "404":  # shown for any address, it has its links from the top
+            continue
+        page = Page(file)
+        local = {what.partition("#")[0].partition("?")[0] for what in page.fetched + page.links}
+        missing = [what for what in local if what and ":" not in what and not (site / what).exists()]
+        assert missing == [], file.name
