@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from clean_copy import ROOT, clean_copy, without_ros
+from first_start import first_start
 from package_manifest import manifest, third_party_imports
 
 pytest.importorskip("build", reason="building a release needs build: pip install 'rft_ros[test]'")
@@ -47,8 +48,12 @@ def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return environment
 
 
+def surroundings(**extra: str) -> dict[str, str]:
+    return without_ros() | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": EMPTY_DOMAIN} | extra
+
+
 def run(environment: Path, *command: str, **extra: str) -> subprocess.CompletedProcess[str]:
-    variables = without_ros() | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": EMPTY_DOMAIN} | extra
+    variables = surroundings(**extra)
     return subprocess.run(command, capture_output=True, text=True, cwd=environment, env=variables, timeout=240)
 
 
@@ -134,7 +139,11 @@ def test_the_version_is_that_of_the_package_manifest(installed, wheel):
     assert run(installed, str(installed / "bin" / "rft"), "--version").stdout == f"rft {package.version}\n"
 
 
-def test_the_demo_runs_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
+def test_the_node_and_the_demo_run_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
+    node = [str(installed / "bin" / "rft_node"), "--ros-args", "-p", "mesh.file:=ellipsoid"]
+    status, said = first_start(node, folder=installed, environment=surroundings())
+    assert "ready: tool ellipsoid" in said
+    assert status == 0, said
     done = run(installed, str(installed / "bin" / "rft"), "demo", "--seconds", "6", "-o", str(tmp_path / "demo"))
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / "demo" / "force_over_depth.png").stat().st_size > 10_000

@@ -3,19 +3,17 @@
 import importlib.util
 import os
 import shlex
-import signal
 import subprocess
 import sys
-import threading
 from pathlib import Path
 
 import pytest
 from clean_copy import clean_copy
+from first_start import first_start
 
 pytest.importorskip("colcon_core", reason="needs colcon: pip install 'rft_ros[test]'")
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="ROS 2 is not installed")
-WAIT = 180.0  # a first start compiles: 20 s, on a busy machine a minute
 
 
 def environment() -> dict[str, str]:
@@ -83,21 +81,6 @@ def test_the_command_runs_from_where_ros2_run_looks(workspace):
 @pytest.mark.parametrize("workspace", [()], ids=["plain"], indirect=True)
 def test_the_node_starts_and_ends_from_where_ros2_launch_looks(workspace):
     command = sourced("install/rft_ros/lib/rft_ros/rft_node", "--ros-args", "-p", "mesh.file:=plate")
-    said = []
-    with subprocess.Popen(
-        command, cwd=workspace, env=environment(), text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-    ) as node:
-        assert node.stdout
-        overdue = threading.Timer(WAIT, node.kill)
-        overdue.start()
-        try:
-            for line in node.stdout:
-                said.append(line)
-                if "ready: tool plate" in line:
-                    node.send_signal(signal.SIGINT)
-            status = node.wait()
-        finally:
-            overdue.cancel()
-            node.kill()
-    assert "ready: tool plate" in "".join(said)
-    assert status == 0, "".join(said)
+    status, said = first_start(command, folder=workspace, environment=environment())
+    assert "ready: tool plate" in said
+    assert status == 0, said
