@@ -9,6 +9,7 @@ from pathlib import Path
 
 from rft_ros.commands.options import MESH, finite, integration_option, law_of, law_options, mesh_options, surface_option
 from rft_ros.errors import InputError
+from rft_ros.progress import busy
 
 __all__ = ["add_options", "run"]
 
@@ -75,20 +76,22 @@ def run(arguments: argparse.Namespace) -> int:
     length, surface = arguments.mobilization_length, arguments.surface_height
     if length < 0.0:
         raise InputError(f"--mobilization-length is {length:g}; it must not be negative")
-    if length > 0.0:
-        durations = np.diff(times, prepend=times[0])
-        if (durations < 0.0).any():
-            row = int(np.argmax(durations < 0.0))
-            raise InputError(
-                f"states file '{arguments.states}': t goes back from {times[row - 1]:g} to {times[row]:g}; "
-                "with --mobilization-length the states must be in the order of time"
-            )
-        memory = Memory.of(tool.plates)
-        result = wrenches_in_time(
-            tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
+    durations = np.diff(times, prepend=times[0])
+    if length > 0.0 and (durations < 0.0).any():
+        row = int(np.argmax(durations < 0.0))
+        raise InputError(
+            f"states file '{arguments.states}': t goes back from {times[row - 1]:g} to {times[row]:g}; "
+            "with --mobilization-length the states must be in the order of time"
         )
-    else:
-        result = wrenches(tool.plates, law, states, surface_height=surface)
+    plates = tool.plates
+    with busy("computing"):  # the first time it compiles
+        result = (
+            wrenches_in_time(
+                *(plates, law, states, durations, Memory.of(plates)), mobilization_length=length, surface_height=surface
+            )
+            if length > 0.0
+            else wrenches(plates, law, states, surface_height=surface)
+        )
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
         raise InputError(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import BAG, finite, recording, recording_options
+from rft_ros.progress import busy
 
 if TYPE_CHECKING:
     from rft_ros.bags.limits import Limit
@@ -49,7 +50,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     limits = read_limits(arguments.check) if arguments.check else []
     values, options = recording(arguments)
-    model = replay_model(values)
+    with busy("preparing the tool"):  # the first time it compiles
+        model = replay_model(values)
 
     def one(bag: Path, out: Path, label: str | None = None) -> "Summary":
         return replay(
