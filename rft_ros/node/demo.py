@@ -16,6 +16,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from rich.box import SIMPLE
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
@@ -131,10 +132,11 @@ def _process(module: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
 
 
 def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
-    table = Table(title=f"t = {elapsed:4.1f} s   alpha_y: {model}   (on the tool, sensor frame)")
+    title = f"t = {elapsed:4.1f} s   alpha_y: {model}   (on the tool, sensor frame)"
+    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("", min_width=11)
     for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
-        table.add_column(column, justify="right", min_width=7)
+        table.add_column(column, justify="right", min_width=6)
     for name in _SHOWN:
         wrench = watcher.wrench.get(name)
         cells = ["-"] * 6 if wrench is None else [f"{v:.3f}" for v in wrench]

@@ -50,7 +50,10 @@ Horizontal plates have no e2 of their own and take the velocity's horizontal dir
 `edge_shares` says how much of a tool is near that switch, or near v·n = 0.
 
 Ours, not the paper's. `Plates.integration` "refined" integrates d over the wet part of each triangle and fades both
-switches (`Plates.from_triangles`). `Memory` and `wrenches_in_time` let forces build up over a path and hold at rest.
+switches (`Plates.from_triangles`). With a `Memory`, `wrenches_in_time` puts into Eq. (9), for t, a τ that follows it over
+the plate's own path s, so that forces build up over a mobilization length λ and hold at rest:
+
+    dτ/ds = (t - τ) / λ(d),   λ(d) = λ (d / 30 mm)²                                             Eq. (10)
 
 Read beside the paper: `plates`, `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `wrench`, and ours in
 `mobilization`; `kernel`, `element`, `blocks`, `wet_part` and `compiled` are how the sum over plates is made fast.
