@@ -50,8 +50,8 @@ Horizontal plates have no e2 of their own and take the velocity's horizontal dir
 `edge_shares` says how much of a tool is near that switch, or near v·n = 0.
 
 Ours, not the paper's. `Plates.integration` "refined" integrates d over the wet part of each triangle and fades both
-switches (`Plates.from_triangles`). With a `Memory`, `wrenches_in_time` puts into Eq. (9), for t, a τ that follows it over
-the plate's own path s, so that forces build up over a mobilization length λ and hold at rest:
+switches (`Plates.from_triangles`). With a `Memory`, `wrenches_in_time` puts into Eq. (9), for t, a τ that follows it
+over the plate's own path s: forces build up over a mobilization length λ, and hold at rest:
 
     dτ/ds = (t - τ) / λ(d),   λ(d) = λ (d / 30 mm)²                                             Eq. (10)
 
