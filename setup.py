@@ -46,7 +46,7 @@ setup(
         "backports.zstd; python_version < '3.14'",
         "PyYAML>=6.0",
         "rich>=13.0",
-        "matplotlib>=3.7",
+        "matplotlib>=3.6.3",
         "Pillow>=10.0",
         "plotly>=5.15",
         "fast-simplification>=0.1.7",

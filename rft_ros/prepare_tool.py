@@ -122,7 +122,6 @@ class Preparer:
 
 def start_preparer() -> Preparer:
     """Fork the process. Call it before anything starts threads: a fork carries over only the one that calls."""
-    import fast_simplification  # type: ignore[import-untyped]  # noqa: F401  what load_tool may import
     import scipy.spatial  # noqa: F401
     import trimesh  # noqa: F401
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line, ToolView
+from rft_ros.report.legend import legend_below
 
 __all__ = ["draw_chart", "draw_tool"]
 
@@ -43,7 +44,7 @@ def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
                 axes.set_ylim(len(panel.names) - 0.5, -0.5)
             else:
                 axes.axhline(0.0, color="0.6", lw=0.6)
-    figure.legend(legend.values(), legend.keys(), loc="outside lower center", ncols=7, frameon=False)
+    legend_below(figure, legend, ncols=7)
     figure.suptitle(f"{chart.title}: {title}")
     figure.savefig(file, dpi=110, metadata={"Software": None})
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from math import log10
 from typing import TYPE_CHECKING, Any
 
+from rft_ros.report.legend import legend_below
 from rft_ros.studies.chart_points import CHOSEN, FULL, MERGED, NUMPY, Point, front
 from rft_ros.studies.figure import BLACK, BLUE, GREY, ORANGE, label_axes, new_figure
 from rft_ros.studies.outcome import Outcome, TextTable
@@ -94,7 +95,7 @@ def _draw(by_scene: dict[str, list[Point]]) -> "Figure":
     handles: dict[str, Any] = {}
     for axes in panels:
         handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=9, frameon=False)
+    legend_below(figure, handles, ncols=5, fontsize=9)
     figure.suptitle(
         "Accuracy against time, one core: filled α_y constant, hollow α_y linear; numbers on the front are plates"
     )

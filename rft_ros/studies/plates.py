@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.report.legend import legend_below
 from rft_ros.rft import Plates, wrenches
 from rft_ros.studies.dem_runs import CALIBRATION, RUNS, DemRun, fitted_zeta, median_error, read_run, smoothed
 from rft_ros.studies.figure import BLUE, GREEN, VERMILION, label_axes, new_figure
@@ -170,7 +171,7 @@ def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...
     handles: dict[str, Any] = {}
     for axes in panels.ravel():
         handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
-    figure.legend(handles.values(), handles.keys(), loc="outside lower center", ncols=5, fontsize=8, frameon=False)
+    legend_below(figure, handles, ncols=5, fontsize=8)
     figure.suptitle("Force against the motion (e1, e2) and upwards (E3) over depth, area and ζ; tan γ = tan φ / cos ψ")
     return figure
 
