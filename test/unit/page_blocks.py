@@ -1,0 +1,148 @@
+"""The code blocks of README.md and docs/: what is run, what is not and why, and how each is tried."""
+
+import os
+import re
+import subprocess
+import sys
+import sysconfig
+import textwrap
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+import yaml
+
+from rft_ros.bags.limits import read_limits
+from rft_ros.bags.replay_options import read_replay_options
+from rft_ros.estimator.parameter_file import read_parameter_file
+from rft_ros.sweeps.design import read_design
+
+ROOT = Path(__file__).resolve().parents[2]
+README = ROOT / "README.md"
+PAGES = sorted((ROOT / "docs").glob("*.md"))
+
+RUN = ("sh", "python", "yaml")
+SHOWN = ("", "text", "math")
+
+NOT_RUN = (
+    "needs ROS 2 from apt; the same is done in (?P<file>.+)",
+    "needs your robot",
+    "minutes long; tested in (?P<file>.+)",
+    "the suite itself",
+    "a step of a workflow",
+    "needs a cluster; tested in (?P<file>.+)",
+    "downloads the project",
+)
+"""All that may stand in ``<!-- not run: REASON -->`` on the line above a block; a file that is named must exist."""
+
+_BLOCK = re.compile(
+    r"^(?P<indent> *)```(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)```$", flags=re.DOTALL | re.MULTILINE
+)
+_MARK = re.compile(r"<!-- not run: (.*?) -->\s*$")
+_REFERENCE = "../shared/data"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """A fenced block: `where` is FILE:LINE; `mark` the reason why it is not run, if there is one."""
+
+    where: str
+    language: str
+    text: str
+    mark: str | None
+
+
+def blocks(page: Path) -> list[Block]:
+    """All fenced blocks of a page, in its order."""
+    text = page.read_text(encoding="utf-8")
+    found = []
+    for match in _BLOCK.finditer(text):
+        before = text[: match.start()].rstrip("\n").rsplit("\n", 1)[-1]
+        mark = _MARK.search(before)
+        found.append(
+            Block(
+                where=f"{page.name}:{text.count(chr(10), 0, match.start()) + 1}",
+                language=match["language"].strip(),
+                text=textwrap.dedent(match["text"]),
+                mark=mark[1] if mark else None,
+            )
+        )
+    return found
+
+
+def why_not_run(block: Block) -> str | None:
+    """What is wrong with a block's mark: None if it is one of `NOT_RUN` and the file that it names is there."""
+    fits = [m for m in (re.fullmatch(reason, block.mark or "") for reason in NOT_RUN) if m]
+    if not fits:
+        return f"{block.where}: '{block.mark}' is none of the reasons for not running a block"
+    file = fits[0].groupdict().get("file")
+    return None if file is None or (ROOT / file).is_file() else f"{block.where}: there is no {file}"
+
+
+def try_page(page: Path, folder: Path) -> int:
+    """Run a page's blocks one after the other in a prepared folder; how many. AssertionError names the block."""
+    namespace: dict[str, object] = {}
+    count = 0
+    for block in blocks(page):
+        if block.language not in RUN or block.mark is not None:
+            continue
+        if _REFERENCE in block.text and not (folder / _REFERENCE).is_dir():
+            continue
+        if block.language == "sh":
+            _sh(block, folder)
+        elif block.language == "python":
+            _python(block, folder, namespace)
+        else:
+            _yaml(block, folder)
+        count += 1
+    return count
+
+
+def _sh(block: Block, folder: Path) -> None:
+    scripts = sysconfig.get_path("scripts")
+    environment = {
+        **os.environ,
+        "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",
+        "ROS_DOMAIN_ID": str(10 + os.getpid() % 90),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+    }
+    done = subprocess.run(
+        ["bash", "-e", "-o", "pipefail", "-c", block.text],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=240.0,
+    )
+    assert done.returncode == 0, f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
+
+
+def _python(block: Block, folder: Path, namespace: dict[str, object]) -> None:
+    before = Path.cwd()
+    os.chdir(folder)
+    sys.path.insert(0, str(folder))
+    try:
+        exec(compile(block.text, block.where, "exec"), namespace)
+    finally:
+        sys.path.remove(str(folder))
+        os.chdir(before)
+
+
+def _yaml(block: Block, folder: Path) -> None:
+    """By the reader of what the block is: parameters, options of a replay, a sweep, else limits."""
+    file = folder / "block.yaml"
+    file.write_text(block.text, encoding="utf-8")
+    tree = yaml.safe_load(block.text)
+    if "rft_replay" in tree:
+        assert read_replay_options(file).remap, block.where
+    elif any(isinstance(value, dict) and "ros__parameters" in value for value in tree.values()):
+        assert read_parameter_file(file), block.where
+    elif "motions" in tree:
+        assert len(read_design(file)) > 0, block.where
+    else:
+        assert read_limits(file), block.where
+
+
+def skip_without_ros() -> None:
+    """For pages whose blocks start the node."""
+    pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ros[ros]'")

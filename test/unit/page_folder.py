@@ -1,0 +1,86 @@
+"""A folder in which the blocks of a page can run: the project, and the reader's own tool, cell and recordings."""
+
+import csv
+import shutil
+import sysconfig
+from pathlib import Path
+
+import numpy as np
+from page_blocks import README, ROOT, blocks
+from recordings import POSE, ROS2, WRENCH, message
+from rosbags.rosbag2 import StoragePlugin, Writer
+from synthetic_track import HANGING, grain_wrenches, law, read_by
+from synthetic_track import Path as Way
+
+from rft_ros.estimator import LoadCell
+
+SURFACE = 0.12
+"""Height of the grains in `my_cell.yaml` [m]."""
+
+_TOPICS = {"pose": ("/tcp_pose_broadcaster/pose", POSE), "wrench": ("/force_torque_sensor_broadcaster/wrench", WRENCH)}
+_FRAMES = {"pose": "base", "wrench": "tool0_controller"}
+_START = 1_700_000_000_000_000_000
+_CELL = LoadCell(bias=HANGING.bias)
+
+
+def prepared(folder: Path, *, more_cell: str = "") -> Path:
+    """A copy of the project below `folder`, with what the pages assume: the reader's files, named as on the pages.
+
+    The package itself is not copied, so that what runs is the installed one, which numba has compiled before.
+    `my_cell.yaml` is the README's block, its ``/path/to`` this folder, and `more_cell` what a page adds to it.
+    """
+    project = folder / "project"
+    for name in ("bench", "config", "docs", "meshes"):
+        shutil.copytree(ROOT / name, project / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("Makefile", "setup.py", "package.xml"):
+        shutil.copy(ROOT / name, project)
+    reference = ROOT.parent / "shared" / "data"
+    if reference.is_dir():
+        (folder / "shared").mkdir()
+        (folder / "shared" / "data").symlink_to(reference.resolve())
+    _as_if_made(project)
+    shutil.copy(project / "meshes" / "abb_plate.stl", project / "my_tool.stl")
+    cell = next(b.text for b in blocks(README) if b.language == "yaml" and "my_tool.stl" in b.text)
+    (project / "my_cell.yaml").write_text(cell.replace("/path/to", str(project)) + more_cell, encoding="utf-8")
+    (project / "limits.yaml").write_text("estimates: {min: 100}\n", encoding="utf-8")
+    _states(project / "states.csv")
+    for k, name in enumerate(("my_bag", "monday", "tuesday", "friday")):
+        _recording(project / name, seed=k)
+    (project / "friday" / "friday.mcap").rename(project / "friday.mcap")
+    shutil.rmtree(project / "friday")
+    return project
+
+
+def _as_if_made(project: Path) -> None:
+    """`make` finds its environment ready: the one that the tests run in."""
+    (project / ".venv").mkdir()
+    (project / ".venv" / "bin").symlink_to(sysconfig.get_path("scripts"))
+    (project / ".venv" / ".installed").touch()
+
+
+def _plunge() -> tuple[np.ndarray, np.ndarray]:
+    """Still in the air for 2.5 s, 45 mm into the grains and out again, the tool level."""
+    way = Way((0.1, 0.2, SURFACE + 0.02)).wait(2.5)
+    return way.move((0.0, 0.0, -0.065), 0.02).wait(1.5).move((0.0, 0.0, 0.065), 0.02).states()
+
+
+def _states(file: Path) -> None:
+    time, states = _plunge()
+    with file.open("w", newline="") as out:
+        rows = csv.writer(out)
+        rows.writerow(["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz"])
+        rows.writerows(np.column_stack([time, states]).tolist())
+
+
+def _recording(folder: Path, *, seed: int) -> None:
+    """What a cell like that of `my_cell.yaml` records of the plunge, in grains of ζ = 0.9 with a memory of 3 mm."""
+    time, states = _plunge()
+    grains = grain_wrenches(time, states, law(0.9), surface=SURFACE, length=0.003)
+    readings = read_by(_CELL, states, grains, np.random.default_rng(seed), noise=(0.05, 0.002))
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        to = {role: writer.add_connection(name, kind, typestore=ROS2) for role, (name, kind) in _TOPICS.items()}
+        for t, state, reading in zip(time, states, readings, strict=True):
+            stamp = _START + round(1e9 * t)
+            for role, values in (("wrench", reading), ("pose", state[:7])):
+                told = message(ROS2, role, stamp, values.tolist(), _FRAMES[role])
+                writer.write(to[role], stamp, ROS2.serialize_cdr(told, _TOPICS[role][1]))
