@@ -12,7 +12,7 @@ from rft_ros.estimator.settings import Model, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, plate_forces, treers2021
 from rft_ros.tool import load_tool
 
-__all__ = ["fork_compilation", "warm_up", "warm_up_all"]
+__all__ = ["await_compilation", "fork_compilation", "warm_up", "warm_up_all"]
 
 
 def warm_up(model: Model) -> None:
@@ -23,40 +23,48 @@ def warm_up(model: Model) -> None:
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
 
 
-def fork_compilation() -> int:
-    """Fork a process that compiles what `warm_up_all` needs later into numba's cache; its id.
+def fork_compilation() -> list[int]:
+    """Fork a process for each rule of integration, to fill numba's cache with what `warm_up_all` needs; their ids.
 
-    With a cold cache, two processors are twice as fast as one. Call it before anything starts threads.
+    With a cold cache, two processors are twice as fast as one, and the memory that the compiler needs goes with the
+    processes. Call it before anything starts threads.
     """
-    pid = os.fork()
-    if pid == 0:
-        try:
-            _warm_up(INTEGRATIONS[1:], memory=False)
-        finally:
-            os._exit(0)
-    return pid
+    processes = []
+    for integration in INTEGRATIONS:
+        pid = os.fork()
+        if pid == 0:
+            try:
+                _warm_up(integration, memory=False)
+            finally:
+                os._exit(0)
+        processes.append(pid)
+    return processes
 
 
-def warm_up_all(beside: int, *, memory: bool) -> None:
+def await_compilation(processes: Sequence[int]) -> None:
+    """Wait for the processes of `fork_compilation`. What is compiled before would be compiled twice."""
+    for process in processes:
+        os.waitpid(process, 0)
+
+
+def warm_up_all(*, memory: bool) -> None:
     """Warm up for whatever can be swapped in: each rule of integration with each α_y model, and the markers.
 
-    `beside`: the process of `fork_compilation`. `memory`: also for media with a mobilization length.
+    `memory`: also for media with a mobilization length.
     """
-    _warm_up(INTEGRATIONS[:1], memory=memory)
-    os.waitpid(beside, 0)
-    _warm_up(INTEGRATIONS[1:], memory=memory)
+    for integration in INTEGRATIONS:
+        _warm_up(integration, memory=memory)
 
 
-def _warm_up(integrations: Sequence[Integration], *, memory: bool) -> None:
+def _warm_up(integration: Integration, *, memory: bool) -> None:
     medium = next(iter(MEDIA.values()))
     table = Table(np.zeros(1), np.zeros(1), np.ones((1, 1)))
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    for integration in integrations:
-        tool = load_tool("plate", integration=integration)
-        for name in ALPHA_Y_MODELS:
-            law = treers2021(medium, alpha_y_model(name, medium, table))
-            model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
-            warm_up(model)
-            if memory:
-                warm_up(replace(model, mobilization_length=1.0))
-        plate_forces(tool.plates, law, state)
+    tool = load_tool("plate", integration=integration)
+    for name in ALPHA_Y_MODELS:
+        law = treers2021(medium, alpha_y_model(name, medium, table))
+        model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
+        warm_up(model)
+        if memory:
+            warm_up(replace(model, mobilization_length=1.0))
+    plate_forces(tool.plates, law, state)

@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameter_file import parameter_tree
-from rft_ros.estimator.warm_up import fork_compilation, warm_up_all
+from rft_ros.estimator.warm_up import await_compilation, fork_compilation, warm_up_all
 from rft_ros.node.rft_node import RftNode
 from rft_ros.prepare_tool import start_preparer
 
@@ -38,7 +38,7 @@ def main() -> int:
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_HELP)
         return 0
-    preparer, compilation = start_preparer(), fork_compilation()
+    preparer, compiling = start_preparer(), fork_compilation()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
     except RCLError as error:
@@ -48,6 +48,7 @@ def main() -> int:
     stop = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stop.set())
+    await_compilation(compiling)
     try:
         node = RftNode(preparer)
     except InputError as error:
@@ -55,7 +56,7 @@ def main() -> int:
         rclpy.try_shutdown()
         preparer.close()
         return 2
-    warm_up_all(compilation, memory=node.estimator.model.mobilization_length > 0.0)
+    warm_up_all(memory=node.estimator.model.mobilization_length > 0.0)
     gc.collect()
     gc.freeze()  # a full collection with numba and trimesh loaded costs 22 ms, and there is nothing of theirs to free
     for finding in node.estimator.model.tool.findings:
