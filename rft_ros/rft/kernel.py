@@ -1,4 +1,4 @@
-"""The compiled loops: the tractions of many plates, summed to a wrench (Treers et al. 2021, eq. 1)."""
+"""The compiled loops: the tractions of many plates, summed to a wrench, Eq. (9)."""
 
 from math import cos, radians, sin
 from typing import Any

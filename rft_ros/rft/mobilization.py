@@ -1,8 +1,8 @@
 """Forces with a memory: grains must be sheared over a distance before they push with full strength.
 
-Each plate keeps its traction per depth, which follows what the law asks for over the plate's own path: dτ/ds =
-(τ_law - τ) / λ. At rest no path is made and the traction stays. This is not in the paper, which sees the lag and leaves
-it out; the numbers that decided the form below are in docs/accuracy.md.
+Each plate keeps its traction per depth, which follows what the law asks for over the plate's own path, Eq. (10):
+dτ/ds = (t - τ) / λ. At rest no path is made and the traction stays. This is not in the paper, which sees the lag and
+leaves it out; the numbers that decided the form below are in docs/accuracy.md.
 """
 
 from collections.abc import Callable

@@ -104,7 +104,7 @@ def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial,
 
 @pytest.mark.parametrize("trial", TRIALS)
 def test_the_push_is_gone_after_3_mm_of_withdrawal(held_out, trial):
-    """The issue asks for less than 5 % of the peak after 3 mm. No push is left, and little of the law's pull has set in.
+    """The issue asks for less than 5 % of the peak after 3 mm. No push is left, and little of the law's pull is there.
 
     The law has the upper face lead when the plate goes up, and pulls it down with 18 % (22 %) of the peak from the
     first moment without memory, 4 % after 3 mm and 11 % (12 %) after 10 mm with it. The load cell reads 1 %.
