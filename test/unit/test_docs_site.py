@@ -1,6 +1,7 @@
 """The site that `make docs` builds: strictly, and with nothing to fetch from elsewhere."""
 
 import os
+import re
 import subprocess
 import sys
 from html.parser import HTMLParser
@@ -67,3 +68,14 @@ def test_everything_that_a_page_refers_to_is_in_the_site(site):
         local = {what.partition("#")[0].partition("?")[0] for what in page.fetched + page.links}
         missing = [what for what in local if what and ":" not in what and not (site / what).exists()]
         assert missing == [], file.name
+
+
+def test_every_equation_is_drawn_and_numbered(site):
+    page = (site / "method.html").read_text(encoding="utf-8")
+    source = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
+    assert page.count('<div class="equation"') == source.count("```math")
+    assert re.findall(r'class="equation-number">\((\d+)\)', page) == re.findall(r"\\tag\{(\d+)\}", source)
+    assert page.count("<math") > 40
+    for file in site.glob("*.html"):
+        text = re.sub(r"<(script|style|code).*?</\1>", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
+        assert not re.search(r"EquationNumber|\$[^\s$][^$\n<]*\$", text), file.name

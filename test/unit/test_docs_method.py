@@ -1,0 +1,47 @@
+"""docs/method.md says what the code computes: the same equations, functions that there are, the same coefficients."""
+
+import re
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import rft_ros.rft
+from rft_ros.rft import MEDIA
+from rft_ros.rft import velocity_weights as weights
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "method.md").read_text(encoding="utf-8")
+ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in PAGE.splitlines() if line.startswith("|")]
+COMPUTED = [row for row in ROWS if re.match(r"\(\d+\)", row[0])]
+
+
+def test_the_equations_have_the_numbers_of_the_docstring():
+    in_the_code = re.findall(r"Eq\. \((\d+)\)$", rft_ros.rft.__doc__, flags=re.MULTILINE)
+    assert re.findall(r"\\tag\{(\d+)\}", PAGE) == in_the_code == [str(n) for n in range(1, 11)]
+
+
+def test_each_equation_is_computed_by_a_function_that_there_is():
+    assert {number for row in COMPUTED for number in re.findall(r"\d+", row[0])} == {str(n) for n in range(1, 11)}
+    for _, computed_by, where in COMPUTED:
+        modules = [import_module(f"rft_ros.rft.{name}") for name in re.findall(r"rft/(\w+)\.py", where)]
+        for name in re.findall(r"`(\w+)`", computed_by):
+            assert any(hasattr(module, name) for module in modules), name
+
+
+@pytest.mark.parametrize("name", MEDIA)
+def test_the_coefficients_of_a_medium_are_those_in_use(name):
+    (printed,) = [row[1:] for row in ROWS if row[0] == f"`{name}`"]
+    (header,) = [row[1:] for row in ROWS if row[0] == "medium"]
+    in_use = [getattr(MEDIA[name], coefficient.replace("-1", "m1", 1)) for coefficient in header]
+    assert [float(value) for value in printed] == in_use
+
+
+def test_the_coefficients_of_the_weights_are_those_in_use():
+    printed = {name: float(value) for name, value in re.findall(r"\b([ABN]\d+) = ([\d.]{8,})", PAGE)}
+    assert {name: printed[name] for name in weights.__all__[:6]} == {
+        name: getattr(weights, name) for name in weights.__all__[:6]
+    }
+    bracket_1 = weights.math.tanh(weights.A2 - weights.A3) + weights.math.tanh(weights.A3)
+    bracket_23 = weights.math.atanh(weights.B2 - weights.B3) + weights.math.atanh(weights.B3)
+    assert printed["N1"] == pytest.approx(weights.A1 * bracket_1, rel=1e-14)
+    assert printed["N23"] == pytest.approx(weights.B1 * bracket_23, rel=1e-14)
