@@ -20,6 +20,8 @@ _FENCED_OR_LINK = re.compile(r"^```.*?^```|(?<=\]\()(?![a-z]+:|#)[^)#\s]+", re.D
 
 def _on_the_site(target: str, folder: str) -> str:
     path = posixpath.normpath(posixpath.join(folder, target))
+    if path == "README.md":
+        return "index.md"
     return path.removeprefix("docs/") if path.startswith("docs/") else f"repository/{path}"
 
 

@@ -1,0 +1,43 @@
+"""docs/commands.md and docs/node.md say what the code declares."""
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+
+from rft_ros.cli import parser
+from rft_ros.estimator.doubts import Doubt
+from rft_ros.estimator.samples import Reason
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+MAKER = DOCS / "_site" / "reference_pages.py"
+
+
+@pytest.fixture(scope="module")
+def pages():
+    spec = importlib.util.spec_from_file_location("reference_pages", MAKER)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.mark.parametrize("name", ["commands", "node"])
+def test_a_generated_page_is_as_its_generator_writes_it(pages, name):
+    written = (DOCS / f"{name}.md").read_text(encoding="utf-8")
+    assert written == getattr(pages, f"{name}_page")(), "run python docs/_site/reference_pages.py"
+
+
+def test_every_option_of_every_command_has_a_row(pages):
+    text = pages.commands_page()
+    for name, command in next(a for a in parser()._actions if a.dest == "command").choices.items():
+        section = text.partition(f"## rft {name}\n")[2].partition("\n## ")[0]
+        for action in command._actions:
+            if action.dest != "help":
+                assert all(option in section for option in action.option_strings), (name, action.dest)
+                assert action.help.replace("|", "\\|") in section
+
+
+def test_every_reason_and_doubt_has_a_row(pages):
+    text = pages.node_page()
+    assert [r.value for r in Reason if f"| `{r.value}` |" not in text] == []
+    assert [d.name for d in Doubt if d.value and f"| `{d.name.lower()}` |" not in text] == []
