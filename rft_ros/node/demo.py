@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.node.virtual_arm import PAUSE
-from rft_ros.report.depth_figure import DepthTrace, draw_force_over_depth
+from rft_ros.report.depth_figure import DepthTrace
 from rft_ros.rft import rotation_matrix
 from rft_ros.tool import load_tool, share_directory
 
@@ -144,8 +144,8 @@ def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
     return table
 
 
-def demo(output: Path, *, seconds: float) -> int:
-    """Run the demo for `seconds` of arm motion; writes the recorded bag and a figure to `output`."""
+def demo(output: Path, *, seconds: float) -> DepthTrace | None:
+    """Run the demo for `seconds` of arm motion and record it to ``bag`` in `output`; None if no estimate came."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     console = Console()
@@ -176,15 +176,13 @@ def demo(output: Path, *, seconds: float) -> int:
         rclpy.try_shutdown()
     if not trace.predicted or not trace.measured:
         console.print("[red]no estimates came[/red]; what the node said stands above")
-        return 1
-    figure = output / "force_over_depth.png"
-    draw_force_over_depth(trace, figure, title="Demo: ellipsoid pitching ±9° on its way down at 5 mm/s")
+        return None
     for topic, count in watcher.counts.items():
         console.print(f"recorded {count:5d} {topic}", highlight=False)
-    console.print(f"-> {output / 'bag'} (rosbag2, MCAP)\n-> {figure}", soft_wrap=True, highlight=False)
+    console.print(f"-> {output / 'bag'} (rosbag2, MCAP)", soft_wrap=True, highlight=False)
     again = f"rft replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
     console.print(f"the same offline: {again}", soft_wrap=True, highlight=False)
-    return 0
+    return trace
 
 
 def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", seconds: float) -> None:

@@ -10,17 +10,21 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, reason_of
 from rft_ros.report.figure_page import figure_page
 
-__all__ = ["FILMS", "MovingTool", "write_film", "write_moving_page"]
+__all__ = ["FILMS", "FORCE", "SURFACE", "TRACTION", "MovingTool", "write_film", "write_moving_page"]
 
 Array = NDArray[np.float64]
 
 FILMS = (".gif", ".mp4")
 """Suffixes of films; .mp4 needs the program ffmpeg."""
 
-_SURFACE = "#C2A878"
-_FORCE = "#0072B2"
+SURFACE = "#C2A878"
+FORCE = "#0072B2"
+"""Colours of the surface and of the force, wherever a tool is drawn."""
+
 _PATH = "#555555"
-_COLOURS = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
+TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
+"""Colours of the traction over its share of the greatest."""
+
 _FRAMES_A_SECOND = 12
 
 
@@ -40,6 +44,11 @@ class MovingTool:
     origins: Array
     forces: Array
     surface_height: float
+
+    def only(self, moment: int) -> "MovingTool":
+        """The scene of one moment, by its number."""
+        names = ("times", "placed", "traction", "origins", "forces")
+        return replace(self, **{name: getattr(self, name)[[moment]] for name in names})
 
     def box(self) -> tuple[Array, Array]:
         """Corners of what is ever drawn [m], with the surface in it, and at least half as wide as it is high."""
@@ -90,13 +99,13 @@ def write_moving_page(scene: MovingTool, file: Path) -> None:
         return [
             go.Mesh3d(
                 x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
-                colorscale=[list(c) for c in _COLOURS], cmin=0.0, cmax=strongest / 1e3,
+                colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=strongest / 1e3,
                 intensity=(scene.traction[n] / 1e3).astype(np.float32), intensitymode="cell", name="tool",
                 colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
             ),
             go.Scatter3d(
-                x=arrow[0], y=arrow[1], z=arrow[2], mode="lines+markers", line={"color": _FORCE, "width": 8},
-                marker={"size": [0, 5], "color": _FORCE}, name="force on the tool",
+                x=arrow[0], y=arrow[1], z=arrow[2], mode="lines+markers", line={"color": FORCE, "width": 8},
+                marker={"size": [0, 5], "color": FORCE}, name="force on the tool",
             ),
             go.Scatter3d(
                 x=so_far[0], y=so_far[1], z=so_far[2], mode="lines", line={"color": _PATH, "width": 3}, name="path"
@@ -107,7 +116,7 @@ def write_moving_page(scene: MovingTool, file: Path) -> None:
         x=[low[0], high[0]],
         y=[low[1], high[1]],
         z=np.full((2, 2), scene.surface_height),
-        colorscale=[[0, _SURFACE], [1, _SURFACE]],
+        colorscale=[[0, SURFACE], [1, SURFACE]],
         showscale=False,
         opacity=0.35,
         name="surface",
@@ -190,7 +199,7 @@ def write_film(scene: MovingTool, file: Path) -> None:
     scene = _in_millimetres(scene)
     low, high = scene.box()
     strongest = float(scene.traction.max()) or 1.0
-    colours = LinearSegmentedColormap.from_list("traction", _COLOURS)
+    colours = LinearSegmentedColormap.from_list("traction", TRACTION)
     ends, middles = scene.arrows(), scene.middles()
     figure = plt.figure(figsize=(6.4, 6.0), dpi=90)
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
@@ -204,9 +213,9 @@ def write_film(scene: MovingTool, file: Path) -> None:
                 triangles = scene.placed[n][scene.faces]
                 shades = colours(scene.traction[n] / strongest)
                 axes.add_collection3d(Poly3DCollection(triangles, facecolors=shades, edgecolors="none", zorder=1))
-                axes.add_collection3d(Poly3DCollection([ground], facecolors=_SURFACE, alpha=0.3, zorder=2))
+                axes.add_collection3d(Poly3DCollection([ground], facecolors=SURFACE, alpha=0.3, zorder=2))
                 axes.plot(*middles[: n + 1].T, color=_PATH, lw=1.0, zorder=3)
-                axes.plot(*np.array([middles[n], ends[n]]).T, color=_FORCE, lw=3.0, zorder=4)
+                axes.plot(*np.array([middles[n], ends[n]]).T, color=FORCE, lw=3.0, zorder=4)
                 axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
                 axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]", title=_caption(scene, n))
                 for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
