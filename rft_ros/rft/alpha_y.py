@@ -2,12 +2,12 @@
 
 A model is a NamedTuple of numbers and arrays plus a function ``alpha_y(model, sin_beta, cos_beta, sin_gamma,
 cos_gamma) -> [N/cm³]``. numba compiles one kernel for each model's type, so a model costs only what it computes. To add
-one: write the NamedTuple, write its function in plain arithmetic, and name the pair in `_FUNCTIONS`.
+one: write the NamedTuple, write its function in plain arithmetic, and give both a name in `_MODELS`.
 """
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import types
@@ -18,8 +18,6 @@ from rft_ros.rft.compiled import OPTIONS, inlined
 from rft_ros.rft.media import Medium
 
 __all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y", "alpha_y_model", "as_table"]
-
-ALPHA_Y_MODELS = ("constant", "linear", "table")
 
 
 class Constant(NamedTuple):
@@ -46,28 +44,6 @@ class Table(NamedTuple):
 AlphaY = Constant | Linear | Table
 
 PAPER_LINEAR = Linear(0.2035, -0.0015)
-
-
-def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> AlphaY:
-    """The model that the parameter `alpha_y.model` names, for a medium."""
-    if name == "constant":
-        return Constant(medium.alpha_x_flat)
-    if name == "linear":
-        return PAPER_LINEAR
-    if name == "table":
-        if table is None:
-            raise ValueError("alpha_y.model 'table' needs alpha_y.table to name a CSV file")
-        return table
-    raise ValueError(f"alpha_y.model '{name}' is none of {', '.join(ALPHA_Y_MODELS)}")
-
-
-def as_table(model: AlphaY) -> Table:
-    """The same model as a table, exactly: for what is worth one compiled kernel but not one for each model."""
-    if isinstance(model, Table):
-        return model
-    beta = np.deg2rad([-90.0, 270.0])  # where atan2 + 90° can lie
-    slope, intercept = (model.slope, model.intercept) if isinstance(model, Linear) else (0.0, model.value)
-    return Table(beta, np.zeros(1), (intercept + slope * np.rad2deg(beta))[:, None])
 
 
 _DEGREES = 180.0 / math.pi
@@ -129,11 +105,40 @@ def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-
     return (1.0 - s) * ((1.0 - t) * v[i, j] + t * v[i, j1]) + s * ((1.0 - t) * v[i1, j] + t * v[i1, j1])
 
 
-_FUNCTIONS: dict[type, Callable[..., float]] = {
-    Constant: _constant,
-    Linear: _linear,
-    Table: _table,
+def _given(medium: Medium, table: Table | None) -> Table:
+    if table is None:
+        raise ValueError("alpha_y.model 'table' needs alpha_y.table to name a CSV file")
+    return table
+
+
+# The name that `alpha_y.model` takes: the model's type, its function, and what makes one from a medium and a table.
+_MODELS: dict[str, tuple[type, Callable[..., float], Callable[[Medium, Table | None], Any]]] = {
+    "constant": (Constant, _constant, lambda medium, table: Constant(medium.alpha_x_flat)),
+    "linear": (Linear, _linear, lambda medium, table: PAPER_LINEAR),
+    "table": (Table, _table, _given),
 }
+_FUNCTIONS = {model: function for model, function, _ in _MODELS.values()}
+
+ALPHA_Y_MODELS = tuple(_MODELS)
+"""The names of the models."""
+
+
+def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> AlphaY:
+    """The model that the parameter `alpha_y.model` names, for a medium."""
+    if name not in _MODELS:
+        raise ValueError(f"alpha_y.model '{name}' is none of {', '.join(ALPHA_Y_MODELS)}")
+    make = _MODELS[name][2]
+    model: AlphaY = make(medium, table)
+    return model
+
+
+def as_table(model: AlphaY) -> AlphaY:
+    """A line in β as a table, exactly: for what is worth one compiled kernel but not one for each model."""
+    if not isinstance(model, Constant | Linear):
+        return model
+    beta = np.deg2rad([-90.0, 270.0])  # where atan2 + 90° can lie
+    slope, intercept = (model.slope, model.intercept) if isinstance(model, Linear) else (0.0, model.value)
+    return Table(beta, np.zeros(1), (intercept + slope * np.rad2deg(beta))[:, None])
 
 
 def alpha_y(model: AlphaY, sin_beta: float, cos_beta: float, sin_gamma: float, cos_gamma: float) -> float:
