@@ -50,7 +50,7 @@ def _named(action: argparse.Action) -> str:
     metavar = action.metavar if action.metavar is not None else action.dest.upper()
     if action.choices is not None and action.metavar is None:
         metavar = "{" + ",".join(map(str, action.choices)) + "}"
-    words = " ".join(metavar) if isinstance(metavar, tuple) else metavar
+    words = " ".join(metavar) if isinstance(metavar, tuple) else metavar.replace("|", " or ")
     if action.nargs == 0:
         words = ""
     if action.nargs == "+":
@@ -72,7 +72,7 @@ def _usage(name: str, command: argparse.ArgumentParser) -> str:
 
 def _command(name: str, command: argparse.ArgumentParser) -> str:
     rows = [
-        f"| `{_cell(', '.join([*action.option_strings[:-1], _named(action)]))}` | {_cell(action.help or '')} |"
+        f"| `{', '.join([*action.option_strings[:-1], _named(action)])}` | {_cell(action.help or '')} |"
         for action in _arguments(command)
     ]
     examples = [f"`{line.strip()}`" for line in (command.epilog or "").splitlines()[1:]]
