@@ -8,6 +8,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from browser import show
 
 pytest.importorskip("mkdocs", reason="no mkdocs; `pip install -e '.[docs]'` installs it")
 
@@ -79,3 +80,10 @@ def test_every_equation_is_drawn_and_numbered(site):
     for file in site.glob("*.html"):
         text = re.sub(r"<(script|style|code).*?</\1>", "", file.read_text(encoding="utf-8"), flags=re.DOTALL)
         assert not re.search(r"EquationNumber|\$[^\s$][^$\n<]*\$", text), file.name
+
+
+def test_a_page_opened_as_a_file_with_no_network_runs_without_an_error(site, tmp_path):
+    """The search too, which the browser lets no worker do there: docs/iframe-worker.js does its work."""
+    shown = show(site / "method.html", tmp_path)
+    assert shown.errors == []
+    assert re.search(r'class="md-search-result__meta">\s*Type to start searching', shown.document)
