@@ -123,7 +123,8 @@ def _values(where: str, key: str, value: object) -> list[Any]:
     return [value]
 
 
-_CHOICES = {"integration": INTEGRATIONS, "medium": tuple(MEDIA), "alpha_y": ALPHA_Y_MODELS[:2]}
+_ALPHA_Y = tuple(name for name in ALPHA_Y_MODELS if name != "table")  # a design has no place for a table's file
+_CHOICES = {"integration": INTEGRATIONS, "medium": tuple(MEDIA), "alpha_y": _ALPHA_Y}
 _TEXTS = ("mesh", "family", "states_file", "integration", "medium", "alpha_y")
 
 
