@@ -114,8 +114,8 @@ def node_page() -> str:
     ]
     parts = [
         "# The node\n\n" + _MADE.format("the README, the parameter table, samples.py and doubts.py"),
-        "Executable `rft_node`, node name `rft`. How to start it: the [README](../README.md#on-your-robot). What it does"
-        " when things go wrong: [when inputs fail](where-it-fails.md#when-inputs-fail).\n",
+        "Executable `rft_node`, node name `rft`. How to start it: the [README](../README.md#on-your-robot). What it"
+        " does when things go wrong: [when inputs fail](where-it-fails.md#when-inputs-fail).\n",
         "## Topics\n\n" + _of_the_readme("| topic | type |", "| service |"),
         "## Services\n\n" + _of_the_readme("| service | type |", "Where there is no estimate"),
         "## Parameters\n\n" + markdown_table(),
