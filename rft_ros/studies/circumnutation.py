@@ -128,7 +128,7 @@ def _rows_of_tilt(tilt: float, works: list[Work], limit: Work) -> list[tuple[str
     for pitch in SHOWN:
         w = works[int(np.argmin(np.abs(PITCHES - pitch)))]
         less, more = 100.0 * (w.vertical / limit.vertical - 1.0), 100.0 * (w.total / limit.total - 1.0)
-        text = f"{1e3 * w.vertical:.1f} mJ ({less:+.0f} %), {1e3 * w.total:.1f} mJ ({more:+.0f} %)"
+        text = f"{1e3 * w.vertical:.1f} mJ ({less:+.1f} %), {1e3 * w.total:.1f} mJ ({more:+.1f} %)"
         rows.append((f"η {tilt:g}°, P {1e3 * pitch:g} mm: vertical, total work (against straight)", NOT_STATED, text))
     return rows
 
