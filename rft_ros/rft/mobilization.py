@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.alpha_y import Table
 from rft_ros.rft.blocks import BLOCK, CUT, PLAIN, SKIP_DRY, SKIP_WET, kind_of_block
-from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined, machine_code
+from rft_ros.rft.compiled import OPTIONS, SOURCE, forgiving, inlined, machine_code
 from rft_ros.rft.element import element, motion, seen_from_tool
 from rft_ros.rft.kernel import added, with_area
 from rft_ros.rft.plates import Plates
@@ -207,7 +207,7 @@ def _kernel(source: int, refined: bool) -> Any:
                 out[k, c] = total[c]
 
     in_time.__qualname__ += "_refined" if refined else "_centroid"
-    return numba.njit(cache=True, nogil=True, **OPTIONS)(in_time)
+    return forgiving(numba.njit(nogil=True, **OPTIONS)(in_time))
 
 
 _KERNELS = {"centroid": _kernel(SOURCE, False), "refined": _kernel(SOURCE, True)}

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.alpha_y import Table, as_table
-from rft_ros.rft.compiled import machine_code
+from rft_ros.rft.compiled import forgiving, machine_code
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import EDGE_AREAS, KERNELS
 from rft_ros.rft.plates import Plates
@@ -26,12 +26,14 @@ COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz", "submerged_area")
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 
+_LOOPS = {rule: (forgiving(of_states), forgiving(of_plates)) for rule, (of_states, of_plates) in KERNELS.items()}
+_EDGE_AREAS = forgiving(EDGE_AREAS)
 _ENTRIES: dict[tuple[str, type, type], Callable[..., None]] = {}
 
 
 def _entry(plates: Plates, law: Law) -> Callable[..., None]:
     """Compile for a law and its α_y model, once; where the model has arrays, numba looks itself at each call."""
-    kernel: Callable[..., None] = KERNELS[plates.integration][0]
+    kernel: Callable[..., None] = _LOOPS[plates.integration][0]
     if isinstance(law.alpha_y, Table):
         return kernel
     states, out = np.zeros((1, len(STATE))), np.empty((1, len(COLUMNS)))
@@ -50,7 +52,7 @@ def plate_forces(
     """
     law = law._replace(alpha_y=as_table(law.alpha_y))  # drawing is worth one compilation, not one for each model
     out = np.empty((len(plates), 3))
-    _, kernel = KERNELS[plates.integration]
+    _, kernel = _LOOPS[plates.integration]
     kernel(plates.blocks.rows, plates.reach, law, surface_height, state, plates.blocks.order, out)
     return out
 
@@ -60,7 +62,7 @@ def edge_shares(plates: Plates, state: NDArray[np.float64], *, surface_height: f
 
     `state`: shape [13], columns `STATE`; `surface_height` [m]. Each lies in 0 to 1, no unit; both 0 in the air.
     """
-    flat, edge, wet = EDGE_AREAS(plates.blocks.rows, plates.reach, surface_height, state)
+    flat, edge, wet = _EDGE_AREAS(plates.blocks.rows, plates.reach, surface_height, state)
     return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
 
 
