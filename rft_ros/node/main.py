@@ -8,10 +8,11 @@ import threading
 from pathlib import Path
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.utilities import remove_ros_args
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameter_file import parameter_tree
@@ -27,17 +28,20 @@ usage: rft_node [--ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pos
 Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2.
 
 Its topics, services and parameters are in the README; config/default.yaml has every parameter with its default.
-SIGINT or SIGTERM ends it with exit status 0; parameters that cannot be used, with 2.
+SIGINT or SIGTERM ends it with exit status 0; arguments or parameters that cannot be used, with 2.
 
 example:
   rft_node --ros-args --params-file my_cell.yaml -r ~/pose:=/tool_pose"""
 
 
 def main() -> int:
-    """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its parameters cannot be used."""
+    """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its arguments or parameters cannot be used."""
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_HELP)
         return 0
+    if refusal := _not_for_ros():
+        print(f"rft_node: {refusal}", file=sys.stderr)
+        return 2
     preparer, compiling = start_preparer(), fork_compilation()
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
@@ -75,6 +79,19 @@ def main() -> int:
         rclpy.try_shutdown()
         preparer.close()
     return 0
+
+
+def _not_for_ros() -> str:
+    """What to say of arguments that are not ROS's; it passes over most of them, and the node would run on defaults."""
+    try:
+        left = remove_ros_args(sys.argv)[1:]
+    except UnknownROSArgsError as error:
+        return f"ROS knows no argument {str(error).strip('[]')}"
+    except RCLError:
+        return ""  # they are ROS's, and rclpy.init says what is wrong with them
+    if not left:
+        return ""
+    return f"cannot use '{' '.join(left)}'; ROS arguments, such as --params-file, come after --ros-args"
 
 
 def _why(error: Exception) -> str:

@@ -1,9 +1,12 @@
 """The node among others: inputs that come and go, simulated time, namespaces, QoS that does not match."""
 
 import math
+import subprocess
+import sys
 import time
 
 import numpy as np
+import pytest
 from cell import numbers, predicted_by_the_core, stamp_of
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -134,6 +137,23 @@ def test_the_status_service_says_what_is_in_force(cell, tmp_path):
 def test_a_parameter_it_does_not_know_is_named(start_cell):
     cell = start_cell("-p", "mesh.file:=plate", "-p", "medium.zeeta:=2.0").wait_ready()
     assert "no parameter 'medium.zeeta'" in cell.said()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--params-file", "cell.yaml"), "cannot use '--params-file cell.yaml'; ROS arguments, such as"),
+        (("--foo", "--ros-args", "-p", "mesh.file:=plate"), "cannot use '--foo'; ROS arguments, such as"),
+        (("--ros-args", "-p", "mesh.file:=plate", "--", "plate"), "cannot use 'plate'; ROS arguments, such as"),
+        (("--ros-args", "--foo"), "ROS knows no argument '--foo'"),
+    ],
+)
+def test_arguments_that_ros_would_pass_over_are_refused(arguments, sentence):
+    command = [sys.executable, "-m", "rft_ros.node.main", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"rft_node: {sentence}")
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_the_clock_of_a_header_is_kept_to_the_nanosecond(cell):
