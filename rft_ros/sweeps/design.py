@@ -54,7 +54,9 @@ def read_design(file: Path) -> Design:
     known = {"tools", "motions", "media", "sample", "seed"}
     for name in content:
         if name not in known:
-            raise InputError(f"study '{file}' has no entry '{name}'; it has {', '.join(sorted(known))}")
+            raise InputError(
+                f"study '{file}': '{name}' is no entry of a study; a study may have {', '.join(sorted(known))}"
+            )
     lists = {name: tuple(_expanded(file, name, content.get(name))) for name in ("tools", "motions", "media")}
     total = len(lists["tools"]) * len(lists["motions"]) * len(lists["media"])
     sample = content.get("sample")

@@ -39,6 +39,12 @@ media:
 """
 
 
+def test_a_parameter_file_is_told_from_a_study(tmp_path):
+    words = "'/\\*\\*' is no entry of a study; a study may have media, motions, sample, seed, tools"
+    with pytest.raises(InputError, match=words):
+        read_design(study(tmp_path, "/**: {ros__parameters: {}}"))
+
+
 def study(tmp_path, text, name="study.yaml"):
     (tmp_path / name).write_text(text)
     return tmp_path / name
