@@ -27,7 +27,7 @@ class Doubt(IntFlag):
     KNIFE_EDGE = 64
     """Published rule: much of the wet area moves along itself, and rounding decides whether it leads."""
     DEEP = 128
-    """Deeper than `medium.calibrated_depth`."""
+    """Deeper than `medium.calibrated_depth`, by over 2 %."""
 
 
 class Trust(str, Enum):

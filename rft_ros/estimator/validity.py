@@ -22,6 +22,7 @@ INERTIAL = 0.2  # m/s
 _NEAR_REST = 5.0  # times rest_speed
 _FLAT_SHARE = 0.1  # of the wet area
 _EDGE_SHARE = 0.4  # the narrow sides of a plate that goes straight down are no reason for distrust
+_DEEPER = 1.02  # times the calibrated depth: the calibration's own bag, replayed, is no deeper than the calibration
 _EVERY = 8  # estimates between two looks at what takes longer
 
 
@@ -65,7 +66,7 @@ class Validity:
         doubts = self._tool
         if self._path.crosses(state):
             doubts |= _WAKE
-        if settings.calibrated_depth > 0.0 and depth() > settings.calibrated_depth:
+        if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
             doubts |= _DEEP
         if self._plates.integration == "centroid":  # the refined rule has neither
             flat, edge = edge_shares(self._plates, state, surface_height=settings.surface_height)

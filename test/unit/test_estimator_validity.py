@@ -116,6 +116,14 @@ def test_depth_beyond_the_calibration_is_doubtful(root):
     assert last_doubts(root, down, calibrated_depth=0.5) == Doubt.NONE
 
 
+def test_the_calibrations_own_depth_give_or_take_its_rounding_is_not_beyond_it(root):
+    positions = np.tile([0.0, 0.0, -0.1], (20, 1))
+    lowest = 0.1 - root.lowest_point(np.eye(3))
+    for times, doubt in ((1.0, Doubt.NONE), (1.01, Doubt.NONE), (1.03, Doubt.DEEP)):
+        found = last_doubts(root, positions, velocity=(0.0, 0.0, -0.01), calibrated_depth=lowest / times)
+        assert found == doubt
+
+
 def test_the_deviation_is_a_share_of_the_force_whatever_its_direction():
     force, torque = deviation((3.0, 0.0, 4.0, 0.0, 0.1, 0.0))
     assert force == pytest.approx(5.0 * SCATTER)
