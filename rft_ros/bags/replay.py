@@ -90,6 +90,7 @@ def replay(
                 messages={role: recording.counts[role] for role in topics},
                 estimates=whole.estimates,
                 withheld=dict(sorted(estimator.counts.items())),
+                unknown_frames=dict(sorted(estimator.unknown_frames().items())),
                 doubts=doubts,
                 trust=trust,
                 duration=(recording.time - recording.first) * 1e-9,
@@ -174,7 +175,7 @@ def _bias(
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:
-        turned_away = "".join(f", {reason}: {n}" for reason, n in sorted(estimator.counts.items()))
+        turned_away = "".join(f", {counted}" for counted in estimator.counted())
         raise InputError(f"bag '{bag}': {error} (of the first {seconds:g} s{turned_away})") from None
 
 

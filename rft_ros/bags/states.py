@@ -34,6 +34,6 @@ def states_of(
             elif isinstance(sample, TwistSample):
                 estimator.push_twist(sample)
     if not states:
-        reasons = ", ".join(f"{reason}: {n}" for reason, n in sorted(estimator.counts.items()))
+        reasons = ", ".join(estimator.counted())
         raise InputError(f"bag '{bag}' has no pose with an estimate to show ({reasons or 'no poses'})")
     return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states)

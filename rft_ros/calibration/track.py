@@ -104,7 +104,7 @@ def read_track(
                     states.append(estimator.state.copy())
                     readings.append(answer.compensated)
     if len(stamps) < 2:
-        reasons = "".join(f"; {reason}: {n}" for reason, n in sorted(estimator.counts.items()))
+        reasons = "".join(f"; {counted}" for counted in estimator.counted())
         raise InputError(
             f"bag '{bag}' has {len(stamps)} poses with a velocity and a load-cell sample"
             f" (topics {', '.join(topics.values())}{reasons})"

@@ -48,6 +48,7 @@ class Estimator:
 
     def __init__(self, settings: Settings, model: Model) -> None:
         self.counts: Counter[str] = Counter()
+        self._unknown_frames: dict[Reason, str] = {}
         self._state = np.zeros((1, len(STATE)))
         self._result = np.zeros((1, len(COLUMNS)))
         self._pose: PoseSample | None = None
@@ -77,6 +78,15 @@ class Estimator:
         lowest = self._pose.position[2] + self.model.tool.lowest_point(rotation_matrix(self._pose.quaternion))
         return self.settings.surface_height - lowest
 
+    def unknown_frames(self) -> dict[str, str]:
+        """By reason: the last frame_id that was turned away under the settings in force, and why, in a sentence."""
+        return {str(r): self.settings.frame_sentence(r, frame) for r, frame in self._unknown_frames.items()}
+
+    def counted(self) -> list[str]:
+        """What `counts` has, in words: ``pose_stamp_zero: 3``; beside an unknown frame, what it is."""
+        frames = self.unknown_frames()
+        return [f"{r}: {n} ({frames[r]})" if r in frames else f"{r}: {n}" for r, n in sorted(self.counts.items())]
+
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Take new settings or a new model from the next sample on; what was pushed before is kept."""
         if model is not None:
@@ -90,6 +100,7 @@ class Estimator:
             self._apply(settings)
 
     def _apply(self, settings: Settings) -> None:
+        self._unknown_frames.clear()
         self._frame = LoadCellFrame(settings.load_cell)
         self._max_age = round(settings.max_input_age * 1e9)
         self._period = round(1e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
@@ -110,6 +121,7 @@ class Estimator:
             reason = Reason.TWIST_NOT_FINITE
         elif sample.frame != self.settings.world_frame and sample.frame != self.settings.tool_frame:
             reason = Reason.TWIST_FRAME_UNKNOWN
+            self._unknown_frames[reason] = sample.frame
         return self._taken(self._twists, sample, reason, Reason.TWIST_OUT_OF_ORDER)
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:
@@ -121,6 +133,7 @@ class Estimator:
             reason = Reason.WRENCH_NOT_FINITE
         elif sample.frame != self.settings.sensor_frame:
             reason = Reason.WRENCH_FRAME_UNKNOWN
+            self._unknown_frames[reason] = sample.frame
         reason = self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
         if reason is None:
             self._tare.push(sample)
@@ -161,6 +174,7 @@ class Estimator:
         if quaternion is None:
             return Reason.POSE_QUATERNION_NOT_UNIT
         if sample.frame != settings.world_frame:
+            self._unknown_frames[Reason.POSE_FRAME_UNKNOWN] = sample.frame
             return Reason.POSE_FRAME_UNKNOWN
         if self._pose is not None and stamp <= self._pose.stamp:
             if stamp == self._pose.stamp:

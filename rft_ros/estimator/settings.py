@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Literal
 
-from rft_ros.estimator.samples import Vector, Wrench
+from rft_ros.estimator.samples import Reason, Vector, Wrench
 from rft_ros.rft import Law
 from rft_ros.tool import Tool
 
@@ -45,6 +45,15 @@ class Settings:
     max_rate: float = 0.0
     rest_speed: float = 2e-4
     calibrated_depth: float = 0.0
+
+    def frame_sentence(self, reason: Reason, frame: str) -> str:
+        """Which frame_id was turned away for a reason ``*_frame_unknown``, and what it is not."""
+        if reason is Reason.POSE_FRAME_UNKNOWN:
+            return f"pose frame_id {frame!r} is not world_frame {self.world_frame!r}"
+        if reason is Reason.TWIST_FRAME_UNKNOWN:
+            known = f"world_frame {self.world_frame!r} nor tool_frame {self.tool_frame!r}"
+            return f"twist frame_id {frame!r} is neither {known}"
+        return f"wrench frame_id {frame!r} is not sensor_frame {self.sensor_frame!r}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

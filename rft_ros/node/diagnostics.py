@@ -60,31 +60,33 @@ class Diagnostics:
         rates = {k: (self.received[k] - self._received_last[k]) / period for k in _KINDS}
         self._received_last = Counter(self.received)
         reasons = {k: n for k, n in new.items() if n and k != "estimates"}
+        frames = estimator.unknown_frames()
+        named = {reason: f"{reason} ({frames[reason]})" if reason in frames else reason for reason in reasons}
         array = DiagnosticArray()
         array.header.stamp.sec, array.header.stamp.nanosec = divmod(now, 1_000_000_000)
         array.status = [
-            self._inputs(now, rates, reasons, estimator),
+            self._inputs(now, rates, named, estimator),
             self._estimates(new, reasons, estimator),
             self._model(estimator),
         ]
         self._latencies.clear()
         self._fastest = 0.0
         self._doubts = 0
-        return array, [f"{reason}: {n} in the last {period:.0f} s" for reason, n in sorted(reasons.items())]
+        return array, [f"{named[reason]}: {n} in the last {period:.0f} s" for reason, n in sorted(reasons.items())]
 
     def _status(self, component: str, level: bytes, message: str, values: dict[str, object]) -> DiagnosticStatus:
         pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
         return DiagnosticStatus(level=level, name=f"{self._name}: {component}", message=message, values=pairs)
 
     def _inputs(
-        self, now: int, rates: dict[str, float], reasons: dict[str, int], estimator: Estimator
+        self, now: int, rates: dict[str, float], named: dict[str, str], estimator: Estimator
     ) -> DiagnosticStatus:
         values: dict[str, object] = {f"{k}_rate_hz": r for k, r in rates.items()}
         values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self.newest.items()})
         values.update({f"count.{k}": n for k, n in estimator.counts.items() if k != "estimates"})
         if rates["pose"] == 0.0:
             return self._status("inputs", DiagnosticStatus.ERROR, "no poses", values)
-        bad = [r for r in reasons if r not in (Reason.AT_REST.value, Reason.POSE_THINNED.value)]
+        bad = [text for r, text in named.items() if r not in (Reason.AT_REST.value, Reason.POSE_THINNED.value)]
         if bad:
             return self._status("inputs", DiagnosticStatus.WARN, ", ".join(sorted(bad)), values)
         return self._status("inputs", DiagnosticStatus.OK, "inputs arrive", values)

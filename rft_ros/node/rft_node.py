@@ -221,8 +221,8 @@ class RftNode(Node):
         now = self.get_clock().now().nanoseconds
         message, sentences = self._diagnostics.report(now, self.estimator, _DIAGNOSTICS_PERIOD)
         self._diagnostics_publisher.publish(message)
-        for sentence in sentences:
-            self.get_logger().warning(sentence, throttle_duration_sec=10.0)
+        if sentences:  # as one, since a throttled line keeps back the others of its place in the code
+            self.get_logger().warning("; ".join(sentences), throttle_duration_sec=10.0)
 
     def destroy_node(self) -> None:
         """End a preparation that still runs, then the node."""

@@ -137,6 +137,15 @@ def test_bad_live_input_is_a_counted_reason_and_the_node_goes_on(cell, inputs, r
     cell.ask(cell.moment())
 
 
+def test_a_wrong_frame_is_named_in_the_diagnostics_and_in_the_log(start_cell):
+    cell = start_cell("-p", "mesh.file:=plate").wait_ready()
+    sentence = "pose frame_id 'elsewhere' is not world_frame 'world'"
+    cell.send(cell.moment(), frame="elsewhere")
+    cell.until(lambda: sentence in cell.diagnostic("inputs")[1], timeout=10.0)
+    assert cell.last_status("inputs")[0] == b"\x01"
+    cell.until(lambda: f"pose_frame_unknown ({sentence}): 1 in the last 1 s" in cell.said(), timeout=10.0)
+
+
 @pytest.mark.parametrize("topic", ["pose", "twist", "wrench"])
 def test_bytes_that_are_no_message_are_counted_and_the_node_goes_on(cell, topic):
     def count():

@@ -118,6 +118,16 @@ def test_frames_that_are_not_the_parameters_are_reasons(tmp_path):
     summary = replay(bag, tmp_path / "out", values())
     assert summary.estimates == 0
     assert summary.withheld["pose_frame_unknown"] == 60
+    told = "pose_frame_unknown 60 (pose frame_id 'elsewhere' is not world_frame 'world')"
+    assert f"  not used or unanswered: {told}" in summary.lines()
+    assert "wrench frame_id 'elsewhere' is not sensor_frame 'ft_sensor'" in "\n".join(summary.lines())
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["unknown_frames"] == summary.unknown_frames
+
+
+def test_a_tare_that_fails_for_a_wrong_frame_names_it(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments(), frame="elsewhere")
+    with pytest.raises(InputError, match="pose frame_id 'elsewhere' is not world_frame 'world'"):
+        replay(bag, tmp_path / "out", values(), tare=0.2)
 
 
 def test_two_publishers_on_one_topic_are_told_by_their_stamps(tmp_path):

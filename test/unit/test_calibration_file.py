@@ -1,6 +1,7 @@
 """`rft calibrate` on a synthetic bag: exit status, what is written, and that the node's reader takes it as it is."""
 
 import io
+import json
 
 import numpy as np
 import pytest
@@ -86,6 +87,19 @@ def test_alpha_y_is_written_as_a_table_that_the_model_reads(calibrated):
 
 def test_the_replay_takes_the_file_as_it_is(calibrated, cell, tmp_path):
     assert main(["replay", str(cell / "pressed"), "--params", str(calibrated), "-o", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["doubts"]["deep"] == 0
+
+
+def test_a_wrong_frame_is_named(cell, tmp_path, capsys):
+    wrong = yaml.safe_load((cell / "cell.yaml").read_text())
+    wrong["/**"]["ros__parameters"] |= {"world_frame": "base", "sensor_frame": "tool0"}
+    (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(wrong))
+    given = [str(cell / "pressed"), "--params", str(tmp_path / "wrong.yaml"), "-o", str(tmp_path / "out.yaml")]
+    assert main(["calibrate", *given]) == 2
+    (sentence,) = capsys.readouterr().err.splitlines()
+    assert "pose frame_id 'world' is not world_frame 'base'" in sentence
+    assert "twist frame_id 'world' is neither world_frame 'base' nor tool_frame 'tool'" in sentence
+    assert "wrench frame_id 'ft_sensor' is not sensor_frame 'tool0'" in sentence
 
 
 def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated):

@@ -71,6 +71,28 @@ def test_the_last_sample_is_turned_away_with_its_reason_and_counted(reason):
     assert e.counts[reason.value] >= 1
 
 
+FRAMES = {
+    Reason.POSE_FRAME_UNKNOWN: "pose frame_id 'camera' is not world_frame 'world'",
+    Reason.TWIST_FRAME_UNKNOWN: "twist frame_id 'flange' is neither world_frame 'world' nor tool_frame 'tool'",
+    Reason.WRENCH_FRAME_UNKNOWN: "wrench frame_id 'tool' is not sensor_frame 'ft_sensor'",
+}
+
+
+@pytest.mark.parametrize("reason", FRAMES, ids=str)
+def test_an_unknown_frame_is_named_beside_what_it_is_not(reason):
+    e, _ = pushed(*SCENES[reason])
+    assert e.unknown_frames() == {reason.value: FRAMES[reason]}
+    assert e.counted() == [f"{reason}: 1 ({FRAMES[reason]})"]
+
+
+def test_the_last_unknown_frame_is_named_until_the_settings_change():
+    e, _ = pushed(pose(frame="camera"), pose(frame="base_link"))
+    assert "'base_link'" in e.unknown_frames()["pose_frame_unknown"]
+    e.use(settings=replace(e.settings, world_frame="base_link"))
+    assert e.unknown_frames() == {}
+    assert e.counted() == ["pose_frame_unknown: 2"]
+
+
 @pytest.mark.parametrize("reason", SCENES, ids=str)
 def test_the_estimator_goes_on_with_the_next_good_samples(reason):
     e, _ = pushed(*SCENES[reason], **SETTINGS.get(reason, {}))
