@@ -72,10 +72,11 @@ def run(arguments: argparse.Namespace) -> int:
         summary = one(arguments.bag[0], arguments.output)
         _say(summary)
         print(f"-> {arguments.output / ('summary.json' if arguments.no_report else 'report.html')}")
-        return _checked({summary.bag: summary}, limits)
+        return max(_checked({summary.bag: summary}, limits), _empty(summary))
     batch = replay_all(arguments.bag, arguments.output, one, done=_say)
     print("\n".join(batch.lines()))
-    return max(_checked(batch.summaries, limits), 1 if batch.failures else 0)
+    empty = max((_empty(summary) for summary in batch.summaries.values()), default=0)
+    return max(_checked(batch.summaries, limits), empty, 1 if batch.failures else 0)
 
 
 def _say(outcome: "Summary | Exception") -> None:
@@ -83,6 +84,15 @@ def _say(outcome: "Summary | Exception") -> None:
         print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
     else:
         print("\n".join(outcome.lines()), flush=True)
+
+
+def _empty(summary: "Summary") -> int:
+    """Say so and 1 if no pose of a bag has an estimate."""
+    if summary.estimates:
+        return 0
+    poses = summary.messages["pose"]
+    print(f"rft replay: bag '{summary.bag}' brought no estimate from its {poses:,} poses", file=sys.stderr, flush=True)
+    return 1
 
 
 def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:

@@ -105,6 +105,20 @@ def test_poses_alone_predict_by_their_differences_and_have_a_report(tmp_path):
     assert (tmp_path / "out" / "report.html").stat().st_size > 1_000_000
 
 
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_bag_that_brings_no_estimate_is_a_failure_after_its_output(tmp_path, capsys, beside):
+    """Alone, and in a batch beside one that brings some."""
+    bags = [write_ros2(tmp_path / "bag", moments(), frame="elsewhere")]
+    if beside:
+        bags.append(write_ros2(tmp_path / "good", moments()))
+    assert main(["replay", *map(str, bags), "-o", str(tmp_path / "out"), "--no-report"]) == 1
+    out, err = capsys.readouterr()
+    assert err == "rft replay: bag 'bag' brought no estimate from its 60 poses\n"
+    assert "pose frame_id 'elsewhere' is not world_frame 'world'" in out
+    folder = tmp_path / "out" / "bag" if beside else tmp_path / "out"
+    assert json.loads((folder / "summary.json").read_text())["withheld"]["pose_frame_unknown"] == 60
+
+
 def test_stamps_all_zero_give_reasons_and_a_report_without_estimates(tmp_path):
     rows = [(role, time, 0, v) for role, time, _, v in moments()]
     summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values(), report=True, figures=True)
