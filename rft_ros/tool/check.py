@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["LARGEST", "SMALLEST", "Finding", "FindingKind", "check_mesh", "degenerate_facets"]
+__all__ = ["LARGEST", "SMALLEST", "Finding", "FindingKind", "check_mesh", "coarse_for_centroids", "degenerate_facets"]
 
 LARGEST = 5.0
 """A tool with a larger extent [m] has probably the wrong unit."""
@@ -26,6 +26,10 @@ _HOLLOW = 0.02  # of the largest extent; how far other parts may stand out befor
 
 _MUCH = 0.05  # of the area
 
+_LONG = 0.25  # of the largest extent: what a facet that counts as a point should not reach
+
+_MOST = 0.5  # of the area
+
 _LOOKED_AT = 2000  # facets, and points, that `concave` is judged by
 
 FindingKind = Literal[
@@ -36,6 +40,7 @@ FindingKind = Literal[
     "degenerate_facets",
     "concave",
     "size",
+    "coarse",
 ]
 """What may be wrong with a mesh."""
 
@@ -59,6 +64,23 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
 def check_mesh(mesh: "trimesh.Trimesh") -> tuple[Finding, ...]:
     """Findings on a mesh in metres of which at least one facet has an area; none if it is good."""
     return (*_of_surface(mesh), *_of_facets(mesh), *_of_shape(mesh), *_of_size(mesh))
+
+
+def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Finding, ...]:
+    """A finding if the published rule takes long facets for points; `vertices`: shape [n, 3], `faces`: shape [m, 3]."""
+    triangles = vertices[faces]
+    edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
+    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
+    share = float(areas[edges > _LONG * np.ptp(vertices[faces.ravel()], axis=0).max()].sum() / areas.sum())
+    if share <= _MOST:
+        return ()
+    return (
+        Finding(
+            "coarse",
+            f"{100 * share:.0f} % of the surface is in facets longer than a quarter of the tool, which integration"
+            " centroid loads in their middle, all or nothing; take integration refined, or a finer mesh",
+        ),
+    )
 
 
 def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[Finding]:

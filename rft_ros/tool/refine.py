@@ -1,7 +1,8 @@
 """Triangles for the refined rule: a curved surface gets back the area that its inscribed facets lack.
 
 A facet stands for a patch of the surface that the mesh samples. How that bends is taken from normals at the corners,
-averaged by area and angle over the facets that join smoothly: a large flat face beside a narrow fillet stays flat.
+averaged by area and angle over the facets that join smoothly: a large flat face beside a narrow fillet stays flat. The
+tip of a cone, where facets join smoothly round about but the surface has no normal, stays where it is.
 """
 
 import numpy as np
@@ -20,6 +21,10 @@ FLAT_HALF_ANGLE = np.deg2rad(1.0)
 _SPAN = 0.85
 """Half angle of a curved facet over the mean angle between its normal and those at its corners."""
 
+_TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
+"""A point is a tip if over this share of how its normal leans from the facets' is not taken back at their other
+corners, as on a curved surface it is; and if it leans by over this sine."""
+
 _WELD = 1e-6  # of the tool's size: corners that are closer are one
 
 Array = NDArray[np.float64]
@@ -29,11 +34,11 @@ def refined_plates(vertices: Array, faces: NDArray[np.int64]) -> Plates:
     """Plates of a mesh in the tool frame [m] for the refined rule, one a face, in the same order."""
     points, corners = _welded(vertices, faces)
     triangles = points[corners]
-    normals = _corner_normals(points, corners)
+    normals, tips = _corner_normals(points, corners)
     facet = _unit(_doubled_areas(triangles))
     angles = np.arccos(np.clip(np.einsum("fck,fk->fc", normals, facet), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
-    triangles = _with_area_of_surface(points, corners, normals)
+    triangles = _with_area_of_surface(points, corners, normals, tips)
     lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than what is welded
     triangles[lost] = vertices[faces[lost]]
     return Plates.from_triangles(triangles, half_angles)
@@ -57,10 +62,11 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
-def _corner_normals(points: Array, faces: NDArray[np.int64]) -> Array:
-    """Unit normal of the surface at each facet's corners, shape [m, 3, 3].
+def _corner_normals(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
+    """Unit normal of the surface at each facet's corners, shape [m, 3, 3], and which corners are tips, shape [m, 3].
 
-    Averaged by area and angle over the facets around the corner that join this one across edges that are no creases.
+    Averaged by area and angle over the facets around the corner that join this one across edges that are no creases; at
+    a tip the facet's own.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -93,14 +99,30 @@ def _corner_normals(points: Array, faces: NDArray[np.int64]) -> Array:
     angle = np.arccos(np.clip(np.einsum("fck,fck->fc", _unit(out), _unit(back)), -1.0, 1.0))
     total = np.zeros((count, 3))
     np.add.at(total, group, (angle[:, :, None] * doubled[:, None]).reshape(-1, 3))
-    return _unit(total)[group].reshape(m, 3, 3)
+    normals = _unit(total)[group].reshape(m, 3, 3)
+    tips = _tips(normals, facet, np.linalg.norm(doubled, axis=1), group.astype(np.int64))
+    return np.where(tips[:, :, None], facet[:, None], normals), tips
 
 
-def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Array) -> Array:
-    """Triangles whose corners are moved along the surface's normals until they have its area, shape [m, 3, 3]."""
+def _tips(normals: Array, facet: Array, areas: Array, group: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which corners of facets are tips, shape [m, 3]; `group`: which corners share a normal, shape [3 m]."""
+    lean = normals - np.einsum("fck,fk->fc", normals, facet)[:, :, None] * facet[:, None]
+    left_over = np.einsum("fck,fk->fc", lean, lean.sum(axis=1))
+    weight = np.repeat(areas, 3)
+    total, squared, one_sided = (
+        np.bincount(group, w) for w in (weight, weight * (lean**2).sum(axis=2).ravel(), weight * left_over.ravel())
+    )
+    pointed = (one_sided > _TIP * squared) & (squared > _POINTED**2 * total)
+    return np.asarray(pointed[group].reshape(-1, 3))
+
+
+def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Array, tips: NDArray[np.bool_]) -> Array:
+    """Triangles whose corners, but for tips, move along the normals until they have its area, shape [m, 3, 3]."""
     triangles = points[faces]
     target, sagitta = _surface_areas(triangles, normals)
     corner = faces.ravel()
+    fixed = np.zeros(len(points), dtype=np.bool_)
+    fixed[corner[tips.ravel()]] = True
     moved = triangles
     for _ in range(3):
         doubled = _doubled_areas(moved)
@@ -109,11 +131,18 @@ def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Arra
         opposite = np.roll(moved, -2, axis=1) - np.roll(moved, -1, axis=1)
         gradient = 0.5 * np.cross(_unit(doubled)[:, None], opposite)
         growth = np.einsum("fck,fck->fc", gradient, normals)
-        moved = moved + _shifts(lacking, growth, sagitta, normals, corner, len(points))
+        moved = moved + _shifts(lacking, growth, sagitta, normals, corner, fixed)
     return moved
 
 
-def _shifts(lacking: Array, growth: Array, sagitta: Array, normals: Array, corner: NDArray[np.int64], n: int) -> Array:
+def _shifts(
+    lacking: Array,
+    growth: Array,
+    sagitta: Array,
+    normals: Array,
+    corner: NDArray[np.int64],
+    fixed: NDArray[np.bool_],
+) -> Array:
     """How far each facet's corners move: the same for all facets at a point that share a normal there."""
     keys = np.column_stack([corner, np.round(normals.reshape(-1, 3) * 1e6).astype(np.int64)])
     _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -124,8 +153,9 @@ def _shifts(lacking: Array, growth: Array, sagitta: Array, normals: Array, corne
     np.maximum.at(limit, group, np.repeat(sagitta, 3))
     shift = np.where(np.abs(rate) > 0.0, need / np.where(rate == 0.0, 1.0, rate), 0.0)
     shift = np.clip(shift, -limit, limit)
-    by_point = np.zeros((n, 3))
+    by_point = np.zeros((len(fixed), 3))
     np.add.at(by_point, corner[first], shift[:, None] * normals.reshape(-1, 3)[first])
+    by_point[fixed] = 0.0
     return by_point[corner].reshape(normals.shape)
 
 

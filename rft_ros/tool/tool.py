@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
-from rft_ros.tool.check import Finding, check_mesh, degenerate_facets
+from rft_ros.tool.check import Finding, check_mesh, coarse_for_centroids, degenerate_facets
 from rft_ros.tool.locate import locate_mesh
 from rft_ros.tool.mesh_file import read_mesh
 from rft_ros.tool.reduce import Reduction, checked_tolerance, reduced_for_any_motion
@@ -100,7 +100,7 @@ def load_tool(
         facets=facets,
         vertices=vertices,
         faces=faces,
-        findings=check_mesh(mesh),
+        findings=check_mesh(mesh) + (() if rule == "refined" or reduced else coarse_for_centroids(vertices, faces)),
         corners=corners,
         reduction=reduction,
     )

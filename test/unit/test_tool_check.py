@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rft_ros.tool import check_mesh
+from rft_ros.tool import check_mesh, load_tool
 
 
 def ball(radius=0.02):
@@ -125,3 +125,14 @@ def test_size_of_a_wrong_unit(extent, message):
 @pytest.mark.parametrize("extent", [0.0011, 4.9])
 def test_size_of_a_tool(extent):
     assert check_mesh(trimesh.creation.box(extents=(extent,) * 3)) == ()
+
+
+def test_facets_too_long_for_the_published_rule_are_named_and_the_refined_rule_takes_them(tmp_path):
+    blade = trimesh.creation.box(extents=(60.0, 4.0, 80.0))
+    blade.export(tmp_path / "blade.stl")
+    (finding,) = load_tool(str(tmp_path / "blade.stl")).findings
+    assert finding.kind == "coarse"
+    assert finding.message.startswith("100 % of the surface is in facets longer than a quarter of the tool")
+    assert load_tool(str(tmp_path / "blade.stl"), integration="refined").findings == ()
+    blade.subdivide().subdivide().subdivide().export(tmp_path / "fine.stl")
+    assert load_tool(str(tmp_path / "fine.stl")).findings == ()
