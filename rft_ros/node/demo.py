@@ -5,10 +5,11 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
+from types import FrameType
+from typing import Any, NoReturn
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -16,6 +17,7 @@ from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.live import Live
@@ -23,7 +25,7 @@ from rich.table import Table
 from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.node.virtual_arm import PAUSE
 from rft_ros.report.depth_figure import DepthTrace
 from rft_ros.rft import rotation_matrix
@@ -41,6 +43,7 @@ _TOPICS: dict[str, tuple[type, str]] = {
 }
 _SHOWN = ("predicted", "compensated", "residual")
 _WAIT = 60.0  # s, for a process that has to compile first
+_NODE, _ARM = "the node", "the virtual arm"
 
 
 class Watcher:
@@ -50,6 +53,7 @@ class Watcher:
         self.node = rclpy.create_node("rft_demo")
         self._bag = bag
         self._tool = load_tool("ellipsoid")
+        self.children: dict[str, subprocess.Popen[bytes]] = {}
         self.counts = dict.fromkeys(_TOPICS, 0)
         self.depth: dict[int, float] = {}
         self.swap: float | None = None
@@ -87,15 +91,28 @@ class Watcher:
         while (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(self.node, timeout_sec=min(left, 0.02))
 
+    def check_children(self) -> None:
+        """InputError if a child ended that should not have; the arm may, once its time is up."""
+        for name, child in self.children.items():
+            status = child.poll()
+            if status is None or (status == 0 and name == _ARM):
+                continue
+            how = f"was ended by signal {-status}" if status < 0 else f"ended with exit status {status}"
+            raise InputError(f"{name} {how} before the demo was over; what it printed stands above")
+
     def call(self, service_type: type, name: str, request: Any) -> Any:
-        """The service's answer; InputError if there is none in time."""
+        """The service's answer; InputError if there is none in time, or nobody left to give one."""
         client = self.node.create_client(service_type, name)
+        future = None
+        end = time.monotonic() + _WAIT
         try:
-            if client.wait_for_service(timeout_sec=_WAIT):
-                future = client.call_async(request)
-                rclpy.spin_until_future_complete(self.node, future, timeout_sec=_WAIT)
-                if future.done():
+            while time.monotonic() < end:
+                if future is None and client.service_is_ready():
+                    future = client.call_async(request)
+                if future is not None and future.done():
                     return future.result()
+                self.check_children()
+                self.spin(0.05)
         finally:
             self.node.destroy_client(client)
         raise InputError(f"the service {name} gave no answer within {_WAIT:g} s")
@@ -116,19 +133,26 @@ class Watcher:
 
 
 @contextmanager
-def _process(module: str, *arguments: str) -> Iterator[subprocess.Popen[bytes]]:
-    """A child that is asked to stop, and made to, however this block ends."""
+def _process(module: str, *arguments: str, end: Callable[[], signal.Signals]) -> Iterator[subprocess.Popen[bytes]]:
+    """A child that is told to stop, by the signal that `end` chooses, and made to, however this block ends."""
     process = subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True)
     try:
         yield process
     finally:
         if process.poll() is None:
-            process.send_signal(signal.SIGINT)
+            process.send_signal(end())
             try:
                 process.wait(10.0)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
+        with suppress(ProcessLookupError):  # what it forked and could not end, if it was killed
+            os.killpg(process.pid, signal.SIGKILL)
+
+
+def _terminated(number: int, _: FrameType | None) -> NoReturn:
+    """Leave all blocks, which end the children and close the bag; the exit status is a shell's for this signal."""
+    raise SystemExit(128 + number)
 
 
 def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
@@ -150,7 +174,10 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     console = Console()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    output.mkdir(parents=True, exist_ok=True)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"output folder '{output}' cannot be written: {reason_of(error)}") from None
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
     console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains;")
     console.print("a real ROS 2 node predicts the wrench, takes bias and weight off the load cell,")
@@ -160,15 +187,17 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     console.print("  ros2 topic echo /rft/wrench_residual")
     console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger")
     console.print("  ros2 param set /rft alpha_y.model linear\n", highlight=False)
-    rclpy.init()
+    signal.signal(signal.SIGTERM, _terminated)
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # they would shut ROS down under what still runs
     try:
         with BagWriter(output / "bag") as bag:
             watcher = Watcher(bag)
-            with _process("rft_ros.node.main", "--ros-args", "--params-file", str(parameters)):
+            node_arguments = ("--ros-args", "--params-file", str(parameters))
+            with _process("rft_ros.node.main", *node_arguments, end=lambda: signal.SIGTERM) as node:
+                watcher.children[_NODE] = node
                 console.print("waiting for the node (its first start compiles, about 15 s) ...")
                 watcher.call(GetParameters, "/rft/get_parameters", GetParameters.Request(names=["mesh.file"]))
-                with _process("rft_ros.node.virtual_arm", "--seconds", str(seconds), "--listeners", "2") as arm:
-                    _watch(watcher, console, arm, seconds)
+                _move(watcher, console, seconds)
             watcher.spin(0.2)
             trace = watcher.trace()
             watcher.node.destroy_node()
@@ -185,11 +214,24 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     return trace
 
 
+def _move(watcher: Watcher, console: Console, seconds: float) -> None:
+    """Let the arm move, and watch."""
+
+    def end() -> signal.Signals:
+        return signal.SIGINT if watcher.counts["/rft/pose"] else signal.SIGKILL  # it does not listen yet
+
+    arguments = ("--seconds", str(seconds), "--listeners", "2")
+    with _process("rft_ros.node.virtual_arm", *arguments, end=end) as arm:
+        watcher.children[_ARM] = arm
+        _watch(watcher, console, arm, seconds)
+
+
 def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", seconds: float) -> None:
     """Show the wrenches until the arm is done; tare in the pause, swap the α_y model half-way down."""
     deadline = time.monotonic() + _WAIT
     while not watcher.counts["/rft/pose"]:
         watcher.spin(0.05)
+        watcher.check_children()
         if arm.poll() is not None or time.monotonic() > deadline:
             raise InputError("the virtual arm did not start")
     start = time.monotonic()
@@ -198,6 +240,7 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
     with Live(console=console, refresh_per_second=8, transient=False) as live:
         while arm.poll() is None:
             watcher.spin(0.1)
+            watcher.check_children()
             elapsed = time.monotonic() - start
             if not tared and elapsed > PAUSE - 0.7:
                 tared = True
@@ -217,3 +260,4 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
                 shown = {n: watcher.wrench.get(n) for n in _SHOWN}
                 text = "  ".join(f"{n} {w[2]:6.3f}" for n, w in shown.items() if w is not None)
                 console.print(f"t = {elapsed:4.1f} s  fz [N]: {text}", highlight=False)
+    watcher.check_children()

@@ -1,9 +1,12 @@
 """The node among others: inputs that come and go, simulated time, namespaces, QoS that does not match."""
 
 import math
+import os
+import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -154,6 +157,46 @@ def test_arguments_that_ros_would_pass_over_are_refused(arguments, sentence):
     assert done.returncode == 2
     assert done.stderr.startswith(f"rft_node: {sentence}")
     assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.fixture
+def start_demo(tmp_path):
+    """Start demos and wait until they have begun to wait for their node; whichever still runs is ended."""
+    demos = []
+
+    def start() -> tuple[subprocess.Popen[str], int]:
+        command = [sys.executable, "-m", "rft_ros.cli", "demo", "--seconds", "6", "-o", str(tmp_path / "out")]
+        demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        demos.append(demo)
+        assert any("waiting for the node" in line for line in demo.stdout)
+        lists = Path(f"/proc/{demo.pid}/task").glob("*/children")
+        (node,) = [int(child) for threads in lists for child in threads.read_text().split()]
+        return demo, node
+
+    yield start
+    for demo in demos:
+        demo.terminate()
+        demo.communicate(timeout=30.0)
+
+
+def test_a_demo_whose_node_dies_at_the_start_says_how_at_once(start_demo):
+    demo, node = start_demo()
+    os.kill(node, signal.SIGKILL)
+    _, said = demo.communicate(timeout=20.0)  # a third of the time that it gives a node that lives
+    assert demo.returncode == 2
+    assert said.splitlines()[-1] == (
+        "rft demo: the node was ended by signal 9 before the demo was over; what it printed stands above"
+    )
+    assert "Traceback" not in said
+
+
+def test_a_demo_that_is_terminated_ends_its_node_and_says_nothing(start_demo):
+    demo, node = start_demo()
+    demo.terminate()
+    _, said = demo.communicate(timeout=20.0)
+    assert demo.returncode == 128 + signal.SIGTERM
+    assert "Traceback" not in said
+    assert not Path(f"/proc/{node}").exists()
 
 
 def test_the_clock_of_a_header_is_kept_to_the_nanosecond(cell):
