@@ -6,7 +6,7 @@ rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.png -o calibrated.
 import argparse
 from pathlib import Path
 
-from rft_ros.commands.options import BAG, finite, recording, recording_options
+from rft_ros.commands.options import BAG, finite, recording, recording_options, warn_of
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -72,6 +72,8 @@ def run(arguments: argparse.Namespace) -> int:
         )
         for bag in arguments.bags
     ]
+    for tool in {track.tool.file: track.tool for track in tracks}.values():
+        warn_of(tool)
     with busy("fitting"):
         result = calibrate(tracks, values, Options(parts=parts, tare=options.tare, alpha_y=arguments.alpha_y))
     console = Console()

@@ -2,6 +2,7 @@
 
 import argparse
 import math
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +12,7 @@ if TYPE_CHECKING:
     from rft_ros.bags.replay_options import ReplayOptions
     from rft_ros.estimator.parameters import Values
     from rft_ros.rft import Law
+    from rft_ros.tool import Tool
 
 __all__ = [
     "BAG",
@@ -23,6 +25,7 @@ __all__ = [
     "recording",
     "recording_options",
     "surface_option",
+    "warn_of",
 ]
 
 # as in rft_ros.rft and rft_ros.tool, which would cost the help text a second
@@ -107,6 +110,12 @@ def law_of(arguments: argparse.Namespace) -> "Law":
         return treers2021(medium, alpha_y_model(name, medium, table), zeta=arguments.zeta)
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+def warn_of(tool: "Tool") -> None:
+    """Print what looks wrong with a tool's mesh, on stderr."""
+    for finding in tool.findings:
+        print(f"warning: {tool.name}: {finding.message}", file=sys.stderr, flush=True)
 
 
 def recording_options(command: argparse._ActionsContainer, *, required: bool = False) -> None:

@@ -4,10 +4,18 @@ rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrench
 """
 
 import argparse
-import sys
 from pathlib import Path
 
-from rft_ros.commands.options import MESH, finite, integration_option, law_of, law_options, mesh_options, surface_option
+from rft_ros.commands.options import (
+    MESH,
+    finite,
+    integration_option,
+    law_of,
+    law_options,
+    mesh_options,
+    surface_option,
+    warn_of,
+)
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -70,8 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     )
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
-    for finding in tool.findings:
-        print(f"warning: {tool.name}: {finding.message}", file=sys.stderr)
+    warn_of(tool)
     law = law_of(arguments)
     length, surface = arguments.mobilization_length, arguments.surface_height
     if length < 0.0:

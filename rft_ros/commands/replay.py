@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import BAG, finite, recording, recording_options
+from rft_ros.commands.options import BAG, finite, recording, recording_options, warn_of
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
@@ -52,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     values, options = recording(arguments)
     with busy("preparing the tool"):  # the first time it compiles
         model = replay_model(values)
+    warn_of(model.tool)
 
     def one(bag: Path, out: Path, label: str | None = None) -> "Summary":
         return replay(
