@@ -5,9 +5,11 @@ rft chart -o out/chart
 
 import argparse
 import importlib.util
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from rft_ros.commands.output_folder import make_output_folder
 from rft_ros.errors import InputError
 from rft_ros.progress import busy, each
 
@@ -51,8 +53,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.data is not None and not (arguments.data / "dem").is_dir():
         raise InputError(f"--data '{arguments.data}' holds no folder dem")
     beside = _loaded(arguments.beside) if arguments.beside else None
+    make_output_folder(arguments.output)
     found: list[Point] = []
-    for scene in each(list(scenes()), lambda scene: scene.name):
+    begun = list(scenes())
+    # the bar is for a terminal only
+    print(f"rft chart: times and judges the models in {len(begun)} scenes, which takes minutes", file=sys.stderr)
+    for scene in each(begun, lambda scene: scene.name):
         found += points(scene, beside=beside)
     pages = {"chart": chart_page(found)}
     outcomes = [chart_outcome(found)]

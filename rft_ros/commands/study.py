@@ -6,6 +6,7 @@ rft study oscillation -o out/studies
 import argparse
 from pathlib import Path
 
+from rft_ros.commands.output_folder import make_output_folder
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 from rft_ros.studies.registry import STUDIES
@@ -55,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     names = [arguments.name]
     if arguments.name == ALL:
         names = [name for name, study in STUDIES.items() if data is not None or not study.needs_data]
+    make_output_folder(arguments.output)
     console = Console()
     tables: dict[str, str] = {}
     for number, name in enumerate(names, start=1):

@@ -31,14 +31,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Sweep; exit status 1 if not one variant has numbers."""
+    from rft_ros.commands.output_folder import make_output_folder
     from rft_ros.errors import InputError
     from rft_ros.sweeps.design import read_design
     from rft_ros.sweeps.run import run as sweep
 
     if arguments.workers is not None and arguments.workers < 1:
         raise InputError(f"--workers is {arguments.workers}; it must be at least 1")
+    design = read_design(arguments.study)
+    make_output_folder(arguments.output)
     report = sweep(
-        read_design(arguments.study),
+        design,
         arguments.output,
         scheduler=arguments.scheduler,
         workers=arguments.workers,
