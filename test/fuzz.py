@@ -1,7 +1,7 @@
 """``make fuzz``: damaged input files for `rft predict` and `rft replay`; each is used or refused with a sentence.
 
-Status 0 with finite numbers, 2 with one sentence on stderr, 1 of a replay without estimates: anything else is a finding, kept with its input in
-``out/fuzz``. The same seed gives the same inputs in the same order.
+Status 0 with finite numbers, 2 with one sentence on stderr, or 1 of a replay without estimates: anything else is a
+finding, kept with its input in ``out/fuzz``. The same seed gives the same inputs in the same order.
 """
 
 import argparse
