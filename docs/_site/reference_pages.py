@@ -4,8 +4,8 @@ import argparse
 from pathlib import Path
 
 from rft_ros.cli import parser
-from rft_ros.estimator.doubts import Doubt, doubts_named, sentences, trust
 from rft_ros.estimator.parameter_docs import markdown_table
+from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.estimator.samples import Reason
 
 __all__ = ["commands_page", "main", "node_page"]
@@ -21,7 +21,7 @@ _REASONS = {
     Reason.POSE_STAMP_ZERO: "no time in the stamp",
     Reason.POSE_REPEATED: "the stamp of the pose before",
     Reason.POSE_OUT_OF_ORDER: "a stamp less than a second before that of the last pose",
-    Reason.POSE_THINNED: "sooner after the last answer than `max_rate` allows",
+    Reason.POSE_RATE_LIMITED: "sooner after the last answer than `max_rate` allows",
     Reason.POSE_HISTORY_SHORT: "`twist_source: pose_difference` has too few poses yet",
     Reason.TIME_JUMP: "stamps went back by a second or more: the estimator began afresh",
     Reason.TWIST_MISSING: "no twist has come yet",
@@ -107,13 +107,13 @@ def _of_the_readme(first: str, last: str) -> str:
 
 
 def node_page() -> str:
-    """docs/node.md: topics, services, parameters, reasons and doubts."""
+    """docs/node.md: topics, services, parameters, reasons and quality flags."""
     reasons = [f"| `{reason.value}` | {_REASONS[reason]} |" for reason in Reason]
-    doubts = [
-        f"| `{doubts_named(doubt)[0]}` | {sentences(doubt)} | {trust(doubt).value} |" for doubt in Doubt if doubt.value
+    quality_flags = [
+        f"| `{flag_names(flag)[0]}` | {sentences(flag)} | {trust(flag).value} |" for flag in QualityFlag if flag.value
     ]
     parts = [
-        "# The node\n\n" + _MADE.format("the README, the parameter table, samples.py and doubts.py"),
+        "# The node\n\n" + _MADE.format("the README, the parameter table, samples.py and quality_flags.py"),
         "Executable `rft_node`, node name `rft`. How to start it: the [README](../README.md#on-your-robot). What it"
         " does when things go wrong: [when inputs fail](where-it-fails.md#when-inputs-fail).\n",
         "## Topics\n\n" + _of_the_readme("| topic | type |", "| service |"),
@@ -124,10 +124,10 @@ def node_page() -> str:
         " Counted in `/diagnostics` and in a replay's `summary.json`.\n\n"
         + "\n".join(["| reason | when |", "|---|---|", *reasons])
         + "\n",
-        "## Doubts\n\n"
-        "What may be wrong with an estimate that is given. `trust` in `/diagnostics` is the lowest that its doubts"
+        "## Quality flags\n\n"
+        "What may be wrong with an estimate that is given. `trust` in `/diagnostics` is the lowest that its flags"
         " leave, and OK without any. Most have a figure in [where it fails](where-it-fails.md).\n\n"
-        + "\n".join(["| doubt | meaning | trust |", "|---|---|---|", *doubts])
+        + "\n".join(["| flag | meaning | trust |", "|---|---|---|", *quality_flags])
         + "\n",
     ]
     return "\n".join(parts)

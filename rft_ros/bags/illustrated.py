@@ -14,13 +14,13 @@ from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.bags.tool_moments import tool_view
 from rft_ros.bags.trace import PHASES, ROW, Trace
 from rft_ros.estimator import Model
-from rft_ros.estimator.doubts import SCATTER, Doubt, deviation, doubts_named, sentences, trust
 from rft_ros.estimator.parameters import PARAMETERS
+from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
 from rft_ros.report.charts import Chart, ToolView
 from rft_ros.report.page import Table, write_page
 from rft_ros.report.pictures import draw_chart, draw_tool
 from rft_ros.report.replay_charts import replay_charts
-from rft_ros.report.replay_series import DoubtedRows, ReplaySeries
+from rft_ros.report.replay_series import FlaggedRows, ReplaySeries
 
 __all__ = ["draw", "thinned"]
 
@@ -46,7 +46,7 @@ def draw(
         measured=rows["compensated"],
         predicted=rows["predicted"],
         deviation=np.array([deviation(wrench) for wrench in rows["predicted"].tolist()]).reshape(-1, 2),
-        doubts=tuple(_doubted(rows["doubts"])),
+        quality_flags=tuple(_flagged(rows["quality_flags"])),
         vertical=vertical,
     )
     charts = replay_charts(series)
@@ -86,11 +86,11 @@ def thinned(trace: Trace) -> NDArray[np.void]:
     return np.concatenate(parts)
 
 
-def _doubted(doubts: NDArray[np.int64]) -> Iterator[DoubtedRows]:
-    for doubt in Doubt:
-        rows = (doubts & int(doubt)) != 0
+def _flagged(quality_flags: NDArray[np.int64]) -> Iterator[FlaggedRows]:
+    for flag in QualityFlag:
+        rows = (quality_flags & int(flag)) != 0
         if rows.any():
-            yield DoubtedRows(name=doubts_named(doubt)[0], trust=trust(doubt).value, rows=rows)
+            yield FlaggedRows(name=flag_names(flag)[0], trust=trust(flag).value, rows=rows)
 
 
 def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: ToolView | None) -> None:
@@ -113,7 +113,7 @@ def _tables(summary: Summary) -> Mapping[str, Table]:
     units = {parameter.name: parameter.unit for parameter in PARAMETERS}
     read = [(role, topic, f"{summary.messages[role]:,}") for role, topic in summary.topics.items()]
     trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
-    unanswered = [(name, f"{count:,}") for name, count in summary.withheld.items()]
+    unanswered = [(name, f"{count:,}") for name, count in summary.reasons.items()]
     return {
         "metrics": Table(
             title="Metrics",
@@ -123,23 +123,23 @@ def _tables(summary: Summary) -> Mapping[str, Table]:
             heads=("", *METRIC_HEADS),
             rows=metric_rows(summary),
         ),
-        "doubts": Table(
+        "quality_flags": Table(
             title="Doubts",
             sentence=f"What is doubtful about how many of the {summary.estimates:,} estimates (trust: {trusted})."
             f" Beside that, each component of a predicted force scatters by {100 * SCATTER:.0f} % of the force's"
             " magnitude (standard deviation, from simulated plates): the band in the figures.",
-            heads=("doubt", "estimates", "trust", "meaning"),
+            heads=("flag", "estimates", "trust", "meaning"),
             rows=[
-                (name, f"{summary.doubts[name]:,}", trust(doubt).value, sentences(doubt))
-                for doubt in Doubt
-                for name in doubts_named(doubt)
-                if summary.doubts[name]
+                (name, f"{summary.quality_flags[name]:,}", trust(flag).value, sentences(flag))
+                for flag in QualityFlag
+                for name in flag_names(flag)
+                if summary.quality_flags[name]
             ]
             or [("none", "0", "", "")],
             words=True,
         ),
         "read": Table(title="Read", heads=("role", "topic", "messages"), rows=read, words=True),
-        "withheld": Table(
+        "reasons": Table(
             title="Not used or unanswered",
             sentence="Samples that were not used, poses without an estimate and estimates without a residual.",
             heads=("reason", "count"),

@@ -12,7 +12,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Reason
 from rft_ros.yaml_file import read_yaml
 
-__all__ = ["Finding", "Limit", "check", "finding_lines", "read_limits"]
+__all__ = ["Limit", "LimitCheck", "check", "limit_lines", "read_limits"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -25,7 +25,7 @@ class Limit:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Finding:
+class LimitCheck:
     """A limit and what the metric came to; None where there is no value, which keeps no limit."""
 
     limit: Limit
@@ -57,20 +57,20 @@ def _limit(file: Path, metric: str, bounds: object) -> Limit:
     return limit
 
 
-def check(limits: list[Limit], summary: Summary) -> list[Finding]:
+def check(limits: list[Limit], summary: Summary) -> list[LimitCheck]:
     """Hold a summary against limits. A metric that summary.json does not have is an InputError."""
     content = summary.content()
     for words in ("damage", "parameters"):
         del content[words]
     there = dict(_metrics(content))
-    there |= {f"withheld.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.withheld}
+    there |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
     findings = []
     for limit in limits:
         if limit.metric not in there:
             near = difflib.get_close_matches(limit.metric, there, n=1)
             advice = f"; did you mean '{near[0]}'?" if near else ""
             raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{advice}")
-        findings.append(Finding(limit=limit, value=there[limit.metric]))
+        findings.append(LimitCheck(limit=limit, value=there[limit.metric]))
     return findings
 
 
@@ -82,7 +82,7 @@ def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, flo
             yield f"{path}{key}", value
 
 
-def finding_lines(findings: list[Finding]) -> list[str]:
+def limit_lines(findings: list[LimitCheck]) -> list[str]:
     """A table: each limit, the value, and whether it is kept."""
     width = max(len(f.limit.metric) for f in findings)
     text = [f"  {'metric':<{width}}{'value':>12}{'min':>10}{'max':>10}"]

@@ -6,7 +6,7 @@ import numba
 import numpy as np
 
 from rft_ros.bags.phases import Moment
-from rft_ros.estimator import Estimate, Estimator, Reason, Withheld
+from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.rft import rotation_matrix
 from rft_ros.rft.frames import rotation
 
@@ -55,10 +55,10 @@ class Motion:
         self._deepest = -math.inf
         self._up = np.array([0.0, 0.0, 1.0])
 
-    def after(self, answer: Estimate | Withheld) -> tuple[float | None, Moment | None]:
+    def after(self, answer: Estimate | NoEstimate) -> tuple[float | None, Moment | None]:
         """Depth of the lowest point at the pose just answered [m], and its motion.
 
-        None if the pose does not tell the one, or was withheld for any other reason than rest.
+        None if the pose does not tell the one, or gave no estimate for any other reason than rest.
         """
         speed = 0.0
         if isinstance(answer, Estimate):
@@ -70,7 +70,7 @@ class Motion:
         depth = self._settings.surface_height - height
         if depth > self._deepest:
             self._deepest, self._up = depth, np.array(up)
-        if isinstance(answer, Withheld) and answer.reason is not Reason.AT_REST:
+        if isinstance(answer, NoEstimate) and answer.reason is not Reason.AT_REST:
             return depth, None
         return depth, Moment(answer.stamp, depth, -vz, math.hypot(vx, vy, vz), speed)
 

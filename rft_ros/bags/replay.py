@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from rft_ros.bags.doubt_counts import counted_doubts
+from rft_ros.bags.doubt_counts import counted_flags
 from rft_ros.bags.motion import Motion
 from rft_ros.bags.phases import Phase, Phases
 from rft_ros.bags.progress import with_progress
@@ -18,7 +18,7 @@ from rft_ros.bags.table import COLUMNS, ending, row
 from rft_ros.bags.trace import Trace, packed
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Settings, TwistSample, Withheld, Wrench
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, Reason, Settings, TwistSample, Wrench
 from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.estimator.warm_up import warm_up
@@ -80,7 +80,7 @@ def replay(
                 why = f" ({recording.damage})" if recording.damage else ""
                 raise InputError(f"bag '{bag}' has no message on {topics['pose']} in the part that is replayed{why}")
             whole, phases = statistics(trace)
-            doubts, trust = counted_doubts(trace)
+            quality_flags, trust = counted_flags(trace)
             estimator.counts.pop("estimates", 0)
             summary = Summary(
                 bag=bag.resolve().name,
@@ -89,9 +89,9 @@ def replay(
                 bias=settings.load_cell.bias,
                 messages={role: recording.counts[role] for role in topics},
                 estimates=whole.estimates,
-                withheld=dict(sorted(estimator.counts.items())),
+                reasons=dict(sorted(estimator.counts.items())),
                 unknown_frames=dict(sorted(estimator.unknown_frames().items())),
-                doubts=doubts,
+                quality_flags=quality_flags,
                 trust=trust,
                 duration=(recording.time - recording.first) * 1e-9,
                 damage=recording.damage,
@@ -125,8 +125,8 @@ def _answer_all(
         table.write(",".join(COLUMNS) + "\n")
 
         def settle(rows: list[tuple[_Row, Phase | None]]) -> None:
-            for (stamp, begun, doubts, numbers, state), phase in rows:
-                table.write(begun + ending(phase, doubts))
+            for (stamp, begun, quality_flags, numbers, state), phase in rows:
+                table.write(begun + ending(phase, quality_flags))
                 if numbers is not None:
                     trace.add(stamp, phase, numbers, state)
 
@@ -136,20 +136,20 @@ def _answer_all(
                 continue
             depth, moment = motion.after(answer)
             numbers = None if depth is None else packed(depth, answer)
-            doubts = 0
+            quality_flags = 0
             if isinstance(answer, Estimate):
-                doubts = answer.doubts
+                quality_flags = answer.quality_flags
                 _write(writer, frame, answer)
-            begun = (sample.stamp, row(depth, answer), doubts, numbers, estimator.state.tobytes())
+            begun = (sample.stamp, row(depth, answer), quality_flags, numbers, estimator.state.tobytes())
             settle(phases.push(begun, moment))
         settle(phases.finish())
 
 
 _Row = tuple[int, str, int, bytes | None, bytes]
-"""Stamp [ns], the table's row as far as it is known, doubts, what goes into the trace, and the state."""
+"""Stamp [ns], the table's row as far as it is known, quality_flags, what goes into the trace, and the state."""
 
 
-def _push(estimator: Estimator, sample: Sample) -> Estimate | Withheld | None:
+def _push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
     if isinstance(sample, PoseSample):
         return estimator.push_pose(sample)
     if isinstance(sample, TwistSample):

@@ -18,9 +18,9 @@ class Summary:
     """What summary.json holds, and how long the replay took, which it does not.
 
     `topics`: the topic read for each role. `messages`: how many of each role came in. `estimates`: poses with a
-    prediction. `withheld`: poses and other samples that were not used, and estimates without residual, by reason.
+    prediction. `reasons`: poses and other samples that were not used, and estimates without residual, by reason.
     `unknown_frames`: for such a reason, which frame_id is not what the parameters say, in a sentence.
-    `doubts`: estimates by the name of each `Doubt`. `trust`: estimates by `Trust`.
+    `quality_flags`: estimates by the name of each `QualityFlag`. `trust`: estimates by `Trust`.
     `duration`: receive time covered [s]. `damage`: where and why reading stopped early. `wrench`, `rms_over_peak`,
     `median_relative_error`: over all estimates, as in `Group`. `phases`: the same of each phase, by name. `seconds`:
     wall time of the replay, without its report.
@@ -32,9 +32,9 @@ class Summary:
     bias: Sequence[float]
     messages: dict[Role, int]
     estimates: int
-    withheld: dict[str, int]
+    reasons: dict[str, int]
     unknown_frames: dict[str, str]
-    doubts: dict[str, int]
+    quality_flags: dict[str, int]
     trust: dict[str, int]
     duration: float
     damage: str | None
@@ -58,10 +58,10 @@ class Summary:
         """What a user wants to know first: counts, and the size of forces and residuals."""
         poses = self.messages["pose"]
         text = [f"{self.bag}: {self.estimates} estimates of {poses} poses, {self.real_time_factor:.0f} times real time"]
-        for reason, n in self.withheld.items():
+        for reason, n in self.reasons.items():
             frame = f" ({self.unknown_frames[reason]})" if reason in self.unknown_frames else ""
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
-        named = ", ".join(f"{name} {n}" for name, n in self.doubts.items() if n)
+        named = ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n)
         if named:
             text.append(f"  doubtful: {named}; trust: " + ", ".join(f"{name} {n}" for name, n in self.trust.items()))
         if self.damage:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.phases import Phase
-from rft_ros.estimator import Estimate, Withheld, Wrench
+from rft_ros.estimator import Estimate, NoEstimate, Wrench
 
 __all__ = ["PHASES", "ROW", "Trace", "packed"]
 
@@ -25,12 +25,12 @@ ROW = np.dtype(
         ("depth", "<f8"),
         ("predicted", "<f8", 6),
         ("compensated", "<f8", 6),
-        ("doubts", "<i8"),
+        ("quality_flags", "<i8"),
         ("state", "<f8", 13),
     ]
 )
 """A placed pose: stamp [ns], phase, depth [m], wrenches in the sensor frame [N, N m], NaN where there is none, an or of
-`Doubt`, state (columns `rft_ros.rft.STATE`; its velocity counts only with an estimate)."""
+`QualityFlag`, state (columns `rft_ros.rft.STATE`; its velocity counts only with an estimate)."""
 
 _LAYOUT = struct.Struct("<d12dq")
 _HEAD = struct.Struct("<qq")
@@ -39,11 +39,11 @@ _NONE: Wrench = (math.nan,) * 6
 _BLOCK = 4096
 
 
-def packed(depth: float, answer: Estimate | Withheld) -> bytes:
-    """Depth, wrenches and doubts as they lie in a `ROW`."""
-    if isinstance(answer, Withheld):
+def packed(depth: float, answer: Estimate | NoEstimate) -> bytes:
+    """Depth, wrenches and quality_flags as they lie in a `ROW`."""
+    if isinstance(answer, NoEstimate):
         return _LAYOUT.pack(depth, *_NONE, *_NONE, 0)
-    return _LAYOUT.pack(depth, *answer.predicted, *(answer.compensated or _NONE), answer.doubts)
+    return _LAYOUT.pack(depth, *answer.predicted, *(answer.compensated or _NONE), answer.quality_flags)
 
 
 class Trace:

@@ -22,4 +22,4 @@ def run(arguments: argparse.Namespace) -> int:
 
     tool = load_tool(arguments.file, scale=arguments.scale, origin=arguments.origin)
     print("\n".join(describe_tool(tool)))
-    return 1 if tool.findings else 0
+    return 1 if tool.issues else 0

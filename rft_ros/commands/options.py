@@ -114,7 +114,7 @@ def law_of(arguments: argparse.Namespace) -> "Law":
 
 def warn_of(tool: "Tool") -> None:
     """Print what looks wrong with a tool's mesh, on stderr."""
-    for finding in tool.findings:
+    for finding in tool.issues:
         print(f"warning: {tool.name}: {finding.message}", file=sys.stderr, flush=True)
 
 

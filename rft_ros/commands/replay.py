@@ -98,12 +98,12 @@ def _empty(summary: "Summary") -> int:
 
 def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
     """Print which limits each bag keeps; 1 if one is not kept."""
-    from rft_ros.bags.limits import check, finding_lines
+    from rft_ros.bags.limits import check, limit_lines
 
     status = 0
     for name, summary in summaries.items() if limits else ():
         findings = check(limits, summary)
-        print("\n".join([f"{name}: limits", *finding_lines(findings)]))
+        print("\n".join([f"{name}: limits", *limit_lines(findings)]))
         if not all(finding.kept for finding in findings):
             status = 1
     return status

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.pose_difference import PoseDifference
-from rft_ros.estimator.samples import Estimate, PoseSample, Reason, TwistSample, Withheld, Wrench, WrenchSample
+from rft_ros.estimator.samples import Estimate, NoEstimate, PoseSample, Reason, TwistSample, Wrench, WrenchSample
 from rft_ros.estimator.settings import Model, Settings
 from rft_ros.estimator.tare import Tare
 from rft_ros.estimator.validity import Validity
@@ -152,12 +152,12 @@ class Estimator:
         history.append(sample)
         return None
 
-    def push_pose(self, sample: PoseSample) -> Estimate | Withheld:
+    def push_pose(self, sample: PoseSample) -> Estimate | NoEstimate:
         """Answer a pose: an estimate, or the reason why there is none."""
         answer = self._answer(sample)
         if isinstance(answer, Reason):
             self.counts[answer.value] += 1
-            return Withheld(sample.stamp, answer)
+            return NoEstimate(sample.stamp, answer)
         self.counts["estimates"] += 1
         if answer.no_wrench is not None:
             self.counts[answer.no_wrench.value] += 1
@@ -193,7 +193,7 @@ class Estimator:
         twist = self._twist_into_state(pose)
         # a little slack, so that a 125 Hz stream with jittering stamps passes a limit of 125 Hz
         if stamp + self._period // 10 < self._due:
-            return Reason.POSE_THINNED
+            return Reason.POSE_RATE_LIMITED
         if twist is not None:
             self._tare.disturb(stamp, f"the tool's velocity was not known ({twist.value})")
             return twist
@@ -235,7 +235,9 @@ class Estimator:
         else:
             self._tare.still(stamp)
 
-        doubts = self._validity.of(state, speed=speed, submerged=submerged > 0.0, depth=self.depth, settings=settings)
+        quality_flags = self._validity.of(
+            state, speed=speed, submerged=submerged > 0.0, depth=self.depth, settings=settings
+        )
         numbers = self._frame.into_sensor(state[3:7], self._result[0])
         if not math.hypot(*numbers) < _ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
@@ -260,7 +262,9 @@ class Estimator:
             )
             c, p = compensated, predicted
             residual = (c[0] - p[0], c[1] - p[1], c[2] - p[2], c[3] - p[3], c[4] - p[4], c[5] - p[5])
-        return Estimate(stamp, predicted, compensated, residual, no_wrench, speed, submerged, model.generation, doubts)
+        return Estimate(
+            stamp, predicted, compensated, residual, no_wrench, speed, submerged, model.generation, quality_flags
+        )
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].

@@ -3,7 +3,7 @@
 from enum import Enum
 from typing import NamedTuple
 
-__all__ = ["Estimate", "PoseSample", "Reason", "TwistSample", "Vector", "Withheld", "Wrench", "WrenchSample"]
+__all__ = ["Estimate", "NoEstimate", "PoseSample", "Reason", "TwistSample", "Vector", "Wrench", "WrenchSample"]
 
 Vector = tuple[float, float, float]
 Wrench = tuple[float, float, float, float, float, float]
@@ -47,7 +47,7 @@ class Reason(str, Enum):
     POSE_STAMP_ZERO = "pose_stamp_zero"
     POSE_REPEATED = "pose_repeated"
     POSE_OUT_OF_ORDER = "pose_out_of_order"
-    POSE_THINNED = "pose_thinned"
+    POSE_RATE_LIMITED = "pose_rate_limited"
     POSE_HISTORY_SHORT = "pose_history_short"
     TIME_JUMP = "time_jump"
     TWIST_MISSING = "twist_missing"
@@ -74,7 +74,8 @@ class Estimate(NamedTuple):
 
     `predicted`: by the grains, from RFT. `compensated`: measured less bias and tool weight; None without a usable
     load-cell sample (`no_wrench` says why). `residual`: compensated - predicted. `speed`: an upper bound of the plates'
-    speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered. `doubts`: an or of `doubts.Doubt`.
+    speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered.
+    `quality_flags`: an or of `quality.QualityFlag`.
     """
 
     stamp: int
@@ -85,10 +86,10 @@ class Estimate(NamedTuple):
     speed: float
     submerged_area: float
     generation: int
-    doubts: int
+    quality_flags: int
 
 
-class Withheld(NamedTuple):
+class NoEstimate(NamedTuple):
     """No estimate for this pose, and why."""
 
     stamp: int

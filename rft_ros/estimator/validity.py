@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.doubts import Doubt
+from rft_ros.estimator.quality import QualityFlag
 from rft_ros.estimator.settings import Settings
 from rft_ros.rft import Plates, edge_shares
 from rft_ros.tool import Tool
@@ -14,8 +14,12 @@ __all__ = ["Validity"]
 
 
 # plain integers: an operation on flags costs a microsecond
-_FAST, _INERTIAL, _NEAR, _WAKE = (int(d) for d in (Doubt.FAST, Doubt.INERTIAL, Doubt.NEAR_REST, Doubt.WAKE))
-_CONCAVE, _FLAT, _EDGE, _DEEP = (int(d) for d in (Doubt.CONCAVE, Doubt.NEAR_FLAT, Doubt.KNIFE_EDGE, Doubt.DEEP))
+_FAST, _INERTIAL, _NEAR, _WAKE = (
+    int(d) for d in (QualityFlag.FAST, QualityFlag.INERTIAL, QualityFlag.NEAR_REST, QualityFlag.WAKE)
+)
+_CONCAVE, _FLAT, _EDGE, _DEEP = (
+    int(d) for d in (QualityFlag.CONCAVE, QualityFlag.NEAR_FLAT, QualityFlag.KNIFE_EDGE, QualityFlag.DEEP)
+)
 
 FAST = 0.025  # m/s
 INERTIAL = 0.2  # m/s
@@ -32,7 +36,7 @@ class Validity:
     def __init__(self, tool: Tool) -> None:
         self._plates: Plates = tool.plates
         self._path = _Path(tool)
-        self._tool = _CONCAVE if any(f.kind == "concave" for f in tool.findings) else 0
+        self._tool = _CONCAVE if any(f.kind == "concave" for f in tool.issues) else 0
         self._countdown = 0
         self._slow = 0
 
@@ -45,33 +49,33 @@ class Validity:
         depth: Callable[[], float],
         settings: Settings,
     ) -> int:
-        """Doubts, an or of `Doubt`, of an estimate at a state, shape [13]; `depth`: asked for the lowest point's."""
+        """Flags, an or of `QualityFlag`, of an estimate at a state, shape [13]; `depth`: asked for the lowest point's."""
         if not submerged:
             self._path.leave()
             self._countdown = 0
             return 0
-        doubts = 0
+        quality_flags = 0
         if speed > FAST:
-            doubts = _FAST if speed <= INERTIAL else _FAST | _INERTIAL
+            quality_flags = _FAST if speed <= INERTIAL else _FAST | _INERTIAL
         elif speed < _NEAR_REST * settings.rest_speed:
-            doubts = _NEAR
+            quality_flags = _NEAR
         if self._countdown == 0:
             self._countdown = _EVERY
             self._slow = self._slower(state, depth, settings)
         self._countdown -= 1
-        return doubts | self._slow
+        return quality_flags | self._slow
 
     def _slower(self, state: NDArray[np.float64], depth: Callable[[], float], settings: Settings) -> int:
-        """The doubts that take longer to tell, and to come and go."""
-        doubts = self._tool
+        """The quality_flags that take longer to tell, and to come and go."""
+        quality_flags = self._tool
         if self._path.crosses(state):
-            doubts |= _WAKE
+            quality_flags |= _WAKE
         if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
-            doubts |= _DEEP
+            quality_flags |= _DEEP
         if self._plates.integration == "centroid":  # the refined rule has neither
             flat, edge = edge_shares(self._plates, state, surface_height=settings.surface_height)
-            doubts |= (_FLAT if flat > _FLAT_SHARE else 0) | (_EDGE if edge > _EDGE_SHARE else 0)
-        return doubts
+            quality_flags |= (_FLAT if flat > _FLAT_SHARE else 0) | (_EDGE if edge > _EDGE_SHARE else 0)
+        return quality_flags
 
 
 class _Path:

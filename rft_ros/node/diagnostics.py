@@ -6,7 +6,7 @@ from statistics import median
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from rft_ros.estimator import Estimate, Estimator, Reason
-from rft_ros.estimator.doubts import Doubt, deviation, doubts_named, sentences, trust
+from rft_ros.estimator.quality import QualityFlag, deviation, flag_names, sentences, trust
 
 __all__ = ["Diagnostics"]
 
@@ -28,7 +28,7 @@ class Diagnostics:
         self.preparing = ""
         self._newest_estimate: Estimate | None = None
         self._fastest = 0.0
-        self._doubts = 0
+        self._quality_flags = 0
 
     def received_one(self, kind: str, stamp: int) -> None:
         """Note that a pose, twist or wrench with this stamp [ns] arrived."""
@@ -40,7 +40,7 @@ class Diagnostics:
         if len(self._latencies) < _LATENCIES:
             self._latencies.append(seconds)
         self._newest_estimate = answer
-        self._doubts |= answer.doubts
+        self._quality_flags |= answer.quality_flags
         if answer.speed > self._fastest:
             self._fastest = answer.speed
 
@@ -71,7 +71,7 @@ class Diagnostics:
         ]
         self._latencies.clear()
         self._fastest = 0.0
-        self._doubts = 0
+        self._quality_flags = 0
         return array, [f"{named[reason]}: {n} in the last {period:.0f} s" for reason, n in sorted(reasons.items())]
 
     def _status(self, component: str, level: bytes, message: str, values: dict[str, object]) -> DiagnosticStatus:
@@ -86,7 +86,7 @@ class Diagnostics:
         values.update({f"count.{k}": n for k, n in estimator.counts.items() if k != "estimates"})
         if rates["pose"] == 0.0:
             return self._status("inputs", DiagnosticStatus.ERROR, "no poses", values)
-        bad = [text for r, text in named.items() if r not in (Reason.AT_REST.value, Reason.POSE_THINNED.value)]
+        bad = [text for r, text in named.items() if r not in (Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value)]
         if bad:
             return self._status("inputs", DiagnosticStatus.WARN, ", ".join(sorted(bad)), values)
         return self._status("inputs", DiagnosticStatus.OK, "inputs arrive", values)
@@ -97,8 +97,8 @@ class Diagnostics:
             "last_reason": max(reasons, key=lambda r: reasons[r]) if reasons else "",
             "fastest_m_s": self._fastest,
             "depth_m": estimator.depth(),
-            "trust": trust(self._doubts).value,
-            "doubts": ", ".join(doubts_named(self._doubts)),
+            "trust": trust(self._quality_flags).value,
+            "quality_flags": ", ".join(flag_names(self._quality_flags)),
         }
         if (newest := self._newest_estimate) is not None:
             values["speed_m_s"] = newest.speed
@@ -109,9 +109,11 @@ class Diagnostics:
             values["latency_p99_us"] = 1e6 * ordered[int(0.99 * (len(ordered) - 1))]
         if not new["estimates"]:
             return self._status("estimates", DiagnosticStatus.WARN, "no estimates", values)
-        if self._doubts:
-            speed = f"{self._fastest:.3f} m/s is " if self._doubts & Doubt.FAST else ""  # the first of the sentences
-            message = speed + sentences(self._doubts)
+        if self._quality_flags:
+            speed = (
+                f"{self._fastest:.3f} m/s is " if self._quality_flags & QualityFlag.FAST else ""
+            )  # the first of the sentences
+            message = speed + sentences(self._quality_flags)
             return self._status("estimates", DiagnosticStatus.WARN, message, values)
         return self._status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
 
@@ -130,6 +132,6 @@ class Diagnostics:
         }
         if self.last_swap_failure:
             return self._status("model", DiagnosticStatus.WARN, self.last_swap_failure, values)
-        findings = "; ".join(f.message for f in model.tool.findings)
-        level = DiagnosticStatus.WARN if findings else DiagnosticStatus.OK
-        return self._status("model", level, findings or "in force", values)
+        issues = "; ".join(f.message for f in model.tool.issues)
+        level = DiagnosticStatus.WARN if issues else DiagnosticStatus.OK
+        return self._status("model", level, issues or "in force", values)

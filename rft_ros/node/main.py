@@ -63,7 +63,7 @@ def main() -> int:
     warm_up_all(memory=node.estimator.model.mobilization_length > 0.0)
     gc.collect()
     gc.freeze()  # a full collection with numba and trimesh loaded costs 22 ms, and there is nothing of theirs to free
-    for finding in node.estimator.model.tool.findings:
+    for finding in node.estimator.model.tool.issues:
         node.get_logger().warning(f"mesh {node.estimator.model.tool.name}: {finding.message}")
     node.get_logger().info(f"ready: {node.describe()}")
     executor: Executor = EventsExecutor() if node.executor_name == "events" else SingleThreadedExecutor()

@@ -197,7 +197,7 @@ class RftNode(Node):
         self._generation += 1
         self.estimator.use(model=self._model(self._table.values, answer))
         self.get_logger().info(f"generation {self._generation}: {self.describe()}")
-        for finding in answer.findings:
+        for finding in answer.issues:
             self.get_logger().warning(f"mesh {answer.name}: {finding.message}")
 
     # --- services and reports

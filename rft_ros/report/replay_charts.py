@@ -41,10 +41,10 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
         )
         rows.append((Panel(x_label=_TIME, y_label=f"{what} {axis} [{unit}]", lines=lines),))
     doubted = ""
-    doubts = series.doubts if first == 0 else ()
-    if doubts:
-        rows.append((_doubts(series),))
-        doubted = " Below: when which doubt was cast on the prediction, blue for caution, black for not to be trusted."
+    quality_flags = series.quality_flags if first == 0 else ()
+    if quality_flags:
+        rows.append((_quality_flags(series),))
+        doubted = " Below: when which flag was cast on the prediction, blue for caution, black for not to be trusted."
     return Chart(
         name=f"{what.lower()}_over_time",
         title=f"{what} over time",
@@ -53,23 +53,21 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
         f" estimate.{doubted}",
         panels=tuple(rows),
         spans=spans,
-        height=640 + 26 * len(doubts),
-        heights=(1.0, 1.0, 1.0, 0.1 + 0.13 * len(doubts)) if doubts else (),
+        height=640 + 26 * len(quality_flags),
+        heights=(1.0, 1.0, 1.0, 0.1 + 0.13 * len(quality_flags)) if quality_flags else (),
     )
 
 
-def _doubts(series: ReplaySeries) -> Panel:
-    """A thick line for each doubt while it lasts."""
+def _quality_flags(series: ReplaySeries) -> Panel:
+    """A thick line for each flag while it lasts."""
     lines = []
-    for place, doubt in enumerate(series.doubts):
-        times = [
-            t for row, begin, end in series.stretches(doubt.rows) if doubt.rows[row] for t in (begin, end, math.nan)
-        ]
+    for place, flag in enumerate(series.quality_flags):
+        times = [t for row, begin, end in series.stretches(flag.rows) if flag.rows[row] for t in (begin, end, math.nan)]
         x, y = np.array(times), np.full(len(times), float(place))
-        label = "doubt: no trust" if doubt.trust == "NO" else f"doubt: {doubt.trust.lower()}"
-        lines.append(Line(label=label, colour=doubt.trust.lower(), x=x, y=y, width=9.0))
+        label = "flag: no trust" if flag.trust == "NO" else f"flag: {flag.trust.lower()}"
+        lines.append(Line(label=label, colour=flag.trust.lower(), x=x, y=y, width=9.0))
     label = "Doubts" if len(lines) > 2 else ""  # as high as three of them
-    return Panel(x_label=_TIME, y_label=label, lines=tuple(lines), names=tuple(d.name for d in series.doubts))
+    return Panel(x_label=_TIME, y_label=label, lines=tuple(lines), names=tuple(d.name for d in series.quality_flags))
 
 
 def _z_points(series: ReplaySeries) -> str:

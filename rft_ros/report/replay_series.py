@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from rft_ros.report.charts import Span
 
-__all__ = ["DoubtedRows", "ReplaySeries"]
+__all__ = ["FlaggedRows", "ReplaySeries"]
 
 _Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DoubtedRows:
-    """A doubt's `name`, the `trust` that it leaves ("CAUTION" or "NO"), and the `rows` that have it, shape [n]."""
+class FlaggedRows:
+    """A flag's `name`, the `trust` that it leaves ("CAUTION" or "NO"), and the `rows` that have it, shape [n]."""
 
     name: str
     trust: str
@@ -28,8 +28,8 @@ class ReplaySeries:
     `time` [s] from the first pose; `depth` of the tool's lowest point [m]; `phase`: index into `phases`, -1 for none;
     `measured` (less bias and tool weight), `predicted`: wrench on the tool in sensor axes [N, N m], shape [n, 6], NaN
     where there is none; `deviation`: standard deviation of each component of the predicted force and torque, shape
-    [n, 2]. `doubts`: those that occur. `vertical`: the sensor axis nearest to vertical, and where it points ("up" or
-    "down").
+    [n, 2]. `quality_flags`: those that occur. `vertical`: the sensor axis nearest to vertical, and where it points
+    ("up" or "down").
     """
 
     time: _Numbers
@@ -39,7 +39,7 @@ class ReplaySeries:
     measured: _Numbers
     predicted: _Numbers
     deviation: _Numbers
-    doubts: tuple[DoubtedRows, ...]
+    quality_flags: tuple[FlaggedRows, ...]
     vertical: tuple[str, str]
 
     def spans(self) -> tuple[Span, ...]:

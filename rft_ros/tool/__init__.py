@@ -1,13 +1,13 @@
 """From a mesh file to a tool of plates: locate, read, check, refine, reduce."""
 
-from rft_ros.tool.check import Finding, check_mesh
+from rft_ros.tool.check import MeshIssue, check_mesh
 from rft_ros.tool.locate import locate_mesh, share_directory
 from rft_ros.tool.mesh_file import read_mesh
 from rft_ros.tool.reduce import Reduction
 from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, load_tool
 
 __all__ = [
-    "Finding",
+    "MeshIssue",
     "Reduction",
     "Tool",
     "ToolRequest",

@@ -1,4 +1,4 @@
-"""What is wrong with a mesh that can be used all the same: findings, each with its numbers."""
+"""What is wrong with a mesh that can be used all the same: issues, each with its numbers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["LARGEST", "SMALLEST", "Finding", "FindingKind", "check_mesh", "coarse_for_centroids", "degenerate_facets"]
+__all__ = ["LARGEST", "SMALLEST", "IssueKind", "MeshIssue", "check_mesh", "coarse_for_centroids", "degenerate_facets"]
 
 LARGEST = 5.0
 """A tool with a larger extent [m] has probably the wrong unit."""
@@ -32,7 +32,7 @@ _MOST = 0.5  # of the area
 
 _LOOKED_AT = 2000  # facets, and points, that `concave` is judged by
 
-FindingKind = Literal[
+IssueKind = Literal[
     "not_closed",
     "inconsistent_winding",
     "inside_out",
@@ -46,10 +46,10 @@ FindingKind = Literal[
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class MeshIssue:
     """One thing that the user should know of a mesh: a sentence with numbers."""
 
-    kind: FindingKind
+    kind: IssueKind
     message: str
 
 
@@ -61,12 +61,12 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     return np.asarray(doubled_area <= _COLLINEAR * longest)
 
 
-def check_mesh(mesh: "trimesh.Trimesh") -> tuple[Finding, ...]:
+def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
     """Findings on a mesh in metres of which at least one facet has an area; none if it is good."""
     return (*_of_surface(mesh), *_of_facets(mesh), *_of_shape(mesh), *_of_size(mesh))
 
 
-def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[Finding, ...]:
+def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[MeshIssue, ...]:
     """A finding if the published rule takes long facets for points; `vertices`: shape [n, 3], `faces`: shape [m, 3]."""
     triangles = vertices[faces]
     edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
@@ -75,7 +75,7 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
     if share <= _MOST:
         return ()
     return (
-        Finding(
+        MeshIssue(
             "coarse",
             f"{100 * share:.0f} % of the surface is in facets longer than a quarter of the tool, which integration"
             " centroid loads in their middle, all or nothing; take integration refined, or a finer mesh",
@@ -83,7 +83,7 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
     )
 
 
-def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     """Findings on how facets join and which way they face."""
     joined = _joined(mesh)
     ends = joined.edges_sorted
@@ -91,7 +91,7 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
     _, edge, facets = np.unique(keys, return_inverse=True, return_counts=True)
     open_edges, crowded = int((facets == 1).sum()), int((facets > 2).sum())
     if open_edges or crowded:
-        yield Finding(
+        yield MeshIssue(
             "not_closed",
             f"the surface is not closed (open edges: {open_edges:,}; edges of three or more facets: {crowded:,})",
         )
@@ -99,12 +99,12 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
     # two facets that face the same way run along their common edge in opposite directions
     balance = np.bincount(edge, np.where(joined.edges[:, 0] == ends[:, 0], 1.0, -1.0))
     if twisted := int(((facets == 2) & (balance != 0.0)).sum()):
-        yield Finding(
+        yield MeshIssue(
             "inconsistent_winding",
             f"the winding is inconsistent (edges between an outward and an inward facet: {twisted:,})",
         )
     elif (volume := _volume_if_shut(mesh)) < 0.0:
-        yield Finding(
+        yield MeshIssue(
             "inside_out",
             f"the surface is inside out (volume {volume * 1e6:.3g} cm³), so trailing facets count as leading",
         )
@@ -112,7 +112,7 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
     first = joined.faces.argmin(axis=1)[:, None]
     same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
     if repeated := len(same_start) - len(np.unique(same_start, axis=0)):
-        yield Finding("duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}")
+        yield MeshIssue("duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}")
 
 
 def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
@@ -134,12 +134,12 @@ def _volume_if_shut(mesh: "trimesh.Trimesh") -> float:
     return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if shut else 0.0
 
 
-def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     if n := int(degenerate_facets(mesh).sum()):
-        yield Finding("degenerate_facets", f"{n:,} of {len(mesh.faces):,} facets have no area and are dropped")
+        yield MeshIssue("degenerate_facets", f"{n:,} of {len(mesh.faces):,} facets have no area and are dropped")
 
 
-def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     """Facets that have other parts of the tool before them: the method counts each as if it stood alone."""
     keep = np.flatnonzero(~degenerate_facets(mesh))
     keep = keep[:: 1 + len(keep) // _LOOKED_AT]
@@ -155,13 +155,13 @@ def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
     before = farthest - (normal * triangles.mean(axis=1)).sum(axis=1)
     share = float(area[before > _HOLLOW * mesh.extents.max()].sum() / area.sum())
     if share > _MUCH:
-        yield Finding(
+        yield MeshIssue(
             "concave",
             f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it",
         )
 
 
-def _of_size(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
+def _of_size(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     extent = float(mesh.extents.max())
     step = 1e-3 if extent > LARGEST else 1e3
     factor = 1.0
@@ -169,4 +169,4 @@ def _of_size(mesh: "trimesh.Trimesh") -> Iterator[Finding]:
         factor *= step
     if factor != 1.0:
         meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale by {factor:g}"
-        yield Finding("size", f"the largest extent is {extent:.3g} m; {meant}")
+        yield MeshIssue("size", f"the largest extent is {extent:.3g} m; {meant}")

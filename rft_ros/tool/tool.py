@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
-from rft_ros.tool.check import Finding, check_mesh, coarse_for_centroids, degenerate_facets
+from rft_ros.tool.check import MeshIssue, check_mesh, coarse_for_centroids, degenerate_facets
 from rft_ros.tool.locate import locate_mesh
 from rft_ros.tool.mesh_file import read_mesh
 from rft_ros.tool.reduce import Reduction, checked_tolerance, reduced_for_any_motion
@@ -26,7 +26,7 @@ class Tool:
     `name`: the mesh file's stem. `file`: the path it was read from. `plates`: what the wrench is summed over.
     `facets`: one plate element a face, same order; the same object as `plates` unless these are fewer.
     `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
-    `findings`: what looks wrong with the mesh. `corners`: the vertices that can be lowest, shape [k, 3].
+    `issues`: what looks wrong with the mesh. `corners`: the vertices that can be lowest, shape [k, 3].
     `reduction`: how `plates` came from `facets`, unless nobody asked for fewer.
     """
 
@@ -36,7 +36,7 @@ class Tool:
     facets: Plates
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    findings: tuple[Finding, ...]
+    issues: tuple[MeshIssue, ...]
     corners: NDArray[np.float64]
     reduction: Reduction | None = None
 
@@ -73,7 +73,7 @@ def load_tool(
     `tolerance`: if over 0, the fewest plates whose wrench stays within this share of the full tool's in any motion, at
     the 95th percentile (`rft_ros.tool.reduce`); a reduced tool stays as it is.
     Normals come from the facets' winding, not from the file. Facets without area are dropped.
-    Raises InputError, one sentence, for what cannot be used; what can, but looks wrong, is in the tool's `findings`.
+    Raises InputError, one sentence, for what cannot be used; what can, but looks wrong, is in the tool's `issues`.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
@@ -100,7 +100,7 @@ def load_tool(
         facets=facets,
         vertices=vertices,
         faces=faces,
-        findings=check_mesh(mesh) + (() if rule == "refined" or reduced else coarse_for_centroids(vertices, faces)),
+        issues=check_mesh(mesh) + (() if rule == "refined" or reduced else coarse_for_centroids(vertices, faces)),
         corners=corners,
         reduction=reduction,
     )
@@ -149,7 +149,7 @@ def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def describe_tool(tool: Tool) -> list[str]:
-    """Lines that tell a user what was loaded: size and place in the tool frame, reduction, area, volume, findings."""
+    """Lines that tell a user what was loaded: size and place in the tool frame, reduction, area, volume, issues."""
     used = 1e3 * tool.vertices[_used(tool.vertices, tool.faces)]
     x, y, z, nx, ny, nz, area = tool.facets.packed
     lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]
@@ -158,7 +158,7 @@ def describe_tool(tool: Tool) -> list[str]:
     for axis, low, high in zip("xyz", used.min(axis=0), used.max(axis=0), strict=True):
         lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
     lines.append(f"area: {tool.facets.area * 1e6:.1f} mm²")
-    if not {"not_closed", "inconsistent_winding"} & {f.kind for f in tool.findings}:
+    if not {"not_closed", "inconsistent_winding"} & {f.kind for f in tool.issues}:
         volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
         lines.append(f"volume: {volume * 1e9:.1f} mm³")
-    return lines + [f"warning: {f.message}" for f in tool.findings]
+    return lines + [f"warning: {f.message}" for f in tool.issues]

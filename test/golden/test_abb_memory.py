@@ -35,9 +35,9 @@ def runs(request, shared_data, tmp_path_factory):
 
 def test_a_tool_at_rest_has_an_estimate_with_memory_only(runs):
     without, remembering = (run.summary for run in runs)
-    assert without.withheld["at_rest"] > 1000
-    assert "at_rest" not in remembering.withheld
-    assert remembering.estimates == without.estimates + without.withheld["at_rest"]
+    assert without.reasons["at_rest"] > 1000
+    assert "at_rest" not in remembering.reasons
+    assert remembering.estimates == without.estimates + without.reasons["at_rest"]
 
 
 def test_the_force_at_rest_is_kept_and_is_the_measured_peak_within_10_percent(runs):

@@ -45,8 +45,8 @@ def residual_of_peak(replays, trial, zeta):
 def test_every_pose_is_an_estimate_or_a_reason(replays, trial, poses):
     summary = replays[trial][0]
     assert summary.messages["pose"] == poses
-    assert summary.estimates + sum(summary.withheld.values()) == poses
-    assert set(summary.withheld) == {"at_rest", "pose_history_short"}
+    assert summary.estimates + sum(summary.reasons.values()) == poses
+    assert set(summary.reasons) == {"at_rest", "pose_history_short"}
     assert summary.damage is None
 
 

@@ -24,7 +24,7 @@ POSE_REASONS = (
     "pose_stamp_zero",
     "pose_repeated",
     "pose_out_of_order",
-    "pose_thinned",
+    "pose_rate_limited",
     "pose_history_short",
     "twist_missing",
     "twist_stale",

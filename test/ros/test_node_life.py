@@ -118,7 +118,7 @@ def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(cell):
         cell.send(start + k * 2_000_000)
         cell.spin()
     cell.until(lambda: any(stamp_of(m) == start + 95 * 2_000_000 for m in cell.received["wrench_predicted"]))
-    cell.until(lambda: int(cell.diagnostic("inputs")[2].get("count.pose_thinned", 0)) >= 80)
+    cell.until(lambda: int(cell.diagnostic("inputs")[2].get("count.pose_rate_limited", 0)) >= 80)
     assert len(cell.received["wrench_predicted"]) == before + 20
     assert cell.set(max_rate=0.0)[0]
 

@@ -25,7 +25,7 @@ def plate_tool() -> Tool:
         facets=plates,
         vertices=corners,
         faces=np.array([[0, 2, 1]]),
-        findings=(),
+        issues=(),
         corners=corners,
     )
 

@@ -100,7 +100,7 @@ def test_one_topic_alone_is_refused_with_a_sentence(tmp_path, capsys, only, word
 def test_poses_alone_predict_by_their_differences_and_have_a_report(tmp_path):
     bag = write_ros2(tmp_path / "bag", plunge(), topics={"pose": TOPICS["pose"]})
     summary = replay(bag, tmp_path / "out", values(twist_source="pose_difference"), report=True, figures=True)
-    assert summary.withheld["wrench_missing"] == summary.estimates > 500
+    assert summary.reasons["wrench_missing"] == summary.estimates > 500
     assert summary.phases["penetration"].wrench["force"].predicted.peak > 10.0
     assert (tmp_path / "out" / "report.html").stat().st_size > 1_000_000
 
@@ -116,17 +116,19 @@ def test_a_bag_that_brings_no_estimate_is_a_failure_after_its_output(tmp_path, c
     assert err == "rft replay: bag 'bag' brought no estimate from its 60 poses\n"
     assert "pose frame_id 'elsewhere' is not world_frame 'world'" in out
     folder = tmp_path / "out" / "bag" if beside else tmp_path / "out"
-    assert json.loads((folder / "summary.json").read_text())["withheld"]["pose_frame_unknown"] == 60
+    assert json.loads((folder / "summary.json").read_text())["reasons"]["pose_frame_unknown"] == 60
 
 
 def test_stamps_all_zero_give_reasons_and_a_report_without_estimates(tmp_path):
     rows = [(role, time, 0, v) for role, time, _, v in moments()]
     summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values(), report=True, figures=True)
     assert summary.estimates == 0
-    assert summary.withheld == {
+    assert summary.reasons == {
         "pose_stamp_zero": 60, "twist_stamp_zero": 60, "wrench_stamp_zero": 60
     }  # fmt: skip
-    assert {(r["reason"], r["phase"], r["doubts"]) for r in rows_of(tmp_path / "out")} == {("pose_stamp_zero", "", "")}
+    assert {(r["reason"], r["phase"], r["quality_flags"]) for r in rows_of(tmp_path / "out")} == {
+        ("pose_stamp_zero", "", "")
+    }
     assert "pose_stamp_zero" in (tmp_path / "out" / "report.html").read_text()
 
 
@@ -136,7 +138,7 @@ def test_two_publishers_on_one_topic_are_told_by_the_one_that_lags(tmp_path, rol
     late = [(r, time + 1, stamp - 3 * STEP, v) for r, time, stamp, v in rows if r == role and stamp > START + 5 * STEP]
     both = sorted(rows + late, key=lambda row: row[1])
     summary = replay(write_ros2(tmp_path / "both", both), tmp_path / "out", values())
-    assert summary.withheld[f"{role}_out_of_order"] == len(late)
+    assert summary.reasons[f"{role}_out_of_order"] == len(late)
     alone = replay(write_ros2(tmp_path / "alone", rows), tmp_path / "one", values())
     assert summary.estimates == alone.estimates
     assert summary.phases == alone.phases

@@ -58,7 +58,7 @@ def test_every_bag_of_a_batch_is_held_against_the_limits(bag, tmp_path, capsys):
 
 
 def test_reasons_and_doubts_that_did_not_occur_count_as_none(summary):
-    names = ("withheld.twist_stale", "doubts.inertial", "doubts.deep")
+    names = ("reasons.twist_stale", "quality_flags.inertial", "quality_flags.deep")
     findings = check([Limit(metric=name, max=0.0) for name in names], summary)
     assert [f.value for f in findings] == [0.0, 0.0, 0.0]
     assert all(f.kept for f in findings)

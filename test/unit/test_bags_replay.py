@@ -97,7 +97,7 @@ def test_penetration_is_told_apart_from_the_rest(tmp_path):
 def test_stamps_that_make_no_sense_are_reasons(tmp_path, change, reason):
     rows = [(role, time, change(role, stamp), v) for role, time, stamp, v in moments()]
     summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values())
-    assert summary.withheld[reason] >= 59
+    assert summary.reasons[reason] >= 59
     assert summary.estimates <= 1 or reason == "wrench_stale"
 
 
@@ -105,7 +105,7 @@ def test_pose_only_still_predicts_and_wrench_only_is_refused(tmp_path):
     only_pose = write_ros2(tmp_path / "pose", moments(), topics={"pose": TOPICS["pose"]})
     summary = replay(only_pose, tmp_path / "out", values(twist_source="pose_difference"))
     assert summary.estimates == 58
-    assert summary.withheld["wrench_missing"] == 58
+    assert summary.reasons["wrench_missing"] == 58
     assert summary.wrench["fz"].measured.rms is None
     assert rows_of(tmp_path / "out")[-1]["residual_fz"] == ""
     only_wrench = write_ros2(tmp_path / "wrench", moments(), topics={"wrench": TOPICS["wrench"]})
@@ -117,7 +117,7 @@ def test_frames_that_are_not_the_parameters_are_reasons(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments(), frame="elsewhere")
     summary = replay(bag, tmp_path / "out", values())
     assert summary.estimates == 0
-    assert summary.withheld["pose_frame_unknown"] == 60
+    assert summary.reasons["pose_frame_unknown"] == 60
     told = "pose_frame_unknown 60 (pose frame_id 'elsewhere' is not world_frame 'world')"
     assert f"  not used or unanswered: {told}" in summary.lines()
     assert "wrench frame_id 'elsewhere' is not sensor_frame 'ft_sensor'" in "\n".join(summary.lines())
@@ -134,7 +134,7 @@ def test_two_publishers_on_one_topic_are_told_by_their_stamps(tmp_path):
     rows = list(moments())
     late = [(role, time + 1, stamp - 5 * STEP, v) for role, time, stamp, v in rows if role == "pose"]
     summary = replay(write_ros2(tmp_path / "bag", sorted(rows + late, key=lambda r: r[1])), tmp_path / "out", values())
-    assert summary.withheld["pose_out_of_order"] == 60
+    assert summary.reasons["pose_out_of_order"] == 60
     assert summary.estimates == 60
 
 

@@ -111,13 +111,15 @@ def test_without_a_browser_the_test_says_what_is_missing(tmp_path, monkeypatch):
 def test_doubts_are_in_the_table_the_summary_and_the_page(replays, page):
     summary, (out, _) = replays
     rows = rows_of(out)
-    counted = {name: sum(name in r["doubts"].split("+") for r in rows) for name in summary.doubts}
-    assert summary.doubts == counted
+    counted = {name: sum(name in r["quality_flags"].split("+") for r in rows) for name in summary.quality_flags}
+    assert summary.quality_flags == counted
     assert sum(summary.trust.values()) == summary.estimates
     assert any(counted.values())
-    assert all(not r["doubts"] for r in rows if r["reason"])
-    assert summary.trust["OK"] == sum(not r["doubts"] and not r["reason"] for r in rows)
-    assert summary.trust["NO"] == sum("knife_edge" in r["doubts"] or "inertial" in r["doubts"] for r in rows)
+    assert all(not r["quality_flags"] for r in rows if r["reason"])
+    assert summary.trust["OK"] == sum(not r["quality_flags"] and not r["reason"] for r in rows)
+    assert summary.trust["NO"] == sum(
+        "knife_edge" in r["quality_flags"] or "inertial" in r["quality_flags"] for r in rows
+    )
     for name, count in counted.items():
         assert (f"<td>{name}</td><td>{count:,}</td>" in page) == (count > 0)
 

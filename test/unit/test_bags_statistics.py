@@ -9,7 +9,7 @@ from rft_ros.bags.phases import Phase
 from rft_ros.bags.replay import replay
 from rft_ros.bags.statistics import statistics
 from rft_ros.bags.trace import Trace, packed
-from rft_ros.estimator import Estimate, Reason, Withheld
+from rft_ros.estimator import Estimate, NoEstimate, Reason
 
 STATE = np.zeros(13).tobytes()
 
@@ -89,7 +89,7 @@ def test_no_poses_no_numbers(tmp_path):
         whole, phases = statistics(trace)
         assert (whole.estimates, whole.rms_over_peak, whole.median_relative_error) == (0, None, None)
         assert {phase.poses for phase in phases.values()} == {0}
-        trace.add(1, Phase.DWELL, packed(0.01, Withheld(1, Reason.AT_REST)), STATE)
+        trace.add(1, Phase.DWELL, packed(0.01, NoEstimate(1, Reason.AT_REST)), STATE)
         whole, phases = statistics(trace)
     assert (whole.estimates, phases["dwell"].poses, phases["dwell"].estimates) == (0, 1, 0)
 

@@ -87,7 +87,7 @@ def test_alpha_y_is_written_as_a_table_that_the_model_reads(calibrated):
 
 def test_the_replay_takes_the_file_as_it_is(calibrated, cell, tmp_path):
     assert main(["replay", str(cell / "pressed"), "--params", str(calibrated), "-o", str(tmp_path / "out")]) == 0
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["doubts"]["deep"] == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["quality_flags"]["deep"] == 0
 
 
 def test_a_wrong_frame_is_named(cell, tmp_path, capsys):

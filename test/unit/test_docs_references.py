@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from rft_ros.cli import parser
-from rft_ros.estimator.doubts import Doubt
+from rft_ros.estimator.quality import QualityFlag
 from rft_ros.estimator.samples import Reason
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
@@ -40,4 +40,4 @@ def test_every_option_of_every_command_has_a_row(pages):
 def test_every_reason_and_doubt_has_a_row(pages):
     text = pages.node_page()
     assert [r.value for r in Reason if f"| `{r.value}` |" not in text] == []
-    assert [d.name for d in Doubt if d.value and f"| `{d.name.lower()}` |" not in text] == []
+    assert [d.name for d in QualityFlag if d.value and f"| `{d.name.lower()}` |" not in text] == []

@@ -53,7 +53,7 @@ def far_plate(distance) -> Tool:
         facets=plates,
         vertices=corners,
         faces=np.array([[0, 1, 2]]),
-        findings=(),
+        issues=(),
         corners=corners,
     )
 
@@ -147,13 +147,13 @@ def test_the_same_samples_give_the_same_answers_bit_for_bit(twist_source):
 
 
 def test_every_sample_is_accounted_for():
-    """Poses in = estimates + poses withheld; what is counted besides are inputs turned away and missing residuals."""
+    """Poses in = estimates + poses reasons; what is counted besides are inputs turned away and missing residuals."""
     e = estimator(max_rate=150.0)
-    withheld = 0
+    reasons = 0
     for push, sample in recording(7):
         result = getattr(e, push)(sample)
-        withheld += push == "push_pose" and not isinstance(result, Estimate)
-    assert e.counts["estimates"] + withheld == 400
-    poses = ("pose_not_finite", "pose_thinned")
-    assert sum(e.counts[name] for name in poses) == withheld
+        reasons += push == "push_pose" and not isinstance(result, Estimate)
+    assert e.counts["estimates"] + reasons == 400
+    poses = ("pose_not_finite", "pose_rate_limited")
+    assert sum(e.counts[name] for name in poses) == reasons
     assert e.counts["pose_not_finite"] == 4

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Settings, Withheld
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, Reason, Settings
 from rft_ros.rft import MEDIA, Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
 from rft_ros.tool import load_tool
 
@@ -46,7 +46,7 @@ def test_without_memory_rest_is_a_reason_and_with_memory_it_is_an_estimate_that_
     forgetful, remembering = Arm(0.0), Arm(0.003)
     for arm in (forgetful, remembering):
         arm.move(-0.01, 4.0)
-    assert isinstance(forgetful.move(0.0, 1.0)[-1], Withheld)
+    assert isinstance(forgetful.move(0.0, 1.0)[-1], NoEstimate)
     assert forgetful.estimator.counts[Reason.AT_REST.value] > 0
     pressed = vertical(remembering.move(-0.01, 0.1)[-1])
     held = [vertical(a) for a in remembering.move(0.0, 4.0)]

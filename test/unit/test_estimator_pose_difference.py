@@ -154,7 +154,7 @@ def test_thinned_poses_still_count_as_history():
         e.push_pose(p) for p in screw((0, 0, -0.02), (0, 0, 0), times=np.arange(0, 0.05, 0.005), start=(0, 0, -0.01))
     ]
     assert sum(isinstance(a, Estimate) for a in answers) == 2
-    assert e.counts[Reason.POSE_THINNED.value] == 6
+    assert e.counts[Reason.POSE_RATE_LIMITED.value] == 6
 
 
 @pytest.mark.parametrize(("window", "at_rest"), [(0.1, True), (0.01, False)])

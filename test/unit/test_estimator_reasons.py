@@ -29,7 +29,7 @@ SCENES = {
     Reason.POSE_STAMP_ZERO: (twist(), pose(stamp=0)),
     Reason.POSE_REPEATED: (twist(), pose(), pose()),
     Reason.POSE_OUT_OF_ORDER: (twist(), pose(), pose(START - 1)),
-    Reason.POSE_THINNED: (twist(), pose(), pose(START + MS)),
+    Reason.POSE_RATE_LIMITED: (twist(), pose(), pose(START + MS)),
     Reason.POSE_HISTORY_SHORT: (pose(), pose(START + MS)),
     Reason.TWIST_MISSING: (pose(),),
     Reason.TWIST_STALE: (twist(), pose(START + AGE + 1)),
@@ -45,7 +45,7 @@ SCENES = {
     Reason.WRENCH_OUT_OF_ORDER: (wrench(), wrench(START - 1)),
 }
 SETTINGS = {
-    Reason.POSE_THINNED: {"max_rate": 100.0},
+    Reason.POSE_RATE_LIMITED: {"max_rate": 100.0},
     Reason.POSE_HISTORY_SHORT: {"twist_source": "pose_difference"},
 }
 NO_RESIDUAL = {
@@ -180,7 +180,7 @@ def test_max_rate_bounds_how_many_poses_are_answered_in_ten_seconds(rate, period
         e.push_twist(twist(START + k * period))
         e.push_pose(pose(START + k * period))
     assert 0.85 * rate * 10 <= e.counts["estimates"] <= rate * 10 + 1
-    assert e.counts["estimates"] + e.counts[Reason.POSE_THINNED.value] == poses
+    assert e.counts["estimates"] + e.counts[Reason.POSE_RATE_LIMITED.value] == poses
 
 
 def test_a_limit_at_the_streams_own_rate_thins_nothing_though_its_stamps_jitter():

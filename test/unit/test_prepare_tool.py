@@ -38,7 +38,7 @@ def test_a_tool_comes_back_as_it_was_even_when_its_folder_is_gone(tmp_path):
     np.testing.assert_array_equal(back.vertices, tool.vertices)
     np.testing.assert_array_equal(back.faces, tool.faces)
     assert back.lowest_point(np.eye(3)) == tool.lowest_point(np.eye(3))
-    assert (back.name, back.findings, back.plates.reach) == (tool.name, tool.findings, tool.plates.reach)
+    assert (back.name, back.issues, back.plates.reach) == (tool.name, tool.issues, tool.plates.reach)
     assert not back.plates.packed.flags.writeable
     assert back.plates.packed.flags.aligned
 

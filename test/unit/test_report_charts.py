@@ -1,4 +1,4 @@
-"""The replay's charts as numbers: bands, doubts, shaded phases, and what a long recording is thinned out to."""
+"""The replay's charts as numbers: bands, quality_flags, shaded phases, and what a long recording is thinned out to."""
 
 import math
 
@@ -9,13 +9,13 @@ from rft_ros.bags.illustrated import thinned
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.trace import Trace, packed
 from rft_ros.estimator import Estimate
-from rft_ros.estimator.doubts import SCATTER, deviation
+from rft_ros.estimator.quality import SCATTER, deviation
 from rft_ros.report.interactive import chart_figure
 from rft_ros.report.replay_charts import replay_charts
-from rft_ros.report.replay_series import DoubtedRows, ReplaySeries
+from rft_ros.report.replay_series import FlaggedRows, ReplaySeries
 
 
-def series(doubts=()):
+def series(quality_flags=()):
     """Ten poses, one a second: two in the air, six on the way down, two without estimate."""
     time = np.arange(10.0)
     predicted = np.zeros((10, 6))
@@ -29,7 +29,7 @@ def series(doubts=()):
         measured=predicted + 0.1,
         predicted=predicted,
         deviation=np.array([deviation(wrench) for wrench in predicted.tolist()]),
-        doubts=tuple(doubts),
+        quality_flags=tuple(quality_flags),
         vertical=("z", "up"),
     )
 
@@ -61,7 +61,7 @@ def test_phases_are_shaded_up_to_the_next_one():
 def test_each_doubt_is_a_bar_while_it_lasts_below_the_forces_only():
     rows = np.zeros(10, dtype=bool)
     rows[[3, 4, 6]] = True
-    charts = replay_charts(series([DoubtedRows(name="wake", trust="CAUTION", rows=rows)]))
+    charts = replay_charts(series([FlaggedRows(name="wake", trust="CAUTION", rows=rows)]))
     panel = charts[0].panels[3][0]
     (bar,) = panel.lines
     assert panel.names == ("wake",)

@@ -54,7 +54,7 @@ def test_script_makes_the_same_bytes(name):
 def test_dimensions(name):
     low, high, facets, volume, area = EXPECTED[name]
     tool = load_tool(str(MESHES / f"{name}.stl"))
-    assert tool.findings == ()
+    assert tool.issues == ()
     assert len(tool.plates) == facets
     np.testing.assert_allclose(tool.vertices.min(axis=0), np.array(low) / 1e3, atol=1e-8)
     np.testing.assert_allclose(tool.vertices.max(axis=0), np.array(high) / 1e3, atol=1e-8)

@@ -59,7 +59,7 @@ def test_facets_without_area_are_dropped(tmp_path):
     tool = load_tool(str(tmp_path / "m.ply"))
     assert len(tool.plates) == len(tool.faces) == 1
     assert tool.plates.area == pytest.approx(50e-6)
-    assert "degenerate_facets" in {f.kind for f in tool.findings}
+    assert "degenerate_facets" in {f.kind for f in tool.issues}
     assert tool.lowest_point(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])) == pytest.approx(-0.01)
 
 
@@ -101,10 +101,10 @@ def arrays(tool):
 @pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
 def test_pickled_tool_is_the_same_and_read_only(ball, protocol):
     copy = pickle.loads(pickle.dumps(ball, protocol))
-    assert (copy.name, copy.file, copy.findings, copy.plates.reach) == (
+    assert (copy.name, copy.file, copy.issues, copy.plates.reach) == (
         ball.name,
         ball.file,
-        ball.findings,
+        ball.issues,
         ball.plates.reach,
     )
     for there, here in zip(arrays(copy), arrays(ball), strict=True):
@@ -150,5 +150,5 @@ def test_description_of_an_open_tool_warns_and_gives_no_volume(tmp_path):
 def test_meshes_of_the_reference_data(shared_data, file, facets, kinds, area):
     tool = load_tool(str(shared_data / file))
     assert len(tool.plates) == facets
-    assert {f.kind for f in tool.findings} == kinds
+    assert {f.kind for f in tool.issues} == kinds
     assert tool.plates.area * 1e6 == pytest.approx(area, abs=0.05)

@@ -5,10 +5,10 @@ from enum import Enum, IntFlag
 
 from rft_ros.estimator.samples import Wrench
 
-__all__ = ["SCATTER", "Doubt", "Trust", "deviation", "doubts_named", "sentences", "trust"]
+__all__ = ["SCATTER", "QualityFlag", "Trust", "deviation", "flag_names", "sentences", "trust"]
 
 
-class Doubt(IntFlag):
+class QualityFlag(IntFlag):
     """What is doubtful about an estimate; `docs/where-it-fails.md` has a figure for most."""
 
     NONE = 0
@@ -38,36 +38,36 @@ class Trust(str, Enum):
     NO = "NO"
 
 
-_DISTRUST = Doubt.INERTIAL | Doubt.KNIFE_EDGE
+_DISTRUST = QualityFlag.INERTIAL | QualityFlag.KNIFE_EDGE
 
 
-def trust(doubts: int) -> Trust:
-    """What doubts, an or of `Doubt`, leave of the trust."""
-    if doubts & _DISTRUST:
+def trust(quality_flags: int) -> Trust:
+    """What quality_flags, an or of `QualityFlag`, leave of the trust."""
+    if quality_flags & _DISTRUST:
         return Trust.NO
-    return Trust.CAUTION if doubts else Trust.OK
+    return Trust.CAUTION if quality_flags else Trust.OK
 
 
 _SENTENCES = {
-    Doubt.FAST: "faster than the 0.025 m/s that the model was measured at",
-    Doubt.INERTIAL: "faster than 0.2 m/s, where inertia matters",
-    Doubt.NEAR_REST: "so slow that noise decides the direction",
-    Doubt.WAKE: "in its own wake, where grains are looser",
-    Doubt.CONCAVE: "a hollow tool, whose shadowed facets count in full",
-    Doubt.NEAR_FLAT: "nearly horizontal faces: the published rule jumps there (integration: refined does not)",
-    Doubt.KNIFE_EDGE: "faces moving along themselves: the published rule jumps there (integration: refined does not)",
-    Doubt.DEEP: "deeper than the calibration",
+    QualityFlag.FAST: "faster than the 0.025 m/s that the model was measured at",
+    QualityFlag.INERTIAL: "faster than 0.2 m/s, where inertia matters",
+    QualityFlag.NEAR_REST: "so slow that noise decides the direction",
+    QualityFlag.WAKE: "in its own wake, where grains are looser",
+    QualityFlag.CONCAVE: "a hollow tool, whose shadowed facets count in full",
+    QualityFlag.NEAR_FLAT: "nearly horizontal faces: the published rule jumps there (integration: refined does not)",
+    QualityFlag.KNIFE_EDGE: "faces moving along themselves: the published rule jumps there (integration: refined does not)",  # noqa: E501
+    QualityFlag.DEEP: "deeper than the calibration",
 }
 
 
-def doubts_named(doubts: int) -> list[str]:
-    """The names of doubts, as users read them: ``fast``, ``wake``."""
-    return [str(d.name).lower() for d in _SENTENCES if doubts & d]
+def flag_names(quality_flags: int) -> list[str]:
+    """The names of quality_flags, as users read them: ``fast``, ``wake``."""
+    return [str(d.name).lower() for d in _SENTENCES if quality_flags & d]
 
 
-def sentences(doubts: int) -> str:
+def sentences(quality_flags: int) -> str:
     """Doubts in words."""
-    return "; ".join(text for d, text in _SENTENCES.items() if doubts & d)
+    return "; ".join(text for d, text in _SENTENCES.items() if quality_flags & d)
 
 
 SCATTER = 0.15
