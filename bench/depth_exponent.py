@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import trimesh
 
-from rft_ros.bags.replay_options import read_replay_options
+from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration import Options, calibrate, read_track
 from rft_ros.calibration.depth_exponent import PowerOfDepth, fit_exponent
 from rft_ros.calibration.penetration import Penetration, penetration_of
