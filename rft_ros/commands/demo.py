@@ -51,8 +51,7 @@ def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
     import numpy as np
 
     from rft_ros.bags.playback import ReplayOptions, states_of
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import model_of
+    from rft_ros.estimator.parameters import model_of, read_parameter_file
     from rft_ros.report.depth_figure import draw_force_over_depth
     from rft_ros.studies.view import moving_tool
     from rft_ros.tool import share_directory

@@ -145,8 +145,7 @@ def recording_options(command: argparse._ActionsContainer, *, required: bool = F
 def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     """The parameters, and how to read the recording: the options over what the parameter file says."""
     from rft_ros.bags.playback import ReplayOptions, read_replay_options
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import defaults
+    from rft_ros.estimator.parameters import defaults, read_parameter_file
 
     file = arguments.params
     values = read_parameter_file(file) if file else defaults()
