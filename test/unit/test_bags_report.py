@@ -62,7 +62,7 @@ def test_the_page_loads_nothing(page):
 
 def test_the_page_has_every_figure_and_table(page):
     assert [i for i in References(page).ids if i and i.startswith("figure-")] == [f"figure-{c}" for c in CHARTS]
-    for title in ("Metrics", "Doubts", "Read", "Not used or unanswered", "Parameters", "Versions"):
+    for title in ("Metrics", "Quality flags", "Read", "Not used or unanswered", "Parameters", "Versions"):
         assert re.search(rf"<(h2|summary)>{title}</", page), title
 
 
@@ -137,6 +137,6 @@ def test_the_tools_picture_says_what_memory_it_leaves_out(page, tmp_path):
     replay(
         write_ros2(tmp_path / "bag", plunge()), tmp_path / "out", values(medium__mobilization_length=0.003), report=True
     )
-    said = "what the grains remember is left out of this picture"
+    said = "at full strength, without memory"
     assert said in (tmp_path / "out" / "report.html").read_text()
     assert said not in page
