@@ -1,33 +1,20 @@
-"""A progress bar with the time left, on a terminal only and only for what takes over a second."""
+"""A progress bar over a recording."""
 
-import sys
-import time
 from collections.abc import Iterator
 
 from rft_ros.bags.reading import Recording
 from rft_ros.estimator.messages import Sample
+from rft_ros.progress import bar
 
 __all__ = ["with_progress"]
 
-_EVERY = 512  # samples between looks at the clock
+_EVERY = 512  # samples between updates of the bar
 
 
 def with_progress(recording: Recording, label: str) -> Iterator[Sample]:
-    """The recording's samples, and a bar on stderr while they are worked through."""
-    if not sys.stderr.isatty():
-        yield from recording
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    began = time.monotonic()
-    bar = Progress(console=Console(stderr=True), transient=True)
-    task = bar.add_task(label, total=recording.last - recording.first)
-    try:
+    """The recording's samples, with a bar on stderr while they are processed."""
+    with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
             yield sample
-            if number % _EVERY == 0 and time.monotonic() > began + 1.0:
-                bar.start()
-                bar.update(task, completed=recording.time - recording.first)
-    finally:
-        bar.stop()
+            if number % _EVERY == 0:
+                update(recording.time - recording.first, label)

@@ -43,7 +43,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--figure", type=Path, metavar="FILE.png", help="draw the penetrations here (default: no figure)"
     )
     command.add_argument(
-        "--tare", type=finite, metavar="S", help="zero each bag's load cell over its first S seconds (default: no tare)"
+        "--tare",
+        type=finite,
+        metavar="S",
+        help="zero each bag's load cell over its first S seconds; 0: none (default: the parameter file's, else none)",
     )
 
 

@@ -36,7 +36,10 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         from rft_ros.node.demo import demo
     except ImportError as error:
-        raise InputError(f"the demo needs ROS 2 ({error.name} is missing): pip install 'rft_ros[ros]'") from None
+        raise InputError(
+            f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
+            " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
+        ) from None
     trace = demo(arguments.output, seconds=arguments.seconds)
     if trace is None:
         return 1
