@@ -15,7 +15,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.utilities import remove_ros_args
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameter_file import parameter_tree
+from rft_ros.estimator.parameters import parameter_tree
 from rft_ros.estimator.warm_up import await_compilation, fork_compilation, warm_up_all
 from rft_ros.node.rft_node import RftNode
 from rft_ros.prepare_tool import start_preparer
