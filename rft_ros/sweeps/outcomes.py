@@ -71,7 +71,9 @@ def work(times: Array, states: Array, wrenches: Array) -> Work:
 
 
 @lru_cache(maxsize=64)
-def _tool(mesh: str, scale: float, origin: tuple[float, float, float], integration: str, tolerance: float) -> Tool:
+def _tool(
+    mesh: str, scale: float, origin: tuple[float, float, float], integration: str | None, tolerance: float
+) -> Tool:
     return ToolRequest(mesh, scale, origin, integration, tolerance).load()  # type: ignore[arg-type]
 
 
@@ -105,7 +107,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
         t["mesh"],
         float(t.get("scale", 0.001)),
         tuple(float(v) for v in t.get("origin", (0.0, 0.0, 0.0))),
-        t.get("integration", "centroid"),
+        t.get("integration"),
         float(t.get("tolerance", 0.0)),
     )
     times, states = _motion(variant["motion"])
