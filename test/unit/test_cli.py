@@ -55,7 +55,7 @@ def test_predict_agrees_with_the_authors_code(shared_data, tmp_path, model):
     paper = shared_data / "paper"
     done = rft(
         *("predict", paper / "circumnutation_P40_states.csv", "--mesh", paper / "root-tip.stl", "--scale", 0.001),
-        *("--origin", 0, 0, 35.5, "--medium", "generic", "--zeta", 0.33, "--alpha-y", model, "-o", "out.csv"),
+        *("--origin", 0, 0, 35.5, "--integration", "centroid", "--zeta", 0.33, "--alpha-y", model, "-o", "out.csv"),
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
