@@ -1,19 +1,19 @@
 """Compile, or load from numba's cache, every kernel that a tick can reach."""
 
-import multiprocessing
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 from numba.core import event
 
+from rft_ros.child_process import start_child
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.settings import Model, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, plate_forces, treers2021
 from rft_ros.tool import load_tool
 
-__all__ = ["warm_up", "warm_up_all"]
+__all__ = ["compile_kernels", "warm_up", "warm_up_all"]
 
 
 def warm_up(model: Model) -> None:
@@ -35,15 +35,13 @@ def warm_up_all(*, memory: bool, on_cold_cache: Callable[[], None] = lambda: Non
             _warm_up_both(memory=memory)
     except _NotCompiledError:
         on_cold_cache()
-        context = multiprocessing.get_context("spawn")
-        processes = [
-            context.Process(target=_warm_up, args=(integration,), kwargs={"memory": memory}, daemon=True)
-            for integration in INTEGRATIONS
-        ]
-        for process in processes:
-            process.start()
-        for process in processes:
-            process.join()
+        processes = [start_child(compile_kernels, integration, memory) for integration in INTEGRATIONS]
+        try:
+            for process in processes:
+                process.wait()
+        finally:
+            for process in processes:
+                process.kill()
         _warm_up_both(memory=memory)
 
 
@@ -63,10 +61,11 @@ class _ColdCache(event.Listener):  # type: ignore[misc]
 
 def _warm_up_both(*, memory: bool) -> None:
     for integration in INTEGRATIONS:
-        _warm_up(integration, memory=memory)
+        compile_kernels(integration, memory)
 
 
-def _warm_up(integration: Integration, *, memory: bool) -> None:
+def compile_kernels(integration: Integration, memory: bool) -> None:
+    """Compile, or load, the kernels of one rule of integration; with `memory`, also those that need it."""
     medium = next(iter(MEDIA.values()))
     table = Table(np.zeros(1), np.zeros(1), np.ones((1, 1)))
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])

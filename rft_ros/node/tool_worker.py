@@ -1,19 +1,18 @@
 """A process beside the node that loads tools. A busy thread in the node would cost one tick in six."""
 
 import mmap
-import multiprocessing
 import os
 import pickle
-import signal
 import time
 from contextlib import suppress
-from multiprocessing.connection import Connection
+from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import recv_handle, send_handle
 
+from rft_ros.child_process import start_child
 from rft_ros.errors import InputError
 from rft_ros.tool import Tool, ToolRequest
 
-__all__ = ["ToolWorker", "receive_tool", "send_tool"]
+__all__ = ["ToolWorker", "receive_tool", "send_tool", "serve"]
 
 _DEADLINE = 120.0  # s
 _NICENESS = 10  # a tenth of a core beside a busy process, all of an idle one
@@ -32,21 +31,19 @@ class ToolWorker:
         self._start()
 
     def _start(self) -> None:
-        context = multiprocessing.get_context("spawn")
-        self._connection, theirs = context.Pipe()
-        self._process = context.Process(target=_serve, args=(theirs,), name="rft tool worker", daemon=True)
-        self._process.start()
+        self._connection, theirs = Pipe()
+        self._process = start_child(serve, theirs.fileno(), pass_fds=[theirs.fileno()])
         theirs.close()
 
     @property
-    def pid(self) -> int | None:
+    def pid(self) -> int:
         """Process id of the worker."""
         return self._process.pid
 
     def load(self, request: ToolRequest) -> None:
         """Begin to load a tool; `poll` answers."""
         self.cancel()
-        if not self._process.is_alive():
+        if self._process.poll() is not None:
             self._replace()
         with suppress(BrokenPipeError):  # `poll` reports it
             self._connection.send(request)
@@ -72,8 +69,7 @@ class ToolWorker:
                 answer = f"mesh.file '{self.loading.file}' took over {self._deadline:g} s to load"
                 self._replace()
         except (EOFError, OSError):
-            self._process.join()
-            status = self._process.exitcode
+            status = self._process.wait()
             answer = f"the process that loads meshes ended with status {status}; a new one is ready, set mesh.file again"
             self._replace()
         self.loading = None
@@ -86,7 +82,9 @@ class ToolWorker:
     def close(self) -> None:
         """End the process."""
         self._process.kill()
-        self._process.join()
+        self._process.wait()
+        if self._process.stdin:
+            self._process.stdin.close()
         self._connection.close()
         self.loading = None
 
@@ -124,10 +122,9 @@ def receive_tool(connection: Connection) -> Tool | str:
     return answer
 
 
-def _serve(connection: Connection) -> None:
-    """Answer requests until the node closes the connection or dies."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the node decides when to end
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGTERM})  # the node blocks it, and blocking is inherited
+def serve(descriptor: int) -> None:
+    """In the worker: answer requests on a connection until the node closes it."""
+    connection = Connection(descriptor)
     os.nice(_NICENESS)
     import scipy.spatial  # noqa: F401
     import trimesh  # noqa: F401
