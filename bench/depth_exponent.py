@@ -11,12 +11,11 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import trimesh
 
-from rft_ros.bags.replay_options import read_replay_options
+from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration import Options, calibrate, read_track
 from rft_ros.calibration.depth_exponent import PowerOfDepth, fit_exponent
 from rft_ros.calibration.penetration import Penetration, penetration_of
-from rft_ros.estimator.parameter_file import read_parameter_file
-from rft_ros.estimator.parameters import defaults
+from rft_ros.estimator.parameters import defaults, read_parameter_file
 from rft_ros.rft import MEDIA, Law, alpha_y_model, checked_states, rotation_matrix, treers2021
 from rft_ros.tool import load_tool
 

@@ -12,8 +12,7 @@ from rft_ros.calibration.findings import Finding
 from rft_ros.calibration.outcome import Calibration
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator.parameter_file import NODE_KEYS, parameter_tree
-from rft_ros.estimator.parameters import Value
+from rft_ros.estimator.parameters import NODE_KEYS, Value, parameter_tree
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.progress import with_progress
+from rft_ros.bags.playback import play, topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.remapping import remapped_topics
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, LoadCell, PoseSample, TwistSample
+from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.parameters import Value, model_of, settings_of
 from rft_ros.tool import Tool
 
@@ -81,9 +80,7 @@ def read_track(
     `values`: the node's parameters; `remap`, `start`, `end` as for a replay. Raises InputError for a bag without usable
     poses or load-cell samples.
     """
-    topics = remapped_topics(remap)
-    if values["twist_source"] != "topic":
-        del topics["twist"]
+    topics = topics_of(values, remap)
     model = model_of({**values, "tolerance": 0.0})  # a reduced tool's error would go into every fit
     # without bias, weight and surface the estimator's compensated wrench is what the load cell read
     settings = replace(settings_of(values), load_cell=LoadCell(), surface_height=_BOTTOMLESS, max_rate=0.0)
@@ -92,17 +89,14 @@ def read_track(
     states: list[NDArray[np.float64]] = []
     readings: list[tuple[float, ...]] = []
     with Recording(bag, topics, start=start, end=end) as recording:
-        for sample in with_progress(recording, bag.name):
-            if isinstance(sample, TwistSample):
-                estimator.push_twist(sample)
-            elif not isinstance(sample, PoseSample):
-                estimator.push_wrench(sample)
-            else:
-                answer = estimator.push_pose(sample)
-                if isinstance(answer, Estimate) and answer.compensated is not None:
-                    stamps.append(answer.stamp)
-                    states.append(estimator.state.copy())
-                    readings.append(answer.compensated)
+        all_states = [
+            estimator.state.copy() for _, answer in play(recording, estimator, bag.name) if isinstance(answer, Estimate)
+        ]
+    for state, measurement in zip(all_states, estimator.measurements(), strict=True):
+        if measurement.compensated is not None:
+            stamps.append(measurement.stamp)
+            states.append(state)
+            readings.append(measurement.compensated)
     if len(stamps) < 2:
         reasons = "".join(f"; {counted}" for counted in estimator.counted())
         raise InputError(

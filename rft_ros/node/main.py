@@ -147,7 +147,7 @@ def _reason(error: Exception) -> str:
     import itertools
 
     from rft_ros.errors import InputError
-    from rft_ros.estimator.parameter_file import parameter_tree
+    from rft_ros.estimator.parameters import parameter_tree
 
     for option, value in itertools.pairwise(sys.argv):
         if option == "--params-file":

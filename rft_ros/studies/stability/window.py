@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import PoseSample
-from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.settings import Settings
+from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import Plates, wrenches
 from rft_ros.studies.figure import BLACK, BLUE, GREY, ORANGE, VERMILION, label_axes, new_figure
 from rft_ros.studies.motions import Motion, OscillatingInsertion, Straight, sample_every
