@@ -14,7 +14,6 @@ from statistics import median
 
 import numba
 import numpy as np
-import numpy_rft
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
@@ -32,6 +31,7 @@ from rft_ros.rft import (
     wrenches_in_time,
 )
 from rft_ros.tool import load_tool
+from studies import numpy_rft
 
 GENERIC = MEDIA["generic"]
 ZETA = 0.33

@@ -11,7 +11,7 @@ import numpy as np
 
 from rft_ros.errors import InputError
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA
-from rft_ros.studies.motions import FAMILIES
+from rft_ros.sweeps.motions import FAMILIES
 from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Design", "Variant", "read_design"]

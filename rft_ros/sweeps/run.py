@@ -196,17 +196,19 @@ def _end_with_parent() -> None:
 def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[int, Rows]]:
     left = dict(tasks)
     for restart in range(_RESTARTS + 1):
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent) as pool:
+        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
+        try:
             futures = {pool.submit(rows_of, variants, columns): k for k, variants in left.items()}
-            try:
-                for future in as_completed(futures):
-                    rows = future.result()
-                    del left[futures[future]]
-                    yield futures[future], rows
-                return
-            except BrokenProcessPool:
-                if restart == _RESTARTS:
-                    raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
+            for future in as_completed(futures):
+                rows = future.result()
+                del left[futures[future]]
+                yield futures[future], rows
+            return
+        except BrokenProcessPool:
+            if restart == _RESTARTS:
+                raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _progress() -> Progress:

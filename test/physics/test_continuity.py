@@ -5,11 +5,18 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import wrenches
-from rft_ros.studies.paper import ALPHA_Y, law
-from rft_ros.studies.stability.overview import LIMIT
-from rft_ros.studies.stability.plate_sweeps import level_sweeps, wheel_sweep
-from rft_ros.studies.stability.surface import height_sweeps
-from rft_ros.studies.stability.sweep import (
+from rft_ros.tool import load_tool
+from studies.force_jumps import (
+    LIMIT,
+    direction_sweeps,
+    height_sweeps,
+    level_sweeps,
+    turning_sweep,
+    wheel_sweep,
+    yaw_sweeps,
+)
+from studies.paper import ALPHA_Y, law
+from studies.parameter_sweep import (
     ANGLE_STEP,
     Sweep,
     both_rules,
@@ -19,10 +26,6 @@ from rft_ros.studies.stability.sweep import (
     scene_states,
     shipped,
 )
-from rft_ros.studies.stability.turning import turning_sweep
-from rft_ros.studies.stability.withdrawal import direction_sweeps
-from rft_ros.studies.stability.yaw import yaw_sweeps
-from rft_ros.tool import load_tool
 
 TOOLS = ("plate", "ellipsoid", "root_tip", "sphere", "abb_plate")
 

@@ -5,6 +5,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -91,12 +92,18 @@ def test_a_demo_too_short_to_reach_the_grains_is_refused_before_anything_starts(
 
 
 def test_an_interrupted_command_says_so_and_ends_as_the_shell_expects(tmp_path):
-    command = [sys.executable, "-m", "rft_ros.cli", "study", "all", "-o", str(tmp_path / "out")]
+    (tmp_path / "study.yaml").write_text(
+        "tools: [{mesh: root_tip}]\n"
+        "motions: [{family: circumnutation, pitch: {from: 0.02, to: 0.2, count: 100000}}]\n"
+        "media: [{zeta: 0.33}]\n"
+    )
+    command = [sys.executable, "-m", "rft_ros.cli", "sweep", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out")]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
-        assert run.stdout
-        run.stdout.readline()  # the first study is done, the next under way
+        while not list(tmp_path.glob("out/chunks/*.csv")):
+            assert run.poll() is None
+            time.sleep(0.01)
         run.send_signal(signal.SIGINT)
         _, said = run.communicate(timeout=60)
-    assert said.splitlines()[-1] == "rft study: interrupted"
+    assert said.splitlines()[-1] == "rft sweep: interrupted"
     assert "Traceback" not in said
     assert run.returncode == 130

@@ -13,8 +13,8 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
-from rft_ros.studies.motions import Circumnutation, sample
 from rft_ros.sweeps.design import read_design
+from rft_ros.sweeps.motions import Circumnutation, sample
 from rft_ros.sweeps.run import run
 from rft_ros.tool import load_tool
 

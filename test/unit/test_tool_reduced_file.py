@@ -10,7 +10,7 @@ from recordings import moments, write_ros2
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.rft import rotation_matrix
-from rft_ros.studies.motions import Circumnutation, sample_every
+from rft_ros.sweeps.motions import Circumnutation, sample_every
 from rft_ros.tool import load_tool
 
 ORIGIN = ("--origin", "0", "0", "1.25")
