@@ -1,14 +1,15 @@
 """How far a long piece of work is, on a terminal's stderr; nothing where there is no terminal."""
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, TypeVar
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
-__all__ = ["busy", "each"]
+__all__ = ["along", "busy", "each"]
 
 _T = TypeVar("_T")
 
@@ -39,3 +40,27 @@ def busy(what: str) -> Iterator[None]:
 
     with Console(stderr=True).status(f"{what} ..."):
         yield
+
+
+_EVERY = 512  # items between looks at the clock
+
+
+def along(items: Iterable[_T], label: str, done: Callable[[], float], total: float) -> Iterator[_T]:
+    """The items of a stream, and a bar once it has taken a second; `done`: how much of `total` lies behind."""
+    if not sys.stderr.isatty():
+        yield from items
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    began = time.monotonic()
+    bar = Progress(console=Console(stderr=True), transient=True)
+    task = bar.add_task(label, total=total)
+    try:
+        for number, item in enumerate(items):
+            yield item
+            if number % _EVERY == 0 and time.monotonic() > began + 1.0:
+                bar.start()
+                bar.update(task, completed=done())
+    finally:
+        bar.stop()

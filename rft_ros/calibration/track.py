@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.progress import with_progress
+from rft_ros.bags.playback import play, topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.remapping import remapped_topics
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, LoadCell, PoseSample, TwistSample
+from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.parameters import Value, model_of, settings_of
 from rft_ros.tool import Tool
@@ -96,41 +95,32 @@ def read_track(
     `values`: the node's parameters; `remap`, `start`, `end` as for a replay. Raises InputError for a bag without usable
     poses or load-cell samples.
     """
-    topics = remapped_topics(remap)
-    if values["twist_source"] != "topic":
-        del topics["twist"]
+    topics = topics_of(values, remap)
     model = model_of({**values, "tolerance": 0.0})  # a reduced tool's error would enter every fit
     # without bias and weight the estimator's compensated wrench is the raw reading
     settings = replace(settings_of(values), load_cell=LoadCell(), surface_height=_BOTTOMLESS, max_rate=0.0)
     estimator = Estimator(settings, model)
-    stamps: list[int] = []
-    states: list[NDArray[np.float64]] = []
-    readings: list[tuple[float, ...]] = []
     with Recording(bag, topics, start=start, end=end) as recording:
-        for sample in with_progress(recording, bag.name):
-            if isinstance(sample, TwistSample):
-                estimator.push_twist(sample)
-            elif not isinstance(sample, PoseSample):
-                estimator.push_wrench(sample)
-            else:
-                answer = estimator.push_pose(sample)
-                if isinstance(answer, Estimate) and answer.compensated is not None:
-                    stamps.append(answer.stamp)
-                    states.append(estimator.state.copy())
-                    readings.append(answer.compensated)
-    if len(stamps) < 2:
+        answers = play(recording, estimator, bag.name)
+        states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
+    rows = [
+        (measurement.stamp, state, measurement.compensated)
+        for state, measurement in zip(states, estimator.measurements(), strict=True)
+        if measurement.compensated is not None
+    ]
+    if len(rows) < 2:
         reasons = "".join(f"; {counted}" for counted in estimator.counted())
         raise InputError(
-            f"bag '{bag}' has {len(stamps)} poses with a velocity and a load-cell sample"
+            f"bag '{bag}' has {len(rows)} poses with a velocity and a load-cell sample"
             f" (topics {', '.join(topics.values())}{reasons})"
         )
-    order = np.argsort(stamps, kind="stable")  # sorted by stamp, also if the bag was recorded in a loop
-    time = (np.array(stamps)[order] - min(stamps)) * 1e-9
+    rows.sort(key=lambda row: row[0])  # a bag recorded in a loop steps back in time
+    stamps = np.array([stamp for stamp, _, _ in rows])
     return Track(
         name=bag.resolve().name,
-        begin=min(stamps),
-        time=time,
-        states=np.array(states)[order],
-        readings=np.array(readings)[order],
+        begin=int(stamps[0]),
+        time=(stamps - stamps[0]) * 1e-9,
+        states=np.array([state for _, state, _ in rows]),
+        readings=np.array([reading for _, _, reading in rows]),
         tool=model.tool,
     )

@@ -50,8 +50,7 @@ def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
     """Force over depth, beside the tool where the force is greatest while the tool still breaks the surface."""
     import numpy as np
 
-    from rft_ros.bags.replay_options import ReplayOptions
-    from rft_ros.bags.states import states_of
+    from rft_ros.bags.playback import ReplayOptions, states_of
     from rft_ros.commands.view import moving_tool
     from rft_ros.estimator.parameter_file import read_parameter_file
     from rft_ros.estimator.parameters import model_of

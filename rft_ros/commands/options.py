@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
-    from rft_ros.bags.replay_options import ReplayOptions
+    from rft_ros.bags.playback import ReplayOptions
     from rft_ros.estimator.parameters import Values
     from rft_ros.rft import Law
     from rft_ros.tool import Tool
@@ -144,7 +144,7 @@ def recording_options(command: argparse._ActionsContainer, *, required: bool = F
 
 def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     """The parameters, and how to read the recording: the options over what the parameter file says."""
-    from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
+    from rft_ros.bags.playback import ReplayOptions, read_replay_options
     from rft_ros.estimator.parameter_file import read_parameter_file
     from rft_ros.estimator.parameters import defaults
 

@@ -49,7 +49,7 @@ class Validity:
         depth: Callable[[], float],
         settings: Settings,
     ) -> int:
-        """Flags, an or of `QualityFlag`, of an estimate at a state, shape [13]; `depth`: asked for the lowest point's."""
+        """Flags, an or of `QualityFlag`, of an estimate at a state, shape [13]; `depth()`: of the lowest point."""
         if not submerged:
             self._path.leave()
             self._countdown = 0

@@ -17,7 +17,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rft_ros.estimator import Estimate, Estimator, Model
+from rft_ros.estimator import Estimate, Estimator, Model, Wrench
 from rft_ros.rft import plate_forces, rotation_matrix
 
 __all__ = ["Markers"]
@@ -80,8 +80,8 @@ class Markers:
         self._drawn: _Drawn | None = None
         self._last = 0
 
-    def publish(self, answer: Estimate | None) -> None:
-        """Draw the last estimate, unless nobody listens or it has been drawn."""
+    def publish(self, answer: Estimate | None, measured: Wrench | None) -> None:
+        """Draw the last estimate and the last compensated wrench, unless nobody listens or they have been drawn."""
         if answer is None or answer.stamp == self._last or not self._publisher.get_subscription_count():
             return
         self._last = answer.stamp
@@ -97,14 +97,14 @@ class Markers:
         p.x, p.y, p.z, q.x, q.y, q.z, q.w = state[:7].tolist()
         tool.scale.x = tool.scale.y = tool.scale.z = 1.0
         self._publisher.publish(_splice(tool, self._drawn.corners, _colours(traction)))
-        self._publisher.publish(MarkerArray(markers=self._small(answer, state)))
+        self._publisher.publish(MarkerArray(markers=self._small(answer, measured, state)))
 
-    def _small(self, answer: Estimate, state: NDArray[np.float64]) -> list[Marker]:
+    def _small(self, answer: Estimate, measured: Wrench | None, state: NDArray[np.float64]) -> list[Marker]:
         """Arrows of the forces from the tool frame's origin, and the surface around the tool."""
         cell = self._estimator.settings.load_cell
         to_world = rotation_matrix(state[3:7]) @ rotation_matrix(cell.quaternion)
         markers = []
-        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, answer.compensated, _MEASURED)):
+        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, measured, _MEASURED)):
             if wrench is None:
                 continue
             arrow = self._marker(answer.stamp, number, Marker.ARROW)

@@ -14,7 +14,7 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, WrenchSample
+from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, Wrench, WrenchSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
 from rft_ros.estimator.parameters import TOOL_PARAMETERS, Value, model_of, settings_of, tool_request
 from rft_ros.node.diagnostics import Diagnostics
@@ -55,6 +55,7 @@ class RftNode(Node):
         self._with_memory = self.estimator.model.mobilization_length > 0.0
         self._diagnostics = Diagnostics(self.get_fully_qualified_name())
         self._last_estimate: Estimate | None = None
+        self._last_measured: Wrench | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
 
         self._predicted = self.create_publisher(WrenchStamped, "~/wrench_predicted", _OUTPUTS)
@@ -80,7 +81,9 @@ class RftNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
         markers = Markers(self, self.estimator)
-        self.create_timer(_MARKER_PERIOD, lambda: markers.publish(self._last_estimate), clock=steady)
+        self.create_timer(
+            _MARKER_PERIOD, lambda: markers.publish(self._last_estimate, self._last_measured), clock=steady
+        )
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
 
@@ -109,6 +112,7 @@ class RftNode(Node):
     def _on_wrench(self, data: bytes) -> None:
         if isinstance(sample := self._received("wrench", data), WrenchSample):
             self.estimator.push_wrench(sample)
+            self._publish_measurements()
 
     def _on_twist(self, data: bytes) -> None:
         if isinstance(sample := self._received("twist", data), TwistSample):
@@ -130,11 +134,16 @@ class RftNode(Node):
             return
         stamp, serialise = answer.stamp, self._serialise
         self._predicted.publish(serialise(stamp, answer.predicted))
-        if answer.compensated is not None and answer.residual is not None:
-            self._compensated.publish(serialise(stamp, answer.compensated))
-            self._residual.publish(serialise(stamp, answer.residual))
         self._last_estimate = answer
         self._diagnostics.tick(perf_counter() - start, answer)
+        self._publish_measurements()
+
+    def _publish_measurements(self) -> None:
+        for measurement in self.estimator.measurements():
+            if measurement.compensated is not None and measurement.residual is not None:
+                self._compensated.publish(self._serialise(measurement.stamp, measurement.compensated))
+                self._residual.publish(self._serialise(measurement.stamp, measurement.residual))
+                self._last_measured = measurement.compensated
 
     # --- parameters and swaps
 

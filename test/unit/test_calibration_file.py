@@ -10,7 +10,7 @@ from recordings import START, write_ros2
 from rich.console import Console
 from synthetic_track import HANGING, ORIENTATIONS, Path, dragged, grain_wrenches, hanging, law, read_by, unknown
 
-from rft_ros.bags.replay import read_replay_options
+from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration import Calibration, FittedValue
 from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.overview import print_overview
