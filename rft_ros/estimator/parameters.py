@@ -106,9 +106,9 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     Parameter(
         "integration",
-        "centroid",
-        "Rule for plates: centroid (published), or refined: exact where the surface cuts a plate, smooth at"
-        " the leading edge, true to curved tools.",
+        "refined",
+        "Integration rule for plates: refined (exact where the surface cuts a plate, smooth at the leading"
+        " edge, true to curved tools), or centroid (the published rule).",
         choices=INTEGRATIONS,
     ),
     Parameter(
