@@ -212,8 +212,8 @@ class Estimator:
             self._tare.disturb(pose.stamp, f"the tool's velocity was not known ({no_twist.value})")
             return no_twist
         speed = self._speed()
-        self._evaluate(pose.stamp, speed)
-        in_grains = bool(self._result[0, 6] > 0.0)
+        area = self._evaluate(pose.stamp, speed)
+        in_grains = area > 0.0
         self._watch_for_tare(pose.stamp, speed, in_grains)
         if in_grains and speed < self.settings.rest_speed and self._memory is None:
             self._answered()
@@ -223,7 +223,11 @@ class Estimator:
             return Reason.ESTIMATE_NOT_FINITE
         self._answered()
         self._comparison.add(pose.stamp, numbers, self._frame)
-        return self._estimate(pose.stamp, numbers, speed, in_grains)
+        quality_flags = self._quality.flags(
+            self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
+        )
+        fx, fy, fz, tx, ty, tz, *_ = numbers
+        return Estimate(pose.stamp, (fx, fy, fz, tx, ty, tz), speed, area, self.model.generation, quality_flags)
 
     def _accepted(self, sample: PoseSample) -> PoseSample | Reason:
         """The pose with its quaternion at unit length, now the last one; or why it cannot be used."""
@@ -262,19 +266,19 @@ class Estimator:
     def _find_velocity(self, pose: PoseSample) -> Reason | None:
         """Write the state at the pose, with the velocity in world axes; or say why there is no velocity."""
         state = self._next[0]
-        state[0:3] = pose.position
-        state[3:7] = pose.quaternion
         if self.settings.twist_source == "pose_difference":
             ready = self._difference.push(pose)
+            state[0:7] = pose.position + pose.quaternion
             state[7:13] = self._difference.twist
             return None if ready else Reason.POSE_HISTORY_SHORT
-        twist = next((t for t in reversed(self._twists) if t.stamp <= pose.stamp), None)
-        if twist is None:
+        for twist in reversed(self._twists):
+            if twist.stamp <= pose.stamp:
+                break
+        else:
             return Reason.TWIST_MISSING
         if pose.stamp - twist.stamp > self._max_age:
             return Reason.TWIST_STALE
-        state[7:10] = twist.linear
-        state[10:13] = twist.angular
+        state[:] = pose.position + pose.quaternion + twist.linear + twist.angular
         if twist.frame == self.settings.tool_frame:
             to_world = rotation_matrix(pose.quaternion)
             state[7:10] = to_world @ state[7:10]
@@ -297,12 +301,12 @@ class Estimator:
         vx, vy, vz, wx, wy, wz = self._next[0, 7:13].tolist()
         return math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.model.tool.plates.reach
 
-    def _evaluate(self, stamp: int, speed: float) -> None:
-        """The wrench on the tool at the state, into the result."""
+    def _evaluate(self, stamp: int, speed: float) -> float:
+        """Write the wrench on the tool at the state into the result; return the submerged area [m²]."""
         plates, law, surface = self.model.tool.plates, self.model.law, self.settings.surface_height
         if self._memory is None:
             wrenches(plates, law, self._next, surface_height=surface, threads=1, out=self._result)
-            return
+            return float(self._result[0, 6])
         if speed < self.settings.rest_speed:  # the noise of a tool at rest must not make a path
             self._next[0, 7:13] = 0.0
         self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
@@ -318,6 +322,7 @@ class Estimator:
             surface_height=surface,
             out=self._result,
         )
+        return float(self._result[0, 6])
 
     def _watch_for_tare(self, stamp: int, speed: float, in_grains: bool) -> None:
         if in_grains:
@@ -330,11 +335,3 @@ class Estimator:
     def _answered(self) -> None:
         """The state under way becomes `state`."""
         self._state, self._next = self._next, self._state
-
-    def _estimate(self, stamp: int, numbers: list[float], speed: float, in_grains: bool) -> Estimate:
-        quality_flags = self._quality.flags(
-            self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
-        )
-        fx, fy, fz, tx, ty, tz = numbers[:6]
-        area = float(self._result[0, 6])
-        return Estimate(stamp, (fx, fy, fz, tx, ty, tz), speed, area, self.model.generation, quality_flags)

@@ -131,28 +131,20 @@ class Comparison:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason.value] += 1
             return Measurement(stamp, None, None, reason)
-        m: Wrench = before.wrench
+        # written out by component: loops take twice as long
+        ax, ay, az, dx, dy, dz = before.wrench
         if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
-            share, n = (stamp - before.stamp) / (after.stamp - before.stamp), after.wrench
-            m = (
-                m[0] + share * (n[0] - m[0]),
-                m[1] + share * (n[1] - m[1]),
-                m[2] + share * (n[2] - m[2]),
-                m[3] + share * (n[3] - m[3]),
-                m[4] + share * (n[4] - m[4]),
-                m[5] + share * (n[5] - m[5]),
-            )
-        s, b, p = frame.sign, frame.bias, numbers  # p: the prediction, then the weight
-        compensated = c = (
-            s * (m[0] - b[0]) - p[6],
-            s * (m[1] - b[1]) - p[7],
-            s * (m[2] - b[2]) - p[8],
-            s * (m[3] - b[3]) - p[9],
-            s * (m[4] - b[4]) - p[10],
-            s * (m[5] - b[5]) - p[11],
-        )
-        residual = (c[0] - p[0], c[1] - p[1], c[2] - p[2], c[3] - p[3], c[4] - p[4], c[5] - p[5])
-        return Measurement(stamp, compensated, residual, None)
+            share = (stamp - before.stamp) / (after.stamp - before.stamp)
+            bx, by, bz, ex, ey, ez = after.wrench
+            ax, ay, az = ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
+            dx, dy, dz = dx + share * (ex - dx), dy + share * (ey - dy), dz + share * (ez - dz)
+        sign = frame.sign
+        bx, by, bz, ex, ey, ez = frame.bias
+        fx, fy, fz, tx, ty, tz, wx, wy, wz, ux, uy, uz = numbers  # the prediction, then the weight
+        ax, ay, az = sign * (ax - bx) - wx, sign * (ay - by) - wy, sign * (az - bz) - wz
+        dx, dy, dz = sign * (dx - ex) - ux, sign * (dy - ey) - uy, sign * (dz - ez) - uz
+        residual = (ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz)
+        return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 
 
 class Tare:
