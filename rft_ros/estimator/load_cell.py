@@ -1,10 +1,10 @@
 """From what the load cell reports to what the grains do, and from the tool's wrench to the load cell's frame."""
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.settings import LoadCell
+from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import rotation
 
 __all__ = ["GRAVITY", "LoadCellFrame"]
@@ -12,7 +12,7 @@ __all__ = ["GRAVITY", "LoadCellFrame"]
 GRAVITY = 9.80665  # m/s², standard (ISO 80000-3)
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _into_sensor(mount, quaternion, world_wrench, out):  # type: ignore[no-untyped-def]
     """Wrench in world axes about the tool frame's origin into sensor axes about the sensor's origin; and the weight.
 

@@ -58,7 +58,7 @@ def warm_up_all(*, memory: bool) -> None:
 
 def _warm_up(integration: Integration, *, memory: bool) -> None:
     medium = next(iter(MEDIA.values()))
-    table = Table(np.zeros(1), np.zeros(1), np.ones((1, 1)))
+    table = Table.sampled([0.0], [0.0], [[1.0]])
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
     tool = load_tool("plate", integration=integration)
     for name in ALPHA_Y_MODELS:
