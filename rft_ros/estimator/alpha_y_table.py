@@ -18,7 +18,7 @@ def _number(cell: str) -> float | None:
 
 
 def read_alpha_y_table(file: str) -> Table:
-    """Read and check a table; lines that begin with # and a line of names before the numbers are passed over.
+    """Read and check a table; lines that begin with # and a header line before the numbers are skipped.
 
     Raises InputError that names the file and what is wrong in it.
     """

@@ -148,7 +148,7 @@ class Comparison:
 
 
 class Tare:
-    """When the tool was last seen moving, in the grains, or without a known velocity: a tare is wrong then."""
+    """When the tool last hung still in the air, and when it last did anything for which a tare would be wrong."""
 
     def __init__(self) -> None:
         self._seen = False
@@ -157,11 +157,11 @@ class Tare:
         self._disturbance = ""
 
     def disturb(self, stamp: int, what: str) -> None:
-        """Note that at `stamp` [ns] a tare would be wrong, and why."""
+        """Note that a tare would be wrong at `stamp` [ns], and why."""
         self._seen, self._disturbed, self._disturbance = True, stamp, what
 
     def still(self, stamp: int) -> None:
-        """Note that at `stamp` [ns] the tool hung still in the air."""
+        """Note that the tool hung still in the air at `stamp` [ns]."""
         self._seen, self._still = True, stamp
         if stamp < self._disturbed:  # time jump
             self._disturbed = 0

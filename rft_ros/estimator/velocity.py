@@ -1,4 +1,4 @@
-"""Twist by differencing poses on SE(3): the slope of a line through the last poses, which tames encoder noise."""
+"""Velocity from poses: the slope of a line fitted to the last ones on SE(3), which averages encoder noise."""
 
 import math
 
@@ -33,7 +33,7 @@ def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignor
         age = stamps[newest] - stamps[at]
         if stamps[at] == 0 or age > oldest_allowed or (age > window and n >= _FEWEST):
             break
-        t = -1e-9 * age  # from integers: the same whenever the run began
+        t = -1e-9 * age  # from integer differences: independent of the epoch
         # rotation from the newest pose to this one: q_row * conj(q_newest), as a rotation vector
         bx, by, bz, bw = row[3], row[4], row[5], row[6]
         rx = bw * ax + bx * aw + by * az - bz * ay
@@ -60,7 +60,7 @@ def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignor
 
 
 class PoseDifference:
-    """Ring of the last poses. Causal: the twist is that of the window's middle, half a window ago."""
+    """A ring of the last poses. The twist is that of the window's middle, half a window ago."""
 
     def __init__(self) -> None:
         self._window = 0
@@ -76,7 +76,7 @@ class PoseDifference:
         self._max_age = max(round(1e9 * max_age), self._window)
 
     def push(self, pose: PoseSample) -> bool:
-        """Add a pose; True once `twist` (vx, vy, vz, wx, wy, wz; world axes) holds the answer for it."""
+        """Add a pose; whether there are enough for `twist` (vx, vy, vz, wx, wy, wz [m/s], [rad/s]; world axes)."""
         self._newest = (self._newest + 1) % _CAPACITY
         self._stamps[self._newest] = pose.stamp
         row = self._ring[self._newest]
