@@ -47,9 +47,10 @@ fuzz: venv
 venv: $(STAMP)
 
 $(STAMP): setup.py package.xml
+	@echo "Setting up $(VENV) with Python, ROS and test packages from PyPI: downloads about 350 MB, takes a minute or more"
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[ros,test,dev]'
+	$(BIN)/python -m pip install --editable '.[ros,test,dev]'
 	touch $@
 
 clean:

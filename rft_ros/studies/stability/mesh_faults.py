@@ -11,7 +11,7 @@ from rft_ros.studies.outcome import Outcome
 from rft_ros.studies.paper import law
 from rft_ros.studies.stability.drawing import RULE_COLOUR, by_rule_outcome
 from rft_ros.studies.stability.sweep import Array, both_rules
-from rft_ros.tool.any_motion import random_motions
+from rft_ros.tool.random_motions import random_motions
 
 __all__ = ["faulty_balls", "mesh_faults"]
 
