@@ -1,4 +1,4 @@
-# Two commands do everything on a fresh Debian or Ubuntu with Python 3.10-3.13: make demo, make test.
+# On a fresh Debian or Ubuntu with Python 3.10-3.13: make demo, make test. Each first makes .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -47,7 +47,7 @@ fuzz: venv
 venv: $(STAMP)
 
 $(STAMP): setup.py package.xml
-	@echo "Setting up $(VENV) with Python, ROS and test packages from PyPI: downloads about 350 MB, takes a minute or more"
+	@echo 'Setting up $(VENV) with packages from PyPI, ROS among them: downloads about 300 MB, takes a minute or more.'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --editable '.[ros,test,dev]'

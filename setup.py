@@ -1,6 +1,6 @@
 """ament_python package of rft_ros; works with colcon on ROS 2 Jazzy and with plain pip.
 
-Name, version, description, licence and maintainer stand in package.xml, which ROS tools read, and only there.
+Name, version, description, licence and maintainer are read from package.xml, as ROS tools do.
 """
 
 from glob import glob
@@ -32,7 +32,7 @@ setup(
         (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
         (f"share/{NAME}/launch", glob("launch/*.py")),
         (f"share/{NAME}/meshes", glob("meshes/*.stl")),
-        # ros2 run and ros2 launch look here; pip ignores setup.cfg's install_scripts (DESIGN 6).
+        # ros2 run and ros2 launch look here; pip ignores setup.cfg's install_scripts.
         (f"lib/{NAME}", ["scripts/rft_node", "scripts/rft"]),
     ],
     install_requires=[

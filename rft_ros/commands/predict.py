@@ -36,8 +36,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     law_options(command)
     number_option(
         *(command, "--mobilization-length", "M"),
-        "displacement [m] to reach 63 percent of full resistance at 30 mm depth, for states in order of time (default 0: no"
-        " memory)",
+        "displacement [m] to reach 63 percent of full resistance at 30 mm depth, for states in order of time (default"
+        " 0: no memory)",
         0.0,
     )
     surface_option(command)
