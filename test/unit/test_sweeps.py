@@ -84,7 +84,7 @@ def test_a_row_holds_what_the_core_gives_for_its_variant(tmp_path):
     law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33)
     _, states = sample(Circumnutation(pitch=0.1), 30)
     expected = wrenches(load_tool("root_tip").plates, law, states)
-    assert float(row["mean_fz"]) == expected[:, 2].mean()
+    assert float(row["mean_fz"]) == pytest.approx(expected[:, 2].mean(), rel=1e-14)  # sums of another order
     assert float(row["peak_force"]) == np.linalg.norm(expected[:, :3], axis=1).max()
 
 
