@@ -250,8 +250,8 @@ def _page(judged: Sequence[Judged]) -> str:
             )  # fmt: skip
         figure.add_trace(
             go.Scatter(x=list(_simulated_seconds(group)), y=[50.0 * sum(PACKINGS)] * 2,
-                       name="discrete elements (two packings)", legendgroup="dem", showlegend=k == 0, mode="lines+markers",
-                       line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
+                       name="discrete elements (two packings)", legendgroup="dem", showlegend=k == 0,
+                       mode="lines+markers", line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
                        error_y={"array": [50.0 * (PACKINGS[1] - PACKINGS[0])] * 2}),
             row=row, col=column,
         )  # fmt: skip
