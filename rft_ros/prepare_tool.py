@@ -1,9 +1,9 @@
 """A process beside the node that loads and checks tools, so that a swap costs the ticks nothing.
 
-A busy thread in the node would cost one tick in six (DESIGN 6), and a new process spends most of its time on imports,
-which hold up the ticks of a machine with few cores. So `start_preparer` forks one before ROS starts, with everything
-imported; for each request it forks a child, on processor time that nobody else wants. A tool's arrays lie in a file of
-their own, which the node maps: reading 9 MB would hold up a tick for 5 ms.
+A busy thread in the node would cost one tick in six (docs/architecture.md), and a new process spends most of its time
+on imports, which hold up the ticks of a machine with few cores. So `start_preparer` forks one before ROS starts, with
+everything imported; for each request it forks a child, on processor time that nobody else wants. A tool's arrays lie
+in a file of their own, which the node maps: reading 9 MB would hold up a tick for 5 ms.
 """
 
 import ctypes

@@ -46,10 +46,10 @@ def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
 
     from rft_ros.bags.replay_options import ReplayOptions
     from rft_ros.bags.states import states_of
+    from rft_ros.commands.view import moving_tool
     from rft_ros.estimator.parameter_file import read_parameter_file
     from rft_ros.estimator.parameters import model_of
     from rft_ros.report.depth_figure import draw_force_over_depth
-    from rft_ros.studies.view import moving_tool
     from rft_ros.tool import share_directory
 
     values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")

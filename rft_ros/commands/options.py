@@ -84,7 +84,7 @@ def integration_option(command: argparse._ActionsContainer) -> None:
         "--integration",
         choices=_INTEGRATIONS,
         metavar="RULE",
-        help="centroid: published rule; refined: ours (default centroid; a reduced tool has its own)",
+        help="refined, or centroid: the published rule (default refined; a reduced tool keeps its own)",
     )
 
 

@@ -99,11 +99,11 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     Parameter(
         name="integration",
-        default="centroid",
+        default="refined",
         unit="",
         choices=INTEGRATIONS,
-        description="Rule for plates: centroid (published), or refined: exact where the surface cuts a plate, smooth at"
-        " the leading edge, true to curved tools.",
+        description="Integration rule for plates: refined (exact where the surface cuts a plate, smooth at the leading"
+        " edge, true to curved tools), or centroid (the published rule).",
     ),
     Parameter(
         name="tolerance",

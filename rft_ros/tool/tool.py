@@ -68,7 +68,7 @@ def load_tool(
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
     `integration`: the plates' rule; ``refined`` also gives them the area of the surface that the mesh samples. None:
-    the rule of a reduced tool, ``centroid`` for a mesh.
+    the rule of a reduced tool, ``refined`` for a mesh.
     `tolerance`: over 0, use the fewest plates whose wrench stays within this share of the full tool's in any motion, at
     the 95th percentile (`rft_ros.tool.reduce`). A reduced tool stays as it is.
     Normals come from the facets' winding, not from the file. Facets without area are dropped.
@@ -82,7 +82,7 @@ def load_tool(
     reduced = read_reduced(path) if path.suffix.lower() == SUFFIX else None
     if reduced and integration not in (None, reduced.integration):
         raise InputError(f"mesh file '{path}' holds plates for integration '{reduced.integration}' only")
-    rule = reduced.integration if reduced else integration
+    rule = reduced.integration if reduced else integration or "refined"
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
     facets = refined_plates(vertices, faces) if rule == "refined" else centroid_plates(vertices, faces)

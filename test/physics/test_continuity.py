@@ -1,15 +1,23 @@
-"""No jumps under the refined rule, wherever a sweep goes; the published ones under the published rule."""
+"""The refined rule does not jump on any sweep; the published rule has its published jumps."""
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import wrenches
-from rft_ros.studies.paper import ALPHA_Y, law
-from rft_ros.studies.stability.overview import LIMIT
-from rft_ros.studies.stability.plate_sweeps import level_sweeps, wheel_sweep
-from rft_ros.studies.stability.surface import height_sweeps
-from rft_ros.studies.stability.sweep import (
+from rft_ros.tool import load_tool
+from studies.force_jumps import (
+    LIMIT,
+    direction_sweeps,
+    height_sweeps,
+    level_sweeps,
+    turning_sweep,
+    wheel_sweep,
+    yaw_sweeps,
+)
+from studies.paper import ALPHA_Y, law
+from studies.parameter_sweep import (
     ANGLE_STEP,
     Sweep,
     both_rules,
@@ -19,10 +27,6 @@ from rft_ros.studies.stability.sweep import (
     scene_states,
     shipped,
 )
-from rft_ros.studies.stability.turning import turning_sweep
-from rft_ros.studies.stability.withdrawal import direction_sweeps
-from rft_ros.studies.stability.yaw import yaw_sweeps
-from rft_ros.tool import load_tool
 
 TOOLS = ("plate", "ellipsoid", "root_tip", "sphere", "abb_plate")
 
@@ -84,14 +88,14 @@ def test_the_published_jump_of_a_nearly_level_plate_is_where_the_released_code_s
         assert abs(np.degrees(line.at)) == pytest.approx(np.degrees(np.arccos(0.999)), abs=0.02)
 
 
-def test_what_remains_pure_turning_on_few_facets_jumps_under_the_refined_rule_too():
+def test_turning_about_an_axis_through_few_facets_jumps_under_the_refined_rule_too():
     """A facet that turns about a line through its middle changes sides at once (docs/where-it-fails.md)."""
     coarse, fine = (largest(turning_sweep(divisions), "refined") for divisions in (1, 8))
     assert LIMIT < coarse < 0.04
     assert fine < 0.6 * coarse
 
 
-def test_a_jump_is_what_the_neighbouring_steps_do_not_foretell():
+def test_a_jump_is_a_change_beyond_that_of_the_neighbouring_steps():
     smooth = np.linspace(1.0, 2.0, 50)[:, None] ** 3
     stepped = smooth + np.where(np.arange(50) >= 25, 0.5, 0.0)[:, None]
     assert jumps(smooth).max() < 1e-3
@@ -122,7 +126,7 @@ def test_the_three_knife_edge_cases_of_the_wheel_hold_still_under_rounding(wheel
         assert moved < 0.01
 
 
-def test_a_wheel_of_its_own_moves_by_ten_newtons_under_rounding_by_the_published_rule_and_not_at_all_by_the_refined():
+def test_rounding_moves_the_force_on_a_wheel_by_ten_newtons_under_the_published_rule_only():
     sweep = wheel_sweep()
     states = sweep.states(np.zeros(40))
     states[:, 7:10] += 1e-14 * np.random.default_rng(0).normal(size=(40, 3))
@@ -135,7 +139,7 @@ def test_a_wheel_of_its_own_moves_by_ten_newtons_under_rounding_by_the_published
 
 
 def test_two_rules_of_a_mesh_have_the_same_facets():
-    tool = load_tool("ellipsoid")
-    plates = both_rules(tool.vertices, tool.faces)
+    tool = load_tool("ellipsoid", integration="centroid")
+    plates = both_rules(trimesh.Trimesh(tool.vertices, tool.faces, process=False))
     np.testing.assert_allclose(plates["centroid"].packed, tool.plates.packed, atol=1e-15)
     assert len(plates["refined"]) == len(tool.plates)

@@ -20,11 +20,10 @@ ALLOWED = {
     "bags": {"estimator", "tool", "rft", "report", "errors", "progress", "yaml_file"},
     "node": {"installation", "prepare_tool", "bags", "estimator", "tool", "rft", "report", "errors"},
     "calibration": {"bags", "estimator", "tool", "rft", "report", "errors"},
-    "studies": {"bags", "estimator", "tool", "rft", "report", "errors", "states_file"},
-    "sweeps": {"studies", "tool", "rft", "states_file", "errors", "yaml_file"},
+    "sweeps": {"tool", "rft", "states_file", "errors", "yaml_file"},
     "commands": {
         *("node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"),
-        *("calibration", "studies", "sweeps", "progress"),
+        *("calibration", "sweeps", "progress"),
     },
     "cli": {"commands", "installation", "errors"},
 }
