@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import PoseSample
-from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.settings import Settings
+from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample, sample_every
 from rft_ros.sweeps.outcomes import work

@@ -48,7 +48,7 @@ class Motion:
     """The motion of an estimator's tool, pose by pose."""
 
     def __init__(self, estimator: Estimator) -> None:
-        self._state = estimator.state
+        self._estimator = estimator
         self._corners = estimator.model.tool.corners
         self._settings = estimator.settings
         self._out = np.zeros(7)
@@ -65,13 +65,13 @@ class Motion:
             speed = answer.speed
         elif answer.reason in _UNPLACED:
             return None, None
-        _lowest_point(self._corners, self._state, self._out)
+        elif answer.reason is not Reason.AT_REST:
+            return self._estimator.depth(), None
+        _lowest_point(self._corners, self._estimator.state, self._out)
         height, vx, vy, vz, *up = self._out.tolist()
         depth = self._settings.surface_height - height
         if depth > self._deepest:
             self._deepest, self._up = depth, np.array(up)
-        if isinstance(answer, NoEstimate) and answer.reason is not Reason.AT_REST:
-            return depth, None
         return depth, Moment(answer.stamp, depth, -vz, math.hypot(vx, vy, vz), speed)
 
     def vertical_axis(self) -> tuple[str, str]:

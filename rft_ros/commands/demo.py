@@ -44,11 +44,9 @@ def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
     """Force over depth, and the tool at the greatest force while part of it is still above the surface."""
     import numpy as np
 
-    from rft_ros.bags.replay_options import ReplayOptions
-    from rft_ros.bags.states import states_of
+    from rft_ros.bags.playback import ReplayOptions, states_of
     from rft_ros.commands.view import moving_tool
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import model_of
+    from rft_ros.estimator.parameters import model_of, read_parameter_file
     from rft_ros.report.depth_figure import draw_force_over_depth
     from rft_ros.tool import share_directory
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
-    from rft_ros.bags.replay_options import ReplayOptions
+    from rft_ros.bags.playback import ReplayOptions
     from rft_ros.estimator.parameters import Values
     from rft_ros.rft import Law
     from rft_ros.tool import Tool
@@ -153,9 +153,8 @@ def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
 
     ``--tare 0`` overrides a `tare` of the file by none.
     """
-    from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import defaults
+    from rft_ros.bags.playback import ReplayOptions, read_replay_options
+    from rft_ros.estimator.parameters import defaults, read_parameter_file
 
     file = arguments.params
     values = read_parameter_file(file) if file else defaults()

@@ -75,7 +75,7 @@ def _of_states(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
 
 
 def _of_bag(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
-    from rft_ros.bags.states import states_of
+    from rft_ros.bags.playback import states_of
     from rft_ros.estimator.parameters import model_of, settings_of
 
     values, options = recording(arguments)

@@ -1,7 +1,7 @@
-"""The mobilization length λ from what the force does after the tool turns round, or sets out, in the grains.
+"""The mobilization length λ, from the force after the tool turns round, or starts from rest, in the grains.
 
-A stop alone does not tell λ: with any λ over 0 the force holds. The path that follows does, and so does the build-up
-where a recording begins with the tool at rest in the grains.
+A stop alone does not identify λ: the force holds with any λ over 0. The path that follows does, and so does the
+build-up where a recording begins with the tool at rest in the grains.
 """
 
 from collections.abc import Sequence
@@ -10,28 +10,26 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.findings import CannotTell, Finding, mean_of
-from rft_ros.calibration.load_cell_weight import grain_forces
-from rft_ros.calibration.regression import ProfileFit, fit_profile
-from rft_ros.calibration.stretches import Turn
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, ProfileFit, fit_each, fit_profile, mean_of
+from rft_ros.calibration.segments import Turn, turns_in_grains
+from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Track
-from rft_ros.estimator import LoadCell
 from rft_ros.rft import Law, Memory, wrenches_in_time
 
-__all__ = ["TurnFit", "fit_turn", "forces_in_time", "length_finding"]
+__all__ = ["fit_memory_length", "forces_in_time"]
 
 _SHORTEST, _LONGEST = 1e-4, 0.1
-"""Values of λ that are looked through [m]."""
+"""Range of λ that is searched [m]."""
 
 _UNSURE = 0.5
-"""Standard error of λ over λ from which on it is not told."""
+"""Greatest standard error of λ, relative to λ."""
 
 _UNLIKE = 0.15
-"""RMS residual over the greatest force from which on the model does not describe what happened."""
+"""Greatest RMS residual over the greatest force at which the model still describes the turn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class TurnFit:
+class _TurnFit:
     """λ of one turn [m] with its standard `error`; RMS residual over the greatest force, with λ and without memory."""
 
     bag: str
@@ -63,22 +61,13 @@ def forces_in_time(
     )[:, :3]
 
 
-def fit_turn(
-    track: Track,
-    turn: Turn,
-    cell: LoadCell,
-    law: Law,
-    *,
-    surface: float,
-    rest_speed: float,
-    force_error: float = 0.0,
-) -> TurnFit:
-    """λ of one turn by least squares of the force's three components, with a scale of its own.
+def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: float, rest_speed: float) -> _TurnFit:
+    """λ of one turn by least squares of the force's three components, with a free scale.
 
-    `force_error`: standard error of the vertical force's zero [N]. Raises CannotTell where the data do not fix λ.
+    Raises NotIdentifiable where the data do not determine λ.
     """
     rows = turn.rows - turn.first
-    measured = grain_forces(track, cell)[turn.rows]
+    measured = track.grain_forces(sensor.cell)[turn.rows]
 
     def shape(logarithm: float) -> NDArray[np.float64]:
         forces = forces_in_time(
@@ -101,6 +90,7 @@ def fit_turn(
     peak = float(np.linalg.norm(measured, axis=1).max())
     misfit = found.linear.rms / peak
     relative = found.error
+    force_error = sensor.vertical_error(track, turn.at)
     if force_error > 0.0:
         moved = fit(measured + np.array([0.0, 0.0, force_error])).parameter - found.parameter
         relative = float(np.hypot(relative, moved))
@@ -108,22 +98,21 @@ def fit_turn(
     where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
     edge = 0.02 * (high - low)
     if found.parameter < low + edge:
-        raise CannotTell(
-            f"{where}: the force follows the turn at once; λ is shorter than {1e3 * length:.2g} mm can tell"
+        raise NotIdentifiable(
+            f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
     if found.parameter > high - edge or relative > _UNSURE:
-        raise CannotTell(
+        raise NotIdentifiable(
             f"{where}: λ comes out as {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
             f" {100 * _UNSURE:.0f} % and less than {1e3 * _LONGEST:g} mm"
         )
     if misfit > _UNLIKE or found.linear.coefficients[0] <= 0.0:
-        raise CannotTell(
-            f"{where}: the force after the turn is not what the model makes of it with any λ (RMS"
-            f" {100 * misfit:.0f} % of the greatest)"
+        raise NotIdentifiable(
+            f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
         )
     without = shape(low)
     rest = measured.T.ravel() - without * float(without @ measured.T.ravel() / (without @ without))
-    return TurnFit(
+    return _TurnFit(
         bag=track.name,
         length=length,
         error=length * relative,
@@ -132,18 +121,25 @@ def fit_turn(
     )
 
 
-def length_finding(turns: Sequence[TurnFit]) -> Finding:
-    """The mean λ over turns; CannotTell without any."""
-    if not turns:
-        raise CannotTell("in the grains the tool never turns round, nor sets out from rest where a recording begins")
+def fit_memory_length(
+    tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, rest_speed: float
+) -> FittedValue:
+    """`medium.mobilization_length`: the mean λ over turns; `law` at any ζ. Raises NotIdentifiable without one.
+
+    `surface`: its height [m].
+    """
+    turns = fit_each(
+        lambda track, turn: _fit_turn(track, turn, sensor, law, surface=surface, rest_speed=rest_speed),
+        [(track, turn) for track in tracks for turn in turns_in_grains(track, surface, rest_speed)],
+        none="in the grains the tool never turns round, nor starts from rest where a recording begins",
+    )
     length, error = mean_of([t.length for t in turns], [t.error for t in turns])
     misfit, without = (100 * float(np.mean(m)) for m in ([t.misfit for t in turns], [t.misfit_without for t in turns]))
-    return Finding(
+    return FittedValue(
         name="medium.mobilization_length",
         values=(length,),
         errors=(error,),
         unit="m",
         goodness=f"RMS {misfit:.1f} % of the greatest force around turns; without memory {without:.1f} %",
         source=", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns),
-        parameter="medium.mobilization_length",
     )

@@ -1,12 +1,12 @@
-"""Where a recording turns in the grains, and that λ is fitted to what the node computes."""
+"""Turns in the grains are found, and λ is fitted with the forces that the node computes."""
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_track import TOOL, Path, law, track_of
 
-from rft_ros.calibration.mobilization import forces_in_time
-from rft_ros.calibration.stretches import turns_in_grains
+from rft_ros.calibration.memory_length import forces_in_time
+from rft_ros.calibration.segments import turns_in_grains
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Settings, TwistSample
 
 REST = 2e-4
@@ -38,7 +38,7 @@ def test_turns_are_found_where_the_tool_turns_in_the_grains(path, seconds):
 
 
 def test_the_forces_are_those_of_the_estimator():
-    """λ is worth something to the node only if the fit's forces are the node's, to the last digits."""
+    """A fitted λ suits the node only if the fit uses the forces that the node computes."""
     path = Path((0.0, 0.0, 0.02)).move((0.0, 0.0, -0.05), 0.01).wait(0.5).move((0.02, 0.0, 0.01), 0.01)
     track = still_readings(path)
     settings = Settings(surface_height=0.0, rest_speed=REST)

@@ -1,50 +1,51 @@
-"""Which moments of a recording are of use: still, going down, dragged level. Found from pose and speed alone."""
+"""Segments of a recording that identify something: still, straight down, level, turns. Found from pose and speed."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.signal import find_peaks
 
 from rft_ros.calibration.track import Track
 
 __all__ = ["Stroke", "Turn", "down_strokes", "level_runs", "still_intervals", "turns_in_grains"]
 
 _GAP = 0.5
-"""Samples further apart than this [s] do not belong together."""
+"""A longer time between samples [s] ends a segment."""
 
 _SETTLING = 0.1
-"""What follows a stop and precedes a start by less than this [s] is left out: the arm rings, velocities lag."""
+"""This time [s] after a stop and before a start is left out: the arm vibrates and velocities lag."""
 
 _SHORTEST_STILL = 0.25
-"""Shortest time at rest that counts, after settling [s]."""
+"""Shortest time at rest, after settling [s]."""
 
 _TURN = 0.002
 """A movement up must be this long [m] to end a stroke down."""
 
 _TILT = np.deg2rad(3.0)
-"""Orientations that differ by less than this are taken as one."""
+"""Orientations that differ by less than this count as one."""
 
 _STEEP = np.tan(np.deg2rad(15.0))
 _LEVEL = np.sin(np.deg2rad(5.0))
 _TURNING = 0.2
-"""Speed from rotation, as a share of that from translation, above which a motion is no longer a straight one."""
+"""Speed from rotation, as a share of that from translation, above which a motion is not straight."""
 
 _CHORD = 0.001
 """Directions before and after a turn are taken over this path [m]."""
 
 _TURNED = 0.5
-"""Cosine of the angle from which on it is a turn: 60°."""
+"""Cosine of the least angle of a turn, 60°."""
 
 _BEFORE = 0.003
 _AFTER = 0.010
-"""Path before and after a turn that is looked at [m]: an unloading λ is over within it, the next turn is not near."""
+"""Path used before and after a turn [m]: long enough for the force to settle, short enough to miss the next turn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stroke:
     """A way down in one orientation: `rows` of the track in time order, pauses included, to its deepest point.
 
-    `moving`: those of the rows in which the tool went straight down, shape [len(rows)].
+    `moving`: in which of the rows the tool goes straight down, shape [len(rows)].
     """
 
     rows: NDArray[np.int64]
@@ -55,8 +56,8 @@ class Stroke:
 class Turn:
     """A change of direction in the grains by 60° or more, or a start from rest where a recording begins in them.
 
-    `first`: row from which on what the grains remember is known. `at`: row of the turn, before its rest if it has one.
-    `rows`: moving ones, from 3 mm of path before the turn to 10 mm after it, or to the next turn.
+    `first`: row from which the memory of the grains is known. `at`: row of the turn, before its rest if it has one.
+    `rows`: those in motion from 3 mm of path before the turn to 10 mm after it, or to the next turn.
     """
 
     first: int
@@ -64,17 +65,17 @@ class Turn:
     rows: NDArray[np.int64]
 
 
-def _together(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-    """Indices of each unbroken stretch of the mask."""
+def _segments(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Indices of each unbroken segment of the mask."""
     rows = np.flatnonzero(mask)
     broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > _GAP)
     return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]
 
 
 def still_intervals(track: Track, rest_speed: float) -> list[NDArray[np.int64]]:
-    """Rows of each interval in which the tool stayed at rest, without the time that it takes to settle."""
+    """Rows of each interval in which the tool is at rest, without the time that it takes to settle."""
     found = []
-    for rows in _together(track.speeds() < rest_speed, track.time):
+    for rows in _segments(track.speeds() < rest_speed, track.time):
         begin, end = track.time[rows[[0, -1]]]
         settled = rows[(track.time[rows] >= begin + _SETTLING) & (track.time[rows] <= end - _SETTLING)]
         if len(settled) >= 8 and track.time[settled[-1]] - track.time[settled[0]] >= _SHORTEST_STILL:
@@ -82,19 +83,15 @@ def still_intervals(track: Track, rest_speed: float) -> list[NDArray[np.int64]]:
     return found
 
 
-def _bottoms(heights: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Pairs of highest and lowest row of each way down that is longer than `_TURN`."""
-    found: list[tuple[int, int]] = []
-    top = bottom = 0
-    for row, height in enumerate(heights.tolist()):
-        if height < heights[bottom]:
-            bottom = row
-        if height > heights[bottom] + _TURN or row == len(heights) - 1:
-            if heights[top] - heights[bottom] > _TURN:
-                found.append((top, bottom))
-            top = bottom = row
-        elif bottom == top and height > heights[top]:
-            top = bottom = row
+def _ways_down(heights: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Highest and lowest row of each way down between movements up of more than `_TURN`."""
+    # the padding makes both ends candidates
+    bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_TURN)
+    found, begin = [], 0
+    for end in bottoms.tolist():  # a row after the bottom, which may be a rest
+        top = begin + int(np.argmax(heights[begin:end]))
+        begin = top + int(np.argmin(heights[top:end]))
+        found.append((top, begin))
     return found
 
 
@@ -106,7 +103,7 @@ def down_strokes(track: Track, rest_speed: float) -> list[Stroke]:
     straight = (np.linalg.norm(twists[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
     straight &= sinking >= rest_speed
     found = []
-    for top, bottom in _bottoms(heights):
+    for top, bottom in _ways_down(heights):
         rows = np.arange(top, bottom + 1)
         alike = np.einsum("nij,ij->n", rotations[rows], rotations[bottom]) > 1.0 + 2.0 * np.cos(_TILT)
         rows = rows[alike]
@@ -116,12 +113,12 @@ def down_strokes(track: Track, rest_speed: float) -> list[Stroke]:
 
 
 def level_runs(track: Track, surface: float, rest_speed: float) -> list[NDArray[np.int64]]:
-    """Rows of each unbroken straight level motion with the tool's lowest point under the surface."""
+    """Rows of each unbroken straight level motion with the tool's lowest point below the surface."""
     twists = track.smooth_twists()
     speed = np.linalg.norm(twists[:, :3], axis=1)
     turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach
     level = (speed >= rest_speed) & (np.abs(twists[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed)
-    return [rows for rows in _together(level & (track.heights() < surface), track.time) if len(rows) >= 20]
+    return [rows for rows in _segments(level & (track.heights() < surface), track.time) if len(rows) >= 20]
 
 
 def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Turn]:
@@ -130,20 +127,20 @@ def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Tur
     places = track.states[:, :3] + track.rotations() @ center
     moving, dry = track.speeds() >= rest_speed, track.heights() >= surface
     found = []
-    for stretch in _together(~dry, track.time):
-        rows = stretch[moving[stretch]]
+    for segment in _segments(~dry, track.time):
+        rows = segment[moving[segment]]
         if len(rows) < 20:
             continue
         path = np.append(0.0, np.linalg.norm(np.diff(places[rows], axis=0), axis=1).cumsum())
         turns = _turning(path, places[rows])
-        if stretch[0] == 0 and not moving[0]:
+        if segment[0] == 0 and not moving[0]:
             turns.insert(0, 0)
         for k, turn in enumerate(turns):
             begin = path[turns[k - 1]] if k else 0.0
             end = path[turns[k + 1]] if k + 1 < len(turns) else path[-1]
             near = (path >= max(begin, path[turn] - _BEFORE)) & (path <= min(end, path[turn] + _AFTER))
             if min(end, path[turn] + _AFTER) - path[turn] >= 2.0 * _CHORD and near.sum() >= 20:
-                found.append(Turn(first=max(int(stretch[0]) - 1, 0), at=int(rows[turn]), rows=rows[near]))
+                found.append(Turn(first=max(int(segment[0]) - 1, 0), at=int(rows[turn]), rows=rows[near]))
     return found
 
 
