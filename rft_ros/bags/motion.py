@@ -2,12 +2,12 @@
 
 import math
 
-import numba
 import numpy as np
 
 from rft_ros.bags.phases import Moment
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.rft import rotation_matrix
+from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import rotation
 
 __all__ = ["Motion"]
@@ -23,7 +23,7 @@ _UNPLACED = {
 """Reasons for which a pose does not say where the tool is now."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _lowest_point(corners, state, out):  # type: ignore[no-untyped-def]
     """World z of the lowest corner [m], its velocity [m/s], and the world's z axis in the tool frame: 7 numbers."""
     a = rotation(state[3], state[4], state[5], state[6])

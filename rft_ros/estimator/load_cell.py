@@ -4,13 +4,13 @@ from collections import Counter, deque
 from itertools import islice
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.samples import Measurement, Reason, Wrench, WrenchSample
 from rft_ros.estimator.settings import LoadCell
+from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import rotation
 
 __all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Tare"]
@@ -26,7 +26,7 @@ _MOST_PENDING = 4096
 _FEWEST_FOR_TARE = 10
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _into_sensor(mount, quaternion, world_wrench, out):  # type: ignore[no-untyped-def]
     """Wrench in world axes about the tool frame's origin into sensor axes about the sensor's origin; and the weight.
 

@@ -2,10 +2,10 @@
 
 import math
 
-import numba
 import numpy as np
 
 from rft_ros.estimator.samples import PoseSample
+from rft_ros.rft.compilation import compiled
 
 __all__ = ["PoseDifference"]
 
@@ -13,7 +13,7 @@ _CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
 _FEWEST = 3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignore[no-untyped-def]
     """Least-squares slopes over the poses of the window; rotations as vectors from the newest pose, world axes.
 
