@@ -161,5 +161,4 @@ def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     written = read_replay_options(file) if file else ReplayOptions()
     given = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
     chosen = {name: getattr(written, name) if value is None else value for name, value in given.items()}
-    chosen["tare"] = chosen["tare"] or None
     return values, ReplayOptions(remap=(*written.remap, *getattr(arguments, "remap", ())), **chosen)

@@ -166,7 +166,7 @@ def test_help_and_errors_show_the_command_that_works_here(tmp_path, monkeypatch)
     assert f"  {typed} check-mesh my_tool.stl" in rft("check-mesh", "--help", cwd=tmp_path).stdout
 
 
-@pytest.mark.parametrize(("options", "seconds"), [((), 2.0), (("--tare", "0"), None), (("--tare", "1"), 1.0)])
+@pytest.mark.parametrize(("options", "seconds"), [((), 2.0), (("--tare", "0"), 0.0), (("--tare", "1"), 1.0)])
 def test_a_tare_of_zero_on_the_command_line_undoes_the_parameter_files(options, seconds, tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text("rft_replay:\n  ros__parameters:\n    tare: 2.0\nrft:\n  ros__parameters:\n    mesh.file: plate\n")
