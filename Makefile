@@ -50,6 +50,7 @@ $(STAMP): setup.py package.xml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --quiet --editable '.[ros,test,dev]'
+	$(BIN)/rft warm-up
 	touch $@
 
 clean:

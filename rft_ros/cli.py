@@ -10,13 +10,15 @@ from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import NoReturn
 
-from rft_ros.commands import calibrate, chart, check_mesh, demo, predict, reduce, replay, study, sweep, view
+from rft_ros.commands import calibrate, chart, check_mesh, demo, predict, reduce, replay, study, sweep, view, warm_up
 from rft_ros.errors import InputError
 
 __all__ = ["main", "parser"]
 
 # The modules import what they need when they run, so that `rft --help` answers at once.
-_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, chart, study, sweep, view, demo)
+_MODULES: tuple[ModuleType, ...] = (
+    *(predict, check_mesh, reduce, replay, calibrate, chart, study, sweep, view, demo, warm_up),
+)
 _COMMANDS = {module.__name__.rpartition(".")[2].replace("_", "-"): module for module in _MODULES}
 
 
