@@ -10,6 +10,7 @@ demo: venv
 	$(BIN)/rft demo -o out/demo
 
 test: venv lint
+	$(BIN)/rft warm-up
 	$(BIN)/python -m pytest test -n 2 --dist loadfile -q
 
 lint: venv
@@ -57,6 +58,7 @@ $(STAMP): setup.py package.xml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
 	$(BIN)/python -m pip install --editable '.[ros,test,dev]'
+	$(BIN)/rft warm-up
 	touch $@
 
 clean:
