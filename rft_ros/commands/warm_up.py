@@ -1,4 +1,4 @@
-"""Compile ahead what the node and the replay need, so that their first start takes no longer than later ones.
+"""Compile the machine code that node and replay need, ahead of their first start.
 
 rft warm-up
 """

@@ -9,12 +9,11 @@ import pytest
 import yaml
 from distribution import ROOT, manifest, third_party_imports
 
-# What a rosdep key brings that a module of ours imports.
+# The module that each rosdep key brings.
 MODULES = {
     "python3-numpy": "numpy",
     "python3-scipy": "scipy",
     "python3-matplotlib": "matplotlib",
-    "python3-pil": "PIL",
     "python3-yaml": "yaml",
     "python3-rich": "rich",
     "python3-trimesh-pip": "trimesh",
