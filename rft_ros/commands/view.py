@@ -1,4 +1,4 @@
-"""Draw a tool on its way through the grains: a page that plays it, or a film.
+"""Draw a tool moving through the grains: an animated page, or a film.
 
 rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
 rft view out/demo/bag --params config/demo.yaml -o tool.gif
@@ -14,6 +14,7 @@ from rft_ros.commands.options import (
     law_of,
     law_options,
     mesh_options,
+    output_option,
     recording,
     recording_options,
     surface_option,
@@ -44,9 +45,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     law_options(states)
     surface_option(states)
     recording_options(command.add_argument_group("for a bag"))
-    command.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="OUT", help="OUT.html, OUT.gif or OUT.mp4 (needs ffmpeg)"
-    )
+    output_option(command, "OUT", "OUT.html, OUT.gif or OUT.mp4 (needs ffmpeg)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -69,7 +68,7 @@ def _of_states(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
     from rft_ros.tool import load_tool
 
     if arguments.mesh is None:
-        raise InputError(f"states file '{arguments.source}' needs --mesh: the tool whose states they are")
+        raise InputError(f"states file '{arguments.source}' needs --mesh, the tool that moves")
     times, states = read_states(arguments.source)
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin)
     return tool.name, tool, law_of(arguments), times, states, arguments.surface_height
@@ -82,8 +81,8 @@ def _of_bag(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
     values, options = recording(arguments)
     model = model_of(values)
     times, states = states_of(arguments.source, values, model, options)
-    remembers = model.mobilization_length > 0.0
-    title = f"{model.tool.name} (law at full strength, without memory)" if remembers else model.tool.name
+    with_memory = model.mobilization_length > 0.0
+    title = f"{model.tool.name} (law at full strength, without memory)" if with_memory else model.tool.name
     return title, model.tool, model.law, times, states, settings_of(values).surface_height
 
 

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from cell import OUTPUTS, numbers, stamp_of
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from harness import OUTPUTS, numbers, stamp_of
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 
@@ -33,25 +33,25 @@ OURS = {"integration": "refined", "medium.mobilization_length": 0.003}
     [("topic", {}), ("pose_difference", {}), ("topic", OURS)],
     ids=["topic", "pose difference", "refined, with memory"],
 )
-def test_live_equals_replay(start_cell, tmp_path, twist_source, model):
+def test_live_equals_replay(start_node, tmp_path, twist_source, model):
     parameters = {**PARAMETERS, **model, "twist_source": twist_source}
     arguments = [a for name, value in parameters.items() for a in ("-p", f"{name}:={value}")]
-    cell = start_cell(*arguments).wait_ready()
-    early = cell.moment()
-    while not cell.received["wrench_residual"]:  # until all three inputs have found the node
+    rft = start_node(*arguments).wait_ready()
+    early = rft.moment()
+    while not rft.received["wrench_residual"]:  # until all three inputs have found the node
         early += 10_000_000
-        cell.send(early, z=0.5)
-        cell.spin(0.05)
-    cell.spin(0.5)
-    for messages in cell.received.values():
+        rft.send(early, z=0.5)
+        rft.spin(0.05)
+    rft.spin(0.5)
+    for messages in rft.received.values():
         messages.clear()
     random = np.random.default_rng(3)
     start, count = 1_700_000_000_000_000_000, 300
     with BagWriter(tmp_path / "inputs") as bag:
         record = {
-            cell.wrench: ("/rft/wrench_measured", "geometry_msgs/msg/WrenchStamped"),
-            cell.twist: ("/rft/twist", "geometry_msgs/msg/TwistStamped"),
-            cell.pose: ("/rft/pose", "geometry_msgs/msg/PoseStamped"),
+            rft.wrench: ("/rft/wrench_measured", "geometry_msgs/msg/WrenchStamped"),
+            rft.twist: ("/rft/twist", "geometry_msgs/msg/TwistStamped"),
+            rft.pose: ("/rft/pose", "geometry_msgs/msg/PoseStamped"),
         }
         for k in range(count):
             t = k * 0.005
@@ -67,13 +67,13 @@ def test_live_equals_replay(start_cell, tmp_path, twist_source, model):
             twist.twist.angular.y = 0.6 * math.cos(4.0 * t)
             f = wrench.wrench.force
             f.x, f.y, f.z = random.normal(size=3)
-            for publisher, message in ((cell.wrench, wrench), (cell.twist, twist), (cell.pose, pose)):
+            for publisher, message in ((rft.wrench, wrench), (rft.twist, twist), (rft.pose, pose)):
                 topic, kind = record[publisher]
                 bag.write_raw(topic, kind, stamp, serialize_message(message))
                 publisher.publish(message)
-            cell.spin()
+            rft.spin()
     answered = count - (2 if twist_source == "pose_difference" else 0)
-    cell.until(lambda: all(len(cell.received[t]) == answered for t in OUTPUTS), timeout=15.0)
+    rft.until(lambda: all(len(rft.received[t]) == answered for t in OUTPUTS))
 
     values = defaults() | {name: checked(name, value) for name, value in parameters.items()}
     replay(tmp_path / "inputs", tmp_path / "replayed", values)
@@ -83,7 +83,7 @@ def test_live_equals_replay(start_cell, tmp_path, twist_source, model):
             message = reader.deserialize(data, connection.msgtype)
             replayed[connection.topic.rpartition("/")[2]][stamp_of(message)] = numbers(message)
     for topic in OUTPUTS:
-        live = {stamp_of(message): numbers(message) for message in cell.received[topic]}
+        live = {stamp_of(message): numbers(message) for message in rft.received[topic]}
         assert live.keys() == replayed[topic].keys()
         for stamp, wrench in live.items():
             np.testing.assert_array_equal(wrench, replayed[topic][stamp])
