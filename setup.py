@@ -47,7 +47,6 @@ setup(
         "PyYAML>=6.0",
         "rich>=13.0",
         "matplotlib>=3.6.3",
-        "Pillow>=10.0",
         "plotly>=5.15",
         "fast-simplification>=0.1.7",
     ],

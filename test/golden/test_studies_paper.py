@@ -23,7 +23,7 @@ def spheres():
 
 
 class TestHorizontal:
-    def test_the_published_fit_reaches_the_published_greatest_forces(self):
+    def test_the_published_fit_reaches_the_published_maximum_forces(self):
         """0.83 N of F1, of which 0.9 N was measured, and 5.8 N of F23: the normalisers N1 and N23."""
         f1, f23 = horizontal.fitted_forces(np.array([0.0, 90.0]))
         assert f1 == pytest.approx([0.0, 0.832324700111401], abs=1e-12)
@@ -32,7 +32,7 @@ class TestHorizontal:
         assert f23[0] == pytest.approx(horizontal.PUBLISHED["F23"], abs=0.05)
 
     @pytest.mark.parametrize("alpha_y", ALPHA_Y)
-    def test_our_forces_over_their_greatest_are_the_velocity_weights(self, alpha_y):
+    def test_our_forces_over_their_maximum_are_the_velocity_weights(self, alpha_y):
         f1, f23, _ = horizontal.drag_forces(leading_face(plate()), alpha_y)
         psi = np.deg2rad(horizontal.PSI)
         assert f1 / f1.max() == pytest.approx([exact_f1(u) for u in np.sin(psi)], abs=1e-6)

@@ -14,7 +14,6 @@ MODULES = {
     "python3-numpy": "numpy",
     "python3-scipy": "scipy",
     "python3-matplotlib": "matplotlib",
-    "python3-pil": "PIL",
     "python3-yaml": "yaml",
     "python3-rich": "rich",
     "python3-trimesh-pip": "trimesh",
