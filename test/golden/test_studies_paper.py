@@ -23,7 +23,7 @@ def spheres():
 
 
 class TestHorizontal:
-    def test_the_published_fit_reaches_the_published_greatest_forces(self):
+    def test_the_published_fit_reaches_the_published_maximum_forces(self):
         """0.83 N of F1, of which 0.9 N was measured, and 5.8 N of F23: the normalisers N1 and N23."""
         f1, f23 = horizontal.fitted_forces(np.array([0.0, 90.0]))
         assert f1 == pytest.approx([0.0, 0.832324700111401], abs=1e-12)
@@ -32,7 +32,7 @@ class TestHorizontal:
         assert f23[0] == pytest.approx(horizontal.PUBLISHED["F23"], abs=0.05)
 
     @pytest.mark.parametrize("alpha_y", ALPHA_Y)
-    def test_our_forces_over_their_greatest_are_the_velocity_weights(self, alpha_y):
+    def test_our_forces_over_their_maximum_are_the_velocity_weights(self, alpha_y):
         f1, f23, _ = horizontal.drag_forces(leading_face(plate()), alpha_y)
         psi = np.deg2rad(horizontal.PSI)
         assert f1 / f1.max() == pytest.approx([exact_f1(u) for u in np.sin(psi)], abs=1e-6)
@@ -99,7 +99,7 @@ class TestOscillation:
 class TestCircumnutation:
     @pytest.mark.parametrize("tilt", circumnutation.TILTS)
     def test_turning_more_for_each_depth_lowers_the_vertical_work_and_raises_the_total(self, tilt):
-        """Beyond 100 mm the total falls to the straight insertion; at 10° to 0.3 % below it."""
+        """Beyond 100 mm the total falls to within 0.5 % of the straight insertion."""
         tool = root_tip()
         pitches = circumnutation.PITCHES
         works = [circumnutation.work_of(tool, Circumnutation(tilt_deg=tilt, pitch=p)) for p in pitches]
