@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.report.legend import legend_below
+from rft_ros.report.pictures import legend_below
 from rft_ros.rft import INTEGRATIONS, MEDIA, Law, Plates, wrenches
 from rft_ros.tool.cubature import chosen_plates
 from rft_ros.tool.merge import Merger

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.report.legend import legend_below
+from rft_ros.report.pictures import legend_below
 from rft_ros.rft import Plates, wrenches
 from rft_ros.sweeps.motions import PlateDrag
 from studies.dem import CALIBRATION, RUNS, DemRun, fitted_zeta, median_error, read_run, smoothed

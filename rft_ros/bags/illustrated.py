@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 from rft_ros.bags.estimates import PHASES, ROW, Trace
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
-from rft_ros.bags.tool_moments import tool_view
+from rft_ros.bags.tool_moments import tool_animation
 from rft_ros.estimator import Model
 from rft_ros.estimator.parameters import PARAMETERS
 from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
-from rft_ros.report.charts import Chart, ToolView
+from rft_ros.report.animation import Animation
+from rft_ros.report.charts import Chart
 from rft_ros.report.page import Table, write_page
 from rft_ros.report.pictures import draw_chart, draw_tool
-from rft_ros.report.replay_charts import replay_charts
-from rft_ros.report.replay_series import FlaggedRows, ReplaySeries
+from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
 
 __all__ = ["decimated", "draw"]
 
@@ -52,13 +52,13 @@ def draw(
     charts = replay_charts(series)
     surface = summary.parameters["surface_height"]
     assert isinstance(surface, float)
-    tool = tool_view(rows, model, surface_height=surface)
+    tool = tool_animation(rows, model, surface_height=surface)
     if page:
         _write_page(summary, out / "report.html", charts=charts, tool=tool)
     for chart in charts if pictures else ():
         draw_chart(chart, out / f"{chart.name}.png", title=summary.bag)
     if pictures and tool is not None:
-        draw_tool(tool, out / f"{tool.name}.png", title=summary.bag)
+        draw_tool(tool, out / "tool.png", title=summary.bag)
 
 
 def decimated(trace: Trace) -> NDArray[np.void]:
@@ -93,7 +93,7 @@ def _flagged(quality_flags: NDArray[np.int64]) -> Iterator[FlaggedRows]:
             yield FlaggedRows(name=flag_names(flag)[0], trust=trust(flag).value, rows=rows)
 
 
-def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: ToolView | None) -> None:
+def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: Animation | None) -> None:
     minutes, seconds = divmod(summary.duration, 60.0)
     write_page(
         file,

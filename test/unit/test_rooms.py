@@ -13,7 +13,7 @@ ALLOWED = {
     "rft": set(),
     "tool": {"rft", "errors"},
     "estimator": {"tool", "rft", "errors", "yaml_file"},
-    "report": {"errors"},
+    "report": {"tool", "rft", "errors"},
     "yaml_file": {"errors"},
     "progress": set(),
     "states_file": {"rft", "errors"},
