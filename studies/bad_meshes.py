@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
+import trimesh
 
 from rft_ros.rft import INTEGRATIONS, Plates, wrenches
 from rft_ros.tool.any_motion import random_motions
@@ -17,47 +17,42 @@ _RADIUS = 0.025
 _STATES = 300
 _SHARE = 0.1  # of the facets that are wrong
 
-Mesh = tuple[Array, NDArray[np.int64]]
 
-
-def faulty_balls() -> Iterator[tuple[str, Mesh]]:
+def faulty_balls() -> Iterator[tuple[str, trimesh.Trimesh]]:
     """A ball of 1,280 facets with one fault each, by name."""
-    import trimesh
+
+    def mesh(vertices: Array, faces: Array) -> trimesh.Trimesh:
+        return trimesh.Trimesh(vertices, faces, process=False)  # or trimesh would mend the faults
 
     good = trimesh.creation.icosphere(3, radius=_RADIUS)
-    vertices, faces = np.array(good.vertices), np.array(good.faces, dtype=np.int64)
+    vertices, faces = np.array(good.vertices), np.array(good.faces)
     random = np.random.default_rng(0)
     some = random.permutation(len(faces))[: int(_SHARE * len(faces))]
-    yield "good, 1,280 facets", (vertices, faces)
+    yield "good, 1,280 facets", good
     for level in (0, 1, 2):
         ball = trimesh.creation.icosphere(level, radius=_RADIUS)
-        yield f"coarse, {len(ball.faces):,} facets", (np.array(ball.vertices), np.array(ball.faces, dtype=np.int64))
-    yield "each facet cut into a sliver and the rest", _with_slivers(vertices, faces)
-    yield "10 % twice", (vertices, np.concatenate([faces, faces[some]]))
+        yield f"coarse, {len(ball.faces):,} facets", ball
+    # a cut through a corner and a point next to another: a thousandth of each facet is a sliver
+    i, j, k = faces.T
+    new = len(vertices) + np.arange(len(faces))
+    cuts = vertices[j] + 1e-3 * (vertices[k] - vertices[j])
+    halves = np.vstack([np.column_stack([i, j, new]), np.column_stack([i, new, k])])
+    yield "each facet cut into a sliver and the rest", mesh(np.vstack([vertices, cuts]), halves)
+    yield "10 % twice", mesh(vertices, np.concatenate([faces, faces[some]]))
     turned = faces.copy()
     turned[some] = turned[some][:, ::-1]
-    yield "10 % inside out", (vertices, turned)
-    yield "10 % missing", (vertices, np.delete(faces, some, axis=0))
-    noisy = vertices + random.normal(0.0, 0.01 * _RADIUS, vertices.shape)
-    yield "vertices off by 1 % of the radius", (noisy, faces)
-
-
-def _with_slivers(vertices: Array, faces: NDArray[np.int64]) -> Mesh:
-    """Each facet cut in two; a thousandth of it is a sliver."""
-    _, b, c = vertices[faces.T]
-    new = len(vertices) + np.arange(len(faces))
-    i, j, k = faces.T
-    return np.vstack([vertices, b + 1e-3 * (c - b)]), np.vstack(
-        [np.column_stack([i, j, new]), np.column_stack([i, new, k])]
+    yield "10 % inside out", mesh(vertices, turned)
+    yield "10 % missing", mesh(vertices, np.delete(faces, some, axis=0))
+    yield (
+        "vertices off by 1 % of the radius",
+        mesh(vertices + random.normal(0.0, 0.01 * _RADIUS, vertices.shape), faces),
     )
 
 
 def study() -> StudyResult:
     """RMS error of the force over random motions, against the ball of 81,920 facets."""
-    import trimesh
-
     exact = trimesh.creation.icosphere(6, radius=_RADIUS)
-    fine = both_rules(np.array(exact.vertices), np.array(exact.faces))["refined"]
+    fine = both_rules(exact)["refined"]
     states = random_motions(np.array(exact.vertices), _STATES, seed=1)
     truth = wrenches(fine, law("constant"), states)[:, :3]
 
@@ -65,7 +60,7 @@ def study() -> StudyResult:
         off = wrenches(plates, law("constant"), states)[:, :3] - truth
         return float(np.sqrt((off**2).sum() / (truth**2).sum()))
 
-    errors = {name: {rule: error(p) for rule, p in both_rules(*mesh).items()} for name, mesh in faulty_balls()}
+    errors = {name: {rule: error(p) for rule, p in both_rules(mesh).items()} for name, mesh in faulty_balls()}
     figure = new_figure(8.4, 3.8)
     axes = figure.subplots()
     place = np.arange(len(errors))

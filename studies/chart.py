@@ -10,9 +10,11 @@ from dataclasses import dataclass
 from functools import partial
 from math import log10
 from statistics import median
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.report.pictures import legend_below
@@ -23,10 +25,6 @@ from studies import numpy_rft
 from studies.chart_scenes import Scene, scenes
 from studies.paper import ALPHA_Y, ZETA, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, StudyResult, TextTable, interactive_page, label_axes, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 __all__ = ["CHOSEN", "FULL", "MERGED", "NUMPY", "Point", "front", "median_seconds", "points", "study"]
 
@@ -230,7 +228,7 @@ def _table(by_scene: dict[str, list[Point]]) -> TextTable:
     )
 
 
-def _draw(by_scene: dict[str, list[Point]]) -> "Figure":
+def _draw(by_scene: dict[str, list[Point]]) -> Figure:
     figure = new_figure(14.0, 8.6)
     panels = figure.subplots(2, (len(by_scene) + 1) // 2, sharex=True, sharey=True, squeeze=False).ravel()
     for axes, (scene, points) in zip(panels, by_scene.items(), strict=False):
@@ -260,7 +258,7 @@ def _apart(best: Sequence[Point]) -> list[Point]:
     return apart
 
 
-def _draw_scene(axes: "Axes", points: Sequence[Point]) -> None:
+def _draw_scene(axes: Axes, points: Sequence[Point]) -> None:
     axes.set_xscale("log")
     axes.set_yscale("log")
     for rule, colour in COLOURS.items():

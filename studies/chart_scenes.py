@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, Plates, checked_states
@@ -109,15 +110,11 @@ def lathe(profile: Array, sections: int) -> Mesh:
 
 
 def _ball(level: int) -> Mesh:
-    import trimesh
-
     mesh = trimesh.creation.icosphere(subdivisions=level + 1 if level < 5 else 6, radius=_RADIUS)
     return np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
 
 
 def _plate(level: int) -> Mesh:
-    import trimesh
-
     mesh = trimesh.creation.box((0.051, 0.051, 0.0032))
     for _ in range(level):
         mesh = mesh.subdivide()

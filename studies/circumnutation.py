@@ -1,9 +1,9 @@
 """A root tip on a helix: forces, and work over the pitch of the helix (paper Fig. 8)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, wrenches
@@ -23,9 +23,6 @@ from studies.result import (
     new_figure,
     published_against_ours,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["PITCHES", "RE_INTERACTION", "SHOWN", "TILTS", "Steps", "step_errors", "study", "work_of"]
 
@@ -141,7 +138,7 @@ def _rows_of_tilt(tilt: float, works: list[Work], limit: Work) -> list[tuple[str
     return rows
 
 
-def _draw_forces(axes: "Axes", tool: Tool, pitch: float) -> None:
+def _draw_forces(axes: Axes, tool: Tool, pitch: float) -> None:
     for tilt, style in zip(TILTS, ("-", "--"), strict=True):
         motion = Circumnutation(tilt_deg=tilt, pitch=pitch)
         _, states = sample(motion, _COUNT)
@@ -159,7 +156,7 @@ def _draw_forces(axes: "Axes", tool: Tool, pitch: float) -> None:
     label_axes(axes, x="Depth gained [mm]", y="Force [N]", title=title, legend={"loc": "upper left", "ncols": 2})
 
 
-def _draw_work(axes: "Axes", works: dict[float, list[Work]], limits: dict[float, Work]) -> None:
+def _draw_work(axes: Axes, works: dict[float, list[Work]], limits: dict[float, Work]) -> None:
     axes.axvspan(0.0, 1e3 * RE_INTERACTION, color="0.9", label="meets its own wake (P < 40 mm)")
     for tilt, colour, marker in zip(TILTS, (BLUE, VERMILION), ("o", "s"), strict=True):
         for name, style, values in (
@@ -174,7 +171,7 @@ def _draw_work(axes: "Axes", works: dict[float, list[Work]], limits: dict[float,
     label_axes(axes, x="Pitch P [mm]", y="Work over 35 mm [mJ]", title="Work", legend={"loc": "upper right"})
 
 
-def _draw_steps(axes: "Axes", converging: dict[Integration, Steps]) -> None:
+def _draw_steps(axes: Axes, converging: dict[Integration, Steps]) -> None:
     for (rule, found), colour, marker in zip(converging.items(), (BLACK, GREEN), ("o", "s"), strict=True):
         axes.loglog(
             found.steps, found.errors, marker=marker, color=colour, label=f"{rule}: observed order {found.order:.2f}"

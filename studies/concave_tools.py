@@ -1,8 +1,7 @@
 """Concave tools: facets that face each other count fully, though the grains between them may move with the tool."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
+import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
@@ -10,9 +9,6 @@ from rft_ros.rft import plate_forces
 from studies.paper import law
 from studies.parameter_sweep import both_rules, scene_states
 from studies.result import BLUE, GREEN, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
-
-if TYPE_CHECKING:
-    import trimesh
 
 __all__ = ["DEPTHS", "GAPS", "blocked", "bowl", "concavity", "fork", "resistance", "study"]
 
@@ -31,10 +27,8 @@ _AT_ONCE = 256  # rays, to bound memory
 _INSIDE = 1e-9  # of a triangle: a ray that grazes its edge passes
 
 
-def bowl(depth: float) -> "trimesh.Trimesh":
+def bowl(depth: float) -> trimesh.Trimesh:
     """A bowl with its mouth down and an ellipsoidal hollow of this depth [m]; a disc for 0."""
-    import trimesh
-
     t = np.linspace(0.0, 0.5 * np.pi, 13)
     inside = np.column_stack([_RADIUS * np.sin(t), depth * np.cos(t)])
     outside = np.column_stack([(_RADIUS + _WALL) * np.sin(t[::-1]), (depth + _WALL) * np.cos(t[::-1])])
@@ -44,10 +38,8 @@ def bowl(depth: float) -> "trimesh.Trimesh":
     return mesh
 
 
-def fork(gap: float) -> "trimesh.Trimesh":
+def fork(gap: float) -> trimesh.Trimesh:
     """Two upright plates, one behind the other along x, with this gap [m]."""
-    import trimesh
-
     plates = [trimesh.creation.box((0.003, 0.05, 0.05)).subdivide().subdivide() for _ in range(2)]
     for plate, side in zip(plates, (-0.5, 0.5), strict=True):
         plate.apply_translation([side * (gap + 0.003), 0.0, 0.0])
@@ -104,12 +96,12 @@ def concavity(triangles: Array) -> float:
     return float((seen * area[some]).sum() / area[some].sum())
 
 
-def resistance(mesh: "trimesh.Trimesh", direction: Array) -> tuple[float, float]:
+def resistance(mesh: trimesh.Trimesh, direction: Array) -> tuple[float, float]:
     """Force against a motion [N] of all leading plates, and of those with nothing of the tool in front of them.
 
     By the refined rule, α_y constant, ζ = 1, with the tool frame's origin 50 mm deep.
     """
-    plates = both_rules(np.array(mesh.vertices), np.array(mesh.faces))["refined"]
+    plates = both_rules(mesh)["refined"]
     state = scene_states(Rotation.identity(), velocity=0.01 * direction)[0]
     against = -plate_forces(plates, law("constant", zeta=1.0), state) @ direction
     shadowed = blocked(mesh.triangles, np.tile(direction, (len(mesh.faces), 1)))

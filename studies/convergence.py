@@ -6,9 +6,10 @@ Times vary from run to run; errors do not.
 from collections.abc import Sequence
 from dataclasses import dataclass
 from time import perf_counter
-from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
@@ -17,9 +18,6 @@ from rft_ros.tool.refine import refined_plates
 from rft_ros.tool.tool import centroid_plates
 from studies.paper import NOT_STATED, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, StudyResult, label_axes, new_figure, published_against_ours
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["LEVELS", "RADIUS", "Convergence", "convergence", "fineness", "order", "study"]
 
@@ -76,8 +74,6 @@ def order(one: Convergence) -> float:
 
 
 def _sphere(level: int, rule: Integration) -> Plates:
-    import trimesh
-
     ball = trimesh.creation.icosphere(subdivisions=level, radius=RADIUS)
     make = refined_plates if rule == "refined" else centroid_plates
     return make(np.array(ball.vertices), np.array(ball.faces, dtype=np.int64))
@@ -132,7 +128,7 @@ def _enough(one: Convergence, goal: float) -> str:
     return f"{int(good[0]):,}" if len(good) else f"over {int(one.facets[-1]):,}"
 
 
-def _draw(found: dict[Integration, Convergence]) -> "Figure":
+def _draw(found: dict[Integration, Convergence]) -> Figure:
     from matplotlib.ticker import NullFormatter
 
     figure = new_figure(11.0, 4.6)

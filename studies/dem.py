@@ -5,9 +5,10 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
@@ -16,25 +17,8 @@ from rft_ros.tool import Tool, load_tool
 from studies.paper import ALPHA_Y, NOT_STATED, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-__all__ = [
-    "ALONG_ITSELF",
-    "CALIBRATION",
-    "MOBILIZATION_LENGTH",
-    "PUBLISHED_PLATES",
-    "RUNS",
-    "Accuracy",
-    "DemRun",
-    "accuracy",
-    "fitted_zeta",
-    "median_error",
-    "read_run",
-    "smoothed",
-    "study",
-]
+__all__ = ["ALONG_ITSELF", "CALIBRATION", "MOBILIZATION_LENGTH", "PUBLISHED_PLATES", "RUNS", "Accuracy", "DemRun"]
+__all__ += ["accuracy", "fitted_zeta", "median_error", "read_run", "smoothed", "study"]
 
 Array = NDArray[np.float64]
 
@@ -218,7 +202,7 @@ def _table(found: Accuracy) -> TextTable:
     return TextTable(header=("run", *_COLUMNS.values(), "the paper, in its beads"), rows=tuple(rows))
 
 
-def _draw(found: Accuracy) -> "Figure":
+def _draw(found: Accuracy) -> Figure:
     figure = new_figure(13.0, 9.0)
     panels = figure.subplots(3, 4).ravel()
     for axes, run in zip(panels, found.runs, strict=False):
@@ -232,7 +216,7 @@ def _draw(found: Accuracy) -> "Figure":
     return figure
 
 
-def _draw_run(axes: "Axes", run: DemRun, found: Accuracy) -> None:
+def _draw_run(axes: Axes, run: DemRun, found: Accuracy) -> None:
     model, remembered = run.predicted(law("constant", zeta=found.zeta)), _remembered(run, found.zeta)
     measured = smoothed(run.forces)[4:-4]
     for column, name, colour in ((2, "up", BLUE), (0, "along x", VERMILION)):
@@ -245,7 +229,7 @@ def _draw_run(axes: "Axes", run: DemRun, found: Accuracy) -> None:
     axes.set_title(f"{RUNS[run.name].partition(' (')[0]}: {plain:.0f} → {with_memory:.0f} %", fontsize=8)
 
 
-def _draw_errors(axes: "Axes", found: Accuracy) -> None:
+def _draw_errors(axes: Axes, found: Accuracy) -> None:
     place = np.arange(len(found.errors))
     low, high = (float(bound) for bound in PUBLISHED_PLATES.removesuffix(" %").split("–"))
     axes.axhspan(low, high, color="0.9", label=f"paper's plates, {PUBLISHED_PLATES}")

@@ -5,6 +5,7 @@ and reversal. `docs/where-it-fails.md` explains them.
 """
 
 import numpy as np
+import trimesh
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import INTEGRATIONS, Integration, Memory, Plates, traction_per_depth, wrenches, wrenches_in_time
@@ -32,26 +33,10 @@ from studies.parameter_sweep import (
 )
 from studies.result import BLACK, GREEN, GREY, PURPLE, StudyResult, label_axes, new_figure
 
-__all__ = [
-    "LIMIT",
-    "along_itself",
-    "direction_sweeps",
-    "greatest_power",
-    "height_sweeps",
-    "knife_edge",
-    "level",
-    "level_sweeps",
-    "overview",
-    "plate_facing",
-    "reversal",
-    "reversal_sweep",
-    "surface",
-    "turning",
-    "turning_sweep",
-    "wheel_sweep",
-    "withdrawal",
-    "yaw_sweeps",
-]
+__all__ = ["LIMIT"]
+__all__ += ["along_itself", "direction_sweeps", "greatest_power", "height_sweeps", "knife_edge", "level"]
+__all__ += ["level_sweeps", "overview", "plate_facing", "reversal", "reversal_sweep", "surface", "turning"]
+__all__ += ["turning_sweep", "wheel_sweep", "withdrawal", "yaw_sweeps"]
 
 _DEM_ZETA = 0.24  # of the simulated beads, from their vertical penetration (docs/accuracy.md)
 
@@ -109,7 +94,6 @@ def _by_the_papers_text() -> float:
 
 def along_itself() -> StudyResult:
     """An upright plate yawed through motion along itself, where neither face leads."""
-    vertices, faces = _box(0.03, 0.03, 0.003)
 
     def states(psi: Array) -> Array:
         about = Rotation.from_euler("z", psi[:, None]) * Rotation.from_euler("y", -90.0, degrees=True)
@@ -118,7 +102,7 @@ def along_itself() -> StudyResult:
 
     sweep = Sweep(
         name="ψ through 90°",
-        tool=both_rules(vertices, faces),
+        tool=both_rules(trimesh.creation.box((0.03, 0.03, 0.003))),
         values=evenly(0.0, np.radians(120.0), ANGLE_STEP),
         states=states,
         zeta=_DEM_ZETA,
@@ -147,8 +131,6 @@ def along_itself() -> StudyResult:
 
 def wheel_sweep() -> Sweep:
     """A wheel pushed along its axle, from 3° upwards to 3° downwards."""
-    import trimesh
-
     mesh = trimesh.creation.cylinder(radius=0.0625, height=0.06, sections=120)
 
     def states(fall: Array) -> Array:
@@ -157,7 +139,7 @@ def wheel_sweep() -> Sweep:
 
     return Sweep(
         name="motion through the axle's direction",
-        tool=both_rules(np.array(mesh.vertices), np.array(mesh.faces)),
+        tool=both_rules(mesh),
         values=evenly(np.radians(-3.0), np.radians(3.0), ANGLE_STEP),
         states=states,
     )
@@ -182,13 +164,6 @@ def knife_edge() -> StudyResult:
     label_axes(scatter, x="Rule", y="Force on the wheel [N]")
     scatter.set_title(f"{_DRAWS} draws of noise of 1e-12 of the speed", fontsize=10)
     return jump_result("fails_knife_edge", "Facets exactly parallel to the motion", figure, lines, DEGREES)
-
-
-def _box(*extents: float) -> tuple[Array, "np.ndarray[tuple[int, int], np.dtype[np.int64]]"]:
-    import trimesh
-
-    mesh = trimesh.creation.box(extents)
-    return np.array(mesh.vertices), np.array(mesh.faces)
 
 
 _ATTITUDES = {
@@ -309,8 +284,6 @@ _SIZES = (1, 2, 4, 8, 16)  # facets along a side, in pairs
 
 def turning_sweep(divisions: int = 1) -> Sweep:
     """An upright plate that turns about a vertical axis; the axis moves along the plate through its middle."""
-    import trimesh
-
     mesh = trimesh.creation.box((0.05, 0.05, 0.003))
     for _ in range(int(np.log2(divisions))):
         mesh = mesh.subdivide()
@@ -323,7 +296,7 @@ def turning_sweep(divisions: int = 1) -> Sweep:
 
     return Sweep(
         name=f"axis of turning, {len(mesh.faces)} facets",
-        tool=both_rules(np.array(mesh.vertices), np.array(mesh.faces)),
+        tool=both_rules(mesh),
         values=evenly(-0.04, 0.04, LENGTH_STEP),
         states=states,
     )
@@ -352,10 +325,8 @@ def turning() -> StudyResult:
 
 
 def _coarse(kind: str) -> BothRules:
-    import trimesh
-
     mesh = trimesh.creation.box((0.05, 0.05, 0.003)) if kind == "plate" else trimesh.creation.icosphere(1, radius=0.025)
-    return both_rules(np.array(mesh.vertices), np.array(mesh.faces))
+    return both_rules(mesh)
 
 
 def height_sweeps() -> tuple[Sweep, ...]:

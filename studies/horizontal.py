@@ -1,9 +1,9 @@
 """A vertical plate dragged horizontally at an angle: the origin of the velocity weights (paper Fig. 3)."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import Plates
@@ -21,9 +21,6 @@ from studies.result import (
     new_figure,
     published_against_ours,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["DEPTH", "PSI", "PUBLISHED", "drag_forces", "fitted_forces", "study"]
 
@@ -108,7 +105,7 @@ def study() -> StudyResult:
     )
 
 
-def _draw(faces: dict[str, tuple[Array, Array, Array]], whole: dict[str, tuple[Array, Array, Array]]) -> "Figure":
+def _draw(faces: dict[str, tuple[Array, Array, Array]], whole: dict[str, tuple[Array, Array, Array]]) -> Figure:
     figure = new_figure(13.5, 5.6)
     along, across, weights = figure.subplots(1, 3)
     fine = np.linspace(0.0, 90.0, 181)

@@ -5,9 +5,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import mean
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration
@@ -27,10 +28,6 @@ from studies.result import (
     label_axes,
     new_figure,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 __all__ = ["CHOICES", "GROUPS", "Choice", "Judged", "judged_choices", "study", "wall_seconds"]
 
@@ -202,7 +199,7 @@ def study() -> StudyResult:
     )
 
 
-def _draw(groups: dict[str, dict[Choice, tuple[float, float]]], walls: Walls) -> "Figure":
+def _draw(groups: dict[str, dict[Choice, tuple[float, float]]], walls: Walls) -> Figure:
     figure = new_figure(14.0, 9.0)
     for axes, (group, found) in zip(figure.subplots(2, 2).ravel(), groups.items(), strict=True):
         _draw_group(axes, found, _simulated_seconds(walls, group))
@@ -211,7 +208,7 @@ def _draw(groups: dict[str, dict[Choice, tuple[float, float]]], walls: Walls) ->
     return figure
 
 
-def _draw_group(axes: "Axes", found: dict[Choice, tuple[float, float]], simulated: tuple[float, float] | None) -> None:
+def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float] | None) -> None:
     axes.set_xscale("log")
     low, high = (100.0 * p for p in PACKINGS)
     axes.axhspan(low, high, color="0.92", zorder=0)

@@ -1,9 +1,9 @@
 """An ellipsoid pushed in straight and while it pitches: force over depth, and work (paper Fig. 7)."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import wrenches
@@ -12,9 +12,6 @@ from rft_ros.sweeps.outcomes import Work, work
 from rft_ros.tool import Tool
 from studies.paper import NOT_STATED, ellipsoid, law
 from studies.result import BLACK, BLUE, GREY, VERMILION, StudyResult, label_axes, new_figure, published_against_ours
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 __all__ = ["FREQUENCIES", "Stroke", "stroke", "study", "vertical_frequency"]
 
@@ -119,7 +116,7 @@ def _millijoules(value: float, straight: Stroke) -> str:
     return f"{1e3 * value:.1f} mJ, {100.0 * (value / straight.work.total - 1.0):+.0f} % against straight"
 
 
-def _draw(straight: Stroke, pitching: dict[str, Stroke], swept: list[Work]) -> "Figure":
+def _draw(straight: Stroke, pitching: dict[str, Stroke], swept: list[Work]) -> Figure:
     figure = new_figure(13.5, 4.4)
     vertical, level, cost = figure.subplots(1, 3)
     vertical.plot(1e3 * straight.depths, straight.forces[:, 2], color=BLACK, label="straight")

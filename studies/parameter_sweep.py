@@ -5,9 +5,11 @@ Colour tells the rule of integration, the dash the α_y model.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+import trimesh
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
@@ -18,30 +20,10 @@ from rft_ros.tool.tool import centroid_plates
 from studies.paper import ALPHA_Y, law
 from studies.result import BLUE, VERMILION, StudyResult, result_of_rows
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-__all__ = [
-    "ANGLE_STEP",
-    "DEGREES",
-    "LENGTH_STEP",
-    "MILLIMETRES",
-    "RULE_COLOUR",
-    "BothRules",
-    "Line",
-    "Sweep",
-    "Unit",
-    "both_rules",
-    "by_rule_result",
-    "draw_lines",
-    "evenly",
-    "jump_result",
-    "jumps",
-    "measured",
-    "scene_states",
-    "shipped",
-]
+__all__ = ["ANGLE_STEP", "DEGREES", "LENGTH_STEP", "MILLIMETRES", "RULE_COLOUR", "BothRules", "Line", "Sweep"]
+__all__ += ["Unit"]
+__all__ += ["both_rules", "by_rule_result", "draw_lines", "evenly", "jump_result", "jumps", "measured"]
+__all__ += ["scene_states", "shipped"]
 
 Array = NDArray[np.float64]
 
@@ -57,8 +39,9 @@ LENGTH_STEP = 1e-5
 _FEEBLE = 0.01  # of the largest force along a sweep
 
 
-def both_rules(vertices: Array, faces: NDArray[np.int64]) -> BothRules:
+def both_rules(mesh: trimesh.Trimesh) -> BothRules:
     """The plates of a mesh in the tool frame [m] by the published and by the refined rule."""
+    vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
     return {"centroid": centroid_plates(vertices, faces), "refined": refined_plates(vertices, faces)}
 
 
@@ -180,7 +163,7 @@ MILLIMETRES = Unit(name="mm", per_si=1e3)
 
 
 def draw_lines(
-    axes: "Axes",
+    axes: Axes,
     lines: Sequence[Line],
     unit: Unit,
     *,
@@ -205,7 +188,7 @@ def draw_lines(
         )
 
 
-def jump_result(name: str, title: str, figure: "Figure", lines: Sequence[Line], unit: Unit) -> StudyResult:
+def jump_result(name: str, title: str, figure: Figure, lines: Sequence[Line], unit: Unit) -> StudyResult:
     """A figure with the jumps and noise gains of its lines, as numbers and as a table; values in `unit`."""
     ascii_unit = unit.name.replace("°", "deg").replace("/", "_per_")
     rows = [
@@ -227,7 +210,7 @@ def jump_result(name: str, title: str, figure: "Figure", lines: Sequence[Line], 
 
 
 def by_rule_result(
-    name: str, title: str, figure: "Figure", *, of: str, what: str, values: Mapping[str, Mapping[Integration, float]]
+    name: str, title: str, figure: Figure, *, of: str, what: str, values: Mapping[str, Mapping[Integration, float]]
 ) -> StudyResult:
     """A figure with a number [1] for each thing (`of`) by each rule; `what`: the number's name in the CSV."""
     return result_of_rows(

@@ -3,9 +3,11 @@
 import itertools
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.report.pictures import legend_below
@@ -24,10 +26,6 @@ from studies.paper import (
     plate,
 )
 from studies.result import BLUE, GREEN, VERMILION, StudyResult, label_axes, new_figure, published_against_ours
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 __all__ = ["BETAS", "PHIS", "PSI", "Point", "gamma_deg", "simulated_points", "stresses", "study"]
 
@@ -162,7 +160,7 @@ def _row_of_point(p: Point) -> tuple[str, str, str]:
     return (name, f"{triple(p.measured)} (simulated, not the paper)", triple(p.model))
 
 
-def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...]) -> "Figure":
+def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...]) -> Figure:
     figure = new_figure(12.0, 9.0)
     panels = figure.subplots(3, 3, sharex=True, sharey="row")
     for (beta, phi), axes in zip(itertools.product(BETAS, PHIS), panels.ravel(), strict=True):
@@ -182,7 +180,7 @@ def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...
     return figure
 
 
-def _draw_point(axes: "Axes", p: Point) -> None:
+def _draw_point(axes: Axes, p: Point) -> None:
     for k, (name, colour, marker) in enumerate(_AXES):
         axes.plot([p.psi], [p.measured[k]], marker, color=colour, ms=7, ls="", label=f"{name}, simulated grains")
         same = f"{name}, RFT, same plate"

@@ -6,17 +6,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import matplotlib as mpl
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
 
 from rft_ros.errors import InputError
 from rft_ros.report.page import figure_page
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 __all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION"]
 __all__ += [
@@ -127,7 +125,7 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def label_axes(axes: "Axes", *, x: str, y: str, title: str = "", legend: dict[str, Any] | None = None) -> None:
+def label_axes(axes: Axes, *, x: str, y: str, title: str = "", legend: dict[str, Any] | None = None) -> None:
     """Label both axes, add a light grid, and a legend if its options are given."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)

@@ -6,8 +6,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import PoseSample
-from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.settings import Settings
+from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample, sample_every
 from rft_ros.sweeps.outcomes import work
@@ -15,19 +15,8 @@ from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, shipped
 from studies.result import BLACK, BLUE, GREY, ORANGE, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
 
-__all__ = [
-    "NOISE",
-    "RATES",
-    "STROKES",
-    "WINDOWS",
-    "Error",
-    "differenced",
-    "errors_of_work",
-    "measured_errors",
-    "order",
-    "time_step",
-    "window",
-]
+__all__ = ["NOISE", "RATES", "STROKES", "WINDOWS", "Error"]
+__all__ += ["differenced", "errors_of_work", "measured_errors", "order", "time_step", "window"]
 
 NOISE = 1e-5
 """Noise of each coordinate of a pose [m]; its attitude has this at 100 mm from the flange: 1e-4 rad."""

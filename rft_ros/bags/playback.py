@@ -11,14 +11,14 @@ from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, TwistSample
 from rft_ros.estimator.messages import Role, Sample
-from rft_ros.estimator.parameter_file import node_parameters
-from rft_ros.estimator.parameters import Values, settings_of
-from rft_ros.progress import along
+from rft_ros.estimator.parameters import Values, node_parameters, settings_of
+from rft_ros.progress import bar
 
 __all__ = ["ReplayOptions", "play", "read_replay_options", "states_of", "topics_of"]
 
 _TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured"}
 _SECTION = "rft_replay"
+_BAR_PERIOD = 512  # samples between updates of the progress bar
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,15 +93,18 @@ def play(
 
     At the end all measurements are final. `label`: what the progress bar says.
     """
-    for sample in along(recording, label, lambda: recording.time - recording.first, recording.last - recording.first):
-        if isinstance(sample, PoseSample):
-            yield sample, estimator.push_pose(sample)
-        else:
-            if isinstance(sample, TwistSample):
-                estimator.push_twist(sample)
+    with bar(label, recording.last - recording.first) as update:
+        for number, sample in enumerate(recording):
+            if isinstance(sample, PoseSample):
+                yield sample, estimator.push_pose(sample)
             else:
-                estimator.push_wrench(sample)
-            yield sample, None
+                if isinstance(sample, TwistSample):
+                    estimator.push_twist(sample)
+                else:
+                    estimator.push_wrench(sample)
+                yield sample, None
+            if number % _BAR_PERIOD == 0:
+                update(recording.time - recording.first, label)
     estimator.finish()
 
 

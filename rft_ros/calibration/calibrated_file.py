@@ -13,8 +13,7 @@ from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator.parameter_file import NODE_KEYS, parameter_tree
-from rft_ros.estimator.parameters import defaults
+from rft_ros.estimator.parameters import NODE_KEYS, defaults, parameter_tree
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 

@@ -37,7 +37,10 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         from rft_ros.node.demo import demo
     except ImportError as error:
-        raise InputError(f"the demo needs ROS 2 ({error.name} is missing): pip install 'rft_ros[ros]'") from None
+        raise InputError(
+            f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
+            " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
+        ) from None
     trace = demo(arguments.output, seconds=arguments.seconds)
     if trace is None:
         return 1
@@ -52,8 +55,7 @@ def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
     import numpy as np
 
     from rft_ros.bags.playback import ReplayOptions, states_of
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import model_of
+    from rft_ros.estimator.parameters import model_of, read_parameter_file
     from rft_ros.report.animation import animate_evenly
     from rft_ros.report.pictures import draw_force_over_depth
     from rft_ros.tool import share_directory

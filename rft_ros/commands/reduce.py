@@ -1,6 +1,6 @@
 """Write a tool with the fewest plates that its motions need.
 
-rft reduce my_tool.stl --integration refined --tolerance 0.01 -o my_tool.npz
+rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz
 """
 
 import argparse

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
-from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator.quality import QualityMonitor
 from rft_ros.estimator.samples import (
     Estimate,
     Measurement,
@@ -20,7 +20,7 @@ from rft_ros.estimator.samples import (
     WrenchSample,
 )
 from rft_ros.estimator.settings import Model, Settings
-from rft_ros.estimator.validity import Validity
+from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import COLUMNS, STATE, Memory, rotation_matrix, unit_quaternion, wrenches, wrenches_in_time
 
 __all__ = ["TIME_JUMP", "Estimator"]
@@ -63,7 +63,7 @@ class Estimator:
         self._tare = Tare()
         self._memory: Memory | None = None
         self._remembered = 0  # stamp up to which the memory is
-        self._validity = Validity(model.tool)
+        self._quality = QualityMonitor(model.tool)
         self.model = model
         self._begin_memory(model)
         self.settings = settings
@@ -106,7 +106,7 @@ class Estimator:
         """
         if model is not None:
             if model.tool is not self.model.tool:
-                self._validity = Validity(model.tool)
+                self._quality = QualityMonitor(model.tool)
             if model.tool is not self.model.tool or (model.mobilization_length > 0.0) != (self._memory is not None):
                 self._begin_memory(model)
             self.model = model
@@ -332,7 +332,7 @@ class Estimator:
         self._state, self._next = self._next, self._state
 
     def _estimate(self, stamp: int, numbers: list[float], speed: float, in_grains: bool) -> Estimate:
-        quality_flags = self._validity.of(
+        quality_flags = self._quality.flags(
             self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
         )
         fx, fy, fz, tx, ty, tz = numbers[:6]

@@ -1,4 +1,4 @@
-"""The paper's families of motion: poses in closed form, with the twist that is their exact derivative.
+"""The paper's families of motion: poses in closed form, with their exact derivative as twist.
 
 A family is a dataclass of typed parameters; ``at(times)`` gives states, `sample` and `sample_every` times and states:
 
@@ -28,11 +28,11 @@ Array = NDArray[np.float64]
 
 
 class Motion(Protocol):
-    """What every family offers: how long it lasts [s], and its states at any times."""
+    """The interface of every family: its duration [s], and its states at any times."""
 
     @property
     def duration(self) -> float:
-        """From the first pose to the last [s]."""
+        """Time from the first pose to the last [s]."""
         ...
 
     def at(self, times: ArrayLike) -> Array:
@@ -42,7 +42,7 @@ class Motion(Protocol):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Steady:
-    """At one speed along a path; the fields of all families that are."""
+    """Motion at constant speed along a path; the fields that such families share."""
 
     speed: float = 0.01
     travel: float = 0.05
@@ -52,7 +52,7 @@ class _Steady:
 
     @property
     def duration(self) -> float:
-        """From the first pose to the last [s]."""
+        """Time from the first pose to the last [s]."""
         return self.travel / self.speed
 
 
@@ -60,8 +60,8 @@ class _Steady:
 class Straight(_Steady):
     """Insertion, penetration or withdrawal along a line, without turning.
 
-    `start_height`: z of the origin at t = 0 [m]. `speed` [m/s]. `travel`: length of the path [m]. `descent_deg`: how
-    far below the horizontal it goes [deg]; 90 straight down, -90 straight up. `heading_deg`: its horizontal direction,
+    `start_height`: z of the origin at t = 0 [m]. `speed` [m/s]. `travel`: length of the path [m]. `descent_deg`: angle
+    of the path below the horizontal [deg]; 90 straight down, -90 straight up. `heading_deg`: its horizontal direction,
     from +x towards +y [deg]. `tilt_deg`, then `yaw_deg`: the tool's attitude, Rz(yaw) Ry(tilt) [deg].
     """
 
@@ -112,8 +112,8 @@ class PlateDrag(_Steady):
 class OscillatingInsertion(_Steady):
     """Straight down while pitching about y as amplitude * sin(2π frequency t) (paper Fig. 7; its ellipsoid).
 
-    `frequency`: of the pitch [Hz]. The released code has 0.625 (ω = 1.25π rad/s), the paper's text 1.25.
-    `amplitude_deg` [deg]; 0 is the insertion without oscillation. `start_height`: z of the origin at t = 0 [m]; 18 mm
+    `frequency`: of the pitch [Hz]; 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text.
+    `amplitude_deg` [deg]; 0 for an insertion without oscillation. `start_height`: z of the origin at t = 0 [m]; 18 mm
     puts the ellipsoid's tip on the surface. `speed` [m/s], `travel`: depth gained [m].
     """
 
@@ -136,7 +136,7 @@ class OscillatingInsertion(_Steady):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumnutation:
-    """A tilted root tip that turns about the vertical while it goes down a helix (paper Fig. 8).
+    """A tilted root tip that descends a helix, turning about the vertical (paper Fig. 8).
 
     `tilt_deg`: η, the root's axis from the vertical [deg]. `pitch`: P, depth gained per turn [m]. `rate_deg_s`: turning
     about the vertical [deg/s], negative for clockwise from above. `travel`: depth gained [m]. `start_height`: z of the
@@ -152,7 +152,7 @@ class Circumnutation:
     def __post_init__(self) -> None:
         _check(self, positive=("pitch", "travel"))
         if self.rate_deg_s == 0.0:
-            raise InputError("Circumnutation.rate_deg_s is 0.0; without turning there is no pitch: use Straight")
+            raise InputError("Circumnutation.rate_deg_s is 0.0; it must not be 0, which has no pitch: use Straight")
 
     @property
     def speed(self) -> float:
@@ -161,7 +161,7 @@ class Circumnutation:
 
     @property
     def duration(self) -> float:
-        """From the first pose to the last [s]."""
+        """Time from the first pose to the last [s]."""
         return self.travel / self.speed
 
     def at(self, times: ArrayLike) -> Array:
@@ -179,7 +179,7 @@ class Circumnutation:
         return states
 
     def straight_limit(self) -> Straight:
-        """The same root pushed down the same way without turning: pitch to infinity (forces know no rate)."""
+        """The same root pushed down without turning: the limit of infinite pitch (forces are rate-independent)."""
         return Straight(start_height=self.start_height, speed=self.speed, travel=self.travel, tilt_deg=self.tilt_deg)
 
 
@@ -189,13 +189,13 @@ FAMILIES: dict[str, type[Motion]] = {
     "oscillating_insertion": OscillatingInsertion,
     "circumnutation": Circumnutation,
 }
-"""The families by the name that files and commands use."""
+"""The families by their name in files and commands."""
 
 
 def sample(motion: Motion, count: int) -> tuple[Array, Array]:
     """Times, shape [count], evenly spaced from the start to the end, and states, shape [count, 13]; count >= 2."""
     if count < 2:
-        raise InputError(f"a motion sampled {count} times is none; it needs at least 2 samples")
+        raise InputError(f"a motion sampled {count} times has no path; it needs at least 2 samples")
     times = np.linspace(0.0, motion.duration, count)
     return times, motion.at(times)
 

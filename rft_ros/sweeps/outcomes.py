@@ -35,8 +35,8 @@ RESULTS = (
     "path",
     "plates",
 )
-"""Columns of a row beside the variant's own: wrench on the tool [N], [N m], world axes, peaks by magnitude with their
-sign; work done on the grains [J]; path of the tool frame's origin [m]."""
+"""Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
+path of the tool frame's origin [m]; number of plates."""
 
 _SAMPLES = 200
 
@@ -71,7 +71,9 @@ def work(times: Array, states: Array, wrenches: Array) -> Work:
 
 
 @lru_cache(maxsize=64)
-def _tool(mesh: str, scale: float, origin: tuple[float, float, float], integration: str, tolerance: float) -> Tool:
+def _tool(
+    mesh: str, scale: float, origin: tuple[float, float, float], integration: str | None, tolerance: float
+) -> Tool:
     return ToolRequest(mesh, scale, origin, integration, tolerance).load()  # type: ignore[arg-type]
 
 
@@ -99,13 +101,13 @@ def _law(medium: dict[str, Any]) -> Treers2021:
 
 
 def evaluate(variant: Variant) -> dict[str, float]:
-    """The numbers of a variant, by column. InputError or ValueError say why there are none."""
+    """The results of a variant by column. Raises InputError or ValueError if it has none."""
     t = variant["tool"]
     tool = _tool(
         t["mesh"],
         float(t.get("scale", 0.001)),
         tuple(float(v) for v in t.get("origin", (0.0, 0.0, 0.0))),
-        t.get("integration", "centroid"),
+        t.get("integration"),
         float(t.get("tolerance", 0.0)),
     )
     times, states = _motion(variant["motion"])
@@ -129,7 +131,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
 
 
 def row_of(variant: Variant, columns: Sequence[str]) -> list[str]:
-    """A row of the table: the variant's own values, its numbers, and a reason where there are none."""
+    """A row of the table: the variant's values, its results, or the reason why it has none."""
     own = {f"{part}.{key}": value for part, values in variant.items() for key, value in values.items()}
     numbers: dict[str, float] = {}
     reason = ""

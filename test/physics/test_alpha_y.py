@@ -1,4 +1,4 @@
-"""Models of α_y, the stress per depth along e1 (DESIGN 2)."""
+"""Models of α_y, the stress per depth along e1 (docs/method.md)."""
 
 import math
 

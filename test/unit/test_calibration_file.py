@@ -15,8 +15,7 @@ from rft_ros.calibration import Calibration, FittedValue
 from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.overview import print_overview
 from rft_ros.cli import main
-from rft_ros.estimator.parameter_file import read_parameter_file
-from rft_ros.estimator.parameters import defaults, model_of
+from rft_ros.estimator.parameters import defaults, model_of, read_parameter_file
 
 
 def write_bag(path, time, states, readings):

@@ -145,7 +145,7 @@ def test_what_cannot_be_done_is_a_sentence(tmp_path, capsys, options, message):
 
 
 def broken(tmp_path, change):
-    file = reduce(tmp_path, "--plates", "40")
+    file = reduce(tmp_path, "--integration", "centroid", "--plates", "40")
     with np.load(file, allow_pickle=False) as arrays:
         content = dict(arrays)
     change(content)
