@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from rft_ros.bags.doubt_counts import counted_flags
 from rft_ros.bags.estimates import COLUMNS, Trace, csv_row
-from rft_ros.bags.motion import Motion
-from rft_ros.bags.phases import Phase, Phases
+from rft_ros.bags.phases import Motion, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.statistics import statistics
+from rft_ros.bags.statistics import count_flags, statistics
 from rft_ros.bags.summary import Summary
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
@@ -77,7 +75,7 @@ def replay(
                 why = f" ({recording.damage})" if recording.damage else ""
                 raise InputError(f"bag '{bag}' has no message on {topics['pose']} in the part that is replayed{why}")
             whole, phases = statistics(trace)
-            quality_flags, trust = counted_flags(trace)
+            quality_flags, trust = count_flags(trace)
             estimator.counts.pop("estimates", 0)
             summary = Summary(
                 bag=bag.resolve().name,
@@ -102,7 +100,7 @@ def replay(
             wall = {"seconds": summary.seconds, "real_time_factor": summary.real_time_factor}
             (out / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
             if report or figures:
-                from rft_ros.bags.illustrated import draw
+                from rft_ros.bags.replay_report import draw
 
                 draw(summary, trace, model, out, vertical=motion.vertical_axis(), page=report, pictures=figures)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A replay's report and figures: what `report` draws, from the trace, the model and the summary."""
+"""A replay's report and figures, made from the trace, the model and the summary."""
 
 import math
 import platform
@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from rft_ros.bags.estimates import PHASES, ROW, Trace
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
-from rft_ros.bags.tool_moments import tool_animation
 from rft_ros.estimator import Model
 from rft_ros.estimator.parameters import PARAMETERS
 from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
-from rft_ros.report.animation import Animation
+from rft_ros.report.animation import Animation, animate
 from rft_ros.report.charts import Chart
 from rft_ros.report.page import Table, write_page
 from rft_ros.report.pictures import draw_chart, draw_tool
@@ -26,6 +25,8 @@ __all__ = ["decimated", "draw"]
 
 _BUCKETS = 1500
 _BLOCK = 4096
+_FRACTIONS = (0.25, 0.5, 0.75)
+_MOST_FACES = 4000
 _PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
 
 
@@ -52,7 +53,7 @@ def draw(
     charts = replay_charts(series)
     surface = summary.parameters["surface_height"]
     assert isinstance(surface, float)
-    tool = tool_animation(rows, model, surface_height=surface)
+    tool = _tool_animation(rows, model, surface_height=surface)
     if page:
         _write_page(summary, out / "report.html", charts=charts, tool=tool)
     for chart in charts if pictures else ():
@@ -64,7 +65,7 @@ def draw(
 def decimated(trace: Trace) -> NDArray[np.void]:
     """Rows of the trace, all of them or some thousand.
 
-    Of each stretch its first, and those with the greatest depth, measured force and residual force: no peak is lost.
+    Each bucket keeps its first row and those with the greatest depth, measured force and residual force.
     """
     size = math.ceil(len(trace) / _BUCKETS)
     if size <= 4:
@@ -124,9 +125,9 @@ def _tables(summary: Summary) -> Mapping[str, Table]:
             rows=metric_rows(summary),
         ),
         "quality_flags": Table(
-            title="Doubts",
-            sentence=f"What is doubtful about how many of the {summary.estimates:,} estimates (trust: {trusted})."
-            f" Beside that, each component of a predicted force scatters by {100 * SCATTER:.0f} % of the force's"
+            title="Quality flags",
+            sentence=f"How many of the {summary.estimates:,} estimates have each flag (trust: {trusted})."
+            f" Each component of a predicted force scatters by {100 * SCATTER:.0f} % of the force's"
             " magnitude (standard deviation, from simulated plates): the band in the figures.",
             heads=("flag", "estimates", "trust", "meaning"),
             rows=[
@@ -171,5 +172,48 @@ def _text(value: object) -> str:
 def _version(package: str) -> str:
     try:
         return version(package)
-    except PackageNotFoundError:  # run from a folder that was never installed
+    except PackageNotFoundError:  # run from a source folder
         return "not installed"
+
+
+def _tool_animation(rows: NDArray[np.void], model: Model, *, surface_height: float) -> Animation | None:
+    """The tool at some depths of the penetration, at its deepest (shown first), and during later phases.
+
+    None if no estimate has the tool in the grains.
+    """
+    indices, chosen = _moments(rows)
+    if not indices:
+        return None
+    states = np.array(rows["state"][indices])
+    states[:, :2] = 0.0  # a recording may cross the bed
+    return animate(
+        f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}",
+        model.tool,
+        model.law,
+        states,
+        [f"{1e3 * row['depth']:.1f} mm, {PHASES[row['phase']]}" for row in rows[indices]],
+        surface_height=surface_height,
+        first=chosen,
+        most_faces=_MOST_FACES,
+    )
+
+
+def _moments(rows: NDArray[np.void]) -> tuple[list[int], int]:
+    """Rows to show, in order, and which of them is the deepest of penetration (of all, if there is none)."""
+    answered = ~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)
+    sinking = answered & (rows["phase"] == PHASES.index(Phase.PENETRATION))
+    use = np.flatnonzero(sinking if sinking.any() else answered)
+    if not len(use):
+        return [], 0
+    depth = rows["depth"]
+    deepest = int(use[np.argmax(depth[use])])
+    before = use[use <= deepest]
+    found = {deepest}
+    for fraction in _FRACTIONS:
+        found.add(int(before[np.argmin(np.abs(depth[before] - fraction * depth[deepest]))]))
+    for phase in (Phase.PLOUGHING, Phase.WITHDRAWAL):
+        after = np.flatnonzero(answered & (rows["phase"] == PHASES.index(phase)))
+        if len(after):
+            found.add(int(after[len(after) // 2]))
+    ordered = sorted(found)
+    return ordered, ordered.index(deepest)
