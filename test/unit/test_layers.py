@@ -13,7 +13,7 @@ ALLOWED = {
     "installation": {"errors"},
     "tool": {"installation", "rft", "errors"},
     "estimator": {"tool", "rft", "child_process", "errors", "yaml_file"},
-    "report": {"errors"},
+    "report": {"tool", "rft", "errors"},
     "yaml_file": {"errors"},
     "progress": set(),
     "states_file": {"rft", "errors"},
