@@ -1,7 +1,6 @@
 """The node as a user meets it: a real process over loopback DDS."""
 
 import math
-import signal
 
 import numpy as np
 import pytest
@@ -9,6 +8,7 @@ from harness import OUTPUTS, numbers, predicted_by_the_core, stamp_of
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import read_parameter_file
+from rft_ros.tool import locate_mesh
 
 S = 1_000_000_000
 
@@ -83,12 +83,13 @@ def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(rft):
         ("medium__name", "custard", "custard"),
         ("alpha_y__model", "cubic", "cubic"),
         ("mesh__file", "no_such_mesh", "no_such_mesh"),
-        ("mesh__file", "/none/there.stl", "/none/there.stl"),
+        ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist"),
+        ("mesh__file", str(locate_mesh("plate").parent), "meshes' is a folder"),
         ("mesh__scale", 0.0, "mesh.scale"),
         ("mesh__origin", [0.0, 1.0], "mesh.origin"),
         ("sensor__quaternion", [0.0, 0.0, 0.0, 0.0], "sensor.quaternion"),
         ("sensor__sign", 0.5, "sensor.sign"),
-        ("executor", "events", "executor"),
+        ("executor", "single", "executor"),
     ],
 )
 def test_a_bad_value_is_refused_with_a_sentence_and_nothing_changes(rft, name, value, words):
@@ -143,7 +144,39 @@ def test_a_wrong_frame_is_named_in_the_diagnostics_and_in_the_log(start_node):
     rft.send(rft.moment(), frame="elsewhere")
     rft.until(lambda: sentence in rft.diagnostic("inputs")[1])
     assert rft.last_status("inputs")[0] == b"\x01"
-    rft.until(lambda: f"pose_frame_unknown ({sentence}): 1 in the last 1 s" in rft.said())
+    rft.until(lambda: f"pose_frame_unknown ({sentence}): began, 1 in the last 1 s" in rft.said())
+
+
+def test_each_reason_is_logged_when_it_begins_and_when_it_ends_whatever_others_last(start_node):
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+
+    def until_logged(sentence, **inputs):
+        rft.until(lambda: rft.send(rft.moment(), **inputs) or rft.spin(0.1) or sentence in rft.said())
+
+    until_logged("wrench_missing: began", force=None)
+    rft.send(0, force=None)
+    until_logged("pose_stamp_zero: began, 1 in the last 1 s", force=None)
+    until_logged("pose_stamp_zero: ended, 1 in all", force=None)
+    assert "wrench_missing: ended" not in rft.said()
+    until_logged("wrench_missing: ended")
+    assert rft.said().count("wrench_missing: began") == 1
+
+
+def test_without_estimates_there_is_no_trust(start_node):
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    _, message, values = rft.diagnostic("estimates")
+    assert (message, values["trust"]) == ("no estimates", "NO")
+
+
+def test_the_measured_wrench_is_interpolated_at_the_stamp_from_samples_that_come_after_the_prediction(rft):
+    stamp = rft.moment()
+    rft.send(stamp - 20_000_000, force=(0.0, 0.0, 1.0))
+    rft.ask(stamp, force=None)
+    assert not any(stamp_of(m) == stamp for m in rft.received["wrench_compensated"])
+    rft.send(stamp + 10_000_000, force=(0.0, 0.0, 4.0))
+    rft.until(lambda: any(stamp_of(m) == stamp for m in rft.received["wrench_residual"]))
+    compensated = next(m for m in rft.received["wrench_compensated"] if stamp_of(m) == stamp)
+    np.testing.assert_allclose(numbers(compensated)[:3], [0.0, 0.0, 3.0], atol=1e-12)
 
 
 @pytest.mark.parametrize("topic", ["pose", "twist", "wrench"])
@@ -183,6 +216,7 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
     rft.ask(start + 2 * S, z=0.1, linear=(0.0, 0.0, 0.0), force=(1.0, 2.0, 3.0))
     successful, message = rft.tare()
     assert successful and "sensor.bias set to [1, 2, 3, 0, 0, 0]" in message
+    assert "tare: sensor.bias set to [1, 2, 3, 0, 0, 0] N, N m" in rft.said()
     stamp = rft.moment()
     rft.ask(stamp, z=0.1, linear=(0.0, 0.0, 0.0), force=(1.0, 2.0, 3.0))
     rft.until(lambda: any(stamp_of(m) == stamp for m in rft.received["wrench_compensated"]))
@@ -193,34 +227,10 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
 
 def test_without_a_load_cell_the_prediction_still_comes(rft):
     compensated = len(rft.received["wrench_compensated"])
-    rft.ask(rft.moment(), force=None)
+    for _ in range(2):  # the second tells that no sample came for the first
+        rft.ask(rft.moment(), force=None)
     assert int(rft.diagnostic("inputs")[2]["count.wrench_stale"]) >= 1
     assert len(rft.received["wrench_compensated"]) == compensated
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_it_ends_cleanly_when_told_to(start_node, number):
-    rft = start_node("-p", "mesh.file:=plate").wait_ready()
-    assert rft.stop(number) == 0
-    said = rft.said()
-    assert "ready: tool plate" in said
-    assert "Traceback" not in said
-
-
-@pytest.mark.parametrize(
-    ("argument", "words"),
-    [
-        ("mesh.file:=nothing_there", "nothing_there"),
-        ("medium.zeta:=-2.0", "medium.zeta is -2"),
-        ("alpha_y.model:=table", "alpha_y.table"),
-        ("sensor.position:=[1.0]", "sensor.position"),
-    ],
-)
-def test_it_does_not_start_on_parameters_it_cannot_use(start_node, argument, words):
-    rft = start_node("-p", argument)
-    assert rft.process.wait(30.0) == 2
-    assert words in rft.said()
-    assert "Traceback" not in rft.said()
 
 
 def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_replay(start_node, tmp_path):
@@ -232,15 +242,3 @@ def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_repl
         read_parameter_file(file)
     assert f"rft_node: {refusal.value}" in rft.said()
     assert "Traceback" not in rft.said()
-
-
-def test_asked_for_help_it_gives_some_and_does_not_start(start_node):
-    rft = start_node("--help")
-    assert rft.process.wait(30.0) == 0
-    assert rft.said().startswith("usage: rft_node")
-
-
-def test_the_events_executor_answers_too(start_node):
-    rft = start_node("-p", "executor:=events").wait_ready()
-    np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
-    assert rft.stop() == 0

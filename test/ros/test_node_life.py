@@ -141,23 +141,6 @@ def test_a_parameter_it_does_not_know_is_named(start_node):
     assert "no parameter 'medium.zeeta'" in rft.said()
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("--params-file", "cell.yaml"), "cannot use '--params-file cell.yaml'; ROS arguments, such as"),
-        (("--foo", "--ros-args", "-p", "mesh.file:=plate"), "cannot use '--foo'; ROS arguments, such as"),
-        (("--ros-args", "-p", "mesh.file:=plate", "--", "plate"), "cannot use 'plate'; ROS arguments, such as"),
-        (("--ros-args", "--foo"), "ROS knows no argument '--foo'"),
-    ],
-)
-def test_arguments_that_ros_would_pass_over_are_refused(arguments, sentence):
-    command = [sys.executable, "-m", "rft_ros.node.main", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"rft_node: {sentence}")
-    assert len(done.stderr.splitlines()) == 1
-
-
 @pytest.fixture
 def start_demo(tmp_path):
     """Start demos and wait until they have begun to wait for their node; whichever still runs is ended."""
