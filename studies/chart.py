@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.report.legend import legend_below
+from rft_ros.report.pictures import legend_below
 from rft_ros.rft import INTEGRATIONS, MEDIA, Law, Plates, wrenches
 from rft_ros.tool.cubature import chosen_plates
 from rft_ros.tool.merge import Merger

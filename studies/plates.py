@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.report.legend import legend_below
+from rft_ros.report.pictures import legend_below
 from rft_ros.rft import Plates, wrenches
 from rft_ros.sweeps.motions import PlateDrag
 from studies.dem import CALIBRATION, RUNS, DemRun, fitted_zeta, median_error, read_run, smoothed

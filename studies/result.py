@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from rft_ros.errors import InputError
-from rft_ros.report.figure_page import figure_page
+from rft_ros.report.page import figure_page
 
 __all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION"]
 __all__ += [

@@ -15,13 +15,11 @@ from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Model
 from rft_ros.estimator.parameters import PARAMETERS
 from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
-from rft_ros.report.charts import Chart, ToolView, TractionMoment
+from rft_ros.report.animation import Animation, animate
+from rft_ros.report.charts import Chart
 from rft_ros.report.page import Table, write_page
 from rft_ros.report.pictures import draw_chart, draw_tool
-from rft_ros.report.replay_charts import replay_charts
-from rft_ros.report.replay_series import FlaggedRows, ReplaySeries
-from rft_ros.rft import plate_forces, rotation_matrix
-from rft_ros.tool.drawing import drawable
+from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
 
 __all__ = ["decimated", "draw"]
 
@@ -29,7 +27,6 @@ _BUCKETS = 1500
 _BLOCK = 4096
 _FRACTIONS = (0.25, 0.5, 0.75)
 _MOST_FACES = 4000
-_WITHOUT_MEMORY = " The traction shown is the law's at full strength, without memory."
 _PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
 
 
@@ -56,13 +53,13 @@ def draw(
     charts = replay_charts(series)
     surface = summary.parameters["surface_height"]
     assert isinstance(surface, float)
-    tool = _tool_view(rows, model, surface_height=surface)
+    tool = _tool_animation(rows, model, surface_height=surface)
     if page:
         _write_page(summary, out / "report.html", charts=charts, tool=tool)
     for chart in charts if pictures else ():
         draw_chart(chart, out / f"{chart.name}.png", title=summary.bag)
     if pictures and tool is not None:
-        draw_tool(tool, out / f"{tool.name}.png", title=summary.bag)
+        draw_tool(tool, out / "tool.png", title=summary.bag)
 
 
 def decimated(trace: Trace) -> NDArray[np.void]:
@@ -97,7 +94,7 @@ def _flagged(quality_flags: NDArray[np.int64]) -> Iterator[FlaggedRows]:
             yield FlaggedRows(name=flag_names(flag)[0], trust=trust(flag).value, rows=rows)
 
 
-def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: ToolView | None) -> None:
+def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: Animation | None) -> None:
     minutes, seconds = divmod(summary.duration, 60.0)
     write_page(
         file,
@@ -179,7 +176,7 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _tool_view(rows: NDArray[np.void], model: Model, *, surface_height: float) -> ToolView | None:
+def _tool_animation(rows: NDArray[np.void], model: Model, *, surface_height: float) -> Animation | None:
     """The tool at some depths of the penetration, at its deepest (shown first), and during later phases.
 
     None if no estimate has the tool in the grains.
@@ -187,32 +184,17 @@ def _tool_view(rows: NDArray[np.void], model: Model, *, surface_height: float) -
     indices, chosen = _moments(rows)
     if not indices:
         return None
-    vertices, faces, plates = drawable(model.tool, most_faces=_MOST_FACES)
-    moments = []
-    for index in indices:
-        row = rows[index]
-        state = np.array(row["state"])
-        forces = plate_forces(plates, model.law, state, surface_height=surface_height)
-        placed = vertices @ rotation_matrix(state[3:7]).T
-        placed[:, 2] += state[2]
-        force = forces.sum(axis=0).tolist()
-        moments.append(
-            TractionMoment(
-                label=f"{1e3 * row['depth']:.1f} mm, {PHASES[row['phase']]}",
-                vertices=placed,
-                traction=np.linalg.norm(forces, axis=1) / plates.packed[6],
-                force=(force[0], force[1], force[2]),
-            )
-        )
-    return ToolView(
-        title="Tool and traction",
-        sentence="The tool coloured by the predicted traction on its leading faces, in world axes (x and y from the"
-        " tool's origin), the surface of the grains, and the predicted force as an arrow. The slider goes through"
-        " moments of the recording." + (_WITHOUT_MEMORY if model.mobilization_length > 0.0 else ""),
-        faces=faces,
-        moments=tuple(moments),
-        chosen=chosen,
+    states = np.array(rows["state"][indices])
+    states[:, :2] = 0.0  # a recording may cross the bed
+    return animate(
+        f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}",
+        model.tool,
+        model.law,
+        states,
+        [f"{1e3 * row['depth']:.1f} mm, {PHASES[row['phase']]}" for row in rows[indices]],
         surface_height=surface_height,
+        first=chosen,
+        most_faces=_MOST_FACES,
     )
 
 

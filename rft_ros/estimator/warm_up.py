@@ -52,10 +52,10 @@ class _NotCompiledError(Exception):
 class _ColdCache(event.Listener):  # type: ignore[misc]
     """Raises as soon as numba begins to compile what it did not find in its cache."""
 
-    def on_start(self, event: event.Event) -> None:
+    def on_start(self, _event: event.Event) -> None:
         raise _NotCompiledError
 
-    def on_end(self, event: event.Event) -> None:
+    def on_end(self, _event: event.Event) -> None:
         pass
 
 

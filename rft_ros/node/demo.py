@@ -28,7 +28,7 @@ from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
 from rft_ros.installation import program
 from rft_ros.node.virtual_arm import PAUSE
-from rft_ros.report.depth_figure import DepthTrace
+from rft_ros.report.pictures import DepthTrace
 from rft_ros.rft import rotation_matrix
 from rft_ros.tool import load_tool, share_directory
 

@@ -1,11 +1,12 @@
-"""What a chart shows, in numbers and words, whatever draws it: `page` on a web page, `pictures` as PNG."""
+"""A chart as numbers and words, drawn by `page` on a web page or by `pictures` as PNG."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BAND", "COLOURS", "SHADE", "Chart", "Line", "Panel", "Span", "ToolView", "TractionMoment"]
+__all__ = ["BAND", "COLOURS", "SHADE", "Chart", "Line", "Panel", "Span"]
 
 COLOURS = {
     "measured": "#333333",
@@ -22,7 +23,7 @@ COLOURS = {
     "caution": "#56B4E9",
     "no": "#000000",
 }
-"""Okabe and Ito's palette, which people with any kind of colour vision can tell apart."""
+"""Okabe and Ito's palette, distinguishable with any kind of colour vision."""
 
 SHADE, BAND = 0.13, 0.22
 """Opacity of spans, and of bands."""
@@ -32,24 +33,23 @@ _Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """`y` over `x`, shape [n], NaN for a gap, and what is drawn of them is the `kind`.
+    """`y` over `x`, shape [n], NaN for a gap.
 
-    "line"; "band": from y[0] to y[1], shape [2, n]; "bars": heights between the edges `x`, shape [n + 1].
-
-    `colour`: a key of `COLOURS`. Lines of one label share a place in the legend.
+    `kind`: "line"; "band" from y[0] to y[1], `y` of shape [2, n]; "bars" with heights `y` between the edges `x`, shape
+    [n + 1]. `colour`: a key of `COLOURS`. Lines with the same label share a legend entry.
     """
 
     label: str
     colour: str
     x: _Numbers
     y: _Numbers
-    kind: str = "line"
+    kind: Literal["line", "band", "bars"] = "line"
     width: float = 1.5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panel:
-    """One pair of axes; `names`: of y = 0, 1, 2 ..., from the top down, in place of numbers."""
+    """One pair of axes. `names`: tick labels in place of y = 0, 1, 2 ..., from the top down."""
 
     x_label: str
     y_label: str
@@ -59,7 +59,7 @@ class Panel:
 
 @dataclass(frozen=True, slots=True)
 class Span:
-    """A stretch of the x axis to be shaded: `name`, a key of `COLOURS`, from `begin` to `end`."""
+    """A shaded part of the x axis from `begin` to `end`; `name`: a key of `COLOURS`."""
 
     name: str
     begin: float
@@ -70,9 +70,8 @@ class Span:
 class Chart:
     """Panels in rows, with a title and one sentence on what they show.
 
-    `name`: for files and links. `panels`: rows of equal length. `heights`: of the rows, by comparison. `spans`: shaded
-    in the panels of the columns `shaded`.
-    `same_x`: the panels of a column share their x axis.
+    `name`: for files and links. `panels`: rows of equal length. `heights`: relative, of the rows. `spans`: shaded in
+    the panels of the columns `shaded`. `same_x`: the panels of a column share their x axis.
     """
 
     name: str
@@ -84,35 +83,3 @@ class Chart:
     same_x: bool = True
     height: int = 640
     heights: tuple[float, ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TractionMoment:
-    """The tool at one moment.
-
-    `vertices`: world axes, x and y from the tool's origin [m], shape [n, 3]. `traction` of each face [Pa], shape [m].
-    `force` on the tool [N], world axes.
-    """
-
-    label: str
-    vertices: _Numbers
-    traction: _Numbers
-    force: tuple[float, float, float]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ToolView:
-    """The tool in the grains at some moments, `chosen` the one shown first; `faces`: shape [m, 3]."""
-
-    title: str
-    sentence: str
-    faces: NDArray[np.int64]
-    moments: tuple[TractionMoment, ...]
-    chosen: int
-    surface_height: float
-    name: str = field(default="tool")
-
-    @property
-    def from_above(self) -> bool:
-        """Whether the faces that the grains push are seen from above: those that the force points away from."""
-        return self.moments[self.chosen].force[2] <= 0.0

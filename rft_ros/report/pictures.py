@@ -1,15 +1,43 @@
-"""Charts as PNG, by matplotlib."""
+"""Pictures by matplotlib, as PNG: charts, the tool in the grains, its force over depth."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line, ToolView
-from rft_ros.report.legend import legend_below
+from rft_ros.report.animation import Animation, draw_moment
+from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line
 
-__all__ = ["draw_chart", "draw_tool"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["DepthTrace", "draw_chart", "draw_force_over_depth", "draw_tool", "legend_below"]
+
+Row = tuple[float, float, float, float]
+"""Depth of the tool's lowest point below the surface [m] and force on the tool [N]: d, fx, fy, fz."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DepthTrace:
+    """Rows over time of three wrenches' forces, in the sensor frame; `swap`: depth at which the model changed [m]."""
+
+    measured: list[Row]
+    predicted: list[Row]
+    residual: list[Row]
+    swap: float | None = None
+
+
+def legend_below(figure: "Figure", entries: Mapping[str, Any], **style: Any) -> None:
+    """A legend of handles by label, under the panels of a figure with constrained layout."""
+    import matplotlib as mpl
+
+    place = "outside lower center"
+    if mpl.__version_info__ < (3, 7):  # Ubuntu 24.04 has 3.6, which reserves no space for the legend
+        place = "lower center"
+        figure.set_layout_engine("constrained", rect=(0.0, 0.06, 1.0, 0.94))
+    figure.legend(entries.values(), entries.keys(), loc=place, frameon=False, **style)
 
 
 def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
@@ -58,38 +86,47 @@ def _draw(axes: Any, line: Line) -> Any:
     return axes.plot(line.x, line.y, color=colour, lw=line.width, solid_capstyle="butt")[0]
 
 
-def draw_tool(view: ToolView, file: Path, *, title: str) -> None:
-    """Draw the tool at its chosen moment to a PNG."""
-    from matplotlib import colormaps
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
+def draw_tool(scene: Animation, file: Path, *, title: str) -> None:
+    """Draw an animation's first moment to a PNG."""
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    moment = view.moments[view.chosen]
-    corners = 1e3 * moment.vertices[view.faces]
-    scale = Normalize(0.0, max(1e-9, 1e-3 * float(moment.traction.max(initial=0.0))))
     figure = Figure(figsize=(8.0, 7.0), layout="constrained")
-    axes: Any = figure.add_subplot(projection="3d")
-    colours = colormaps["viridis"](scale(1e-3 * moment.traction))
-    axes.add_collection3d(Poly3DCollection(corners, facecolors=colours, edgecolors=(0, 0, 0, 0.1), linewidths=0.2))
-    low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-    reach = 0.6 * float((high - low).max())
-    middle = (low + high) / 2.0
-    for setter, at in zip((axes.set_xlim, axes.set_ylim, axes.set_zlim), middle, strict=True):
-        setter(at - reach, at + reach)
-    _surface(axes, 1e3 * view.surface_height, middle, reach)
-    axes.set_xlabel("x [mm]")
-    axes.set_ylabel("y [mm]")
-    axes.set_zlabel("z [mm]")
-    axes.set_box_aspect((1, 1, 1))
-    axes.view_init(elev=30.0 if view.from_above else -30.0)
-    figure.colorbar(ScalarMappable(scale, "viridis"), ax=axes, label="Traction [kPa]", shrink=0.6)
-    figure.suptitle(f"{view.title}: {title}, {moment.label}")
+    # the loaded faces look away from the force
+    elevation = -15.0 if scene.forces[scene.first, 2] > 0.0 else 30.0
+    draw_moment(figure, figure.add_subplot(projection="3d", computed_zorder=False), scene, elevation=elevation)
+    figure.suptitle(f"{scene.title}: {title}, {scene.labels[scene.first]}")
     figure.savefig(file, dpi=110, metadata={"Software": None})
 
 
-def _surface(axes: Any, height: float, middle: Sequence[float], reach: float) -> None:
-    if abs(height - middle[2]) <= reach:
-        x, y = np.meshgrid(*(np.array([m - reach, m + reach]) for m in middle[:2]))
-        axes.plot_surface(x, y, np.full_like(x, height), color="#C2A878", alpha=0.25)
+def draw_force_over_depth(trace: DepthTrace, file: Path, *, title: str, scene: Animation) -> None:
+    """Draw the demo's figure to a PNG: the scene's first moment, and beside it force and residual over depth."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(12.6, 5.6), layout="constrained")
+    parts: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
+    left, right = parts
+    draw_moment(left, left.add_subplot(projection="3d", computed_zorder=False), scene)
+    axes = right.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1.0, 1.0, 0.6)})
+    for axis, component, name in ((axes[0], 3, "z (down)"), (axes[1], 1, "x (sideways)")):
+        for rows, label, style in (
+            (trace.measured, "virtual load cell, less bias and weight", {"color": "0.65", "lw": 1.0}),
+            (trace.predicted, "predicted by RFT", {"color": "tab:red", "lw": 1.5}),
+        ):
+            data = np.array(rows)
+            axis.plot(data[:, 0] * 1e3, data[:, component], label=label, **style)
+        axis.set_ylabel(f"Force along\nsensor {name} [N]")
+    data = np.array(trace.residual)
+    for component, label in ((1, "x"), (2, "y"), (3, "z")):
+        axes[2].plot(data[:, 0] * 1e3, data[:, component], lw=0.7, label=label)
+    axes[2].set_ylabel("Residual [N]")
+    drawn = 1e3 * float(scene.surface_height - scene.placed[scene.first, :, 2].min())
+    for axis in axes:
+        if trace.swap is not None:
+            axis.axvline(trace.swap * 1e3, color="tab:blue", ls="--", lw=1.0, label="α_y model swapped")
+        axis.axvline(drawn, color="0.3", ls=":", lw=1.2, label="the moment on the left")
+        axis.grid(alpha=0.3)
+    axes[2].set_xlabel("Depth of the tool's lowest point [mm]")
+    axes[0].legend(loc="lower left", fontsize=8)
+    axes[2].legend(*(handles[:3] for handles in axes[2].get_legend_handles_labels()), fontsize=8, ncols=3)
+    figure.suptitle(title)
+    figure.savefig(file, dpi=110, metadata={"Software": None})

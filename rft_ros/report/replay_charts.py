@@ -1,27 +1,81 @@
-"""The charts of a replay: force and torque over time and depth, and what is left between measured and predicted."""
+"""The charts of a replay: force and torque over time and depth, and the residual."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.report.charts import Chart, Line, Panel, Span
-from rft_ros.report.replay_series import ReplaySeries
 
-__all__ = ["replay_charts"]
+__all__ = ["FlaggedRows", "ReplaySeries", "replay_charts"]
 
 _Numbers = NDArray[np.float64]
 
 _TIME = "Time since the first pose [s]"
 _DEPTH = "Depth of the lowest point [mm]"
 _BINS = 60
-_BAND = "one standard deviation to each side"
+_BAND = "one standard deviation on each side"
 _IN_GRAINS = -1e-3
-"""Charts over depth begin here, a little above the surface [m]."""
+"""Charts over depth begin this far [m] above the surface."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FlaggedRows:
+    """A quality flag's `name`, the `trust` it implies ("CAUTION" or "NO"), and which rows have it, shape [n]."""
+
+    name: str
+    trust: str
+    rows: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReplaySeries:
+    """A replay, decimated to what a chart can show: n rows, one for each pose that is drawn.
+
+    `time` [s] from the first pose; `depth` of the tool's lowest point [m]; `phase`: index into `phases`, -1 for none;
+    `measured` (less bias and tool weight), `predicted`: wrench on the tool in sensor axes [N, N m], shape [n, 6], NaN
+    where there is none; `deviation`: standard deviation of each component of the predicted force and torque, shape
+    [n, 2]. `quality_flags`: those that occur. `vertical`: the sensor axis nearest to vertical, and whether it points
+    "up" or "down".
+    """
+
+    time: _Numbers
+    depth: _Numbers
+    phase: NDArray[np.int64]
+    phases: tuple[str, ...]
+    measured: _Numbers
+    predicted: _Numbers
+    deviation: _Numbers
+    quality_flags: tuple[FlaggedRows, ...]
+    vertical: tuple[str, str]
+
+    def spans(self) -> tuple[Span, ...]:
+        """One span for each phase."""
+        return tuple(
+            Span(self.phases[self.phase[row]], begin, end)
+            for row, begin, end in self.segments(self.phase)
+            if self.phase[row] >= 0
+        )
+
+    def segments(self, values: "NDArray[np.int64] | NDArray[np.bool_]") -> list[tuple[int, float, float]]:
+        """First row, begin and end [s] of each run of equal values; a run ends where the next begins.
+
+        `values`: shape [n], a value for each row.
+        """
+        if not len(values):
+            return []
+        differs = (values[1:] != values[:-1]) | (np.diff(self.time) < 0.0)
+        changes = (np.flatnonzero(differs) + 1).tolist()
+        time = self.time.tolist()
+        return [
+            (a, time[a], max(time[a], time[b]))
+            for a, b in zip([0, *changes], [*changes, len(time) - 1], strict=True)
+        ]  # fmt: skip
 
 
 def replay_charts(series: ReplaySeries) -> tuple[Chart, ...]:
-    """All of them, in the order of the page."""
+    """All charts of a replay, in the order of the page."""
     spans = series.spans()
     return (_over_time(series, spans, 0), _over_time(series, spans, 3), *_over_depth(series), _residual(series, spans))
 
@@ -40,17 +94,17 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
             _line("predicted", series.time, series.predicted[:, column]),
         )
         rows.append((Panel(x_label=_TIME, y_label=f"{what} {axis} [{unit}]", lines=lines),))
-    doubted = ""
+    flagged = ""
     quality_flags = series.quality_flags if first == 0 else ()
     if quality_flags:
         rows.append((_quality_flags(series),))
-        doubted = " Below: when which flag was cast on the prediction, blue for caution, black for not to be trusted."
+        flagged = " Below: when the prediction had which quality flag; blue means caution, black do not trust."
     return Chart(
         name=f"{what.lower()}_over_time",
         title=f"{what} over time",
         sentence=f"{what} on the tool by the grains, along the axes of the sensor frame{_z_points(series)}: measured,"
         f" less bias and tool weight, and predicted by RFT, with a band of {_BAND}. A line breaks where there is no"
-        f" estimate.{doubted}",
+        f" estimate.{flagged}",
         panels=tuple(rows),
         spans=spans,
         height=640 + 26 * len(quality_flags),
@@ -59,14 +113,14 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
 
 
 def _quality_flags(series: ReplaySeries) -> Panel:
-    """A thick line for each flag while it lasts."""
+    """One thick line for each flag, drawn while it lasts."""
     lines = []
     for place, flag in enumerate(series.quality_flags):
-        times = [t for row, begin, end in series.stretches(flag.rows) if flag.rows[row] for t in (begin, end, math.nan)]
+        times = [t for row, begin, end in series.segments(flag.rows) if flag.rows[row] for t in (begin, end, math.nan)]
         x, y = np.array(times), np.full(len(times), float(place))
         label = "flag: no trust" if flag.trust == "NO" else f"flag: {flag.trust.lower()}"
         lines.append(Line(label=label, colour=flag.trust.lower(), x=x, y=y, width=9.0))
-    label = "Doubts" if len(lines) > 2 else ""  # as high as three of them
+    label = "Quality flags" if len(lines) > 3 else ""  # as high as four of them
     return Panel(x_label=_TIME, y_label=label, lines=tuple(lines), names=tuple(d.name for d in series.quality_flags))
 
 
@@ -80,14 +134,14 @@ def _line(name: str, x: _Numbers, y: _Numbers) -> Line:
 
 
 def _band(series: ReplaySeries, x: _Numbers, column: int) -> Line:
-    """The predicted component, less and plus its standard deviation."""
+    """The predicted component plus and minus its standard deviation."""
     middle, deviation = series.predicted[:, column], series.deviation[:, column // 3]
     y = np.stack([middle - deviation, middle + deviation])
     return Line(label="± standard deviation", colour="predicted", x=x, y=y, kind="band")
 
 
 def _over_depth(series: ReplaySeries) -> tuple[Chart, ...]:
-    """Measured by phase in colour, predicted beside it."""
+    """Measured, coloured by phase, and predicted."""
     charts = []
     depth = 1e3 * series.depth
     for first in (0, 3):
@@ -149,7 +203,7 @@ def _residual(series: ReplaySeries, spans: tuple[Span, ...]) -> Chart:
 
 
 def _edges(values: _Numbers) -> _Numbers:
-    """Bins that leave out rare ones far off, such as the first moments of a withdrawal."""
+    """Bins without rare outliers, such as the first moments of a withdrawal."""
     low, high = np.percentile(values, [0.5, 99.5]).tolist() if len(values) else (-1.0, 1.0)
     if not high > low:
         low, high = low - 1.0, high + 1.0

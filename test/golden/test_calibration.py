@@ -1,4 +1,4 @@
-"""`rft calibrate` on real recordings, through the command line: held out, with memory, and where RFT is strained."""
+"""`rft calibrate` on real recordings: held-out trials, memory, and recordings that one ζ does not fit."""
 
 import csv
 from pathlib import Path
@@ -46,7 +46,8 @@ def held_out(calibrated, shared_data, tmp_path_factory):
     """Of each trial, calibrated on the other, with memory and without: phase, depth, upward force by model and cell."""
     found = {}
     for trial in TRIALS:
-        values, options = read_parameter_file(calibrated[OTHER[trial]]), read_replay_options(calibrated[OTHER[trial]])
+        # the calibrated file has the other trial's bias; each trial is tared on its own, as when it was calibrated
+        values, options = read_parameter_file(calibrated[OTHER[trial]]), read_replay_options(ABB)
         for memory in (True, False):
             given = values if memory else {**values, "medium.mobilization_length": 0.0}
             out = tmp_path_factory.mktemp("replay")
@@ -82,17 +83,16 @@ def test_each_trial_predicts_the_others_penetration_within_12_percent_of_its_pea
 @pytest.mark.parametrize("trial", TRIALS)
 def test_penetration_is_no_worse_with_memory_than_without(held_out, trial):
     """Of the peak: 8.0 % without and 8.1 % with it in trial 2, 9.1 and 8.9 % in trial 3; with its own ζ, 2.0 to 1.9 and
-    3.7 to 3.5 %. The other's ζ is too low for trial 2, so that a force that builds up later is further off."""
+    3.7 to 3.5 %. The other's ζ is too low for trial 2, so a force that builds up later is further off."""
     assert penetration_residual(held_out[trial, True]) < penetration_residual(held_out[trial, False]) + 0.0015
 
 
 @pytest.mark.parametrize(("trial", "held"), [(2, 0.860), (3, 1.068)])
 def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial, held):
-    """The issue asks for a dwell within 10 % of the peak and flat. It is flat, to 0.1 % of the peak.
+    """Flat to 0.1 % of the peak, and within 10 % of it with the trial's own ζ and the other's λ: 98 and 94 %.
 
-    ζ differs by 14 % between the trials, so with the other's ζ trial 2 is held at 86 % of its measured peak (measured:
-    97 to 100 %), which misses the 10 %, and trial 3 at 107 % (measured: 94 to 99 %). With its own ζ and the other's λ
-    it is 98 and 94 %: what memory is to answer for.
+    With the other's ζ, which differs by 14 %, trial 2 is held at 86 % of its measured peak (measured: 97 to 100 %) and
+    trial 3 at 107 % (measured: 94 to 99 %).
     """
     phase, depth, predicted, measured = held_out[trial, True]
     rest, peak = (phase == "dwell") & (depth > BOTTOM), np.nanmax(measured)
@@ -105,10 +105,10 @@ def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial,
 
 @pytest.mark.parametrize("trial", TRIALS)
 def test_the_push_is_gone_after_3_mm_of_withdrawal(held_out, trial):
-    """The issue asks for less than 5 % of the peak after 3 mm. No push is left, and little of the law's pull is there.
+    """Less than 5 % of the peak after 3 mm of withdrawal: no push is left, and only part of the law's pull.
 
-    The law has the upper face lead when the plate goes up, and pulls it down with 18 % (22 %) of the peak from the
-    first moment without memory, 4 % after 3 mm and 11 % (12 %) after 10 mm with it. The load cell reads 1 %.
+    In the law the upper face leads when the plate goes up. Without memory it pulls with 18 % (22 %) of the peak from
+    the first moment; with memory 4 % after 3 mm and 11 % (12 %) after 10 mm. The load cell reads 1 %.
     """
     phase, depth, predicted, measured = held_out[trial, True]
     peak = np.nanmax(measured)
@@ -131,7 +131,7 @@ def test_memory_halves_the_residual_of_the_withdrawal(held_out, trial):
 
 
 def test_mobilization_length_agrees_between_the_trials(calibrated):
-    """4.7 and 3.9 mm, with errors of 1.3 mm, which the model's own shape sets: the measured decay is straighter."""
+    """4.6 and 3.9 mm with errors of 1.4 and 1.2 mm, since the measured decay is straighter than the model's."""
     fits = {name: record(file)["fitted"]["medium_mobilization_length"] for name, file in calibrated.items()}
     lengths = {name: fit["value"][0] for name, fit in fits.items()}
     errors = {name: fit["standard_error"][0] for name, fit in fits.items()}
@@ -140,13 +140,14 @@ def test_mobilization_length_agrees_between_the_trials(calibrated):
     assert errors["both"] < 0.0012
 
 
-def test_the_calibrated_file_is_what_the_node_reads_and_says_where_it_comes_from(calibrated, shared_data, tmp_path):
+def test_the_node_reads_the_calibrated_file_and_the_file_names_its_sources(calibrated, shared_data, tmp_path):
     values, text = read_parameter_file(calibrated["both"]), calibrated["both"].read_text()
     assert values["sensor.bias"][2] == pytest.approx(1.82, abs=0.02)
     assert values["medium.calibrated_depth"] == pytest.approx(0.0504, abs=2e-4)
     assert "abb_plate_2, recorded 2021-05-25" in text
     assert "abb_plate_3, recorded 2021-05-25" in text
-    assert any(line.startswith("sensor.mass: gravity turns by 0.0°") for line in record(calibrated["both"])["refused"])
+    reasons = record(calibrated["both"])["not_identifiable"]
+    assert any(line.startswith("sensor.mass: gravity turns by 0.0°") for line in reasons)
     out = tmp_path / "replay"
     command = ["replay", str(bag(shared_data, 2)), "--params", str(calibrated["both"]), "-o", str(out)]
     assert main([*command, "--end", "12"]) == 0
@@ -160,7 +161,7 @@ def test_the_same_bags_give_the_same_bytes(calibrated, shared_data, tmp_path):
 
 
 @pytest.fixture(scope="module")
-def strained(shared_data, tmp_path_factory):
+def round_plates(shared_data, tmp_path_factory):
     """The three round plates calibrated together: the calibrated file."""
     folder = tmp_path_factory.mktemp("cmu")
     rules, bags = [], []
@@ -181,28 +182,15 @@ def strained(shared_data, tmp_path_factory):
     return out
 
 
-def test_pressure_that_is_not_linear_in_depth_is_said_with_numbers(strained):
-    """Exponent 1.5 by least squares of the force, which is that of the deeper half.
-
-    The data's own description says 1.3: straight lines through log pressure over log depth give 1.26 to 1.43, since
-    they weigh the first millimetres as much as the last.
-    """
-    note = next(n for n in record(strained)["notes"] if "linearly" in n)
-    assert "its exponent is 1.5" in note
-    assert "60mm_1 1.59" in note
-    assert "80mm_7 1.5" in note
-    assert "100mm_4 1.3" in note
-
-
-def test_pressure_that_depends_on_the_plate_is_said_with_numbers(strained):
+def test_pressure_that_depends_on_the_plate_is_noted_with_numbers(round_plates):
     """Growth with depth, least squares through the surface, on the lower face: 1.32, 1.57, 1.84 N/cm³."""
-    note = next(n for n in record(strained)["notes"] if "size" in n)
+    note = next(n for n in record(round_plates)["notes"] if "size" in n)
     assert "1.32 N/cm³ under 28.3 cm²" in note
     assert "1.57 N/cm³ under 50.2 cm²" in note
     assert "1.84 N/cm³ under 78.5 cm²" in note
 
 
-def test_one_zeta_for_three_plates_has_an_error_that_says_so(strained):
-    zeta = record(strained)["fitted"]["medium_zeta"]
-    assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
+def test_one_zeta_for_three_plates_has_a_large_error(round_plates):
+    zeta = record(round_plates)["fitted"]["medium_zeta"]
+    assert zeta["value"] == [pytest.approx(1.58, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1

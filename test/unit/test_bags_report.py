@@ -133,10 +133,10 @@ def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     assert 'id="figure-tool"' not in page
 
 
-def test_the_tools_picture_says_what_memory_it_leaves_out(page, tmp_path):
+def test_the_tools_title_says_that_it_leaves_out_memory(page, tmp_path):
     replay(
         write_ros2(tmp_path / "bag", plunge()), tmp_path / "out", values(medium__mobilization_length=0.003), report=True
     )
-    said = "at full strength, without memory"
+    said = "Tool and traction (law without memory)"
     assert said in (tmp_path / "out" / "report.html").read_text()
     assert said not in page

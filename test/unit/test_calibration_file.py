@@ -87,10 +87,9 @@ def test_an_alpha_y_like_the_published_one_is_written_without_a_table(calibrated
     assert not list(calibrated.parent.glob("*.csv"))
 
 
-def test_another_alpha_y_is_written_as_a_table_beside_the_file(cell, tmp_path, monkeypatch):
+def test_another_alpha_y_is_written_as_a_table_beside_the_file(cell, tmp_path):
     out = tmp_path / "calibrated.yaml"
     assert calibrate(cell, ("pressed", "steeper"), out) == 0
-    monkeypatch.chdir(tmp_path)
     values = read_parameter_file(out)
     assert values["alpha_y.model"] == "table"
     assert model_of(values).alpha_y == "table"

@@ -10,9 +10,8 @@ from rft_ros.bags.phases import Phase
 from rft_ros.bags.replay_report import decimated
 from rft_ros.estimator import Estimate, Measurement
 from rft_ros.estimator.quality import SCATTER, deviation
-from rft_ros.report.interactive import chart_figure
-from rft_ros.report.replay_charts import replay_charts
-from rft_ros.report.replay_series import FlaggedRows, ReplaySeries
+from rft_ros.report.page import chart_figure
+from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
 
 
 def series(quality_flags=()):

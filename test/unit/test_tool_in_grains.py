@@ -7,8 +7,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from rft_ros.commands.view import moving_tool
-from rft_ros.report.tool_in_grains import draw_tool_in_grains
+from rft_ros.report.animation import animate, draw_moment
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.tool import load_tool
 
@@ -21,7 +20,7 @@ def drawn(height):
     state = np.array([[0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.01, 0.0, 0.0, 0.0]])
     figure = Figure(figsize=(6.0, 5.0))
     axes = figure.add_subplot(projection="3d", computed_zorder=False)
-    draw_tool_in_grains(figure, axes, moving_tool("ellipsoid", TOOL, LAW, np.zeros(1), state))
+    draw_moment(figure, axes, animate("ellipsoid", TOOL, LAW, state, ["now"], surface_height=0.0))
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     pixels = np.asarray(canvas.buffer_rgba())[:, :430, :3].astype(int)  # without the colour bar

@@ -1,0 +1,290 @@
+"""A tool moving through the grains, coloured by traction: as a plotly figure, a film or a still picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError, reason_of
+from rft_ros.rft import Law, plate_forces, rotation_matrix
+from rft_ros.tool import Tool
+from rft_ros.tool.drawing import drawable
+
+__all__ = ["FILMS", "Animation", "animate", "animate_evenly", "animation_figure", "draw_moment", "write_film"]
+
+Array = NDArray[np.float64]
+
+FILMS = (".gif", ".mp4")
+"""Suffixes of films; .mp4 needs the program ffmpeg."""
+
+_SURFACE, _SURFACE_EDGE, _FORCE, _PATH = "#C2A878", "#7a6640", "#0072B2", "#555555"
+_TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
+"""Colours of the traction over its share of the greatest."""
+
+_FRAMES_A_SECOND = 12
+_MOMENTS = 60
+_MOST_FACES = 1500
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Animation:
+    """k moments of a tool with n vertices and m faces, in world axes.
+
+    `labels`: of the moments; `first`: the moment shown first. `placed`: vertices [m], shape [k, n, 3]; `faces`:
+    indices, shape [m, 3]. `traction`: on each face [N/m²], shape [k, m]. `forces`: on the tool [N], shape [k, 3].
+    `surface_height` [m].
+    """
+
+    title: str
+    labels: tuple[str, ...]
+    placed: Array
+    faces: NDArray[np.int64]
+    traction: Array
+    forces: Array
+    surface_height: float
+    first: int = 0
+
+    def box(self) -> tuple[Array, Array]:
+        """Corners of all that is drawn [m], the surface included; at least half as wide as high."""
+        points = self.placed.reshape(-1, 3)
+        low, high = points.min(axis=0), points.max(axis=0)
+        low[2], high[2] = min(low[2], self.surface_height), max(high[2], self.surface_height)
+        narrow = np.maximum(0.5 * (high[2] - low[2]) - (high - low)[:2], 0.0)
+        low[:2], high[:2] = low[:2] - 0.5 * narrow, high[:2] + 0.5 * narrow
+        margin = 0.05 * (high - low).max()
+        return low - margin, high + margin
+
+    def arrows(self) -> tuple[Array, Array]:
+        """Starts (the tool's middle) and ends of the force arrows [m], shape [k, 3]; the longest is 0.4 of the box."""
+        low, high = self.box()
+        strongest = np.linalg.norm(self.forces, axis=1).max()
+        scale = 0.4 * float((high - low).max()) / strongest if strongest > 0.0 else 0.0
+        starts = np.asarray(self.placed.mean(axis=1))
+        return starts, starts + scale * self.forces
+
+    def caption(self, k: int) -> str:
+        """Title, label and force of a moment."""
+        return f"{self.title}   {self.labels[k]}   |F| = {np.linalg.norm(self.forces[k]):.2f} N"
+
+    def in_millimetres(self) -> "Animation":
+        """The same with lengths in mm, as they are drawn."""
+        return replace(self, placed=1e3 * self.placed, surface_height=1e3 * self.surface_height)
+
+
+def animate(
+    title: str,
+    tool: Tool,
+    law: Law,
+    states: Array,
+    labels: Sequence[str],
+    *,
+    surface_height: float,
+    first: int = 0,
+    most_faces: int = _MOST_FACES,
+) -> Animation:
+    """The animation of states, shape [k, 13]; the traction is the law's, without memory. `surface_height` [m]."""
+    vertices, faces, plates = drawable(tool, most_faces=most_faces)
+    forces = np.array([plate_forces(plates, law, state, surface_height=surface_height) for state in states])
+    return Animation(
+        title=title,
+        labels=tuple(labels),
+        placed=np.array([vertices @ rotation_matrix(state[3:7]).T + state[:3] for state in states]),
+        faces=faces,
+        traction=np.linalg.norm(forces, axis=2) / plates.packed[6],
+        forces=forces.sum(axis=1),
+        surface_height=surface_height,
+        first=first,
+    )
+
+
+def animate_evenly(
+    title: str, tool: Tool, law: Law, times: Array, states: Array, *, surface_height: float = 0.0
+) -> Animation:
+    """The animation of at most 60 of the states, shape [n, 13], at times [s], shape [n]; evenly spaced by index."""
+    used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
+    labels = [f"t = {time:.2f} s" for time in times[used]]
+    return animate(title, tool, law, states[used], labels, surface_height=surface_height)
+
+
+def animation_figure(scene: Animation) -> Any:
+    """A plotly Figure with a slider over the moments, and buttons to play them."""
+    import plotly.graph_objects as go
+
+    scene = scene.in_millimetres()
+    low, high = scene.box()
+    strongest = float(scene.traction.max()) or 1.0
+    starts, ends = scene.arrows()
+    i, j, k = scene.faces.T
+
+    def moving(n: int) -> list[Any]:
+        x, y, z = scene.placed[n].astype(np.float32).T
+        arrow, path = np.array([starts[n], ends[n]]).T, starts[: n + 1].T
+        return [
+            go.Mesh3d(
+                x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
+                colorscale=[list(c) for c in _TRACTION], cmin=0.0, cmax=strongest / 1e3, name="tool",
+                intensity=(scene.traction[n] / 1e3).astype(np.float32), intensitymode="cell",
+                colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
+            ),
+            go.Scatter3d(
+                x=arrow[0], y=arrow[1], z=arrow[2], mode="lines+markers", line={"color": _FORCE, "width": 8},
+                marker={"size": [0, 5], "color": _FORCE}, name="force on the tool",
+            ),
+            go.Scatter3d(
+                x=path[0], y=path[1], z=path[2], mode="lines", line={"color": _PATH, "width": 3}, name="path"
+            ),
+        ]  # fmt: skip
+
+    ground = go.Surface(
+        x=[low[0], high[0]], y=[low[1], high[1]], z=np.full((2, 2), scene.surface_height), name="surface",
+        colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
+    )  # fmt: skip
+    frames = [
+        go.Frame(data=moving(n), traces=[0, 1, 2], name=str(n), layout={"title": {"text": scene.caption(n)}})
+        for n in range(len(scene.labels))
+    ]
+    figure = go.Figure(data=[*moving(scene.first), ground], frames=frames)
+    each = {"frame": {"duration": 1000 // _FRAMES_A_SECOND, "redraw": True}, "fromcurrent": True, "mode": "immediate"}
+    at_once = {"mode": "immediate"}
+    play = {"label": "Play", "method": "animate", "args": [None, each]}
+    pause = {"label": "Pause", "method": "animate", "args": [[None], at_once]}
+    steps = [{"label": label, "method": "animate", "args": [[str(n)], at_once]} for n, label in enumerate(scene.labels)]
+    axes = {
+        f"{axis}axis": {
+            "title": {"text": f"{axis} [mm]"}, "range": [low[n], high[n]],
+            "backgroundcolor": "white", "gridcolor": "#dddddd",
+        }
+        for n, axis in enumerate("xyz")
+    }  # fmt: skip
+    figure.update_layout(
+        title=scene.caption(scene.first),
+        font={"family": "system-ui, sans-serif", "size": 13},
+        scene={
+            **axes,
+            "aspectmode": "manual",  # "data" lets a wide scene, seen from the side, fill more than the page
+            "aspectratio": dict(zip("xyz", (1.05 * (high - low) / (high - low).max()).tolist(), strict=True)),
+            # the loaded faces look away from the force
+            "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if scene.forces[scene.first, 2] <= 0.0 else -0.5}},
+        },
+        legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
+        updatemenus=[
+            {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top", "buttons": [play, pause]}
+        ],
+        sliders=[{"x": 0.14, "len": 0.84, "active": scene.first, "steps": steps}],
+        margin={"l": 0, "r": 0, "t": 50, "b": 100},
+        height=760,
+    )
+    return figure
+
+
+def write_film(scene: Animation, file: Path) -> None:
+    """Write a .gif or .mp4. Raises InputError if it cannot be written, or ffmpeg is missing for .mp4."""
+    from matplotlib import animation
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+    if file.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
+        raise InputError(f"'{file}' needs the program ffmpeg (apt install ffmpeg), or write a .gif")
+    writer = animation.writers["ffmpeg" if file.suffix == ".mp4" else "pillow"](fps=_FRAMES_A_SECOND)
+    scene = scene.in_millimetres()
+    low, high = scene.box()
+    colours, strongest = _colours(), float(scene.traction.max()) or 1.0
+    starts, ends = scene.arrows()
+    figure = Figure(figsize=(6.4, 6.0), dpi=90)
+    FigureCanvasAgg(figure)
+    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
+    ground = _rectangle(low, high, scene.surface_height)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with writer.saving(figure, str(file), dpi=90):
+            for n in range(len(scene.labels)):
+                axes.clear()
+                triangles = scene.placed[n][scene.faces]
+                shades = colours(scene.traction[n] / strongest)
+                axes.add_collection3d(Poly3DCollection(triangles, facecolors=shades, edgecolors="none", zorder=1))
+                axes.add_collection3d(Poly3DCollection([ground], facecolors=_SURFACE, alpha=0.3, zorder=2))
+                axes.plot(*starts[: n + 1].T, color=_PATH, lw=1.0, zorder=3)
+                axes.plot(*np.array([starts[n], ends[n]]).T, color=_FORCE, lw=3.0, zorder=4)
+                _frame(axes, low, high, ticks=3)
+                axes.set_title(scene.caption(n))
+                axes.set_box_aspect(high - low, zoom=0.9)
+                axes.view_init(elev=14.0, azim=-55.0)
+                writer.grab_frame()
+    except OSError as error:
+        raise InputError(f"cannot write '{file}': {reason_of(error)}") from None
+
+
+def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0) -> None:
+    """Draw the scene's first moment into matplotlib's 3D axes, with a colour bar and the force in numbers.
+
+    `elevation`: of the viewpoint [deg]. Nearly level, loaded faces that look down or forwards are visible, and so is
+    the surface.
+    """
+    from matplotlib.cm import ScalarMappable
+    from matplotlib.colors import Normalize
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+    scene = scene.in_millimetres()
+    points, level = scene.placed[scene.first], scene.surface_height
+    kilopascals, force = 1e-3 * scene.traction[scene.first], scene.forces[scene.first]
+    low, high = points.min(axis=0), points.max(axis=0)
+    around = 0.45 * float((high - low).max())
+    low, high = low - around, high + around
+    low[2], high[2] = min(low[2] + 0.4 * around, level), max(high[2], level + around)
+
+    (x0, y0, z0), (x1, y1, _) = low, high
+    walls = [
+        [(x0, y1, z0), (x1, y1, z0), (x1, y1, level), (x0, y1, level)],
+        [(x0, y0, z0), (x0, y1, z0), (x0, y1, level), (x0, y0, level)],
+    ]
+    grains = {"facecolors": _SURFACE, "linewidths": 1.0}
+    axes.add_collection3d(Poly3DCollection(walls, **grains, edgecolors="none", alpha=0.3, zorder=1))
+    surface = [_rectangle(low, high, level)]
+    axes.add_collection3d(Poly3DCollection(surface, **grains, edgecolors=_SURFACE_EDGE, alpha=0.35, zorder=3))
+    axes.text(x0 + 1.0, y0, level - 0.06 * (high - low)[2], "grains", color=_SURFACE_EDGE, fontsize=10, zorder=6)
+
+    triangles = points[scene.faces]
+    colours, scale = _colours(), Normalize(0.0, float(kilopascals.max(initial=0.0)) or 1.0)
+    above = triangles[:, :, 2].mean(axis=1) > level
+    for shown, order in ((~above, 2), (above, 4)):  # the surface, between them, veils only what is below it
+        if shown.any():
+            edges = {"edgecolors": (0.0, 0.0, 0.0, 0.12), "linewidths": 0.25}
+            shades = colours(scale(kilopascals[shown]))
+            axes.add_collection3d(Poly3DCollection(triangles[shown], facecolors=shades, **edges, zorder=order))
+    size = float(np.linalg.norm(force))
+    if size > 0.0:
+        arrow = 0.62 * float((high - low)[2]) * force / size
+        axes.quiver(*points.mean(axis=0), *arrow, color=_FORCE, lw=3.0, arrow_length_ratio=0.16, zorder=5)
+    _frame(axes, low, high, ticks=4)
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
+    axes.grid(visible=False)
+    axes.set_box_aspect(high - low, zoom=1.0)
+    axes.view_init(elev=elevation, azim=-62.0)
+    x, y, z = (f"{v:.2f}".replace("-0.00", "0.00") for v in force)
+    text = f"net force on the tool (x, y, z) = ({x}, {y}, {z}) N"
+    axes.text2D(0.5, 0.98, text, transform=axes.transAxes, color=_FORCE, ha="center", va="top", size=11, weight="bold")
+    figure.colorbar(ScalarMappable(scale, colours), ax=axes, label="Traction [kPa]", shrink=0.6, pad=0.02, aspect=20)
+
+
+def _colours() -> Any:
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("traction", _TRACTION)
+
+
+def _rectangle(low: Array, high: Array, level: float) -> list[tuple[float, float, float]]:
+    return [(low[0], low[1], level), (high[0], low[1], level), (high[0], high[1], level), (low[0], high[1], level)]
+
+
+def _frame(axes: Any, low: Array, high: Array, *, ticks: int) -> None:
+    from matplotlib.ticker import MaxNLocator
+
+    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
+    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(ticks))
