@@ -65,7 +65,7 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
 
 def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
     """Issues of a mesh in metres, of which at least one facet has an area; none if it is good."""
-    return (*_of_surface(mesh), *_of_facets(mesh), *_of_shape(mesh), *_of_size(mesh))
+    return (*_of_surface(mesh), *_of_shape(mesh), *_of_size(mesh))
 
 
 def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[MeshIssue, ...]:
@@ -89,8 +89,11 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
 
 
 def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
-    """Issues of how facets join and which way they face."""
+    """Issues of facets: whether they have an area, how they join and which way they face."""
     import trimesh
+
+    if flat := int(degenerate_facets(mesh).sum()):
+        yield MeshIssue("degenerate_facets", f"{flat:,} of {len(mesh.faces):,} facets have no area and are dropped")
 
     joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
     a, b, c = joined.faces.T
@@ -128,11 +131,6 @@ def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     area_vectors = np.asarray(mesh.triangles_cross) / 2.0
     closed = np.linalg.norm(area_vectors.sum(axis=0)) < _CLOSED * np.linalg.norm(area_vectors, axis=1).sum()
     return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if closed else 0.0
-
-
-def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
-    if n := int(degenerate_facets(mesh).sum()):
-        yield MeshIssue("degenerate_facets", f"{n:,} of {len(mesh.faces):,} facets have no area and are dropped")
 
 
 def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:

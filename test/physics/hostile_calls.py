@@ -153,7 +153,7 @@ def junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
             use["memory"],
             mobilization_length=use["length"],
             **keywords,
-        )  # fmt: skip
+        )
     )
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.edge_shares(use["plates"], use["states"], surface_height=use["height"]))
