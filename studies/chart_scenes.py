@@ -29,9 +29,9 @@ _WALL, _BUCKET_RADIUS, _BUCKET_HEIGHT = 0.003, 0.05, 0.08
 class Scene:
     """A body in motion.
 
-    `mesh(level)`: the body, finer with each level. `levels`: how many the chart shows. `reference`: the converged level.
-    `delivered`: the level that reductions start from. `states`: shape [n, 13], the surface at z = 0. `known`: the states
-    are one motion, for which plates can be chosen; otherwise they are samples of any motion.
+    `mesh(level)`: the body, finer with each level. `levels`: how many the chart shows. `reference`: the converged
+    level. `delivered`: the level that reductions start from. `states`: shape [n, 13], the surface at z = 0. `known`: the
+    states are one motion, for which plates can be chosen; otherwise they are samples of any motion.
     """
 
     name: str
