@@ -30,7 +30,7 @@ class Scene:
     """A body in motion.
 
     `mesh(level)`: the body, finer with each level. `levels`: how many the chart shows. `reference`: the converged
-    level. `delivered`: the level that reductions start from. `states`: shape [n, 13], the surface at z = 0. `known`: the
+    level. `delivered`: the level that reductions start from. `states`: shape [n, 13], surface at z = 0. `known`: the
     states are one motion, for which plates can be chosen; otherwise they are samples of any motion.
     """
 
