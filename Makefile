@@ -1,4 +1,4 @@
-# Two commands do everything on a fresh Debian or Ubuntu with Python 3.10-3.13: make demo, make test.
+# On a fresh Debian or Ubuntu with Python 3.10-3.13: make demo, make test. Each first makes .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -10,6 +10,7 @@ demo: venv
 	$(BIN)/rft demo -o out/demo
 
 test: venv lint
+	$(BIN)/rft warm-up
 	$(BIN)/python -m pytest test -n 2 --dist loadfile -q
 
 lint: venv
@@ -53,9 +54,11 @@ fuzz: venv
 venv: $(STAMP)
 
 $(STAMP): setup.py package.xml
+	@echo 'Setting up $(VENV) with packages from PyPI, ROS among them: downloads about 300 MB, takes a minute or more.'
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --editable '.[ros,test,dev]'
+	$(BIN)/python -m pip install --editable '.[ros,test,dev]'
+	$(BIN)/rft warm-up
 	touch $@
 
 clean:

@@ -1,6 +1,6 @@
 """ament_python package of rft_ros; works with colcon on ROS 2 Jazzy and with plain pip.
 
-Name, version, description, licence and maintainer stand in package.xml, which ROS tools read, and only there.
+Name, version, description, licence and maintainer are read from package.xml, as ROS tools do.
 """
 
 from glob import glob
@@ -47,7 +47,6 @@ setup(
         "PyYAML>=6.0",
         "rich>=13.0",
         "matplotlib>=3.6.3",
-        "Pillow>=10.0",
         "plotly>=5.15",
         "fast-simplification>=0.1.7",
     ],

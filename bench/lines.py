@@ -1,4 +1,4 @@
-"""How much there is to read, by room: ``python bench/lines.py`` prints the table of docs/architecture.md."""
+"""Lines by package: ``python bench/lines.py`` prints the table of docs/architecture.md."""
 
 import io
 import tokenize
@@ -6,11 +6,12 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
+_NOT_INSTALLED = ("studies", "test", "bench")
 _NOT_CODE = {tokenize.COMMENT, tokenize.NL, tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT, tokenize.ENDMARKER}
 
 
 def code_lines(text: str) -> int:
-    """Lines that hold more than a comment, a docstring or nothing."""
+    """Lines with more than a comment or a docstring."""
     lines: set[int] = set()
     statement: list[tokenize.TokenInfo] = []
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
@@ -23,25 +24,25 @@ def code_lines(text: str) -> int:
     return len(lines)
 
 
-def rooms() -> dict[str, Counter[str]]:
-    """For each room of the package, and for what stands beside it: files, lines, lines of code."""
+def packages() -> dict[str, Counter[str]]:
+    """Files, lines and lines of code of each package, and of each folder that is not installed."""
     counted: dict[str, Counter[str]] = {}
-    for folder in ("rft_ros", "test", "bench"):
+    for folder in ("rft_ros", *_NOT_INSTALLED):
         for file in sorted((ROOT / folder).rglob("*.py")):
             inside = file.relative_to(ROOT).parts
-            room = folder if folder != "rft_ros" else f"{inside[1]}/" if len(inside) > 2 else "single modules"
+            name = folder if folder != "rft_ros" else f"{inside[1]}/" if len(inside) > 2 else "single modules"
             text = file.read_text(encoding="utf-8")
-            counted.setdefault(room, Counter()).update(files=1, lines=len(text.splitlines()), code=code_lines(text))
+            counted.setdefault(name, Counter()).update(files=1, lines=len(text.splitlines()), code=code_lines(text))
     return counted
 
 
 def table() -> str:
-    """The rooms as a table, the package's sum before what only tests and measures it."""
-    counted = rooms()
-    beside = {name: counted.pop(name) for name in ("test", "bench")}
-    package = sum(counted.values(), Counter())
-    rows = [*sorted(counted.items(), key=lambda row: -row[1]["lines"]), ("**rft_ros**", package), *beside.items()]
-    head = ["| room | files | lines | of code |", "|---|---|---|---|"]
+    """The packages as a table: installed ones, their sum, then the rest."""
+    counted = packages()
+    rest = {name: counted.pop(name) for name in _NOT_INSTALLED if name in counted}
+    installed = sum(counted.values(), Counter())
+    rows = [*sorted(counted.items(), key=lambda row: -row[1]["lines"]), ("**rft_ros**", installed), *rest.items()]
+    head = ["| package | files | lines | of code |", "|---|---|---|---|"]
     return "\n".join([*head, *(f"| {name} | {n['files']:,} | {n['lines']:,} | {n['code']:,} |" for name, n in rows)])
 
 

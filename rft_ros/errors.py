@@ -1,4 +1,4 @@
-"""The one exception that every room raises for input it cannot use, and what it says of files."""
+"""The exception for unusable input, and the wording of file errors."""
 
 __all__ = ["InputError", "reason_of"]
 
@@ -11,7 +11,7 @@ class InputError(ValueError):
 
 
 def reason_of(error: Exception) -> str:
-    """Why a file could not be used, without its name, which the sentence has already."""
+    """Why a file could not be used, without its name."""
     if isinstance(error, UnicodeDecodeError):
         return "it is not UTF-8 text"
     return (isinstance(error, OSError) and error.strerror) or str(error)

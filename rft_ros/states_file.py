@@ -30,34 +30,32 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     missing = [name for name in STATES_HEADER if name not in header]
     if missing:
         raise InputError(f"states file '{file}' has no column {', '.join(missing)} (header: {lines[0].strip()})")
-    rows = []
-    for number, line in enumerate(lines[1:], start=2):
-        if not line.strip():
-            continue
-        cells = line.split(",")
-        if len(cells) != len(header):
-            raise InputError(f"states file '{file}' line {number}: {len(cells)} values for {len(header)} columns")
-        for name, cell in zip(header, cells, strict=True):
-            try:
-                float(cell)
-            except ValueError:
-                raise InputError(
-                    f"states file '{file}' line {number}: {name} is '{cell.strip()}', not a number"
-                ) from None
-        rows.append((number, [float(cell) for cell in cells]))
-    if not rows:
+    numbered = [(number, line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
+    if not numbered:
         raise InputError(f"states file '{file}' has a header and no states")
-    table = np.array([values for _, values in rows])[:, [header.index(name) for name in STATES_HEADER]]
-    for (number, _), t in zip(rows, table[:, 0], strict=True):
+    rows = [_row(line, header, f"states file '{file}' line {number}") for number, line in numbered]
+    table = np.array(rows)[:, [header.index(name) for name in STATES_HEADER]]
+    for (number, _), t in zip(numbered, table[:, 0], strict=True):
         if not np.isfinite(t):
             raise InputError(f"states file '{file}' line {number}: t is {t}; it must be a finite number")
     try:
         return table[:, 0], checked_states(table[:, 1:])
     except ValueError as error:
-        # checked_states counts rows from 0
-        text = str(error)
-        row = int(text.split(":")[0].removeprefix("row "))
-        raise InputError(f"states file '{file}' line {rows[row][0]}{text[text.index(':') :]}") from None
+        row, _, reason = str(error).removeprefix("row ").partition(":")  # counted from 0
+        raise InputError(f"states file '{file}' line {numbered[int(row)][0]}:{reason}") from None
+
+
+def _row(line: str, header: list[str], where: str) -> list[float]:
+    cells = line.split(",")
+    if len(cells) != len(header):
+        raise InputError(f"{where}: {len(cells)} values for {len(header)} columns")
+    row = []
+    for name, cell in zip(header, cells, strict=True):
+        try:
+            row.append(float(cell))
+        except ValueError:
+            raise InputError(f"{where}: {name} is '{cell.strip()}', not a number") from None
+    return row
 
 
 def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.float64]) -> None:

@@ -1,4 +1,4 @@
-"""Reading YAML: as ROS reads it, with errors that name the file."""
+"""Read YAML as ROS does, with errors that name the file."""
 
 import re
 from pathlib import Path
@@ -12,7 +12,7 @@ __all__ = ["read_yaml"]
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; to PyYAML alone they are strings."""
+    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings."""
 
 
 _Loader.add_implicit_resolver(
@@ -21,7 +21,7 @@ _Loader.add_implicit_resolver(
 
 
 def read_yaml(file: Path, what: str) -> Any:
-    """The content of a YAML file. `what` it is for the error: InputError where it cannot be read or is no YAML."""
+    """Content of a YAML file. InputError, which calls the file `what`, where it cannot be read or is not YAML."""
     try:
         return yaml.load(file.read_text(encoding="utf-8"), Loader=_Loader)
     except (OSError, UnicodeDecodeError) as error:

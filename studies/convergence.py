@@ -37,7 +37,7 @@ _LEAST_SECONDS = 0.02
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Convergence:
-    """Of one rule: facets, 1 / (κ Lc), RMS errors over the greatest force, seconds for one wrench; all shape [n]."""
+    """Of one rule: facets, 1 / (κ Lc), RMS errors over the maximum force, seconds for one wrench; all shape [n]."""
 
     facets: Array
     fineness: Array
@@ -99,7 +99,7 @@ def study() -> StudyResult:
     rows = []
     for goal in (0.05, 0.01, 0.001):
         text = ", ".join(f"{rule}: {_enough(one, goal)}" for rule, one in found.items())
-        rows.append((f"facets for {100.0 * goal:g} % of the greatest force", NOT_STATED, text))
+        rows.append((f"facets for {100.0 * goal:g} % of the maximum force", NOT_STATED, text))
     return StudyResult(
         name="convergence",
         title="Mesh convergence on a sphere (Fig. 9)",
@@ -143,6 +143,6 @@ def _draw(found: dict[Integration, Convergence]) -> Figure:
     errors.axhline(1.0, color=BLACK, lw=0.8, ls="--", label="1 %")
     errors.xaxis.set_minor_formatter(NullFormatter())
     label_axes(times, x="Facets", y="Time of one wrench, one core [µs]", title="9A", legend={"loc": "upper left"})
-    label_axes(errors, x="1 / (κ Lc)", y="RMS error over the greatest force [%]", title="9B", legend={})
+    label_axes(errors, x="1 / (κ Lc)", y="RMS error over the maximum force [%]", title="9B", legend={})
     figure.suptitle("Sphere plunging at 60° from touching to submerged, against the refined rule on 327,680 facets")
     return figure

@@ -17,8 +17,8 @@ from rft_ros.tool import Tool, load_tool
 from studies.paper import ALPHA_Y, NOT_STATED, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = ["ALONG_ITSELF", "CALIBRATION", "MOBILIZATION_LENGTH", "PUBLISHED_PLATES", "RUNS", "Accuracy", "DemRun"]
-__all__ += ["accuracy", "fitted_zeta", "median_error", "read_run", "smoothed", "study"]
+__all__ = ["ALONG_ITSELF", "CALIBRATION", "MOBILIZATION_LENGTH", "PUBLISHED_PLATES", "RUNS", "WALL_SECONDS", "Accuracy"]
+__all__ += ["DemRun", "accuracy", "fitted_zeta", "median_error", "read_run", "smoothed", "study"]
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,16 @@ RUNS = {
     "root_helix_P40_tilt10": "root tip, helix of 40 mm pitch",
 }
 """What each run is, by name."""
+
+WALL_SECONDS = {
+    "pen_plate_seedA": (119.0, 119.0),
+    **{name: (157.0, 424.0) for name in RUNS if name.startswith("plate")},
+    "ellipsoid_straight": (279.0, 279.0),
+    "ellipsoid_osc9deg_5Hz": (339.0, 339.0),
+    "root_insert_tilt10": (95.0, 95.0),
+    "root_helix_P40_tilt10": (155.0, 155.0),
+}
+"""Shortest and longest wall time of each simulation [s]; of the plates only the range is recorded."""
 
 DATA = Path(__file__).resolve().parents[1] / "test" / "data" / "dem"
 """The folder of the runs."""

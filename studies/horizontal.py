@@ -81,23 +81,23 @@ def study() -> StudyResult:
         figure=_draw(faces, whole),
         numbers={"horizontal": numbers},
         table=published_against_ours(
-            ("greatest F1, raw (with the thin edges)", f"{PUBLISHED['F1 raw']} N", both.format(*raw_max.values())),
-            ("greatest F1, less the thin edges", f"{PUBLISHED['F1']} N", both.format(*f1_max.values())),
+            ("maximum F1, raw (with the thin edges)", f"{PUBLISHED['F1 raw']} N", both.format(*raw_max.values())),
+            ("maximum F1, less the thin edges", f"{PUBLISHED['F1']} N", both.format(*f1_max.values())),
             (
                 "what the thin edges carry",
                 f"{PUBLISHED['F1 raw'] - PUBLISHED['F1']:.1f} N",
                 f"{edges:.2f} N (our plate is 3.2 mm thick)",
             ),
-            ("greatest F23", f"{PUBLISHED['F23']} N", f"{f23_max:.2f} N ({f2_max:.2f} N of it horizontal)"),
-            ("greatest F1 of the published fit", f"{PUBLISHED['F1']} N measured", f"{fit1.max():.2f} N (N1)"),
-            ("greatest F23 of the published fit", f"{PUBLISHED['F23']} N measured", f"{fit23.max():.2f} N (N23)"),
+            ("maximum F23", f"{PUBLISHED['F23']} N", f"{f23_max:.2f} N ({f2_max:.2f} N of it horizontal)"),
+            ("maximum F1 of the published fit", f"{PUBLISHED['F1']} N measured", f"{fit1.max():.2f} N (N1)"),
+            ("maximum F23 of the published fit", f"{PUBLISHED['F23']} N measured", f"{fit23.max():.2f} N (N23)"),
             (
                 "depth of the centre at which our F23 is the published",
                 "not stated here",
                 f"{1e3 * DEPTH * PUBLISHED['F23'] / f23_max:.1f} mm (computed at {1e3 * DEPTH:.1f} mm)",
             ),
             (
-                "F1 over F23, greatest values (no depth in it)",
+                "F1 over F23, maximum values (no depth in it)",
                 f"{PUBLISHED['F1'] / PUBLISHED['F23']:.2f}",
                 "α_y constant {:.2f}, linear {:.2f}".format(*(f1_max[m] / f23_max for m in ALPHA_Y)),
             ),
@@ -111,17 +111,17 @@ def _draw(faces: dict[str, tuple[Array, Array, Array]], whole: dict[str, tuple[A
     fine = np.linspace(0.0, 90.0, 181)
     fit1, fit23 = fitted_forces(fine)
     along.plot(fine, fit1, color=BLACK, label="published fit to the measurements")
-    along.plot([90.0], [PUBLISHED["F1"]], "*", color=BLACK, ms=11, label="published greatest, less edges")
-    along.plot([90.0], [PUBLISHED["F1 raw"]], "*", color=GREY, ms=11, label="published greatest, raw")
+    along.plot([90.0], [PUBLISHED["F1"]], "*", color=BLACK, ms=11, label="published maximum, less edges")
+    along.plot([90.0], [PUBLISHED["F1 raw"]], "*", color=GREY, ms=11, label="published maximum, raw")
     for model, colour, marker in (("constant", BLUE, "o"), ("linear", ORANGE, "s")):
         along.plot(PSI, faces[model][0], marker, color=colour, ms=4, label=f"ours, face, α_y {model}")
         along.plot(PSI, whole[model][0], ":", color=colour, lw=1.2, label=f"ours with edges, α_y {model}")
     label_axes(along, x="ψ [deg]", y="F1 against the motion [N]", title="Along the plate", legend=_BELOW)
     across.plot(fine, fit23, color=BLACK, label="published fit to the measurements")
-    across.plot([0.0], [PUBLISHED["F23"]], "*", color=BLACK, ms=11, label="published greatest")
+    across.plot([0.0], [PUBLISHED["F23"]], "*", color=BLACK, ms=11, label="published maximum")
     across.plot(PSI, faces["constant"][1], "o", color=BLUE, ms=4, label="ours, face (independent of α_y)")
     scaled = faces["constant"][1] * PUBLISHED["F23"] / faces["constant"][1].max()
-    across.plot(PSI, scaled, "x", color=VERMILION, ms=5, label="ours, scaled to the published greatest")
+    across.plot(PSI, scaled, "x", color=VERMILION, ms=5, label="ours, scaled to the published maximum")
     label_axes(across, x="ψ [deg]", y="F23 [N]", title="Across the plate", legend=_BELOW)
     u, w = np.sin(np.deg2rad(fine)), np.cos(np.deg2rad(fine))
     f1, f23 = np.array([exact_f1(x) for x in u]), np.array([exact_f23(x) for x in w])

@@ -1,7 +1,6 @@
 """Which modelling choice improves accuracy against simulated grains, and which only costs time."""
 
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import mean
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.rft import Integration
 from rft_ros.tool import Tool, load_tool
 from studies.chart import median_seconds
-from studies.dem import ALONG_ITSELF, CALIBRATION, DATA, RUNS, DemRun, fitted_zeta, median_error, read_run
+from studies.dem import ALONG_ITSELF, CALIBRATION, RUNS, WALL_SECONDS, DemRun, fitted_zeta, median_error, read_run
 from studies.paper import law
 from studies.result import (
     BLACK,
@@ -29,7 +28,7 @@ from studies.result import (
     new_figure,
 )
 
-__all__ = ["CHOICES", "GROUPS", "Choice", "Judged", "judged_choices", "study", "wall_seconds"]
+__all__ = ["CHOICES", "GROUPS", "Choice", "Judged", "judged_choices", "study"]
 
 Array = NDArray[np.float64]
 
@@ -118,26 +117,6 @@ def _tool(run: DemRun, choice: Choice) -> Tool:
     return load_tool(run.tool.file, scale=1.0, integration=choice.integration, tolerance=choice.tolerance)
 
 
-_ROW = re.compile(r"^\|(?P<names>[^|]*`[^|]*)\|[^|]*\|(?P<times>[^|]*\d) s \|\s*$", re.MULTILINE)
-
-
-def wall_seconds() -> dict[str, tuple[float, float]]:
-    """Shortest and longest wall time of each run's simulation [s], from the README of the runs."""
-    text = (DATA / "README.md").read_text(encoding="utf-8")
-    found: dict[str, tuple[float, float]] = {}
-    for row in _ROW.finditer(text):
-        names = re.findall(r"`([^`]+)`", row["names"])
-        spans = [[float(t) for t in re.findall(r"\d+", part)] for part in row["times"].split(",")]
-        for name, span in zip(names, spans if len(spans) == len(names) else spans[:1] * len(names), strict=True):
-            # of a family, capitals stand for angles: plate_bB_psiP_phiF
-            like = re.sub(r"(?<=[a-z])[A-Z](?=_|$)", r"\\d+", name)
-            found |= {run: (min(span), max(span)) for run in RUNS if run == name or re.fullmatch(like, run)}
-    return found
-
-
-Walls = Mapping[str, tuple[float, float]]
-
-
 def _averaged(judged: Sequence[Judged], group: str) -> dict[Choice, tuple[float, float]]:
     """Mean time of a run [s] and mean error of each choice over a group of runs."""
     mine = [j for j in judged if GROUPS[group](j.run)]
@@ -150,10 +129,10 @@ def _averaged(judged: Sequence[Judged], group: str) -> dict[Choice, tuple[float,
     }
 
 
-def _simulated_seconds(walls: Walls, group: str) -> tuple[float, float] | None:
-    """Shortest and longest wall time of a group's simulations [s]; None if unknown."""
-    spans = [span for name, span in walls.items() if GROUPS[group](name)]
-    return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
+def _simulated_seconds(group: str) -> tuple[float, float]:
+    """Shortest and longest wall time of a group's simulations [s]."""
+    spans = [span for name, span in WALL_SECONDS.items() if GROUPS[group](name)]
+    return min(low for low, _ in spans), max(high for _, high in spans)
 
 
 def _colour_of(choice: Choice) -> str:
@@ -165,7 +144,7 @@ def _colour_of(choice: Choice) -> str:
 
 def study() -> StudyResult:
     """Figure, page, numbers, and a table of errors by choice and group."""
-    judged, walls = judged_choices(), wall_seconds()
+    judged = judged_choices()
     groups = {group: _averaged(judged, group) for group in GROUPS}
     choices = list(dict.fromkeys(j.choice for j in judged))
     rows = tuple(
@@ -179,7 +158,7 @@ def study() -> StudyResult:
     return StudyResult(
         name="models",
         title="Accuracy of the modelling choices against simulated grains",
-        figure=_draw(groups, walls),
+        figure=_draw(groups),
         numbers={
             "models": {
                 "run": [j.run for j in judged],
@@ -195,20 +174,20 @@ def study() -> StudyResult:
             }
         },
         table=TextTable(header=("choice", *GROUPS, "an evaluation"), rows=rows),
-        page=_page(judged, walls),
+        page=_page(judged),
     )
 
 
-def _draw(groups: dict[str, dict[Choice, tuple[float, float]]], walls: Walls) -> Figure:
+def _draw(groups: dict[str, dict[Choice, tuple[float, float]]]) -> Figure:
     figure = new_figure(14.0, 9.0)
     for axes, (group, found) in zip(figure.subplots(2, 2).ravel(), groups.items(), strict=True):
-        _draw_group(axes, found, _simulated_seconds(walls, group))
+        _draw_group(axes, found, _simulated_seconds(group))
         label_axes(axes, x="Time for a run [s]", y="Median error of the force [%]", title=group)
     figure.suptitle("Force against simulated grains (discrete elements): accuracy and time of each choice")
     return figure
 
 
-def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float] | None) -> None:
+def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float]) -> None:
     axes.set_xscale("log")
     low, high = (100.0 * p for p in PACKINGS)
     axes.axhspan(low, high, color="0.92", zorder=0)
@@ -229,19 +208,18 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
             va="center",
             arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "alpha": 0.6},
         )
-    if simulated:
-        x = (simulated[0] * simulated[1]) ** 0.5
-        axes.errorbar(
-            x,
-            0.5 * (low + high),
-            yerr=0.5 * (high - low),
-            xerr=[[x - simulated[0]], [simulated[1] - x]],
-            fmt="D",
-            color=BLACK,
-            capsize=3,
-        )
-        text = f"discrete elements,\n{simulated[0]:.0f}–{simulated[1]:.0f} s;\ntwo packings"
-        axes.annotate(text, (x, high), xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
+    x = (simulated[0] * simulated[1]) ** 0.5
+    axes.errorbar(
+        x,
+        0.5 * (low + high),
+        yerr=0.5 * (high - low),
+        xerr=[[x - simulated[0]], [simulated[1] - x]],
+        fmt="D",
+        color=BLACK,
+        capsize=3,
+    )
+    text = f"discrete elements,\n{simulated[0]:.0f}–{simulated[1]:.0f} s;\ntwo packings"
+    axes.annotate(text, (x, high), xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
     axes.text(
         0.01,
         0.5 * (low + high),
@@ -255,7 +233,7 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
     axes.set_ylim(0.0, 1.18 * max(top, high))
 
 
-def _page(judged: Sequence[Judged], walls: Walls) -> str:
+def _page(judged: Sequence[Judged]) -> str:
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
@@ -270,14 +248,13 @@ def _page(judged: Sequence[Judged], walls: Walls) -> str:
                            marker={"color": _colour_of(choice), "symbol": symbol, "size": 11}),
                 row=row, col=column,
             )  # fmt: skip
-        if span := _simulated_seconds(walls, group):
-            figure.add_trace(
-                go.Scatter(x=list(span), y=[50.0 * sum(PACKINGS)] * 2, name="discrete elements (two packings)",
-                           legendgroup="dem", showlegend=k == 0, mode="lines+markers",
-                           line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
-                           error_y={"array": [50.0 * (PACKINGS[1] - PACKINGS[0])] * 2}),
-                row=row, col=column,
-            )  # fmt: skip
+        figure.add_trace(
+            go.Scatter(x=list(_simulated_seconds(group)), y=[50.0 * sum(PACKINGS)] * 2,
+                       name="discrete elements (two packings)", legendgroup="dem", showlegend=k == 0,
+                       mode="lines+markers", line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
+                       error_y={"array": [50.0 * (PACKINGS[1] - PACKINGS[0])] * 2}),
+            row=row, col=column,
+        )  # fmt: skip
         figure.update_yaxes(rangemode="tozero", row=row, col=column)
     figure.update_xaxes(type="log", title_text="Time for a run [s]", dtick=1, exponentformat="power")
     figure.update_yaxes(title_text="Median error of the force [%]")

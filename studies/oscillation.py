@@ -77,7 +77,7 @@ def study() -> StudyResult:
                 "1.25 Hz in the text",
                 f"{vertical_frequency(one):.2f} Hz",
             ),
-            (f"greatest vertical force, {frequency:g} Hz", NOT_STATED, _share(one, straight)),
+            (f"maximum vertical force, {frequency:g} Hz", NOT_STATED, _share(one, straight)),
             (f"work of the vertical force, {frequency:g} Hz", NOT_STATED, _millijoules(one.work.vertical, straight)),
             (f"total work, {frequency:g} Hz", NOT_STATED, _millijoules(one.work.total, straight)),
         ]
@@ -99,7 +99,7 @@ def study() -> StudyResult:
             ("straight: work", NOT_STATED, f"{1e3 * straight.work.total:.1f} mJ"),
             *rows,
             (
-                "greatest difference of force, α_y linear against constant",
+                "maximum difference of force, α_y linear against constant",
                 NOT_STATED,
                 f"{100.0 * np.abs(linear.forces - slow.forces).max() / np.abs(slow.forces).max():.1f} % of the peak",
             ),

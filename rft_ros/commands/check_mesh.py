@@ -1,4 +1,4 @@
-"""Say what a mesh file holds and what is wrong with it.
+"""Report what a mesh file holds and what is wrong with it.
 
 rft check-mesh my_tool.stl --scale 0.001
 """

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import finite
+from rft_ros.commands.options import number_option, output_option
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,17 +19,8 @@ __all__ = ["add_options", "run"]
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=Path("out/demo"),
-        metavar="DIR",
-        help="for bag and figure (default out/demo)",
-    )
-    command.add_argument(
-        "--seconds", type=finite, default=12.0, metavar="S", help="how long the arm moves [s] (default 12)"
-    )
+    output_option(command, "DIR", "folder for bag and figure (default out/demo)", Path("out/demo"))
+    number_option(command, "--seconds", "S", "how long the arm moves [s] (default 12)", 12.0)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -51,7 +42,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
-    """Force over depth, beside the tool where the force is greatest while the tool still breaks the surface."""
+    """Force over depth, and the tool at the greatest force while part of it is still above the surface."""
     import numpy as np
 
     from rft_ros.bags.playback import ReplayOptions, states_of

@@ -1,4 +1,4 @@
-"""Options that several commands share, and what they come to."""
+"""Options shared by several commands, and the objects that they describe."""
 
 import argparse
 import math
@@ -22,20 +22,22 @@ __all__ = [
     "law_of",
     "law_options",
     "mesh_options",
+    "number_option",
+    "output_option",
     "recording",
     "recording_options",
     "surface_option",
     "warn_of",
 ]
 
-# as in rft_ros.rft and rft_ros.tool, which would cost the help text a second
+# copies of names in rft_ros.rft and rft_ros.tool, whose import would delay the help text by a second
 _INTEGRATIONS = ("centroid", "refined")
 _MEDIA = "generic, poppy_seeds_loose or poppy_seeds_close"
 MESH = "path, package:// URI or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
-"""What a mesh is named by."""
+"""Help text for an argument that names a mesh."""
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
-"""What a recording is named by."""
+"""Help text for an argument that names a recording."""
 
 
 def finite(text: str) -> float:
@@ -49,11 +51,23 @@ def finite(text: str) -> float:
     return value
 
 
+def number_option(
+    command: argparse._ActionsContainer, name: str, metavar: str, meaning: str, default: float | None = None
+) -> None:
+    """An option with one finite number; `meaning` gives its unit and its default."""
+    command.add_argument(name, type=finite, default=default, metavar=metavar, help=meaning)
+
+
+def output_option(command: argparse._ActionsContainer, metavar: str, meaning: str, default: Path | None = None) -> None:
+    """``-o`` and ``--output``, required unless there is a default."""
+    command.add_argument(
+        "-o", "--output", type=Path, required=default is None, default=default, metavar=metavar, help=meaning
+    )
+
+
 def mesh_options(command: argparse._ActionsContainer) -> None:
     """``--scale`` and ``--origin``: how a mesh file becomes a tool."""
-    command.add_argument(
-        "--scale", type=finite, default=0.001, metavar="M", help="metres per mesh unit (default 0.001: millimetres)"
-    )
+    number_option(command, "--scale", "M", "metres per mesh unit (default 0.001: millimetres)", 0.001)
     command.add_argument(
         "--origin",
         type=finite,
@@ -76,17 +90,13 @@ def integration_option(command: argparse._ActionsContainer) -> None:
 
 def surface_option(command: argparse._ActionsContainer) -> None:
     """``--surface-height``, for states."""
-    command.add_argument(
-        "--surface-height", type=finite, default=0.0, metavar="Z", help="world z of the surface [m] (default 0)"
-    )
+    number_option(command, "--surface-height", "Z", "world z of the surface [m] (default 0)", 0.0)
 
 
 def law_options(command: argparse._ActionsContainer) -> None:
     """``--medium``, ``--zeta`` and ``--alpha-y``: the traction law, for states."""
     command.add_argument("--medium", default="generic", metavar="NAME", help=f"{_MEDIA} (default generic)")
-    command.add_argument(
-        "--zeta", type=finite, default=1.0, metavar="FACTOR", help="the medium's scale factor, no unit (default 1)"
-    )
+    number_option(command, "--zeta", "FACTOR", "the medium's scale factor, no unit (default 1)", 1.0)
     command.add_argument(
         "--alpha-y",
         default="constant",
@@ -96,7 +106,7 @@ def law_options(command: argparse._ActionsContainer) -> None:
 
 
 def law_of(arguments: argparse.Namespace) -> "Law":
-    """The law that `law_options` ask for; InputError names what cannot be used."""
+    """The law of `law_options`; InputError names a value that cannot be used."""
     from rft_ros.estimator.alpha_y_table import read_alpha_y_table
     from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, medium_named, treers2021
 
@@ -113,9 +123,9 @@ def law_of(arguments: argparse.Namespace) -> "Law":
 
 
 def warn_of(tool: "Tool") -> None:
-    """Print what looks wrong with a tool's mesh, on stderr."""
-    for finding in tool.issues:
-        print(f"warning: {tool.name}: {finding.message}", file=sys.stderr, flush=True)
+    """Print the issues of a tool's mesh on stderr."""
+    for issue in tool.issues:
+        print(f"warning: {tool.name}: {issue.message}", file=sys.stderr, flush=True)
 
 
 def recording_options(command: argparse._ActionsContainer, *, required: bool = False) -> None:
@@ -134,12 +144,8 @@ def recording_options(command: argparse._ActionsContainer, *, required: bool = F
         metavar="FROM:=TO",
         help="topic of the recording, such as ~/pose:=/tool_pose; may be repeated",
     )
-    command.add_argument(
-        "--start", type=finite, metavar="S", help="begin S seconds into the recording (default: at its beginning)"
-    )
-    command.add_argument(
-        "--end", type=finite, metavar="S", help="stop S seconds into the recording (default: at its end)"
-    )
+    number_option(command, "--start", "S", "begin S seconds into the recording (default: at its beginning)")
+    number_option(command, "--end", "S", "stop S seconds into the recording (default: at its end)")
 
 
 def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
@@ -155,5 +161,4 @@ def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     written = read_replay_options(file) if file else ReplayOptions()
     given = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
     chosen = {name: getattr(written, name) if value is None else value for name, value in given.items()}
-    chosen["tare"] = chosen["tare"] or None
     return values, ReplayOptions(remap=(*written.remap, *getattr(arguments, "remap", ())), **chosen)

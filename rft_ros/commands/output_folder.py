@@ -1,4 +1,4 @@
-"""The folder that a long piece of work will write to."""
+"""The output folder of a long computation."""
 
 import tempfile
 from pathlib import Path
@@ -9,10 +9,10 @@ __all__ = ["make_output_folder"]
 
 
 def make_output_folder(folder: Path) -> None:
-    """Make the folder, before the work begins; InputError where it cannot be made or takes no files."""
+    """Make the folder before the work begins; InputError where it cannot be made or written."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):  # a folder's permissions are not all that decides
+        with tempfile.TemporaryFile(dir=folder):  # permissions alone do not decide
             pass
     except OSError as error:
         raise InputError(f"output folder '{folder}' cannot be written: {reason_of(error)}") from None

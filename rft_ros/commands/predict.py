@@ -8,11 +8,12 @@ from pathlib import Path
 
 from rft_ros.commands.options import (
     MESH,
-    finite,
     integration_option,
     law_of,
     law_options,
     mesh_options,
+    number_option,
+    output_option,
     surface_option,
     warn_of,
 )
@@ -33,30 +34,23 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     mesh_options(command)
     law_options(command)
-    command.add_argument(
-        "--mobilization-length",
-        type=finite,
-        default=0.0,
-        metavar="M",
-        help="path [m] over which grains 30 mm deep come to strength, states in the order of time (default 0: none)",
+    number_option(
+        *(command, "--mobilization-length", "M"),
+        "displacement [m] to reach 63 percent of full resistance at 30 mm depth, for states in order of time (default"
+        " 0: no memory)",
+        0.0,
     )
     surface_option(command)
     integration_option(command)
-    command.add_argument(
-        "--tolerance",
-        type=finite,
-        default=0.0,
-        metavar="SHARE",
-        help="reduce the tool to the fewest plates within this share of the force in any motion, such as 0.01"
-        " (default 0: full tool)",
+    number_option(
+        *(command, "--tolerance", "SHARE"),
+        "reduce the tool to the fewest plates within this share of the force in any motion, such as 0.01 (default 0:"
+        " full tool)",
+        0.0,
     )
-    command.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        required=True,
-        metavar="OUT.csv",
-        help="what to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin",
+    output_option(
+        *(command, "OUT.csv"),
+        "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin",
     )
 
 
@@ -91,19 +85,19 @@ def run(arguments: argparse.Namespace) -> int:
             "with --mobilization-length the states must be in the order of time"
         )
     plates = tool.plates
-    with busy("computing"):  # the first time it compiles
-        result = (
-            wrenches_in_time(
-                *(plates, law, states, durations, Memory.of(plates)), mobilization_length=length, surface_height=surface
+    with busy("computing"):  # the first call compiles
+        if length > 0.0:
+            memory = Memory.of(plates)
+            result = wrenches_in_time(
+                *(plates, law, states, durations, memory), mobilization_length=length, surface_height=surface
             )
-            if length > 0.0
-            else wrenches(plates, law, states, surface_height=surface)
-        )
+        else:
+            result = wrenches(plates, law, states, surface_height=surface)
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
         raise InputError(
             f"states file '{arguments.states}': the state at t = {times[np.argmin(finite)]:g} has no finite wrench;"
-            " its place is too far away, or the tool or the stress too large"
+            " it is too far away, or the tool or the stress is too large"
         )
     write_wrenches(arguments.output, times, result)
     print(f"{len(states)} states, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")

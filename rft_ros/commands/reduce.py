@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import MESH, finite, integration_option, mesh_options, recording
+from rft_ros.commands.options import MESH, integration_option, mesh_options, number_option, output_option, recording
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -26,13 +26,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
     mesh_options(command)
     integration_option(command)
     size = command.add_mutually_exclusive_group()
-    size.add_argument(
-        "--tolerance",
-        type=finite,
-        default=0.025,
-        metavar="SHARE",
-        help="error allowed, as a share of the force, at the 95th percentile of motions not used for the choice"
+    number_option(
+        *(size, "--tolerance", "SHARE"),
+        "error allowed, as a share of the force, at the 95th percentile of motions not used for the choice"
         " (default 0.025)",
+        0.025,
     )
     size.add_argument(
         "--plates",
@@ -50,15 +48,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--params", type=Path, metavar="FILE.yaml", help="for a recorded bag: the node's parameter file"
     )
-    command.add_argument(
-        "--surface-height",
-        type=finite,
-        metavar="Z",
-        help="world z of the surface in the scene [m] (default: the parameter file's, or 0)",
+    number_option(
+        *(command, "--surface-height", "Z"),
+        "world z of the surface in the scene [m] (default: the parameter file's, or 0)",
     )
-    command.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="OUT.npz", help="what to write; taken wherever a mesh is"
-    )
+    output_option(command, "OUT.npz", "file to write; accepted wherever a mesh is")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -68,7 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     from rft_ros.tool import load_tool
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
-    from rft_ros.tool.save_reduced import save_reduced
+    from rft_ros.tool.reduced_file import save_reduced
 
     count, tolerance = arguments.plates, arguments.tolerance
     if count is not None and count < 1:
@@ -77,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin, integration=arguments.integration)
     if tool.reduction:
-        raise InputError(f"mesh file '{tool.file}' is a reduced tool already; reduce the mesh that it was made from")
+        raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
     states = None if arguments.scene is None else _scene(arguments, tool)
     with busy("choosing plates"):
         if states is None:
@@ -118,6 +112,6 @@ def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]"
     elif Path(name).suffix or Path(name).exists():
         states = read_states(Path(name))[1]
     else:
-        raise InputError(f"--scene '{name}' is no file, and no family of motions: {', '.join(FAMILIES)}")
+        raise InputError(f"--scene '{name}' is neither a file nor a family of motions: {', '.join(FAMILIES)}")
     states[:, 2] -= settings_of(values).surface_height if surface is None else surface
     return states

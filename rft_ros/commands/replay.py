@@ -8,7 +8,7 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import BAG, finite, recording, recording_options, warn_of
+from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
@@ -27,19 +27,17 @@ def add_options(command: argparse.ArgumentParser) -> None:
         metavar="BAG",
         help=f"{BAG}; several get a folder each below DIR",
     )
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
+    output_option(command, "DIR", "folder for the results")
     recording_options(command)
-    command.add_argument(
-        "--tare",
-        type=finite,
-        metavar="S",
-        help="take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)",
+    number_option(
+        *(command, "--tare", "S"),
+        "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)",
     )
     command.add_argument(
         "--check",
         type=Path,
         metavar="LIMITS.yaml",
-        help="exit with 1 if a metric of a bag's summary passes a limit",
+        help="exit with 1 if a metric of a bag's summary exceeds a limit",
     )
     command.add_argument("--figures", action="store_true", help="write the report's figures as PNG too")
     command.add_argument("--no-report", action="store_true", help="write no report.html")
@@ -53,7 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     limits = read_limits(arguments.check) if arguments.check else []
     values, options = recording(arguments)
-    with busy("preparing the tool"):  # the first time it compiles
+    with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
     warn_of(model.tool)
 
@@ -91,7 +89,7 @@ def _say(outcome: "Summary | Exception") -> None:
 
 
 def _empty(summary: "Summary") -> int:
-    """Say so and 1 if no pose of a bag has an estimate."""
+    """Report a bag without any estimate: exit status 1."""
     if summary.estimates:
         return 0
     poses = summary.messages["pose"]
@@ -100,13 +98,13 @@ def _empty(summary: "Summary") -> int:
 
 
 def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
-    """Print which limits each bag keeps; 1 if one is not kept."""
+    """Print which limits each bag keeps; exit status 1 if one is not kept."""
     from rft_ros.bags.limits import check, limit_lines
 
     status = 0
     for name, summary in summaries.items() if limits else ():
-        findings = check(limits, summary)
-        print("\n".join([f"{name}: limits", *limit_lines(findings)]))
-        if not all(finding.kept for finding in findings):
+        checks = check(limits, summary)
+        print("\n".join([f"{name}: limits", *limit_lines(checks)]))
+        if not all(checked.kept for checked in checks):
             status = 1
     return status

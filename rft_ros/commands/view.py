@@ -1,4 +1,4 @@
-"""Draw a tool on its way through the grains: a page that plays it, or a film.
+"""Draw a tool moving through the grains: an animated page, or a film.
 
 rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
 rft view out/demo/bag --params config/demo.yaml -o tool.gif
@@ -14,6 +14,7 @@ from rft_ros.commands.options import (
     law_of,
     law_options,
     mesh_options,
+    output_option,
     recording,
     recording_options,
     surface_option,
@@ -36,9 +37,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     law_options(states)
     surface_option(states)
     recording_options(command.add_argument_group("for a bag"))
-    command.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="OUT", help="OUT.html, OUT.gif or OUT.mp4 (needs ffmpeg)"
-    )
+    output_option(command, "OUT", "OUT.html, OUT.gif or OUT.mp4 (needs ffmpeg)")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -62,7 +61,7 @@ def _of_states(arguments: argparse.Namespace) -> "Animation":
     from rft_ros.tool import load_tool
 
     if arguments.mesh is None:
-        raise InputError(f"states file '{arguments.source}' needs --mesh: the tool whose states they are")
+        raise InputError(f"states file '{arguments.source}' needs --mesh, the tool that moves")
     times, states = read_states(arguments.source)
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin)
     law, height = law_of(arguments), arguments.surface_height

@@ -26,7 +26,7 @@ SIGINT or SIGTERM ends it with exit status 0; arguments or parameters that canno
 example:
   rft_node --ros-args --params-file my_cell.yaml -r ~/pose:=/tool_pose"""
 
-_GRACE = 0.6  # s
+_GRACE = 0.4  # s
 
 
 def main() -> int:
@@ -109,7 +109,7 @@ def _run(stop: threading.Event) -> int:
 
 
 def _announce_compilation() -> None:
-    print("rft_node: compiling, about 20 s, first start only ('rft warm-up' does it ahead)", file=sys.stderr, flush=True)
+    print("rft_node: compiling, about 20 s, first start only", file=sys.stderr, flush=True)
 
 
 def _executor(node: "Node") -> "Executor":

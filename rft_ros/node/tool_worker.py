@@ -70,7 +70,7 @@ class ToolWorker:
                 self._replace()
         except (EOFError, OSError):
             status = self._process.wait()
-            answer = f"the process that loads meshes ended with status {status}; a new one is ready, set mesh.file again"
+            answer = f"the process that loads meshes ended with status {status}; set mesh.file again"
             self._replace()
         self.loading = None
         return answer
@@ -95,7 +95,7 @@ def send_tool(connection: Connection, answer: Tool | str) -> None:
     Reading 9 MB would delay a tick by 5 ms.
     """
     spans: list[tuple[int, int]] = []
-    with open(os.memfd_create("rft_tool"), "wb") as memory:
+    with os.fdopen(os.memfd_create("rft_tool"), "wb") as memory:
 
         def keep(buffer: pickle.PickleBuffer) -> None:
             memory.write(b"\0" * (-memory.tell() % _ALIGNMENT))
@@ -115,7 +115,7 @@ def receive_tool(connection: Connection) -> Tool | str:
     head, spans = connection.recv()
     buffers: list[memoryview] = []
     if spans:
-        with open(recv_handle(connection), "rb") as memory:
+        with os.fdopen(recv_handle(connection), "rb") as memory:
             view = memoryview(mmap.mmap(memory.fileno(), 0, access=mmap.ACCESS_READ))
         buffers = [view[start:end] for start, end in spans]
     answer: Tool | str = pickle.loads(head, buffers=buffers)

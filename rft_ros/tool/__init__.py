@@ -2,8 +2,7 @@
 
 from rft_ros.installation import share_directory
 from rft_ros.tool.check import MeshIssue, check_mesh
-from rft_ros.tool.locate import locate_mesh
-from rft_ros.tool.mesh_file import read_mesh
+from rft_ros.tool.mesh_file import locate_mesh, read_mesh
 from rft_ros.tool.reduce import Reduction
 from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, load_tool
 

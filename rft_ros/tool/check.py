@@ -1,4 +1,4 @@
-"""What is wrong with a mesh that can be used all the same: issues, each with its numbers."""
+"""What is wrong with a mesh that can be used all the same: issues, each a sentence with numbers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -7,30 +7,32 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.tool.refine import welded
+
 if TYPE_CHECKING:
     import trimesh
 
 __all__ = ["LARGEST", "SMALLEST", "IssueKind", "MeshIssue", "check_mesh", "coarse_for_centroids", "degenerate_facets"]
 
 LARGEST = 5.0
-"""A tool with a larger extent [m] has probably the wrong unit."""
+"""A tool with a larger extent [m] probably has the wrong unit."""
 
 SMALLEST = 1e-3
-"""A tool with no larger extent than this [m] has probably the wrong unit."""
+"""A tool with a smaller extent [m] probably has the wrong unit."""
 
-_COLLINEAR = 1e-12  # of the longest edge squared; what rounding leaves of a cross product of parallel edges
+_COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
 
-_SHUT = 0.01  # of the area; area vectors of a closed surface sum to zero, and with small holes to little
+_CLOSED = 0.01  # of the area: area vectors of a closed surface sum to zero, with small holes to little
 
-_HOLLOW = 0.02  # of the largest extent; how far other parts may stand out before a facet
+_HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
 
-_MUCH = 0.05  # of the area
+_CONCAVE_SHARE = 0.05  # of the area
 
-_LONG = 0.25  # of the largest extent: what a facet that counts as a point should not reach
+_LONG = 0.25  # of the largest extent: the longest facet that may count as a point
 
-_MOST = 0.5  # of the area
+_COARSE_SHARE = 0.5  # of the area
 
-_LOOKED_AT = 2000  # facets, and points, that `concave` is judged by
+_SAMPLED = 2000  # facets, and points, that concavity is judged by
 
 IssueKind = Literal[
     "not_closed",
@@ -42,7 +44,7 @@ IssueKind = Literal[
     "size",
     "coarse",
 ]
-"""What may be wrong with a mesh."""
+"""The kinds of issue."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,24 +57,27 @@ class MeshIssue:
 
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     """Which facets have no area, and so no normal: shape [m]."""
-    a, b, c = np.asarray(mesh.vertices)[np.asarray(mesh.faces).T]
-    longest = np.max([((p - q) ** 2).sum(axis=1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
-    doubled_area = np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    triangles = np.asarray(mesh.triangles)
+    longest = ((np.roll(triangles, -1, axis=1) - triangles) ** 2).sum(axis=2).max(axis=1)
+    doubled_area = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
     return np.asarray(doubled_area <= _COLLINEAR * longest)
 
 
 def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
-    """Findings on a mesh in metres of which at least one facet has an area; none if it is good."""
+    """Issues of a mesh in metres, of which at least one facet has an area; none if it is good."""
     return (*_of_surface(mesh), *_of_facets(mesh), *_of_shape(mesh), *_of_size(mesh))
 
 
 def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[MeshIssue, ...]:
-    """A finding if the published rule takes long facets for points; `vertices`: shape [n, 3], `faces`: shape [m, 3]."""
+    """An issue if the published rule takes long facets for points.
+
+    `vertices`: shape [n, 3], in any unit; `faces`: shape [m, 3].
+    """
     triangles = vertices[faces]
     edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
     areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     share = float(areas[edges > _LONG * np.ptp(vertices[faces.ravel()], axis=0).max()].sum() / areas.sum())
-    if share <= _MOST:
+    if share <= _COARSE_SHARE:
         return ()
     return (
         MeshIssue(
@@ -84,11 +89,13 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
 
 
 def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
-    """Findings on how facets join and which way they face."""
-    joined = _joined(mesh)
-    ends = joined.edges_sorted
-    keys = ends[:, 0] * len(joined.vertices) + ends[:, 1]
-    _, edge, facets = np.unique(keys, return_inverse=True, return_counts=True)
+    """Issues of how facets join and which way they face."""
+    import trimesh
+
+    joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
+    a, b, c = joined.faces.T
+    joined.update_faces((a != b) & (b != c) & (c != a))
+    facets = np.bincount(joined.edges_unique_inverse)
     open_edges, crowded = int((facets == 1).sum()), int((facets > 2).sum())
     if open_edges or crowded:
         yield MeshIssue(
@@ -97,13 +104,13 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
         )
 
     # two facets that face the same way run along their common edge in opposite directions
-    balance = np.bincount(edge, np.where(joined.edges[:, 0] == ends[:, 0], 1.0, -1.0))
-    if twisted := int(((facets == 2) & (balance != 0.0)).sum()):
+    direction = np.where(joined.edges[:, 0] == joined.edges_sorted[:, 0], 1.0, -1.0)
+    if twisted := int(((facets == 2) & (np.bincount(joined.edges_unique_inverse, direction) != 0.0)).sum()):
         yield MeshIssue(
             "inconsistent_winding",
             f"the winding is inconsistent (edges between an outward and an inward facet: {twisted:,})",
         )
-    elif (volume := _volume_if_shut(mesh)) < 0.0:
+    elif (volume := _volume_if_closed(mesh)) < 0.0:
         yield MeshIssue(
             "inside_out",
             f"the surface is inside out (volume {volume * 1e6:.3g} cm³), so trailing facets count as leading",
@@ -115,23 +122,12 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
         yield MeshIssue("duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}")
 
 
-def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
-    """A copy of unit size whose facets share vertices (to 1e-6), less the facets that this folds up."""
-    import trimesh
-
-    joined = trimesh.Trimesh(mesh.vertices / mesh.extents.max(), mesh.faces, process=False)
-    joined.merge_vertices(digits_vertex=6)
-    a, b, c = joined.faces.T
-    joined.update_faces((a != b) & (b != c) & (c != a))
-    return joined
-
-
-def _volume_if_shut(mesh: "trimesh.Trimesh") -> float:
-    """Signed volume [m³] of a surface that is shut, even as a soup without shared edges; 0 of an open one."""
+def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
+    """Signed volume [m³] of a closed surface, also of one without shared edges; 0 of an open one."""
     triangles = mesh.triangles - mesh.triangles.mean(axis=(0, 1))
-    area_vectors = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]) / 2.0
-    shut = np.linalg.norm(area_vectors.sum(axis=0)) < _SHUT * np.linalg.norm(area_vectors, axis=1).sum()
-    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if shut else 0.0
+    area_vectors = np.asarray(mesh.triangles_cross) / 2.0
+    closed = np.linalg.norm(area_vectors.sum(axis=0)) < _CLOSED * np.linalg.norm(area_vectors, axis=1).sum()
+    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if closed else 0.0
 
 
 def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
@@ -140,21 +136,20 @@ def _of_facets(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
 
 
 def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
-    """Facets that have other parts of the tool before them: the method counts each as if it stood alone."""
+    """Facets with other parts of the tool in front of them: the method counts each as if it stood alone."""
     keep = np.flatnonzero(~degenerate_facets(mesh))
-    keep = keep[:: 1 + len(keep) // _LOOKED_AT]
-    triangles = np.asarray(mesh.triangles)[keep]
-    doubled = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    keep = keep[:: 1 + len(keep) // _SAMPLED]
+    doubled = np.asarray(mesh.triangles_cross)[keep]
     area = np.linalg.norm(doubled, axis=1)
     points = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
-    points = points[:: 1 + len(points) // _LOOKED_AT]
-    outward = -1.0 if _volume_if_shut(mesh) < 0.0 else 1.0  # of a surface that is inside out, that is said already
+    points = points[:: 1 + len(points) // _SAMPLED]
+    outward = -1.0 if _volume_if_closed(mesh) < 0.0 else 1.0  # `_of_surface` reports a surface that is inside out
     normal = outward * doubled / area[:, None]
-    # in parts: a process that zeroes 32 MB at once holds up whatever else the processor should run
+    # in parts: a process that clears 32 MB at once delays every other process on the processor
     farthest = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, 1 + len(normal) // 64)])
-    before = farthest - (normal * triangles.mean(axis=1)).sum(axis=1)
-    share = float(area[before > _HOLLOW * mesh.extents.max()].sum() / area.sum())
-    if share > _MUCH:
+    beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
+    share = float(area[beyond > _HOLLOW * mesh.extents.max()].sum() / area.sum())
+    if share > _CONCAVE_SHARE:
         yield MeshIssue(
             "concave",
             f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it",

@@ -1,7 +1,7 @@
 """Fewer plates for a known scene: empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008).
 
-Few of a tool's plates, with areas of their own, whose wrench is the whole tool's over sampled states. They are chosen
-one by one, the one most like what is still missing first; the areas follow by least squares, none below zero.
+Selects some of a tool's plates and gives them new areas, so that their wrench over sampled states is the whole tool's.
+Plates are added one by one, the one most like the missing wrench first; the areas are a non-negative least-squares fit.
 """
 
 from collections.abc import Iterator
@@ -10,22 +10,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import Plates, plate_forces, rotation_matrix
-from rft_ros.tool.any_motion import LAWS
+from rft_ros.tool.random_motions import LAWS
 
 __all__ = ["MOST_NUMBERS", "chosen_plates"]
 
 Array = NDArray[np.float64]
 
 MOST_NUMBERS = 30_000_000
-"""In the matrix of all plates' wrenches; of more states every k-th is looked at."""
+"""Size limit of the matrix of all plates' wrenches; beyond it, only every k-th state is used."""
 
-_FAINT = 1e-3  # of the strongest plate: weaker ones would need areas that mean nothing
+_FAINT = 1e-3  # of the strongest plate: weaker ones would get meaningless areas
 
-_RIDGE = 1e-10  # of the plates' squared norms, so that plates that are alike can be told apart
+_RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable for plates that are alike
 
 
 def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
-    """Ever more plates that stand for all, over states of shape [n, 13]; ends when more make it no better."""
+    """Growing selections of plates that stand for all over the states, shape [n, 13], units as `rft_ros.rft.STATE`.
+
+    Ends when one more plate does not improve the fit.
+    """
     every = 1 + len(LAWS) * 6 * len(states) * len(plates) // MOST_NUMBERS
     matrix = _wrenches_of_plates(plates, states[::every])
     target = matrix.sum(axis=1)
@@ -53,7 +56,7 @@ def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
 
 
 def _wrenches_of_plates(plates: Plates, states: Array) -> Array:
-    """Of each plate at each state by each law: force, and torque over the tool's reach; shape [laws 6 n, plates]."""
+    """Force, and torque over the tool's reach, of each plate at each state by each law; shape [laws 6 n, plates]."""
     cases = [(law, state) for law in LAWS for state in states]
     out = np.empty((len(cases), 6, len(plates)))
     for wrench, (law, state) in zip(out, cases, strict=True):
@@ -64,7 +67,7 @@ def _wrenches_of_plates(plates: Plates, states: Array) -> Array:
 
 
 def _factors(matrix: Array, target: Array) -> Array:
-    """Least squares without negative factors, on the normal equations: columns are few, and of unit length."""
+    """Non-negative least squares by the normal equations: the columns are few, and of unit length."""
     from scipy.optimize import nnls
 
     gram = matrix.T @ matrix + _RIDGE * np.eye(matrix.shape[1])

@@ -1,8 +1,8 @@
-"""Fewer plates for any motion: neighbours that face alike become one.
+"""Fewer plates for any motion: neighbours with similar normals become one plate.
 
-Plates are grouped by place and outward normal, a tool's radius counting as much as a unit of the normal, so that the
-groups are small where the tool bends and large where it is flat (k-means, weighted by area). A group keeps its area
-and, for the refined rule, its second moments about the centroid and the spread of its normals.
+k-means, weighted by area, groups plates by position over the tool's radius and by outward normal: groups are small
+where the tool bends and large where it is flat. A group keeps its area and, for the refined rule, its second moments
+about the centroid and the spread of its normals.
 """
 
 import numpy as np
@@ -15,12 +15,12 @@ __all__ = ["Merger"]
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-_CELLS = 4096  # what the grouping looks at, at most: finer plates are halved down to that first
-_ROUNDS = 6  # of k-means; more change the error by less than its scatter
+_CELLS = 4096  # the most cells to be grouped: finer plates are first joined to so many
+_ROUNDS = 6  # of k-means; more change the error less than it scatters
 
 
 class Merger:
-    """Merges the same plates to any number of them; what is common to all numbers is done once."""
+    """Merges plates to any number of plates; work common to all numbers is done once."""
 
     def __init__(self, plates: Plates) -> None:
         self._rows = rows = plates.rows
@@ -34,11 +34,11 @@ class Merger:
 
     @property
     def most(self) -> int:
-        """More plates than this it cannot make."""
+        """The largest number of plates that it can make."""
         return len(self._areas)
 
     def merged(self, count: int) -> Plates:
-        """About `count` plates, never more."""
+        """About `count` plates, at most `count`."""
         groups = _halved(self._features, self._areas, count)
         for _ in range(_ROUNDS if count < self.most else 0):
             means = _means(groups, self._areas, self._features)
@@ -58,7 +58,7 @@ def _totals(groups: Labels, weights: Array) -> Array:
 
 
 def _halved(features: Array, areas: Array, parts: int) -> Labels:
-    """Groups 0 .. of like features and about the same area: halved along the widest feature, again and again."""
+    """Group of each row, shape [n]: repeated halving along the widest feature into about equal areas."""
     groups = np.arange(len(features))
     if parts >= len(features):
         return groups
@@ -84,7 +84,7 @@ def _halved(features: Array, areas: Array, parts: int) -> Labels:
 
 
 def _united(rows: Array, groups: Labels) -> Array:
-    """One plate for each group, rows as `Plates.rows`; a group of one stays as it is."""
+    """One plate for each group, rows as `Plates.rows`; a group of one plate is that plate."""
     area = _totals(groups, rows[6])
     out = np.vstack([_means(groups, rows[6], rows[:6].T).T, area[None]])
     out[3:6] /= np.linalg.norm(out[3:6], axis=0)
@@ -97,9 +97,9 @@ def _united(rows: Array, groups: Labels) -> Array:
 
 
 def _triangles(rows: Array, groups: Labels, united: Array) -> Array:
-    """Two corners from the centroid of a triangle with the second moments of each group in its plane, shape [6, m].
+    """Two corners, relative to the centroid, of a triangle with each group's second moments, shape [6, m].
 
-    With them the depth's integral and the centre of pressure of a submerged plate are those of its parts.
+    Equal moments give a submerged plate the depth integral and the centre of pressure of its parts.
     """
     normal = united[3:6].T
     side = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
@@ -113,14 +113,14 @@ def _triangles(rows: Array, groups: Labels, united: Array) -> Array:
     mean = _means(groups, rows[6], moments.reshape(-1, 4)).reshape(-1, 2, 2)
     size, direction = np.linalg.eigh(mean)
     spread = direction * np.sqrt(np.maximum(size, 0.0))[:, None]
-    # of a unit circle's inscribed triangle the moments are 1/8: corners at a quarter turn, and a third further
+    # a triangle inscribed in the unit circle has moments of 1/8; corners at a quarter turn, and a third further
     turn = np.pi * np.array([0.5, 0.5 + 2.0 / 3.0])
     two = np.einsum("mab,bc,mak->cmk", spread, np.sqrt(8.0) * np.stack([np.cos(turn), np.sin(turn)]), axes)
     return np.concatenate([two[0].T, two[1].T])
 
 
 def _fade(rows: Array, groups: Labels, angles: Array) -> Array:
-    """1 / (2 sin θ) for each group, shape [1, m]: the fade of θ either way varies as its normals do across a line."""
+    """1 / (2 sin θ) of each group, shape [1, m]: θ such that a fade over ±θ has the variance of the group's normals."""
     half = np.arcsin(np.minimum(0.5 / rows[13], 1.0))
     variance = _means(groups, rows[6], (1.5 * angles**2 + half**2)[:, None])[:, 0]
     return np.asarray(0.5 / np.sin(np.minimum(np.sqrt(variance), 0.5 * np.pi)))[None]

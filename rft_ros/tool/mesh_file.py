@@ -1,4 +1,4 @@
-"""From a mesh file to a mesh in the tool frame, in metres."""
+"""Mesh files: which file a name means, and its mesh in the tool frame, in metres."""
 
 import io
 import logging
@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
+from rft_ros.installation import share_directory
 from rft_ros.tool.check import degenerate_facets
 from rft_ros.tool.reduced_file import SUFFIX as REDUCED
 from rft_ros.tool.reduced_file import read_reduced
@@ -20,10 +21,10 @@ from rft_ros.tool.reduced_file import read_reduced
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MAX_BYTES", "MAX_FACETS", "SUFFIXES", "read_mesh"]
+__all__ = ["MAX_BYTES", "MAX_FACETS", "SUFFIXES", "locate_mesh", "read_mesh", "shipped_meshes"]
 
 SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
-"""Mesh files that can be read."""
+"""Suffixes of the mesh formats that can be read."""
 
 MAX_BYTES = 256 * 2**20
 """The largest mesh file that is read."""
@@ -31,13 +32,43 @@ MAX_BYTES = 256 * 2**20
 MAX_FACETS = 2_000_000
 """The most facets that a mesh may have."""
 
-# At these trimesh would start another mesh, which costs the facets their order and drops those with NaN.
+# trimesh starts another mesh at these lines, which reorders the facets and drops those with NaN.
 _SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n]*"}
 
 _TOO_BIG = 1e100  # beyond this, areas and volumes overflow
 
-# Without a handler, Python prints trimesh's warnings of textures and the like on stderr, traceback and all.
+_SCHEME = "package://"
+
+# Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
+
+
+def shipped_meshes() -> dict[str, Path]:
+    """Files of the meshes that come with rft_ros, by name."""
+    return {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
+
+
+def locate_mesh(file: str) -> Path:
+    """The mesh file that `mesh.file` means: a path (also ~), a package://PACKAGE/PATH URI or a shipped mesh's name.
+
+    A bare word, without folder or suffix, is always a shipped mesh. `read_mesh` checks that the file exists.
+    Raises InputError for an unknown package or name.
+    """
+    if file.startswith(_SCHEME):
+        package, _, inside = file.removeprefix(_SCHEME).partition("/")
+        return share_directory(package) / inside
+    if file == Path(file).stem:
+        shipped = shipped_meshes()
+        if file in shipped:
+            return shipped[file]
+        raise InputError(
+            f"mesh.file '{file}' is no shipped mesh ({', '.join(shipped)}), nor the path of a mesh file, "
+            f"nor a {_SCHEME} URI"
+        )
+    try:
+        return Path(file).expanduser()
+    except RuntimeError as error:
+        raise InputError(f"mesh.file '{file}' names no home folder: {error}") from None
 
 
 def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
@@ -45,10 +76,9 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
 
     Vertices become (vertices - origin) * scale.
 
-    `scale`: metres per mesh unit; units and up-axes that the file declares are not applied. `origin`: where the
-    tool frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh, its transforms
-    applied. Facets keep their order and winding; none is dropped or repaired (but pycollada reads a NaN in DAE as 0).
-
+    `scale`: metres per mesh unit; units and up-axes declared in the file are ignored. `origin`: where the tool
+    frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh with its transforms
+    applied. Facets keep their order and winding; none is dropped or repaired (but pycollada reads NaN in DAE as 0).
     Raises InputError that names the file, or `mesh.scale` or `mesh.origin` with its value.
     """
     _check_placement(scale, origin)
@@ -56,7 +86,7 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
         reduced = read_reduced(path)
         return _in_tool_frame(reduced.vertices, reduced.faces, path, scale, origin)
     loaded = _load(_bytes_of(path), path)
-    if len(getattr(loaded, "faces", ())) == 0:  # points have none
+    if len(getattr(loaded, "faces", ())) == 0:  # a point cloud has no attribute `faces`
         raise InputError(f"mesh file '{path}' has no facets: it is empty, cut short or no {_kind(path)} file")
     if len(loaded.faces) > MAX_FACETS:
         raise InputError(f"mesh file '{path}' has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
@@ -103,12 +133,12 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
 
     suffix = path.suffix.lower()
     if suffix in _SEAMS and not _is_binary_stl(data):
-        # to trimesh, text that is not UTF-8 (in a comment or a name) needs another package
+        # trimesh needs another package for text that is not UTF-8, such as a name or a comment
         data = re.sub(_SEAMS[suffix], b"", data.decode(errors="replace").encode())
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            # numpy before 2.3 stops at a word among the numbers, and only warns
+            # numpy before 2.3 only warns of a word among the numbers
             warnings.filterwarnings("error", message="string or file could not be read")
             return trimesh.load(
                 io.BytesIO(data),
@@ -120,7 +150,7 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
             )
     except ImportError as error:
         raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
-    except Exception as error:  # each format's reader fails in its own ways
+    except Exception as error:  # each reader raises its own errors
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(f"mesh file '{path}' is no {_kind(path)} file that trimesh can read: {reason}") from None
 

@@ -1,7 +1,7 @@
-"""A tool no finer than its motions need: the fewest plates whose wrench stays within a tolerance of the full tool's.
+"""Reduced tools: the fewest plates whose wrench stays within a tolerance of the full tool's.
 
-For any motion neighbours are merged (`merge`), for a known scene a few plates are chosen (`cubature`). The error is
-measured on motions that took no part in the choice. No clock and no chance: the same tool gives the same plates.
+For any motion, neighbours are merged (`merge`); for a known scene, some plates are selected (`cubature`). The error is
+measured on motions that were not used for the choice. The same tool always gives the same plates.
 """
 
 from dataclasses import dataclass
@@ -11,32 +11,32 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import Plates
-from rft_ros.tool.any_motion import Comparison, random_motions
 from rft_ros.tool.cubature import chosen_plates
 from rft_ros.tool.merge import Merger
+from rft_ros.tool.random_motions import Comparison, random_motions
 
 __all__ = ["FEWEST_STATES", "Reduction", "checked_tolerance", "reduced_for_any_motion", "reduced_for_scene"]
 
 Array = NDArray[np.float64]
 
 FEWEST_STATES = 20
-"""A known scene needs this many: of six states four are chosen from, one tells when to stop, one measures."""
+"""The fewest states of a scene. Of six states, four select the plates, one decides when to stop, one measures."""
 
 _CHOOSING, _MEASURING = 1, 2  # seeds
-_STATES = 1000  # for each; the percentile scatters by about a twentieth of itself
-_FIRST = 16  # plates tried first; then twice as many, and so on
-_WORTH = 0.7  # of the facets: with more plates the full tool stays
-_STEPS = 5  # of the search between two numbers of plates
-_NEAR = 0.3  # rad, and of the tool's reach: samples of a motion that are no further apart can be gone between
-_MORE = 1.1  # times the plates, where the measured error is over the tolerance after all
+_STATES = 1000  # for each; the percentile scatters by about 5 % of itself
+_FIRST = 16  # plates tried first; then doubled
+_WORTH = 0.7  # of the facets: the largest reduced tool that is worth having
+_STEPS = 5  # of the bisection between two numbers of plates
+_NEAR = 0.3  # rad, and of the tool's reach: the largest gap between samples that may be interpolated
+_MORE = 1.1  # times the plates, where the measured error exceeds the tolerance
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Reduction:
-    """What a reduction came to.
+    """Result of a reduction.
 
-    `facets`: plates of the full tool. `plates`: of the reduced one. `error`: at the 95th percentile of the motions it
-    was measured on, relative: of any motion each state's own force counts, of a scene its greatest. `motions`: which.
+    `facets`: plates of the full tool. `plates`: of the reduced one. `error`: relative, the 95th percentile over the
+    motions; divided by each state's own force for any motion, by the greatest force for a scene. `motions`: which.
     """
 
     facets: int
@@ -53,7 +53,7 @@ class Reduction:
 
 
 def checked_tolerance(tolerance: float) -> float:
-    """The tolerance, or InputError if it is no share of the force."""
+    """The tolerance; InputError unless it is a share of the force."""
     if not 0.0 <= tolerance <= 1.0:
         raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
     return tolerance
@@ -62,7 +62,7 @@ def checked_tolerance(tolerance: float) -> float:
 def reduced_for_any_motion(
     plates: Plates, corners: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance, or about `count` of them whatever their error.
+    """The fewest plates within the tolerance, or about `count` plates whatever their error.
 
     `corners`: of the tool's convex hull [m], shape [k, 3].
     """
@@ -73,30 +73,30 @@ def reduced_for_any_motion(
         few = _fewest(merger, choosing, measuring, tolerance, most=min(int(_WORTH * len(plates)), merger.most))
     else:
         few = merger.merged(count)
-    return _told(plates, few, measuring, tolerance, "any motion")
+    return _reported(plates, few, measuring, tolerance, "any motion")
 
 
 def _fewest(
     merger: Merger, choosing: Comparison, measuring: Comparison, tolerance: float, *, most: int
 ) -> Plates | None:
-    """The plates of the least number that keeps the tolerance, found by doubling and halving; None if none does."""
+    """The smallest number of plates within the tolerance, by doubling and bisection; None if there is none."""
 
-    def keeps(count: int) -> Plates | None:
+    def within(count: int) -> Plates | None:
         plates = merger.merged(count)
         return plates if choosing.percentile_95(plates) <= tolerance else None
 
     low, high, best = 0, _FIRST, None
-    while high < most and (best := keeps(high)) is None:
+    while high < most and (best := within(high)) is None:
         low, high = high, 2 * high
     if best is None:
         high = most
-        if most < 1 or (best := keeps(most)) is None:
+        if most < 1 or (best := within(most)) is None:
             return None
     for _ in range(_STEPS):
         middle = (low + high) // 2
         if middle in (low, high) or high < 1.02 * low:
             break
-        if (plates := keeps(middle)) is None:
+        if (plates := within(middle)) is None:
             low = middle
         else:
             high, best = middle, plates
@@ -111,12 +111,13 @@ def _fewest(
 def reduced_for_scene(
     plates: Plates, states: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance over a scene's states, or at most `count`, whatever their error.
+    """The fewest plates within the tolerance over a scene's states, or at most `count` plates whatever their error.
 
-    `states`: shape [n, 13], the surface at z = 0. InputError where there are too few, or none feels a force.
+    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. InputError where there are too few
+    states, or none with a force.
     """
     if len(states) < FEWEST_STATES:
-        raise InputError(f"the scene has {len(states)} states; to choose and to measure takes at least {FEWEST_STATES}")
+        raise InputError(f"the scene has {len(states)} states; it needs at least {FEWEST_STATES}")
     part = np.arange(len(states)) % 6
     between = _halfway(states, plates.reach)
     stopping, measuring = (Comparison.of(plates, between[part == k], own_force=False) for k in (2, 5))
@@ -132,26 +133,26 @@ def reduced_for_scene(
             few = candidate
         if within:
             break
-    return _told(plates, few, measuring, tolerance, f"a scene of {len(states):,} states")
+    return _reported(plates, few, measuring, tolerance, f"a scene of {len(states):,} states")
 
 
 def _halfway(states: Array, reach: float) -> Array:
-    """Each state moved half the way to the next, where that is near; shape as given.
+    """Each state moved halfway to the next, where that is near; shape as given.
 
-    A motion that repeats may be sampled at the same phases in every turn. Held-out samples would then be like those
-    that were chosen from, and their error a tenth of what it is between them.
+    A periodic motion may be sampled at the same phases in every period. Held-out samples would then repeat those used
+    for the choice, and their error would be a tenth of the error between samples.
     """
     here, there = states, np.concatenate([states[1:], states[-1:]])
     same_side = np.where((here[:, 3:7] * there[:, 3:7]).sum(axis=1) < 0.0, -1.0, 1.0)
     middle = 0.5 * (here + there)
     middle[:, 3:7] = here[:, 3:7] + same_side[:, None] * there[:, 3:7]
-    cosine = 0.5 * np.linalg.norm(middle[:, 3:7], axis=1)  # of a quarter of the angle between them
+    cosine = 0.5 * np.linalg.norm(middle[:, 3:7], axis=1)  # of a quarter of the angle between the attitudes
     middle[:, 3:7] /= 2.0 * cosine[:, None]
     far = np.linalg.norm(there[:, :3] - here[:, :3], axis=1) > _NEAR * reach
     return np.where((far | (cosine < np.cos(_NEAR / 4.0)))[:, None], here, middle)
 
 
-def _told(
+def _reported(
     plates: Plates, few: Plates | None, measuring: Comparison, tolerance: float, motions: str
 ) -> tuple[Plates, Reduction]:
     plates, facets, error = few or plates, len(plates), measuring.percentile_95(few) if few else 0.0

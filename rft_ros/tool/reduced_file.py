@@ -1,16 +1,18 @@
-"""Reduced tools as files (.npz, no pickle), which are taken wherever a mesh file is.
+"""Files of reduced tools (.npz without pickle), accepted wherever a mesh file is.
 
-Arrays: `vertices` [n, 3] and `faces` [m, 3], the full mesh, for drawing and for what touches the surface first;
-`plates` [7 or 14, k], `rows` of `rft_ros.rft.Plates`, with areas; `about`: JSON with the keys of `About`. Lengths are
-in the mesh file's units and coordinates, so that `mesh.scale` and `mesh.origin` mean what they mean for the mesh.
+Arrays: `vertices` [n, 3] and `faces` [m, 3], the full mesh, for drawing and for the depth of the lowest point;
+`plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: JSON with the format, the integration rule and the
+`Reduction`, and for the record the mesh file, its SHA-256 and its placement. Lengths are in the mesh file's units and
+coordinates, so `mesh.scale` and `mesh.origin` mean the same as for the mesh.
 """
 
+import hashlib
 import io
 import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +21,10 @@ from rft_ros.errors import InputError
 from rft_ros.rft import Integration, Plates
 from rft_ros.tool.reduce import Reduction
 
-__all__ = ["SUFFIX", "About", "ReducedMesh", "placed", "read_reduced", "write_reduced"]
+if TYPE_CHECKING:
+    from rft_ros.tool.tool import Tool
+
+__all__ = ["SUFFIX", "ReducedMesh", "placed", "read_reduced", "save_reduced"]
 
 Array = NDArray[np.float64]
 
@@ -29,31 +34,25 @@ SUFFIX = ".npz"
 _FORMAT = "rft_ros reduced tool 1"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class About:
-    """Where a reduced tool comes from: mesh file and its SHA-256, rule, placement, scene, and what it came to."""
-
-    mesh: str
-    sha256: str
-    integration: Integration
-    scale: float
-    origin: tuple[float, float, float]
-    reduction: Reduction
-    format: str = _FORMAT
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedMesh:
-    """What the file holds, in its own units: full mesh, rows of plates, provenance."""
+    """Content of a reduced tool's file, in its own units.
+
+    `vertices`: of the full mesh, shape [n, 3]; `faces`: shape [m, 3]; `plates`: rows as `rft_ros.rft.Plates.rows`.
+    """
 
     vertices: Array
     faces: NDArray[np.int64]
     plates: Array
-    about: About
+    integration: Integration
+    reduction: Reduction
 
 
 def placed(rows: Array, scale: float, origin: Sequence[float] | Array) -> Array:
-    """Rows of plates whose places p become (p - origin) * scale, as a mesh's vertices do."""
+    """Rows of plates, shape [7 or 14, n], moved as `read_mesh` moves vertices: (p - origin) * scale.
+
+    `scale`: metres per mesh unit; `origin`: in mesh units, shape [3].
+    """
     out = rows.copy()
     out[:3] = (out[:3] - np.asarray(origin, dtype=np.float64)[:, None]) * scale
     out[6] *= scale * scale
@@ -61,17 +60,33 @@ def placed(rows: Array, scale: float, origin: Sequence[float] | Array) -> Array:
     return out
 
 
-def write_reduced(file: Path, reduced: ReducedMesh) -> None:
-    """Write the file; the same content gives the same bytes. Raises InputError where it cannot be written."""
+def save_reduced(
+    file: Path, tool: "Tool", plates: Plates, reduction: Reduction, *, scale: float, origin: Sequence[float]
+) -> None:
+    """Write a reduced tool for `load_tool`; `scale` and `origin` are those that `tool` was loaded with.
+
+    The same content gives the same bytes. Raises InputError where the file cannot be written.
+    """
     if file.suffix.lower() != SUFFIX:
-        raise InputError(f"output '{file}' must end in {SUFFIX}, so that it is known for a reduced tool")
+        raise InputError(f"output '{file}' must end in {SUFFIX}, the suffix of reduced tools")
+    x, y, z = (float(value) for value in origin)
+    shift = np.array([x, y, z])
+    about = {
+        "format": _FORMAT,
+        "mesh": Path(tool.file).name,
+        "sha256": hashlib.sha256(Path(tool.file).read_bytes()).hexdigest(),
+        "integration": plates.integration,
+        "scale": scale,
+        "origin": (x, y, z),
+        "reduction": asdict(reduction),
+    }
     data = io.BytesIO()
     np.savez(
         data,
-        vertices=reduced.vertices,
-        faces=reduced.faces,
-        plates=reduced.plates,
-        about=np.array(json.dumps(asdict(reduced.about))),
+        vertices=tool.vertices / scale + shift,
+        faces=tool.faces,
+        plates=placed(plates.rows, 1.0 / scale, -shift * scale),
+        about=np.array(json.dumps(about)),
     )
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -81,30 +96,31 @@ def write_reduced(file: Path, reduced: ReducedMesh) -> None:
 
 
 def read_reduced(file: Path) -> ReducedMesh:
-    """Read what `write_reduced` wrote. Raises InputError that names the file and what is wrong with it."""
+    """Read what `save_reduced` wrote. Raises InputError that names the file and what is wrong with it."""
     try:
         with np.load(file, allow_pickle=False) as arrays:
             found: dict[str, Any] = {name: arrays[name] for name in ("vertices", "faces", "plates", "about")}
         about = json.loads(str(found["about"]))
         if about.get("format") != _FORMAT:
             raise ValueError(f"its format is '{about.get('format')}', not '{_FORMAT}'")
-        reduction = Reduction(**about.pop("reduction"))
-        about = About(**{**about, "origin": tuple(about["origin"]), "reduction": reduction})
-        Plates.from_rows(found["plates"])
-        return ReducedMesh(*_surface(found["vertices"], found["faces"]), found["plates"], about)
+        rule = about["integration"]
+        if rule != Plates.from_rows(found["plates"]).integration:
+            raise ValueError(f"its plates are not for integration '{rule}'")
+        mesh = _checked_surface(found["vertices"], found["faces"])
+        return ReducedMesh(*mesh, found["plates"], rule, Reduction(**about["reduction"]))
     except FileNotFoundError:
         raise InputError(f"mesh file '{file}' does not exist") from None
     except OSError as error:
         raise InputError(f"mesh file '{file}' cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # zip, numpy's header and JSON each fail in their own ways
+    except Exception as error:  # zip, numpy's header and JSON raise errors of their own
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"mesh file '{file}' is no reduced tool that rft reduce wrote: {reason}") from None
+        raise InputError(f"mesh file '{file}' is no reduced tool written by rft reduce: {reason}") from None
 
 
-def _surface(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+def _checked_surface(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
     for name, array, kind in (("vertices", vertices, np.float64), ("faces", faces, np.int64)):
         if array.ndim != 2 or array.shape[1] != 3 or array.dtype != kind or not len(array):
-            raise ValueError(f"{name} of shape {array.shape} and type {array.dtype} are not as they must be")
+            raise ValueError(f"{name} of shape {array.shape} and type {array.dtype} are not [n, 3], {np.dtype(kind)}")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ValueError("faces have vertices that are not in it")
+        raise ValueError("faces refer to vertices that are missing")
     return vertices, faces

@@ -1,8 +1,8 @@
 """Triangles for the refined rule: a curved surface gets back the area that its inscribed facets lack.
 
-A facet stands for a patch of the surface that the mesh samples. How that bends is taken from normals at the corners,
-averaged by area and angle over the facets that join smoothly: a large flat face beside a narrow fillet stays flat. The
-tip of a cone, where facets join smoothly round about but the surface has no normal, stays where it is.
+A facet stands for a patch of the surface that the mesh samples. The patch's curvature comes from the normals at the
+corners, averaged by area and angle over the facets that join smoothly: a large flat face beside a narrow fillet stays
+flat. The tip of a cone, where facets join smoothly but the surface has no normal, does not move.
 """
 
 import numpy as np
@@ -10,47 +10,50 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import Plates
 
-__all__ = ["CREASE", "FLAT_HALF_ANGLE", "refined_plates"]
+__all__ = ["CREASE", "FLAT_HALF_ANGLE", "refined_plates", "welded"]
 
 CREASE = np.deg2rad(50.0)
-"""Facets that meet at a larger angle than this [rad] meet at an edge of the tool, not within a curved surface."""
+"""Facets at a larger angle than this [rad] meet at an edge of the tool, not within a curved surface."""
 
 FLAT_HALF_ANGLE = np.deg2rad(1.0)
-"""The least half angle [rad] over which a facet begins to lead; what a truly flat face gets."""
+"""The smallest half angle [rad] over which a facet begins to lead, and that of a flat face."""
 
 _SPAN = 0.85
 """Half angle of a curved facet over the mean angle between its normal and those at its corners."""
 
 _TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
-"""A point is a tip if over this share of how its normal leans from the facets' is not taken back at their other
-corners, as on a curved surface it is; and if it leans by over this sine."""
+"""A point is a tip if more than this share of its normal's tilt against the facets is not balanced at their other
+corners (on a curved surface it is), and if the tilt exceeds this sine."""
 
-_WELD = 1e-6  # of the tool's size: corners that are closer are one
+_WELD = 1e-6  # of the tool's size: closer corners become one
 
 Array = NDArray[np.float64]
 
 
 def refined_plates(vertices: Array, faces: NDArray[np.int64]) -> Plates:
-    """Plates of a mesh in the tool frame [m] for the refined rule, one a face, in the same order."""
-    points, corners = _welded(vertices, faces)
+    """Plates of a mesh in the tool frame [m] for the refined rule, one a face, in the same order.
+
+    `vertices`: shape [n, 3]; `faces`: indices of vertices, shape [m, 3].
+    """
+    points, corners = welded(vertices, faces)
     triangles = points[corners]
     normals, tips = _corner_normals(points, corners)
     facet = _unit(_doubled_areas(triangles))
     angles = np.arccos(np.clip(np.einsum("fck,fk->fc", normals, facet), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
     triangles = _with_area_of_surface(points, corners, normals, tips)
-    lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than what is welded
+    lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than the welding distance
     triangles[lost] = vertices[faces[lost]]
     return Plates.from_triangles(triangles, half_angles)
 
 
-def _welded(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """Points and faces in which facets share corners, as those of an STL file do not."""
+def welded(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+    """Points and faces in which facets share corners, as those of an STL file do not; shapes [k, 3] and [m, 3]."""
     size = float(np.ptp(vertices[faces.ravel()], axis=0).max())
-    _, first, welded = np.unique(
+    _, first, point = np.unique(
         np.round(vertices / (_WELD * size)).astype(np.int64), axis=0, return_index=True, return_inverse=True
     )
-    return vertices[first], welded.reshape(-1)[faces]
+    return vertices[first], point.reshape(-1)[faces]
 
 
 def _doubled_areas(triangles: Array) -> Array:
@@ -65,41 +68,31 @@ def _unit(vectors: Array) -> Array:
 def _corner_normals(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
     """Unit normal of the surface at each facet's corners, shape [m, 3, 3], and which corners are tips, shape [m, 3].
 
-    Averaged by area and angle over the facets around the corner that join this one across edges that are no creases; at
-    a tip the facet's own.
+    Averaged by area and angle over the facets around the corner that this facet joins smoothly; at a tip, the facet's
+    own normal.
     """
+    import trimesh
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    m = len(faces)
+    mesh = trimesh.Trimesh(points, faces, process=False)
     doubled = _doubled_areas(points[faces])
     facet = _unit(doubled)
-    # half edge 3 f + c runs from corner c of facet f to the next; the two of an edge follow each other when sorted
-    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
-    _, edge, facets = np.unique(
-        np.sort(np.column_stack([start, end]), axis=1), axis=0, return_inverse=True, return_counts=True
-    )
-    edge = edge.reshape(-1)
-    order = np.argsort(edge, kind="stable")
-    left, right = order[facets[edge[order]] == 2].reshape(-1, 2).T
-    smooth = np.einsum("ij,ij->i", facet[left // 3], facet[right // 3]) > np.cos(CREASE)
-    left, right = left[smooth], right[smooth]
+    left, right = mesh.face_adjacency.T
+    smooth = np.einsum("ij,ij->i", facet[left], facet[right]) > np.cos(CREASE)
+    pairs, ends = mesh.face_adjacency[smooth], mesh.face_adjacency_edges[smooth]
 
-    # corners of neighbours that lie at the same point are one, for each end of the edge
-    def corner(half_edge: NDArray[np.int64], point: NDArray[np.int64]) -> NDArray[np.int64]:
-        f, c = half_edge // 3, half_edge % 3
-        return np.asarray(3 * f + np.where(faces[f, c] == point, c, (c + 1) % 3))
+    # corners of smooth neighbours that lie at the same point share a normal
+    def corner(facets: NDArray[np.int64], point: NDArray[np.int64]) -> NDArray[np.int64]:
+        return np.asarray(3 * facets + (faces[facets] == point[:, None]).argmax(axis=1))
 
-    links = [(corner(left, p), corner(right, p)) for p in (start[left], end[left])]
-    i, j = np.concatenate([a for a, _ in links]), np.concatenate([b for _, b in links])
-    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(3 * m, 3 * m))
+    i, j = (np.concatenate([corner(side, end) for end in ends.T]) for side in pairs.T)
+    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(faces.size, faces.size))
     count, group = connected_components(graph, directed=False)
-    # area alone would count a quad's two triangles for more than its neighbour's one
-    out, back = points[np.roll(faces, -1, axis=1)] - points[faces], points[np.roll(faces, 1, axis=1)] - points[faces]
-    angle = np.arccos(np.clip(np.einsum("fck,fck->fc", _unit(out), _unit(back)), -1.0, 1.0))
+    # by area alone, the two triangles of a quad would count more than one triangle beside them
     total = np.zeros((count, 3))
-    np.add.at(total, group, (angle[:, :, None] * doubled[:, None]).reshape(-1, 3))
-    normals = _unit(total)[group].reshape(m, 3, 3)
+    np.add.at(total, group, (mesh.face_angles[:, :, None] * doubled[:, None]).reshape(-1, 3))
+    normals = _unit(total)[group].reshape(-1, 3, 3)
     tips = _tips(normals, facet, np.linalg.norm(doubled, axis=1), group.astype(np.int64))
     return np.where(tips[:, :, None], facet[:, None], normals), tips
 
@@ -117,7 +110,7 @@ def _tips(normals: Array, facet: Array, areas: Array, group: NDArray[np.int64]) 
 
 
 def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Array, tips: NDArray[np.bool_]) -> Array:
-    """Triangles whose corners, but for tips, move along the normals until they have its area, shape [m, 3, 3]."""
+    """Triangles with the surface's area, shape [m, 3, 3]: all corners but tips move along their normals."""
     triangles = points[faces]
     target, sagitta = _surface_areas(triangles, normals)
     corner = faces.ravel()
@@ -127,7 +120,7 @@ def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Arra
     for _ in range(3):
         doubled = _doubled_areas(moved)
         lacking = target - 0.5 * np.linalg.norm(doubled, axis=1)
-        # area's gradient by corner c: half of (opposite edge) x (unit normal)
+        # gradient of the area by a corner: half of (opposite edge) x (unit normal)
         opposite = np.roll(moved, -2, axis=1) - np.roll(moved, -1, axis=1)
         gradient = 0.5 * np.cross(_unit(doubled)[:, None], opposite)
         growth = np.einsum("fck,fck->fc", gradient, normals)
@@ -143,7 +136,7 @@ def _shifts(
     corner: NDArray[np.int64],
     fixed: NDArray[np.bool_],
 ) -> Array:
-    """How far each facet's corners move: the same for all facets at a point that share a normal there."""
+    """Shift of each facet's corners [m], shape [m, 3, 3]: the same for all facets that share a normal at a point."""
     keys = np.column_stack([corner, np.round(normals.reshape(-1, 3) * 1e6).astype(np.int64)])
     _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
     group = group.reshape(-1)
@@ -160,10 +153,10 @@ def _shifts(
 
 
 def _surface_areas(triangles: Array, normals: Array) -> tuple[Array, Array]:
-    """Area of the curved patch over each triangle, and how far its edges bulge at most [m].
+    """Area of the curved patch over each triangle [m²], and the greatest height of the arcs over its edges [m].
 
-    Triangles are divided in four, twice, at the tops of the arcs that the normals at the edges' ends ask for; Romberg's
-    rule takes the areas to the limit.
+    Each triangle is divided into four, twice, at the tops of the arcs that fit the normals at the edges' ends;
+    Romberg's rule extrapolates the areas.
     """
     areas = [0.5 * np.linalg.norm(_doubled_areas(triangles), axis=1)]
     points, at = triangles[None], normals[None]  # shape [pieces, m, 3, 3]

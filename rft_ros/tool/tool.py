@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
 from rft_ros.tool.check import MeshIssue, check_mesh, coarse_for_centroids, degenerate_facets
-from rft_ros.tool.locate import locate_mesh
-from rft_ros.tool.mesh_file import read_mesh
+from rft_ros.tool.mesh_file import locate_mesh, read_mesh
 from rft_ros.tool.reduce import Reduction, checked_tolerance, reduced_for_any_motion
 from rft_ros.tool.reduced_file import SUFFIX, placed, read_reduced
 from rft_ros.tool.refine import refined_plates
@@ -21,13 +20,13 @@ __all__ = ["Tool", "ToolRequest", "describe_tool", "load_tool"]
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Tool:
-    """A rigid tool in its own frame [m]. Its arrays are read-only, also after pickling.
+    """A rigid tool in its own frame [m]. Its arrays are read-only, also after unpickling.
 
-    `name`: the mesh file's stem. `file`: the path it was read from. `plates`: what the wrench is summed over.
-    `facets`: one plate element a face, same order; the same object as `plates` unless these are fewer.
+    `name`: the mesh file's stem. `file`: the path it was read from. `plates`: the elements of the wrench's sum.
+    `facets`: one plate element a face, same order; the same object as `plates` unless the tool was reduced.
     `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
-    `issues`: what looks wrong with the mesh. `corners`: the vertices that can be lowest, shape [k, 3].
-    `reduction`: how `plates` came from `facets`, unless nobody asked for fewer.
+    `issues`: what looks wrong with the mesh. `corners`: vertices of the convex hull, shape [k, 3].
+    `reduction`: how `plates` came from `facets`, if a reduction was requested.
     """
 
     name: str
@@ -45,7 +44,7 @@ class Tool:
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Unpickled arrays are writeable, another type to numba: the first tick would wait for a compilation.
+        # numba compiles anew for writeable arrays, which unpickled ones are: the first tick would wait for that.
         return _restore, ({f.name: getattr(self, f.name) for f in fields(self)},)
 
     def lowest_point(self, rotation: NDArray[np.float64]) -> float:
@@ -65,15 +64,15 @@ def load_tool(
     integration: Integration | None = None,
     tolerance: float = 0.0,
 ) -> Tool:
-    """The tool of a mesh file or of a reduced tool (.npz): path, package:// URI or name of a shipped mesh.
+    """Load a tool from a mesh file or a reduced tool (.npz): a path, package:// URI or name of a shipped mesh.
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
     `integration`: the plates' rule; ``refined`` also gives them the area of the surface that the mesh samples. None:
-    what a reduced tool was made with, ``refined`` for a mesh.
-    `tolerance`: if over 0, the fewest plates whose wrench stays within this share of the full tool's in any motion, at
-    the 95th percentile (`rft_ros.tool.reduce`); a reduced tool stays as it is.
+    the rule of a reduced tool, ``refined`` for a mesh.
+    `tolerance`: over 0, use the fewest plates whose wrench stays within this share of the full tool's in any motion, at
+    the 95th percentile (`rft_ros.tool.reduce`). A reduced tool stays as it is.
     Normals come from the facets' winding, not from the file. Facets without area are dropped.
-    Raises InputError, one sentence, for what cannot be used; what can, but looks wrong, is in the tool's `issues`.
+    Raises InputError, one sentence, for a file or value that cannot be used. The tool's `issues` list the rest.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
@@ -81,16 +80,16 @@ def load_tool(
     path = locate_mesh(file)
     mesh = read_mesh(path, scale=scale, origin=origin)
     reduced = read_reduced(path) if path.suffix.lower() == SUFFIX else None
-    if reduced and integration not in (None, reduced.about.integration):
-        raise InputError(f"mesh file '{path}' holds plates for integration '{reduced.about.integration}' only")
-    rule = reduced.about.integration if reduced else integration or "refined"
+    if reduced and integration not in (None, reduced.integration):
+        raise InputError(f"mesh file '{path}' holds plates for integration '{reduced.integration}' only")
+    rule = reduced.integration if reduced else integration or "refined"
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
     facets = refined_plates(vertices, faces) if rule == "refined" else centroid_plates(vertices, faces)
     corners = _corners(vertices[_used(vertices, faces)])
     plates, reduction = facets, None
     if reduced:
-        plates, reduction = Plates.from_rows(placed(reduced.plates, scale, origin)), reduced.about.reduction
+        plates, reduction = Plates.from_rows(placed(reduced.plates, scale, origin)), reduced.reduction
     elif tolerance > 0.0:
         plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
     return Tool(
@@ -113,7 +112,7 @@ def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> 
 
 
 class ToolRequest(NamedTuple):
-    """What `load_tool` is asked for, to be asked later or elsewhere."""
+    """Arguments of `load_tool`, for another time or process."""
 
     file: str
     scale: float = 0.001
@@ -122,7 +121,7 @@ class ToolRequest(NamedTuple):
     tolerance: float = 0.0
 
     def load(self) -> Tool:
-        """The tool, as `load_tool`."""
+        """Call `load_tool`."""
         return load_tool(
             self.file,
             scale=self.scale,
@@ -139,7 +138,7 @@ def _used(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np
 
 
 def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The vertices of the convex hull; all of them where they span no volume."""
+    """Vertices of the convex hull; all vertices where they span no volume."""
     from scipy.spatial import ConvexHull, QhullError
 
     try:
@@ -149,7 +148,7 @@ def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def describe_tool(tool: Tool) -> list[str]:
-    """Lines that tell a user what was loaded: size and place in the tool frame, reduction, area, volume, issues."""
+    """Lines for a user: file, size and place in the tool frame, reduction, area, volume, issues."""
     used = 1e3 * tool.vertices[_used(tool.vertices, tool.faces)]
     x, y, z, nx, ny, nz, area = tool.facets.packed
     lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]

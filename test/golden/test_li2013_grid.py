@@ -59,7 +59,7 @@ def test_signs_agree_with_the_measurement_wherever_the_stress_is_not_small(grid,
 
 
 def test_over_all_leading_plates_the_fit_errs_by_7_and_11_percent_of_the_largest_stress(grid, fitted):
-    """Root mean square of α_x and α_z: what the nine terms cost, no more."""
+    """Root mean square of α_x and α_z: the cost of nine terms."""
     rms = np.sqrt(((fitted - grid[:, 2:4]) ** 2).mean(axis=0))
     assert rms / np.abs(grid[:, 2:4]).max() == pytest.approx([0.07, 0.11], abs=0.01)
 

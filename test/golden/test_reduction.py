@@ -6,7 +6,7 @@ import pytest
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion, sample_every
 from rft_ros.tool import load_tool
-from rft_ros.tool.any_motion import random_motions
+from rft_ros.tool.random_motions import random_motions
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
 GENERIC = MEDIA["generic"]
@@ -35,15 +35,15 @@ def test_a_scene_of_the_paper_needs_few_facets_for_1_percent_of_its_peak_force(b
     plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.02)[1]), 0.01, count=count)
     assert len(plates) == reduction.plates <= count
     assert reduction.error < 0.01
-    times = np.random.default_rng(8).uniform(0.0, motion.duration, 700)  # at none of which it was sampled
+    times = np.random.default_rng(8).uniform(0.0, motion.duration, 700)  # none of them sampled before
     states = checked_states(motion.at(times))
     full = force(tool.facets, states, alpha_y)
     error = np.linalg.norm(force(plates, states, alpha_y) - full, axis=1) / np.linalg.norm(full, axis=1).max()
     assert np.percentile(error, 95.0) < 0.01
 
 
-def test_the_error_that_is_told_is_that_between_samples_that_hit_the_same_phases_in_every_turn(body):
-    """16 samples a period of the ellipsoid: held-out ones would tell 0.1 % where it is 1.5."""
+def test_the_reported_error_is_measured_between_samples_that_repeat_the_same_phases(body):
+    """16 samples per period of the ellipsoid: held-out samples would report 0.1 % where the error is 1.5 %."""
     tool, motion = body("ellipsoid-exp", "centroid"), SCENES["ellipsoid-exp"]
     plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.1)[1]), 0.01, count=117)
     states = checked_states(motion.at(np.random.default_rng(8).uniform(0.0, motion.duration, 700)))
@@ -54,7 +54,7 @@ def test_the_error_that_is_told_is_that_between_samples_that_hit_the_same_phases
 
 @pytest.mark.parametrize(("rule", "most"), [("refined", 200), ("centroid", 560)])
 def test_the_ellipsoid_in_any_motion_needs_few_plates_for_2_5_percent_of_its_own_force(body, rule, most):
-    """Issue 5 asks for it where the tool is deep; here it is from a quarter submerged on, which costs plates."""
+    """From a quarter submerged to deep."""
     tool = body("ellipsoid-exp", rule)
     plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, 0.025)
     assert len(plates) <= most
@@ -67,7 +67,7 @@ def test_the_ellipsoid_in_any_motion_needs_few_plates_for_2_5_percent_of_its_own
         assert np.percentile(error, 95.0) < 0.026
 
 
-def test_buried_the_ellipsoid_needs_fewer_still(body):
+def test_a_buried_ellipsoid_needs_fewer_plates(body):
     tool = body("ellipsoid-exp", "refined")
     plates, _ = reduced_for_any_motion(tool.facets, tool.corners, 0.025, count=110)
     states = random_motions(tool.corners, 3000, seed=99)

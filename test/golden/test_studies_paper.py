@@ -23,7 +23,7 @@ def spheres():
 
 
 class TestHorizontal:
-    def test_the_published_fit_reaches_the_published_greatest_forces(self):
+    def test_the_published_fit_reaches_the_published_maximum_forces(self):
         """0.83 N of F1, of which 0.9 N was measured, and 5.8 N of F23: the normalisers N1 and N23."""
         f1, f23 = horizontal.fitted_forces(np.array([0.0, 90.0]))
         assert f1 == pytest.approx([0.0, 0.832324700111401], abs=1e-12)
@@ -32,13 +32,13 @@ class TestHorizontal:
         assert f23[0] == pytest.approx(horizontal.PUBLISHED["F23"], abs=0.05)
 
     @pytest.mark.parametrize("alpha_y", ALPHA_Y)
-    def test_our_forces_over_their_greatest_are_the_velocity_weights(self, alpha_y):
+    def test_our_forces_over_their_maximum_are_the_velocity_weights(self, alpha_y):
         f1, f23, _ = horizontal.drag_forces(leading_face(plate()), alpha_y)
         psi = np.deg2rad(horizontal.PSI)
         assert f1 / f1.max() == pytest.approx([exact_f1(u) for u in np.sin(psi)], abs=1e-6)
         assert f23[:-1] / f23.max() == pytest.approx([exact_f23(w) for w in np.cos(psi[:-1])], abs=1e-6)
 
-    def test_the_edges_carry_what_the_paper_takes_off(self):
+    def test_the_edges_carry_the_force_that_the_paper_subtracts(self):
         own, whole = (horizontal.drag_forces(p, "constant")[0].max() for p in (leading_face(plate()), plate().plates))
         assert whole - own == pytest.approx(horizontal.PUBLISHED["F1 raw"] - horizontal.PUBLISHED["F1"], abs=0.15)
 
@@ -63,7 +63,7 @@ class TestPlates:
         assert (np.diff(stress[:, 0]) > 0.0).all()
         assert (np.diff(stress[:, 1]) < 0.0).all()
 
-    def test_simulated_plates_push_as_the_model_says_but_for_the_one_that_moves_along_itself(self):
+    def test_simulated_plates_agree_with_the_model_except_the_one_that_moves_along_itself(self):
         points = {p.run: p for p in plates.simulated_points()}
         assert len(points) == 6
         along = points.pop("plate_b90_psi90_phi0")
@@ -87,8 +87,8 @@ class TestOscillation:
         assert (np.diff(total) > 0.0).all()
         assert vertical[0] == pytest.approx(total[0])
 
-    def test_where_the_pitch_turns_back_the_vertical_force_is_that_of_the_straight_insertion(self, strokes):
-        """Once the body is half submerged: between the turns it is lower, at them it is higher by up to 2.7 %."""
+    def test_at_the_turning_points_of_the_pitch_the_vertical_force_is_that_of_the_straight_insertion(self, strokes):
+        """Once the body is half submerged: lower between the turning points, up to 2.7 % higher at them."""
         for frequency in (0.625, 1.25):
             deep = strokes[0.0].depths > 0.018
             share = strokes[frequency].forces[deep, 2] / strokes[0.0].forces[deep, 2]
@@ -99,7 +99,7 @@ class TestOscillation:
 class TestCircumnutation:
     @pytest.mark.parametrize("tilt", circumnutation.TILTS)
     def test_turning_more_for_each_depth_lowers_the_vertical_work_and_raises_the_total(self, tilt):
-        """Beyond 100 mm the total comes down to the straight insertion's; at 10° it falls below it, by 0.3 %."""
+        """Beyond 100 mm the total falls to within 0.5 % of the straight insertion."""
         tool = root_tip()
         pitches = circumnutation.PITCHES
         works = [circumnutation.work_of(tool, Circumnutation(tilt_deg=tilt, pitch=p)) for p in pitches]

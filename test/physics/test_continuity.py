@@ -1,4 +1,4 @@
-"""No jumps under the refined rule, wherever a sweep goes; the published ones under the published rule."""
+"""The refined rule does not jump on any sweep; the published rule has its published jumps."""
 
 import numpy as np
 import pytest
@@ -88,14 +88,14 @@ def test_the_published_jump_of_a_nearly_level_plate_is_where_the_released_code_s
         assert abs(np.degrees(line.at)) == pytest.approx(np.degrees(np.arccos(0.999)), abs=0.02)
 
 
-def test_what_remains_pure_turning_on_few_facets_jumps_under_the_refined_rule_too():
+def test_turning_about_an_axis_through_few_facets_jumps_under_the_refined_rule_too():
     """A facet that turns about a line through its middle changes sides at once (docs/where-it-fails.md)."""
     coarse, fine = (largest(turning_sweep(divisions), "refined") for divisions in (1, 8))
     assert LIMIT < coarse < 0.04
     assert fine < 0.6 * coarse
 
 
-def test_a_jump_is_what_the_neighbouring_steps_do_not_foretell():
+def test_a_jump_is_a_change_beyond_that_of_the_neighbouring_steps():
     smooth = np.linspace(1.0, 2.0, 50)[:, None] ** 3
     stepped = smooth + np.where(np.arange(50) >= 25, 0.5, 0.0)[:, None]
     assert jumps(smooth).max() < 1e-3
@@ -126,7 +126,7 @@ def test_the_three_knife_edge_cases_of_the_wheel_hold_still_under_rounding(wheel
         assert moved < 0.01
 
 
-def test_a_wheel_of_its_own_moves_by_ten_newtons_under_rounding_by_the_published_rule_and_not_at_all_by_the_refined():
+def test_rounding_moves_the_force_on_a_wheel_by_ten_newtons_under_the_published_rule_only():
     sweep = wheel_sweep()
     states = sweep.states(np.zeros(40))
     states[:, 7:10] += 1e-14 * np.random.default_rng(0).normal(size=(40, 3))

@@ -68,7 +68,7 @@ def test_inertia_grows_with_the_square_of_speed_and_is_small_where_the_paper_mea
     assert slow < 1e-3
 
 
-def test_a_case_leaves_a_figure_a_table_and_numbers_always_the_same(tmp_path):
+def test_a_case_writes_the_same_figure_table_and_numbers_every_time(tmp_path):
     files = knife_edge().write(tmp_path / "a")
     assert sorted(f.suffix for f in files) == [".csv", ".md", ".png", ".svg"]
     again = knife_edge().write(tmp_path / "b")

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ros[ros]'")
 sys.path.insert(0, str(Path(__file__).parent))
 
-from cell import Cell, own_domain
+from harness import Harness, own_domain
 
 own_domain()
 
@@ -22,25 +22,25 @@ def ros() -> Iterator[None]:
 
 
 @pytest.fixture
-def start_cell(tmp_path: Path) -> Iterator[Callable[..., Cell]]:
+def start_node(tmp_path: Path) -> Iterator[Callable[..., Harness]]:
     """Start a node process with arguments; every one that still runs is stopped at the end."""
-    cells: list[Cell] = []
+    harnesses: list[Harness] = []
 
-    def start(*arguments: str, **options: object) -> Cell:
-        namespace = f"/cell{len(cells)}"
-        cell = Cell(*arguments, namespace=namespace, log=tmp_path / f"node{len(cells)}.log", **options)
-        cells.append(cell)
-        return cell
+    def start(*arguments: str, **options: object) -> Harness:
+        namespace = f"/node{len(harnesses)}"
+        rft = Harness(*arguments, namespace=namespace, log=tmp_path / f"node{len(harnesses)}.log", **options)
+        harnesses.append(rft)
+        return rft
 
     yield start
-    for cell in cells:
-        if cell.process.poll() is None:
-            cell.stop()
+    for rft in harnesses:
+        if rft.process.poll() is None:
+            rft.stop()
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cell]:
+def rft(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
     """One node on the shipped plate, shared by a module's tests; each restores what it changes."""
-    cell = Cell("-p", "mesh.file:=plate", log=tmp_path_factory.mktemp("node") / "node.log").wait_ready()
-    yield cell
-    cell.stop()
+    rft = Harness("-p", "mesh.file:=plate", log=tmp_path_factory.mktemp("node") / "node.log").wait_ready()
+    yield rft
+    rft.stop()

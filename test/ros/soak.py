@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from cell import Cell, own_domain, parameter_value
+from harness import Harness, own_domain, parameter_value
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParameters
 
@@ -74,10 +74,10 @@ def resident_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def soak(cell: Cell, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
+def soak(rft: Harness, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
     """Send at the rate; one message in ten is bad in a random way, one call in every half second of ticks."""
     random = np.random.default_rng(seed)
-    client = cell.node.create_client(SetParameters, f"{cell.name}/set_parameters")
+    client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
     assert client.wait_for_service(timeout_sec=30.0)
     count, calls, stamp = round(seconds * rate), 0, time.time_ns()
     pending: list[object] = []
@@ -86,26 +86,26 @@ def soak(cell: Cell, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
     start = time.monotonic()
     for k in range(count):
         for _ in range(8):  # also when late: answers that nobody takes are lost
-            rclpy.spin_once(cell.node, timeout_sec=max(0.0, start + k / rate - time.monotonic()))
+            rclpy.spin_once(rft.node, timeout_sec=max(0.0, start + k / rate - time.monotonic()))
         stamp += round(1e9 / rate)
         when, inputs = _moment(random, stamp, k / rate)
-        cell.send(when, **inputs)
+        rft.send(when, **inputs)
         poses += 1
         if k % round(rate / 2) == 0:
-            memory.append(resident_mb(cell.process.pid))
+            memory.append(resident_mb(rft.process.pid))
             name, value = _CALLS[int(random.integers(len(_CALLS)))]
             parameter = Parameter(name=name, value=parameter_value(value))
             pending.append(client.call_async(SetParameters.Request(parameters=[parameter])))
             calls += 1
         if k % 5000 == 0:
-            for messages in cell.received.values():
+            for messages in rft.received.values():
                 messages.clear()
-            cell.diagnostics.clear()
-        assert cell.process.poll() is None, f"the node died with status {cell.process.returncode}"
-    cell.until(lambda: all(f.done() for f in pending))
-    cell.spin(1.0)
-    _, _, values = cell.diagnostic("inputs")
-    _, _, estimates = cell.diagnostic("estimates")
+            rft.diagnostics.clear()
+        assert rft.process.poll() is None, f"the node died with status {rft.process.returncode}"
+    rft.until(lambda: all(f.done() for f in pending))
+    rft.spin(1.0)
+    _, _, values = rft.diagnostic("inputs")
+    _, _, estimates = rft.diagnostic("estimates")
     tenth = max(1, len(memory) // 10)
     return Soaked(
         poses=poses,
@@ -152,12 +152,12 @@ def main() -> None:
     own_domain()
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
-        cell = Cell("-p", "mesh.file:=plate", log=Path(folder) / "node.log").wait_ready()
-        result = soak(cell, seconds=arguments.seconds, rate=arguments.rate, seed=arguments.seed)
-        status = cell.stop()
+        rft = Harness("-p", "mesh.file:=plate", log=Path(folder) / "node.log").wait_ready()
+        result = soak(rft, seconds=arguments.seconds, rate=arguments.rate, seed=arguments.seed)
+        status = rft.stop()
         print(result)
         print(f"unaccounted: {result.unaccounted}; growth: {result.last_mb - result.first_mb:.2f} MB; exit: {status}")
-        print("tracebacks:", cell.said().count("Traceback"))
+        print("tracebacks:", rft.said().count("Traceback"))
 
 
 if __name__ == "__main__":

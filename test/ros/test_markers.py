@@ -7,13 +7,13 @@ from visualization_msgs.msg import Marker, MarkerArray
 from rft_ros.tool import load_tool
 
 
-def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(cell):
+def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(rft):
     drawn: list[Marker] = []
-    listener = cell.node.create_subscription(MarkerArray, f"{cell.name}/markers", lambda m: drawn.extend(m.markers), 10)
-    stamp = cell.moment()
-    cell.ask(stamp, z=-0.01, force=(0.0, 0.0, 4.0))
-    cell.until(lambda: cell.send(cell.moment(), force=(0.0, 0.0, 4.0)) or {m.id for m in drawn} >= {0, 1, 2, 3}, 20.0)
-    cell.node.destroy_subscription(listener)
+    listener = rft.node.create_subscription(MarkerArray, f"{rft.name}/markers", lambda m: drawn.extend(m.markers), 10)
+    stamp = rft.moment()
+    rft.ask(stamp, z=-0.01, force=(0.0, 0.0, 4.0))
+    rft.until(lambda: rft.send(rft.moment(), force=(0.0, 0.0, 4.0)) or {m.id for m in drawn} >= {0, 1, 2, 3})
+    rft.node.destroy_subscription(listener)
     by_id = {m.id: m for m in drawn}
     tool, mesh = by_id[0], load_tool("plate")
     corners = np.array([(p.x, p.y, p.z) for p in tool.points])

@@ -10,153 +10,135 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from cell import numbers, predicted_by_the_core, stamp_of
 from geometry_msgs.msg import WrenchStamped
+from harness import numbers, predicted_by_the_core, stamp_of
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
 S = 1_000_000_000
 
 
-def test_two_nodes_in_two_namespaces_answer_their_own_poses(start_cell):
-    one = start_cell("-p", "mesh.file:=plate").wait_ready()
-    two = start_cell("-p", "mesh.file:=plate", "-p", "medium.zeta:=2.0").wait_ready()
+def test_two_nodes_in_two_namespaces_answer_their_own_poses(start_node):
+    one = start_node("-p", "mesh.file:=plate").wait_ready()
+    two = start_node("-p", "mesh.file:=plate", "-p", "medium.zeta:=2.0").wait_ready()
     np.testing.assert_array_equal(numbers(one.ask(10 * S)), predicted_by_the_core())
     np.testing.assert_allclose(numbers(two.ask(10 * S)), predicted_by_the_core(zeta=2.0), rtol=1e-15)
     assert len(one.received["wrench_predicted"]) == len(two.received["wrench_predicted"]) == 1
 
 
-def test_a_driver_that_dies_and_returns_is_taken_up_again(cell):
-    cell.ask(cell.moment())
-    cell.close_inputs()
-    cell.until(lambda: cell.diagnostic("inputs")[1] == "no poses")
-    assert cell.diagnostic("inputs")[0] == b"\x02"
-    cell.open_inputs()
-    cell.wait_ready()
-    cell.ask(cell.moment())
-    cell.until(lambda: cell.send(cell.moment()) or cell.diagnostic("inputs")[0] == b"\x00")
+def test_a_driver_that_dies_and_returns_is_taken_up_again(rft):
+    rft.ask(rft.moment())
+    rft.close_inputs()
+    rft.until(lambda: rft.diagnostic("inputs")[1] == "no poses")
+    assert rft.diagnostic("inputs")[0] == b"\x02"
+    rft.open_inputs()
+    rft.wait_ready()
+    rft.ask(rft.moment())
+    rft.until(lambda: rft.send(rft.moment()) or rft.diagnostic("inputs")[0] == b"\x00")
 
 
-def test_a_load_cell_that_dies_leaves_the_prediction_and_a_reason(cell):
-    cell.ask(cell.moment())
-    residuals = len(cell.received["wrench_residual"])
+def test_a_load_cell_that_dies_leaves_the_prediction_and_a_reason(rft):
+    rft.ask(rft.moment())
+    residuals = len(rft.received["wrench_residual"])
     for _ in range(3):
-        cell.ask(cell.moment(), force=None)
-    assert len(cell.received["wrench_residual"]) <= residuals + 1
-    cell.until(lambda: "wrench_stale" in (cell.send(cell.moment(), force=None) or cell.diagnostic("inputs")[1]))
+        rft.ask(rft.moment(), force=None)
+    assert len(rft.received["wrench_residual"]) <= residuals + 1
+    rft.until(lambda: "wrench_stale" in (rft.send(rft.moment(), force=None) or rft.diagnostic("inputs")[1]))
 
 
-def test_poses_that_come_before_the_node_do_no_harm(start_cell):
-    cell = start_cell("-p", "mesh.file:=plate")
+def test_poses_that_come_before_the_node_do_no_harm(start_node):
+    rft = start_node("-p", "mesh.file:=plate")
     stamp = S
     end = time.monotonic() + 60.0
-    while not cell.received["wrench_predicted"]:
+    while not rft.received["wrench_predicted"]:
         assert time.monotonic() < end
         stamp += 10_000_000
-        cell.send(stamp)
-        cell.spin(0.01)
-    np.testing.assert_array_equal(numbers(cell.received["wrench_predicted"][0]), predicted_by_the_core())
+        rft.send(stamp)
+        rft.spin(0.01)
+    np.testing.assert_array_equal(numbers(rft.received["wrench_predicted"][0]), predicted_by_the_core())
 
 
-def test_simulated_time_dates_the_diagnostics_and_changes_no_estimate(start_cell):
-    cell = start_cell("-p", "mesh.file:=plate", "-p", "use_sim_time:=true").wait_ready()
-    clock = cell.node.create_publisher(Clock, "/clock", 10)
+def test_simulated_time_dates_the_diagnostics_and_changes_no_estimate(start_node):
+    rft = start_node("-p", "mesh.file:=plate", "-p", "use_sim_time:=true").wait_ready()
+    clock = rft.node.create_publisher(Clock, "/clock", 10)
     message = Clock()
     message.clock.sec = 1234
-    np.testing.assert_array_equal(numbers(cell.ask(1230 * S)), predicted_by_the_core())
+    np.testing.assert_array_equal(numbers(rft.ask(1230 * S)), predicted_by_the_core())
 
     def dated() -> bool:
         clock.publish(message)
-        cell.diagnostic("inputs")
-        return stamp_of(cell.diagnostics[-1]) == 1234 * S
+        rft.diagnostic("inputs")
+        return stamp_of(rft.diagnostics[-1]) == 1234 * S
 
-    cell.until(dated)
-    assert math.isclose(float(cell.diagnostic("inputs")[2]["pose_age_s"]), 4.0)
+    rft.until(dated)
+    assert math.isclose(float(rft.diagnostic("inputs")[2]["pose_age_s"]), 4.0)
 
 
-def test_a_subscription_that_cannot_match_is_reported(cell):
+def test_a_subscription_that_cannot_match_is_reported(rft):
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-    topic = f"{cell.name}/wrench_predicted"
-    subscription = cell.node.create_subscription(WrenchStamped, topic, lambda _: None, latched)
-    cell.until(lambda: "incompatible QoS" in cell.said(), timeout=15.0)
-    cell.node.destroy_subscription(subscription)
+    topic = f"{rft.name}/wrench_predicted"
+    subscription = rft.node.create_subscription(WrenchStamped, topic, lambda _: None, latched)
+    rft.until(lambda: "incompatible QoS" in rft.said())
+    rft.node.destroy_subscription(subscription)
 
 
-def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_asked_for(start_cell):
+def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_asked_for(start_node):
     for reliable in (False, True):
-        cell = start_cell("-p", "mesh.file:=plate", reliable=reliable).wait_ready()
-        cell.ask(cell.moment())  # the peer's own publishers are reliable
-        cell.close_inputs()
-        cell.open_inputs(QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
-        answered = len(cell.received["wrench_predicted"])
+        rft = start_node("-p", "mesh.file:=plate", reliable=reliable).wait_ready()
+        rft.ask(rft.moment())  # the peer's own publishers are reliable
+        rft.close_inputs()
+        rft.open_inputs(QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT))
+        answered = len(rft.received["wrench_predicted"])
         end = time.monotonic() + (3.0 if reliable else 30.0)
-        while len(cell.received["wrench_predicted"]) == answered and time.monotonic() < end:
-            cell.send(cell.moment())
-            cell.spin(0.05)
-        assert (len(cell.received["wrench_predicted"]) > answered) is not reliable
-        cell.stop()
+        while len(rft.received["wrench_predicted"]) == answered and time.monotonic() < end:
+            rft.send(rft.moment())
+            rft.spin(0.05)
+        assert (len(rft.received["wrench_predicted"]) > answered) is not reliable
+        rft.stop()
 
 
-def test_speed_beyond_the_papers_is_a_warning_with_the_number(cell):
-    cell.until(
+def test_speed_beyond_the_papers_is_a_warning_with_the_number(rft):
+    rft.until(
         lambda: (
-            cell.send(cell.moment(), linear=(0.0, 0.0, -0.3))
-            or "0.300 m/s is faster" in cell.diagnostic("estimates")[1]
+            rft.send(rft.moment(), linear=(0.0, 0.0, -0.3)) or "0.300 m/s is faster" in rft.diagnostic("estimates")[1]
         )
     )
-    level, message, values = cell.last_status("estimates")
+    level, message, values = rft.last_status("estimates")
     assert level == b"\x01"
     assert "inertia" in message
     assert {"latency_median_us", "latency_p99_us", "depth_m", "fastest_m_s"} <= values.keys()
 
 
-def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(cell):
-    assert cell.set(max_rate=100.0) == (True, "")
-    start = cell.moment()
-    before = len(cell.received["wrench_predicted"])
+def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(rft):
+    assert rft.set(max_rate=100.0) == (True, "")
+    start = rft.moment()
+    before = len(rft.received["wrench_predicted"])
     for k in range(100):
-        cell.send(start + k * 2_000_000)
-        cell.spin()
-    cell.until(lambda: any(stamp_of(m) == start + 95 * 2_000_000 for m in cell.received["wrench_predicted"]))
-    cell.until(lambda: int(cell.diagnostic("inputs")[2].get("count.pose_rate_limited", 0)) >= 80)
-    assert len(cell.received["wrench_predicted"]) == before + 20
-    assert cell.set(max_rate=0.0)[0]
+        rft.send(start + k * 2_000_000)
+        rft.spin()
+    rft.until(lambda: any(stamp_of(m) == start + 95 * 2_000_000 for m in rft.received["wrench_predicted"]))
+    rft.until(lambda: int(rft.diagnostic("inputs")[2].get("count.pose_rate_limited", 0)) >= 80)
+    assert len(rft.received["wrench_predicted"]) == before + 20
+    assert rft.set(max_rate=0.0)[0]
 
 
-def test_the_status_service_says_what_is_in_force(cell, tmp_path):
-    successful, message = cell.status()
+def test_the_status_service_says_what_is_in_force(rft, tmp_path):
+    successful, message = rft.status()
     assert successful and "tool plate in force" in message
     broken = tmp_path / "broken.stl"
     broken.write_text("no mesh")
-    assert cell.set(mesh__file=str(broken))[0]
-    cell.until(lambda: not cell.status()[0])
-    assert "broken.stl" in cell.status()[1]
-    assert cell.set(mesh__scale=0.002)[0]
-    cell.until(lambda: cell.status()[0] and "preparing" not in cell.status()[1])
-    assert cell.set(mesh__scale=0.001)[0]
-    cell.until(lambda: cell.diagnostic("model")[2]["preparing"] == "")
+    assert rft.set(mesh__file=str(broken))[0]
+    rft.until(lambda: not rft.status()[0])
+    assert "broken.stl" in rft.status()[1]
+    assert rft.set(mesh__scale=0.002)[0]
+    rft.until(lambda: rft.status()[0] and "preparing" not in rft.status()[1])
+    assert rft.set(mesh__scale=0.001)[0]
+    rft.until(lambda: rft.diagnostic("model")[2]["preparing"] == "")
 
 
-def test_a_parameter_it_does_not_know_is_named(start_cell):
-    cell = start_cell("-p", "mesh.file:=plate", "-p", "medium.zeeta:=2.0").wait_ready()
-    assert "no parameter 'medium.zeeta'" in cell.said()
-
-
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("--params-file", "cell.yaml"), "cannot use '--params-file cell.yaml'; ROS arguments, such as"),
-        (("--foo", "--ros-args", "-p", "mesh.file:=plate"), "cannot use '--foo'; ROS arguments, such as"),
-        (("--ros-args", "-p", "mesh.file:=plate", "--", "plate"), "cannot use 'plate'; ROS arguments, such as"),
-        (("--ros-args", "--foo"), "ROS knows no argument '--foo'"),
-    ],
-)
-def test_arguments_that_ros_would_pass_over_are_refused(arguments, sentence):
-    command = [sys.executable, "-m", "rft_ros.node.main", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert done.returncode == 2
-    assert done.stderr.startswith(f"rft_node: {sentence}")
-    assert len(done.stderr.splitlines()) == 1
+def test_a_parameter_it_does_not_know_is_named(start_node):
+    rft = start_node("-p", "mesh.file:=plate", "-p", "medium.zeeta:=2.0").wait_ready()
+    assert "no parameter 'medium.zeeta'" in rft.said()
 
 
 @pytest.fixture
@@ -199,6 +181,6 @@ def test_a_demo_that_is_terminated_ends_its_node_and_says_nothing(start_demo):
     assert not Path(f"/proc/{node}").exists()
 
 
-def test_the_clock_of_a_header_is_kept_to_the_nanosecond(cell):
-    stamp = cell.moment() + 123_456_789
-    assert stamp_of(cell.ask(stamp)) == stamp
+def test_the_clock_of_a_header_is_kept_to_the_nanosecond(rft):
+    stamp = rft.moment() + 123_456_789
+    assert stamp_of(rft.ask(stamp)) == stamp

@@ -3,13 +3,13 @@
 from soak import soak
 
 
-def test_every_pose_is_an_estimate_or_a_counted_reason_and_nothing_breaks(start_cell):
-    cell = start_cell("-p", "mesh.file:=plate").wait_ready()
-    result = soak(cell, seconds=12.0, rate=250.0)
+def test_every_pose_is_an_estimate_or_a_counted_reason_and_nothing_breaks(start_node):
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    result = soak(rft, seconds=12.0, rate=250.0)
     assert result.unaccounted == 0, result
     assert result.answered == result.calls > 20
     assert result.estimates > 0.8 * result.poses
     assert {"pose_not_finite", "pose_frame_unknown", "pose_stamp_zero", "pose_out_of_order"} <= result.reasons.keys()
     assert {"twist_not_finite", "wrench_not_finite", "pose_quaternion_not_unit"} <= result.reasons.keys()
-    assert cell.stop() == 0
-    assert "Traceback" not in cell.said()
+    assert rft.stop() == 0
+    assert "Traceback" not in rft.said()

@@ -1,12 +1,15 @@
-"""Swaps under traffic: no tick lost, and none answered by a mixture of two bundles."""
+"""Swaps under traffic: no tick is lost, none answered by a mixture of models, and a failed swap undoes itself."""
 
 import itertools
 import time
 
 import numpy as np
-from cell import numbers, parameter_value, predicted_by_the_core, stamp_of
+import pytest
+from harness import numbers, parameter_value, predicted_by_the_core, stamp_of
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParameters
+
+from rft_ros.tool import locate_mesh
 
 MESHES, ZETAS, MODELS = ("plate", "sphere"), (1.0, 0.5, 0.25), ("constant", "linear")
 MOTION = {"z": -0.03, "linear": (0.006, 0.004, -0.01)}
@@ -17,13 +20,14 @@ def send_call(client, name, value):
     return client.call_async(SetParameters.Request(parameters=[parameter]))
 
 
-def test_every_tick_is_answered_by_one_whole_bundle(start_cell):
-    cell = start_cell("-p", "mesh.file:=plate").wait_ready()
-    client = cell.node.create_client(SetParameters, f"{cell.name}/set_parameters")
-    assert client.wait_for_service(timeout_sec=30.0)
-    bundles = {
-        bundle: predicted_by_the_core(mesh=bundle[0], zeta=bundle[1], alpha_y=bundle[2], **MOTION)
-        for bundle in itertools.product(MESHES, ZETAS, MODELS)
+@pytest.mark.parametrize("executor", ["events", "single"])
+def test_every_tick_is_answered_by_one_whole_model(start_node, executor):
+    rft = start_node("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
+    client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
+    assert client.wait_for_service(timeout_sec=60.0)
+    models = {
+        model: predicted_by_the_core(mesh=model[0], zeta=model[1], alpha_y=model[2], **MOTION)
+        for model in itertools.product(MESHES, ZETAS, MODELS)
     }
     changes = itertools.cycle(
         (
@@ -34,26 +38,91 @@ def test_every_tick_is_answered_by_one_whole_bundle(start_cell):
             ("alpha_y.model", "constant"),
         )
     )
-    meshes = {300: "sphere", 1500: "plate"}  # 6 s for each to be prepared and used
-    rate, count, pending = 200.0, 2400, []
-    first = cell.moment()
-    start = time.monotonic()
-    for k in range(count):
-        while time.monotonic() < start + k / rate:
-            cell.spin()
-        cell.send(first + k * 5_000_000, **MOTION)
-        if k % 40 == 0:
-            pending.append(send_call(client, *next(changes)))
-        if k in meshes:
-            pending.append(send_call(client, "mesh.file", meshes[k]))
-    predicted = cell.received["wrench_predicted"]
-    cell.until(lambda: len(predicted) == count, timeout=10.0)
-    assert [stamp_of(m) for m in predicted] == [first + k * 5_000_000 for k in range(count)]
+    predicted, pending, used = rft.received["wrench_predicted"], [], []
+
+    def model_of_the_newest():
+        matching = [m for m, w in models.items() if np.allclose(numbers(predicted[-1]), w, rtol=1e-12, atol=1e-15)]
+        return matching[0] if matching else None
+
+    first, k = rft.moment(), 0
+    # Each mesh stays wanted until it has answered, and 200 ticks longer.
+    for mesh in ("plate", "sphere", "plate"):
+        pending.append(send_call(client, "mesh.file", mesh))
+        left = None
+        end = time.monotonic() + 240.0
+        while left is None or left > 0:
+            assert time.monotonic() < end, f"{mesh} never answered"
+            rft.send(first + k * 5_000_000, **MOTION)
+            k += 1
+            if k % 40 == 0:
+                pending.append(send_call(client, *next(changes)))
+            rft.spin(0.005)
+            rft.until(lambda k=k: len(predicted) >= k - 50)  # so that no queue overflows
+            if left is None and predicted and (model := model_of_the_newest()) and model[0] == mesh:
+                left = 200
+            elif left is not None:
+                left -= 1
+    rft.until(lambda: len(predicted) == k)
+    assert [stamp_of(m) for m in predicted] == [first + i * 5_000_000 for i in range(k)]
+    rft.until(lambda: all(f.done() for f in pending))
     assert all(f.result().results[0].successful for f in pending)
-    used = set()
     for message in predicted:
-        matching = [b for b, w in bundles.items() if np.allclose(numbers(message), w, rtol=1e-12, atol=1e-15)]
-        assert len(matching) == 1, "an answer that is no bundle's"
-        used.add(matching[0])
-    assert len(used) >= 6
-    assert {b[0] for b in used} == set(MESHES)
+        matching = [m for m, w in models.items() if np.allclose(numbers(message), w, rtol=1e-12, atol=1e-15)]
+        assert len(matching) == 1, "an answer that no single model gives"
+        used.append(matching[0])
+    assert len(set(used)) >= 6
+    assert {m[0] for m in used} == set(MESHES)
+
+
+TRIANGLE = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+
+
+def test_zeta_set_together_with_the_mesh_in_force_holds_although_another_mesh_was_on_its_way(rft, tmp_path):
+    big = tmp_path / "big.stl"
+    big.write_text("solid big\n" + TRIANGLE * 100_000 + "endsolid big\n")
+    assert rft.set(mesh__file=str(big)) == (True, "")
+    assert rft.set(mesh__file="plate", medium__zeta=0.33) == (True, "")
+    assert rft.get("medium.zeta").double_value == 0.33
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.33), rtol=1e-15)
+    assert "preparing" not in rft.status()[1]
+    assert rft.set(medium__zeta=1.0)[0]
+
+
+def test_only_the_swap_that_failed_is_undone_and_the_log_names_every_parameter_that_changed(start_node, tmp_path):
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    good, bad = tmp_path / "good.stl", tmp_path / "bad.stl"
+    good.write_bytes(locate_mesh("sphere").read_bytes())
+    bad.write_text("solid nothing\nendsolid nothing\n")
+    assert rft.set(mesh__file=str(good), mesh__scale=0.0005) == (True, "")
+    assert rft.set(mesh__file=str(bad)) == (True, "")
+    rft.until(lambda: rft.diagnostic("model")[2]["tool"] == "good")
+    assert rft.get("mesh.file").string_value == str(good)
+    assert rft.get("mesh.scale").double_value == 0.0005
+    said = rft.said()
+    assert f"parameters set: mesh.file 'plate' -> '{good}', mesh.scale 0.001 -> 0.0005" in said
+    assert "mesh not swapped, plate stays in force" in said
+    assert f"parameters set: mesh.file '{bad}' -> '{good}' (the swap to mesh.file '{bad}' failed)" in said
+
+
+def test_a_swap_fails_back_to_the_tool_in_force_even_if_its_file_is_gone(start_node, tmp_path):
+    gone, bad = tmp_path / "gone.stl", tmp_path / "bad.stl"
+    gone.write_bytes(locate_mesh("plate").read_bytes())
+    bad.write_text("no mesh")
+    rft = start_node("-p", f"mesh.file:={gone}").wait_ready()
+    gone.unlink()
+    assert rft.set(mesh__file=str(bad)) == (True, "")
+    rft.until(lambda: not rft.status()[0] and rft.get("mesh.file").string_value == str(gone))
+    assert rft.set(medium__zeta=0.5) == (True, "")
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15)
+
+
+def test_an_alpha_y_table_that_was_deleted_does_not_stop_a_mesh_swap(start_node, tmp_path):
+    table = tmp_path / "alpha_y.csv"
+    table.write_text("beta,alpha_y\n0,0.2\n180,0.0\n")
+    rft = start_node(
+        "-p", "mesh.file:=plate", "-p", "alpha_y.model:=table", "-p", f"alpha_y.table:={table}"
+    ).wait_ready()
+    table.unlink()
+    assert rft.set(mesh__file="sphere") == (True, "")
+    rft.until(lambda: rft.diagnostic("model")[2]["tool"] == "sphere")
+    rft.ask(rft.moment())

@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from recordings import START, STEP, TOPICS, moments, write_ros2
+from recordings import START, STEP, TOPICS, moments, plunge, write_ros2
 from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
@@ -60,6 +60,29 @@ def test_the_estimates_bag_holds_three_wrenches_in_the_sensor_frame(tmp_path):
     np.testing.assert_array_equal(
         seen["/rft/wrench_residual"], np.subtract(seen["/rft/wrench_compensated"], seen["/rft/wrench_predicted"])
     )
+
+
+def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_path):
+    random = np.random.default_rng(4)
+    rows = [(role, stamp + (3_000_000 if role == "wrench" else 0), v) for role, _, stamp, v in plunge()]
+    bags = []
+    for name, delay in (("prompt", 0), ("late", 5_000_000)):
+        received = []
+        for role in ("pose", "wrench"):  # each topic keeps its own order
+            stamps = np.array([stamp for r, stamp, _ in rows if r == role])
+            times = np.maximum.accumulate(stamps + random.integers(0, delay + 1, len(stamps))).tolist()
+            numbers = [v for r, _, v in rows if r == role]
+            received += [(role, *row) for row in zip(times, stamps.tolist(), numbers, strict=True)]
+        bags.append(write_ros2(tmp_path / name, sorted(received, key=lambda row: row[1])))
+        replay(bags[-1], tmp_path / f"{name}_out", values(twist_source="pose_difference"))
+    for file in ("estimates.csv", "estimates/estimates.mcap"):
+        assert (tmp_path / "prompt_out" / file).read_bytes() == (tmp_path / "late_out" / file).read_bytes(), file
+    assert sum(bool(row["residual_fz"]) for row in rows_of(tmp_path / "late_out")) > 500
+
+
+def test_a_tare_of_0_seconds_is_no_tare(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    assert replay(bag, tmp_path / "out", values(), tare=0.0).bias == (0.0,) * 6
 
 
 def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from studies import chart, dem
+from studies import chart
 from studies.__main__ import main
 from studies.chart import CHOSEN, FULL, MERGED, NUMPY, Point, front, median_seconds, points
 from studies.chart_scenes import Scene, lathe, scenes
-from studies.models import CHOICES, GROUPS, wall_seconds
+from studies.models import CHOICES, GROUPS
 
 SCENES = {scene.name: scene for scene in scenes()}
 
@@ -125,11 +125,3 @@ def test_the_chart_of_models_separates_the_choices_and_shows_the_simulations_tim
     assert mean["refined", along] < 0.8 * mean["published", along]
     assert mean["refined, memory 3 mm", ellipsoid] < 0.75 * mean["refined", ellipsoid]
     assert "discrete elements" in (tmp_path / "models.html").read_text()
-
-
-def test_the_simulations_wall_times_come_from_the_readme_of_the_runs():
-    walls = wall_seconds()
-    assert walls["ellipsoid_straight"] == (279.0, 279.0)
-    assert walls["ellipsoid_osc9deg_5Hz"] == (339.0, 339.0)
-    assert walls["plate_b90_psi30_phi0"] == (157.0, 424.0)
-    assert set(walls) == set(dem.RUNS)

@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -165,9 +166,27 @@ def test_help_and_errors_show_the_command_that_works_here(tmp_path, monkeypatch)
     assert f"  {typed} check-mesh my_tool.stl" in rft("check-mesh", "--help", cwd=tmp_path).stdout
 
 
-@pytest.mark.parametrize(("options", "seconds"), [((), 2.0), (("--tare", "0"), None), (("--tare", "1"), 1.0)])
+@pytest.mark.parametrize(("options", "seconds"), [((), 2.0), (("--tare", "0"), 0.0), (("--tare", "1"), 1.0)])
 def test_a_tare_of_zero_on_the_command_line_undoes_the_parameter_files(options, seconds, tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text("rft_replay:\n  ros__parameters:\n    tare: 2.0\nrft:\n  ros__parameters:\n    mesh.file: plate\n")
     words = ["replay", "bag", "--params", str(file), "-o", "out", *options]
     assert recording(parser().parse_args(words))[1].tare == seconds
+
+
+def test_an_interrupted_sweep_ends_its_workers_and_says_so(tmp_path):
+    (tmp_path / "study.yaml").write_text(
+        "tools: [{mesh: root_tip}]\n"
+        "motions: [{family: circumnutation, pitch: {from: 0.02, to: 0.2, count: 100000}}]\n"
+        "media: [{zeta: 0.33}]\n"
+    )
+    command = in_a_process("sweep", tmp_path / "study.yaml", "-o", tmp_path / "out")
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
+        while not list(tmp_path.glob("out/chunks/*.csv")):
+            assert run.poll() is None
+            time.sleep(0.01)
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate()
+    assert said.splitlines()[-1] == "rft sweep: interrupted"
+    assert "Traceback" not in said
+    assert run.returncode == 130

@@ -1,10 +1,8 @@
-"""What the README and the docs point to exists: links, pictures, commands and their options."""
+"""Links, pictures, commands and parameters in the README and docs/ exist."""
 
 import re
 import shlex
 from pathlib import Path
-
-import pytest
 
 from rft_ros.cli import parser
 from rft_ros.estimator.parameters import defaults
@@ -12,10 +10,6 @@ from rft_ros.estimator.parameters import defaults
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
-
-
-def ids(page):
-    return page.name
 
 
 def links(page):
@@ -39,15 +33,14 @@ def anchors(page):
     return names
 
 
-@pytest.mark.parametrize("page", PAGES, ids=ids)
-def test_no_link_or_picture_is_dead(page):
-    assert [path for path, _ in links(page) if not (page.parent / path).exists()] == []
+def test_no_link_or_picture_is_dead():
+    assert [f"{p.name}: {path}" for p in PAGES for path, _ in links(p) if not (p.parent / path).exists()] == []
 
 
-@pytest.mark.parametrize("page", PAGES, ids=ids)
-def test_every_anchor_is_a_heading_of_its_page(page):
-    pointed = [(page.parent / path if path else page, anchor) for path, anchor in links(page) if anchor]
-    assert [f"{file.name}#{anchor}" for file, anchor in pointed if anchor not in anchors(file)] == []
+def test_every_anchor_is_a_heading_of_its_page():
+    for page in PAGES:
+        pointed = [(page.parent / path if path else page, anchor) for path, anchor in links(page) if anchor]
+        assert [f"{file.name}#{anchor}" for file, anchor in pointed if anchor not in anchors(file)] == [], page.name
 
 
 def test_anchors_are_those_that_github_makes(tmp_path):
@@ -72,11 +65,9 @@ def commands(page):
     return [line for line in lines if line.startswith("rft ")]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=ids)
-def test_every_command_in_the_docs_is_one_that_can_be_typed(page):
-    known = parser()
-    names = next(a for a in known._actions if a.dest == "command").choices
-    for line in commands(page):
+def test_every_command_in_the_docs_is_one_that_can_be_typed():
+    names = next(a for a in parser()._actions if a.dest == "command").choices
+    for line in (line for page in PAGES for line in commands(page)):
         words = shlex.split(line, comments=True)[1:]
         if not words or words[0].startswith("-"):
             continue
@@ -87,10 +78,10 @@ def test_every_command_in_the_docs_is_one_that_can_be_typed(page):
                 assert word in options, f"{line}: {word}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=ids)
-def test_every_parameter_in_the_docs_is_one_of_the_node(page):
-    named = re.findall(r"`((?:mesh|medium|alpha_y|sensor)\.(?!py\b)[a-z_]+)", page.read_text(encoding="utf-8"))
-    assert set(named) <= set(defaults())
+def test_every_parameter_in_the_docs_is_one_of_the_node():
+    for page in PAGES:
+        named = re.findall(r"`((?:mesh|medium|alpha_y|sensor)\.(?!py\b)[a-z_]+)", page.read_text(encoding="utf-8"))
+        assert set(named) <= set(defaults()), page.name
 
 
 def test_the_readme_names_every_command():

@@ -1,46 +1,52 @@
-"""The code blocks of docs/ work, page by page; those that cannot run here say why, out of a closed set of reasons."""
+"""Code blocks of the README and docs/ work; a block that cannot run here gives a reason out of a closed set."""
 
 import re
 
 import pytest
-from page_blocks import PAGES, README, ROOT, RUN, SHOWN, Block, blocks, try_page, why_not_run
+from page_blocks import PAGES, README, ROOT, RUN, SHOWN, Block, blocks, skip_without_ros, try_page, why_not_run
 from page_folder import prepared
 
-
-def name_of(page):
-    return page.name
-
-
 WITH_CODE = [page for page in PAGES if any(b.language in RUN and b.mark is None for b in blocks(page))]
+ALL = [README, *PAGES]
 
 
-@pytest.mark.parametrize("page", WITH_CODE, ids=name_of)
-def test_the_blocks_of_the_page_work(page, tmp_path):
+@pytest.fixture(scope="module")
+def project(tmp_path_factory):
+    """One folder for all pages of docs/."""
     replay_section = [b.text for b in blocks(ROOT / "docs" / "replay.md") if b.text.startswith("rft_replay:")]
-    assert try_page(page, prepared(tmp_path, more_cell=replay_section[0])) > 0
+    return prepared(tmp_path_factory.mktemp("docs"), more_cell=replay_section[0])
 
 
-@pytest.mark.parametrize("page", [README, *PAGES], ids=name_of)
-def test_what_is_not_run_says_why(page):
-    assert [wrong for b in blocks(page) if b.mark is not None and (wrong := why_not_run(b))] == []
+@pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.name)
+def test_the_blocks_of_a_page_work(page, project):
+    assert try_page(page, project) > 0
 
 
-@pytest.mark.parametrize("page", [README, *PAGES], ids=name_of)
-def test_no_code_hides_from_being_run(page):
-    """In a language that no test knows, in a fence that was not found, or as an indented block."""
-    assert [b.where for b in blocks(page) if b.language not in (*RUN, *SHOWN)] == []
-    text = page.read_text(encoding="utf-8")
-    assert len(re.findall(r"^ *```", text, flags=re.MULTILINE)) == 2 * len(blocks(page))
-    outside = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE)
-    assert (
-        re.findall(r"^ {4,}(?:rft|make|python3?|pip|ros2|colcon|git|import|from) .*$", outside, flags=re.MULTILINE)
-        == []
-    )
+def test_the_blocks_of_the_readme_work_in_its_order(tmp_path):
+    skip_without_ros()
+    project = prepared(tmp_path)
+    assert try_page(README, project) > 0
+    assert (project / "out" / "demo" / "force_over_depth.png").is_file()
 
 
-@pytest.mark.parametrize("page", [README, *PAGES], ids=name_of)
-def test_commands_stand_in_blocks_that_are_run(page):
-    shown = [b for b in blocks(page) if b.language in SHOWN]
+def test_blocks_that_are_not_run_give_a_reason():
+    marked = [b for page in ALL for b in blocks(page) if b.mark is not None]
+    assert [wrong for b in marked if (wrong := why_not_run(b))] == []
+
+
+def test_no_code_hides_from_being_run():
+    """In an unknown language, in a fence that was not found, or as an indented block."""
+    command = re.compile(r"^ {4,}(?:rft|make|python3?|pip|ros2|colcon|git|import|from) .*$", flags=re.MULTILINE)
+    for page in ALL:
+        assert [b.where for b in blocks(page) if b.language not in (*RUN, *SHOWN)] == []
+        text = page.read_text(encoding="utf-8")
+        assert len(re.findall(r"^ *```", text, flags=re.MULTILINE)) == 2 * len(blocks(page)), page.name
+        outside = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE)
+        assert command.findall(outside) == [], page.name
+
+
+def test_commands_stand_in_blocks_that_are_run():
+    shown = [b for page in ALL for b in blocks(page) if b.language in SHOWN]
     assert [b.where for b in shown if re.search(r"^\$? ?(?:rft|make|ros2|colcon) ", b.text, flags=re.MULTILINE)] == []
 
 
@@ -75,5 +81,5 @@ def test_python_blocks_of_a_page_share_their_names_and_marked_ones_are_left_out(
 
 
 @pytest.mark.parametrize("reason", ["no time", "minutes long; tested in test/no_such_file.py", "minutes long"])
-def test_a_reason_of_ones_own_is_refused(reason):
+def test_any_other_reason_is_refused(reason):
     assert why_not_run(Block(where="page.md:1", language="sh", text="", mark=reason)) is not None

@@ -1,4 +1,4 @@
-"""Whoever reads the package with `python -m pydoc` finds every public name explained."""
+"""`python -m pydoc` explains every public name of the package."""
 
 import ast
 import importlib
@@ -7,8 +7,6 @@ import pkgutil
 import pydoc
 import re
 from pathlib import Path
-
-import pytest
 
 import rft_ros
 import rft_ros.rft
@@ -39,7 +37,7 @@ EQUATIONS = {
 
 
 def explained(name):
-    """The public functions, classes, methods and properties of a module, by dotted name, that are its own."""
+    """Public functions, classes, methods and properties defined in a module, by dotted name."""
     module = importlib.import_module(name)
     found = {}
     for public in getattr(module, "__all__", ()):
@@ -60,16 +58,14 @@ def signature(thing):
     return " ".join(str(a) for a in getattr(thing, "__annotations__", {}).values())
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_a_module_says_what_it_is_for_and_so_does_every_public_name_in_it(name):
-    module = importlib.import_module(name)
-    assert module.__doc__
-    assert not [n for n, thing in explained(name).items() if not (thing.__doc__ or "").strip()]
+def test_every_module_and_public_name_has_a_docstring():
+    bare = [name for name in MODULES if not importlib.import_module(name).__doc__]
+    bare += [f"{m}.{n}" for m in MODULES for n, thing in explained(m).items() if not (thing.__doc__ or "").strip()]
+    assert bare == []
 
 
-@pytest.mark.parametrize("name", [name for name in MODULES if name != "rft_ros.rft.alpha_y"])
-def test_public_constants_are_followed_by_what_they_mean(name):
-    """By a string below the assignments, a comment beside them, or by name in the module's own docstring."""
+def undocumented_constants(name):
+    """Public constants without a string below, a comment beside, or a mention in the module's docstring."""
     module = importlib.import_module(name)
     source = Path(module.__file__).read_text()
     bare, waiting = [], set()
@@ -81,23 +77,27 @@ def test_public_constants_are_followed_by_what_they_mean(name):
             waiting |= set() if beside else names & set(getattr(module, "__all__", ()))
             continue
         said = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-        bare += [] if said else sorted(n for n in waiting if n not in module.__doc__)
+        bare += [] if said else [f"{name}.{n}" for n in sorted(waiting) if n not in module.__doc__]
         waiting = set()
-    assert not bare
+    return bare
 
 
-@pytest.mark.parametrize("name", MODULES)
-def test_what_takes_or_gives_arrays_names_their_shapes_and_units(name):
-    for dotted, thing in explained(name).items():
-        if ARRAYS.search(signature(thing)):
-            assert SHAPE.search(thing.__doc__), f"{name}.{dotted} names no shape"
-            assert UNIT.search(thing.__doc__), f"{name}.{dotted} names no unit"
+def test_public_constants_are_documented():
+    assert [c for m in MODULES if m != "rft_ros.rft.alpha_y" for c in undocumented_constants(m)] == []
 
 
-@pytest.mark.parametrize(("dotted", "number"), EQUATIONS.items())
-def test_what_is_an_equation_of_the_method_says_which(dotted, number):
-    module, _, names = dotted.partition(".")
-    assert f"Eq. ({number})" in explained(f"rft_ros.rft.{module}")[names].__doc__
+def test_functions_of_arrays_document_shapes_and_units():
+    for name in MODULES:
+        for dotted, thing in explained(name).items():
+            if ARRAYS.search(signature(thing)):
+                assert SHAPE.search(thing.__doc__), f"{name}.{dotted} names no shape"
+                assert UNIT.search(thing.__doc__), f"{name}.{dotted} names no unit"
+
+
+def test_functions_that_compute_an_equation_of_the_method_cite_it():
+    for dotted, number in EQUATIONS.items():
+        module, _, names = dotted.partition(".")
+        assert f"Eq. ({number})" in explained(f"rft_ros.rft.{module}")[names].__doc__, dotted
 
 
 def test_pydoc_of_the_core_reads_like_the_method_with_its_equations_in_order():

@@ -10,13 +10,18 @@ from email import message_from_bytes
 from pathlib import Path
 
 import pytest
-from clean_copy import ROOT, clean_copy, without_ros
-from first_start import first_start
-from package_manifest import manifest, third_party_imports
+from distribution import (
+    ROOT,
+    clean_copy,
+    manifest,
+    own_domain,
+    share_machine_code,
+    start_and_stop,
+    third_party_imports,
+    without_ros,
+)
 
 pytest.importorskip("build", reason="building a release needs build: pip install 'rft_ros[test]'")
-
-EMPTY_DOMAIN = str(10 + os.getpid() % 90)  # no other test's node
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +30,7 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dist")
     source = clean_copy(tmp_path_factory.mktemp("source") / "rft_ros")
     command = [sys.executable, "-m", "build", "--outdir", str(folder), str(source)]
-    done = subprocess.run(command, capture_output=True, text=True, env=without_ros(), timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, env=without_ros())
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
     return folder
 
@@ -38,23 +43,24 @@ def wheel(dist: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty environment, without setuptools even, into which pip installs the wheel and all that it asks for."""
+    """An empty environment, without even setuptools, into which pip installs the wheel and all that it asks for."""
     environment = tmp_path_factory.mktemp("installed") / "env"
     venv.create(environment, with_pip=False)
     python = str(environment / "bin" / "python")
     # compiling the bytecode of 80 packages takes longer than installing them
     pip = [sys.executable, "-m", "pip", "--quiet", "--python", python, "install", "--no-compile", f"{wheel}[ros]"]
-    subprocess.run(pip, check=True, cwd=environment, env=without_ros(), timeout=600)
+    subprocess.run(pip, check=True, cwd=environment, env=without_ros())
+    (package,) = environment.glob("lib/python*/site-packages/rft_ros")
+    share_machine_code(package)
     return environment
 
 
 def surroundings(**extra: str) -> dict[str, str]:
-    return without_ros() | {"ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DOMAIN_ID": EMPTY_DOMAIN} | extra
+    return without_ros() | own_domain() | extra
 
 
 def run(environment: Path, *command: str, **extra: str) -> subprocess.CompletedProcess[str]:
-    variables = surroundings(**extra)
-    return subprocess.run(command, capture_output=True, text=True, cwd=environment, env=variables, timeout=240)
+    return subprocess.run(command, capture_output=True, text=True, cwd=environment, env=surroundings(**extra))
 
 
 def metadata(wheel: Path) -> dict[str, list[str]]:
@@ -141,7 +147,7 @@ def test_the_version_is_that_of_the_package_manifest(installed, wheel):
 
 def test_the_node_and_the_demo_run_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
     node = [str(installed / "bin" / "rft_node"), "--ros-args", "-p", "mesh.file:=ellipsoid"]
-    status, said = first_start(node, folder=installed, environment=surroundings())
+    status, said = start_and_stop(node, folder=installed, environment=surroundings())
     assert "ready: tool ellipsoid" in said
     assert status == 0, said
     done = run(installed, str(installed / "bin" / "rft"), "demo", "--seconds", "6", "-o", str(tmp_path / "demo"))

@@ -8,19 +8,18 @@ import sys
 from pathlib import Path
 
 import pytest
-from clean_copy import clean_copy
-from first_start import first_start
+from distribution import clean_copy, own_domain, share_machine_code, start_and_stop
 
 pytest.importorskip("colcon_core", reason="needs colcon: pip install 'rft_ros[test]'")
 
 needs_ros = pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="ROS 2 is not installed")
+SHARED = ("package.xml", "config/default.yaml", "config/demo.yaml", "launch/rft.launch.py", "rviz/rft.rviz")
 
 
 def environment() -> dict[str, str]:
     """This process's, in a ROS domain of its own, with this process's Python where a shell finds it."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    domain = {"ROS_DOMAIN_ID": str(10 + os.getpid() % 90), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    return os.environ | {"PATH": path} | domain
+    return os.environ | {"PATH": path} | own_domain()
 
 
 def sourced(*command: str) -> list[str]:
@@ -29,9 +28,7 @@ def sourced(*command: str) -> list[str]:
 
 def run(workspace: Path, *command: str) -> str:
     """What a command prints in the sourced workspace; it must succeed."""
-    done = subprocess.run(
-        sourced(*command), capture_output=True, text=True, cwd=workspace, env=environment(), timeout=120
-    )
+    done = subprocess.run(sourced(*command), capture_output=True, text=True, cwd=workspace, env=environment())
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -43,9 +40,15 @@ def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
     folder = tmp_path_factory.mktemp("workspace")
     clean_copy(folder / "src" / "rft_ros")
     command = [sys.executable, "-m", "colcon", "build", *request.param]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment(), timeout=180)
+    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment())
     assert done.returncode == 0, done.stdout + done.stderr
+    share_machine_code(package_of(folder))
     return folder
+
+
+def package_of(workspace: Path) -> Path:
+    """The code that runs after sourcing the workspace."""
+    return Path(run(workspace, "python3", "-c", "import rft_ros; print(rft_ros.__path__[0])").strip())
 
 
 def test_ros_finds_the_package_in_its_index(workspace):
@@ -57,16 +60,13 @@ def test_ros_finds_the_package_in_its_index(workspace):
         assert Path(run(workspace, "python3", "-c", code).strip()) == prefix / "share" / "rft_ros"
 
 
-@pytest.mark.parametrize(
-    "file", ["package.xml", "config/default.yaml", "config/demo.yaml", "launch/rft.launch.py", "rviz/rft.rviz"]
-)
-def test_shared_files_are_installed(workspace, file):
-    assert (workspace / "install" / "rft_ros" / "share" / "rft_ros" / file).is_file()
+def test_shared_files_are_installed(workspace):
+    share = workspace / "install" / "rft_ros" / "share" / "rft_ros"
+    assert [file for file in SHARED if not (share / file).is_file()] == []
 
 
 def test_the_code_that_runs_is_the_workspaces(workspace):
-    file = Path(run(workspace, "python3", "-c", "import rft_ros; print(rft_ros.__file__)").strip())
-    assert file.is_relative_to(workspace)
+    assert package_of(workspace).is_relative_to(workspace)
 
 
 def test_the_command_runs_from_where_ros2_run_looks(workspace):
@@ -81,6 +81,6 @@ def test_the_command_runs_from_where_ros2_run_looks(workspace):
 @pytest.mark.parametrize("workspace", [()], ids=["plain"], indirect=True)
 def test_the_node_starts_and_ends_from_where_ros2_launch_looks(workspace):
     command = sourced("install/rft_ros/lib/rft_ros/rft_node", "--ros-args", "-p", "mesh.file:=plate")
-    status, said = first_start(command, folder=workspace, environment=environment())
+    status, said = start_and_stop(command, folder=workspace, environment=environment())
     assert "ready: tool plate" in said
     assert status == 0, said

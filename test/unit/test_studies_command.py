@@ -21,7 +21,7 @@ def test_the_command_writes_figures_numbers_and_a_table_and_prints_it(tmp_path, 
     assert main(["horizontal", "-o", str(tmp_path / "new" / "out")]) == 0
     names = {file.name for file in (tmp_path / "new" / "out").iterdir()}
     assert names == {"horizontal.png", "horizontal.svg", "horizontal.md", "horizontal.csv"}
-    assert "| greatest F23 | 5.8 N |" in capsys.readouterr().out
+    assert "| maximum F23 | 5.8 N |" in capsys.readouterr().out
     with (tmp_path / "new" / "out" / "horizontal.csv").open() as lines:
         rows = list(csv.DictReader(lines))
     assert [float(row["psi_deg"]) for row in rows] == [5.0 * k for k in range(19)]

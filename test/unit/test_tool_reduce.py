@@ -8,8 +8,8 @@ from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.sweeps.motions import OscillatingInsertion, sample
 from rft_ros.tool import load_tool
-from rft_ros.tool.any_motion import random_motions
 from rft_ros.tool.merge import Merger
+from rft_ros.tool.random_motions import random_motions
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
@@ -120,7 +120,7 @@ def test_the_plates_of_a_scene_are_facets_with_other_areas():
 
 @pytest.mark.parametrize(
     ("count", "height", "message"),
-    [(19, -0.05, "the scene has 19 states; to choose and to measure takes at least 20"), (40, 1.0, "has no force")],
+    [(19, -0.05, "the scene has 19 states; it needs at least 20"), (40, 1.0, "has no force")],
 )
 def test_a_scene_that_tells_nothing_is_a_sentence(count, height, message):
     states = np.zeros((count, 13))

@@ -126,7 +126,7 @@ def test_a_reduced_tool_belongs_to_its_rule(tmp_path, capsys):
     with pytest.raises(InputError, match="holds plates for integration 'refined' only"):
         load_tool(file, integration="centroid")
     assert load_tool(file, integration="refined", tolerance=0.025).reduction == load_tool(file).reduction
-    assert "is a reduced tool already" in refused(capsys, "reduce", file, "-o", str(tmp_path / "again.npz"))
+    assert "is already a reduced tool" in refused(capsys, "reduce", file, "-o", str(tmp_path / "again.npz"))
 
 
 @pytest.mark.parametrize(
@@ -135,12 +135,12 @@ def test_a_reduced_tool_belongs_to_its_rule(tmp_path, capsys):
         (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
         (("--plates", "0"), "--plates is 0; it must be at least 1"),
         (("--scene", "nothing.csv"), "states file 'nothing.csv' cannot be read"),
-        (("--scene", "straigt"), "--scene 'straigt' is no file, and no family of motions: straight, plate_drag"),
+        (("--scene", "straigt"), "--scene 'straigt' is neither a file nor a family of motions: straight, plate_drag"),
         (("-o", "few.stl"), "output 'few.stl' must end in .npz"),
         (("-o", "/proc/none/few.npz"), "cannot be written"),
     ],
 )
-def test_what_cannot_be_done_is_a_sentence(tmp_path, capsys, options, message):
+def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, capsys, options, message):
     assert message in refused(capsys, "reduce", "plate", "-o", str(tmp_path / "few.npz"), *options)
 
 
@@ -164,11 +164,11 @@ def broken(tmp_path, change):
         (lambda c: c.update(plates=c["plates"][:, :0]), "at least one plate element"),
         (lambda c: c.update(plates=-np.abs(c["plates"])), "plate areas must not be negative"),
         (lambda c: c.update(vertices=c["vertices"][:, :2]), "vertices of shape"),
-        (lambda c: c.update(faces=c["faces"] + 10_000), "faces have vertices that are not in it"),
+        (lambda c: c.update(faces=c["faces"] + 10_000), "faces refer to vertices that are missing"),
         (lambda c: c.update(faces=c["faces"].astype(float)), "faces of shape"),
     ],
 )
-def test_a_file_that_is_not_as_it_was_written_is_a_sentence(tmp_path, change, message):
+def test_a_damaged_reduced_tool_is_refused_with_a_sentence(tmp_path, change, message):
     file = broken(tmp_path, change)
     with pytest.raises(InputError, match=r"few\.npz") as caught:
         load_tool(file)

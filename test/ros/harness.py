@@ -1,12 +1,15 @@
-"""A robot cell for tests: a real ``rft_node`` process, and a peer that feeds it and collects its answers."""
+"""A real ``rft_node`` process, and a peer that feeds it and collects its answers."""
 
+import fcntl
 import os
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 import rclpy
@@ -21,13 +24,24 @@ from rft_ros.estimator.parameters import defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 
 OUTPUTS = ("wrench_predicted", "wrench_compensated", "wrench_residual")
-WAIT = 60.0
+WAIT = 240.0  # s: other work may keep every core busy, and a first start compiles
+_LOCKS: list[IO[str]] = []  # held as long as the process lives
 
 
-class Cell:
-    """`reliable`: override the inputs' QoS, as a user may, so that a busy machine loses no test's message."""
+class Harness:
+    """`reliable`: override the inputs' QoS, as a user may, so that a busy machine loses no message.
 
-    def __init__(self, *arguments: str, namespace: str = "", log: Path | None = None, reliable: bool = True) -> None:
+    `environment`: variables for the node. `arguments` follow ``--ros-args``.
+    """
+
+    def __init__(
+        self,
+        *arguments: str,
+        namespace: str = "",
+        log: Path | None = None,
+        reliable: bool = True,
+        environment: dict[str, str] | None = None,
+    ) -> None:
         name = self.name = f"{namespace}/rft"
         if reliable and log:
             overrides = log.with_suffix(".yaml")
@@ -42,6 +56,7 @@ class Cell:
             [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "-r", f"__ns:={namespace or '/'}", *arguments],
             stderr=self._log_file,
             stdout=self._log_file,
+            env={**os.environ, **(environment or {})},
         )
         self.node = rclpy.create_node("peer")
         qos = QoSProfile(depth=1000)
@@ -69,7 +84,7 @@ class Cell:
         for publisher in (self.pose, self.twist, self.wrench):
             self.node.destroy_publisher(publisher)
 
-    def wait_ready(self) -> "Cell":
+    def wait_ready(self) -> "Harness":
         """Until its services answer and every topic is matched."""
         self.get("mesh.file")
         publishers = (self.pose, self.twist, self.wrench)
@@ -84,7 +99,7 @@ class Cell:
     def stop(self, number: int = signal.SIGINT) -> int:
         if self.process.poll() is None:
             self.process.send_signal(number)
-        status = self.process.wait(15.0)
+        status = self.process.wait(WAIT)
         self.node.destroy_node()
         if self._log_file:
             self._log_file.close()
@@ -103,8 +118,8 @@ class Cell:
             if time.monotonic() >= end:
                 return
 
-    def until(self, condition: Callable[[], object], timeout: float = WAIT) -> None:
-        end = time.monotonic() + timeout
+    def until(self, condition: Callable[[], object]) -> None:
+        end = time.monotonic() + WAIT
         while not condition():
             assert self.process.poll() is None, f"the node ended with status {self.process.returncode}"
             assert time.monotonic() < end, "waited in vain"
@@ -125,7 +140,7 @@ class Cell:
         return self.call(GetParameters, "get_parameters", GetParameters.Request(names=[name])).values[0]
 
     def set(self, **values: object) -> tuple[bool, str]:
-        """Set one parameter (dots as double underscores); (successful, reason)."""
+        """Set parameters together (dots as double underscores); (successful, reason)."""
         parameters = [Parameter(name=k.replace("__", "."), value=parameter_value(v)) for k, v in values.items()]
         request = SetParametersAtomically.Request(parameters=parameters)
         result = self.call(SetParametersAtomically, "set_parameters_atomically", request).result
@@ -162,7 +177,7 @@ class Cell:
         force: tuple[float, float, float] | None = (0.0, 0.0, 0.0),
         twist_stamp: int | None = None,
     ) -> None:
-        """One moment of the cell: wrench and twist first, then the pose that asks; None leaves an input out."""
+        """Send wrench and twist, then the pose that asks; None leaves an input out."""
         if force is not None:
             m = WrenchStamped()
             m.header.frame_id = "ft_sensor"
@@ -187,13 +202,13 @@ class Cell:
         """Send a moment and wait for its prediction."""
         predicted = self.received["wrench_predicted"]
         self.send(stamp, **inputs)
-        self.until(lambda: any(stamp_of(m) == stamp for m in predicted), timeout=10.0)
+        self.until(lambda: any(stamp_of(m) == stamp for m in predicted))
         return next(m for m in predicted if stamp_of(m) == stamp)
 
     def diagnostic(self, component: str) -> tuple[bytes, str, dict[str, str]]:
         """The next report of a component: level, message, values."""
         seen = len(self.diagnostics)
-        self.until(lambda: len(self.diagnostics) > seen, timeout=10.0)
+        self.until(lambda: len(self.diagnostics) > seen)
         return self.last_status(component)
 
     def last_status(self, component: str) -> tuple[bytes, str, dict[str, str]]:
@@ -204,7 +219,7 @@ class Cell:
 def predicted_by_the_core(
     *, zeta: float = 1.0, alpha_y: str = "constant", mesh: str = "plate", z: float = -0.01, linear=(0.0, 0.0, -0.01)
 ) -> np.ndarray:
-    """What the node must answer to `Cell.send`'s defaults, reduced tool and all; the sensor's axes are the world's."""
+    """What the node must answer to `Harness.send`'s defaults; the sensor's axes are the world's."""
     medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
@@ -238,6 +253,15 @@ def stamp_of(message: object) -> int:
 
 
 def own_domain() -> None:
-    """A DDS domain of this process's own, on loopback."""
-    os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
+    """A DDS domain that no other test process of this machine has, on loopback."""
+    for domain in range(10, 100):
+        lock = (Path(tempfile.gettempdir()) / f"rft_ros_domain_{domain}.lock").open("w")
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            lock.close()
+            continue
+        _LOCKS.append(lock)
+        os.environ["ROS_DOMAIN_ID"] = str(domain)
+        break
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
-from rft_ros.rft.mobilization import DEPTH, TRAILING
+from rft_ros.rft.memory import DEPTH, TRAILING
 from rft_ros.tool import load_tool
 
 GENERIC = MEDIA["generic"]

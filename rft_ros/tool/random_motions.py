@@ -1,4 +1,4 @@
-"""How far a reduced tool's wrench lies from the full one's, and random motions to measure it over."""
+"""Random motions, and the error of a reduced tool's wrench over motions."""
 
 from dataclasses import dataclass
 
@@ -14,20 +14,20 @@ Array = NDArray[np.float64]
 LAWS: tuple[Law, ...] = tuple(
     treers2021(MEDIA["generic"], alpha_y_model(name, MEDIA["generic"])) for name in ("constant", "linear")
 )
-"""What the error is measured with: plates chosen for a scene with one α_y model are off by 2 % with the other."""
+"""Laws that the error is measured with. Plates chosen with one α_y model are off by 2 % with the other."""
 
-_SHALLOWEST, _DEEPEST = 0.25, 2.0
-"""How much of the tool's height lies below the surface, at least, and how far down its lowest point is, at most."""
+_SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's height
 
-_FEEBLE = 0.01  # of the median force: states with less are measured by that
+_FEEBLE = 0.01  # of the median force: the smallest force that an error is divided by
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """The full tool's wrench over some motions, to compare others with.
+    """Compares reduced tools with the full tool over the same motions.
 
-    `laws`: each applied to all states. `states`: shape [n, 13]. `full`: shape [laws, n, 7]. `center`: of the tool, in
-    its frame [m]; `radius`: about it [m]. `scale`: force by which each error is measured [N], shape [laws, n].
+    `laws`: each is applied to all states. `states`: shape [n, 13]. `full`: wrenches of the full tool, shape
+    [laws, n, 7]. `center`: of the tool, in its frame [m]; `radius`: of the tool about `center` [m]. `scale`: force that
+    each error is divided by [N], shape [laws, n].
     """
 
     laws: tuple[Law, ...]
@@ -39,7 +39,7 @@ class Comparison:
 
     @classmethod
     def of(cls, plates: Plates, states: Array, *, own_force: bool) -> "Comparison":
-        """By each state's own force, with one law; or by the greatest of all states, with all laws."""
+        """Divide errors by each state's own force (with one law), or by the greatest force (with all laws)."""
         laws = LAWS[-1:] if own_force else LAWS
         full = np.stack([wrenches(plates, law, states) for law in laws])
         force = np.linalg.norm(full[..., :3], axis=2)
@@ -54,9 +54,9 @@ class Comparison:
         return cls(laws, states, full, center, radius, scale)
 
     def errors(self, plates: Plates) -> Array:
-        """Of force, or of torque about the tool's center over its radius: the larger, by `scale`.
+        """Relative error at each state, shape [laws, n], no unit.
 
-        Shape [laws, n].
+        The larger of the force's error and of the error of the torque about `center` over `radius`.
         """
         off = np.stack([wrenches(plates, law, self.states) for law in self.laws]) - self.full
         force, lever = off[..., :3], _rotated(self.states[:, 3:7], self.center)
@@ -65,15 +65,16 @@ class Comparison:
         return np.asarray(either / self.scale)
 
     def percentile_95(self, plates: Plates) -> float:
-        """What 19 of 20 states keep within."""
+        """The error's 95th percentile, no unit."""
         return float(np.percentile(self.errors(plates), 95.0))
 
 
 def random_motions(corners: Array, count: int, *, seed: int) -> Array:
-    """States of a tool in any attitude, going in any direction and turning about any axis, shape [count, 13].
+    """States of a tool in any attitude, moving in any direction and turning about any axis, shape [count, 13].
 
-    `corners`: of its convex hull, shape [k, 3]. From a quarter submerged to twice its height deep; points on its
-    surface turn about its center as fast as that moves, at most. The same seed gives the same states.
+    `corners`: of the tool's convex hull [m], shape [k, 3]. The lowest point is a quarter to twice the tool's height
+    below the surface at z = 0. Points of the tool turn about its center at most as fast as the center moves, 1 m/s.
+    The same seed gives the same states.
     """
     random = np.random.default_rng(seed)
     center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
@@ -98,7 +99,7 @@ def _directions(random: np.random.Generator, count: int, dimensions: int) -> Arr
 
 
 def _rotated(quaternions: Array, vector: Array) -> Array:
-    """A vector turned by each unit quaternion xyzw, shape [n, 3]."""
-    axis, w = quaternions[:, :3], quaternions[:, 3:]
-    across = 2.0 * np.cross(axis, vector)
-    return np.asarray(vector + w * across + np.cross(axis, across))
+    """A vector rotated by each unit quaternion xyzw, shape [n, 3]."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(quaternions).apply(vector))

@@ -1,0 +1,160 @@
+"""Starting and ending: signals at any time, arguments that cannot be used, executors, compiling ahead."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from harness import WAIT, numbers, predicted_by_the_core
+from rclpy.executors import SingleThreadedExecutor
+
+from rft_ros.estimator.warm_up import warm_up_all
+from rft_ros.node.main import _executor
+from rft_ros.tool import locate_mesh
+
+NODE = (sys.executable, "-m", "rft_ros.node.main", "--ros-args", "-p", "mesh.file:=plate")
+
+
+def descendants(pid: int) -> set[int]:
+    lists = Path(f"/proc/{pid}/task").glob("*/children")
+    children = {int(child) for threads in lists for child in threads.read_text().split()}
+    return children.union(*(descendants(child) for child in children))
+
+
+def wait_until(condition, what: str):
+    end = time.monotonic() + WAIT
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain: {what}"
+        time.sleep(0.02)
+
+
+def alive(pids: set[int]) -> set[int]:
+    """Of these processes, those that run, and are no zombies that init has not yet reaped."""
+    stats = {pid: Path(f"/proc/{pid}/stat") for pid in pids}
+    return {pid for pid, stat in stats.items() if stat.exists() and ") Z" not in stat.read_text()}
+
+
+def start(tmp_path: Path, *, cache: Path | None = None, ignored: bool = False) -> "subprocess.Popen[bytes]":
+    """A node; `ignored`: with SIGINT ignored, as a background job of a script inherits it."""
+
+    def set_up_sigint() -> None:
+        signal.signal(signal.SIGINT, signal.SIG_IGN if ignored else signal.SIG_DFL)
+
+    environment = {**os.environ, **({"NUMBA_CACHE_DIR": str(cache)} if cache else {})}
+    with (tmp_path / "node.log").open("wb") as log:
+        return subprocess.Popen(NODE, stdout=log, stderr=log, env=environment, preexec_fn=set_up_sigint)
+
+
+def said(tmp_path: Path) -> str:
+    return (tmp_path / "node.log").read_text()
+
+
+def test_told_to_end_while_it_compiles_it_ends_with_status_0_and_leaves_no_child(tmp_path):
+    for number in (signal.SIGINT, signal.SIGTERM):
+        node = start(tmp_path, cache=tmp_path / "cache")
+        wait_until(lambda: "compiling, about 20 s, first start only" in said(tmp_path), "the node compiles")
+        wait_until(lambda pid=node.pid: len(descendants(pid)) >= 3, "compilers and tool worker run")
+        children = descendants(node.pid)
+        node.send_signal(number)
+        assert node.wait(WAIT) == 0
+        wait_until(lambda children=children: not alive(children), "the children end")
+        assert "Traceback" not in said(tmp_path)
+
+
+@pytest.mark.parametrize("ignored", [False, True], ids=["foreground", "background"])
+def test_told_to_end_as_soon_as_its_first_process_exists_it_ends_with_status_0(tmp_path, ignored):
+    node = start(tmp_path, ignored=ignored)
+    wait_until(lambda: descendants(node.pid), "the tool worker starts")
+    node.send_signal(signal.SIGINT)
+    assert node.wait(WAIT) == 0
+    assert said(tmp_path) == ""
+
+
+def test_no_child_outlives_a_node_that_is_killed(tmp_path):
+    node = start(tmp_path)
+    wait_until(lambda: "ready: " in said(tmp_path), "the node is ready")
+    children = descendants(node.pid)
+    assert children
+    node.kill()
+    node.wait()
+    wait_until(lambda: not alive(children), "the children end")
+
+
+@pytest.mark.parametrize("executor", ["events", "single"])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_each_executor_answers_and_ends_cleanly_when_told_to(start_node, executor, number):
+    rft = start_node("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
+    np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
+    assert rft.set(medium__zeta=2.0) == (True, "")
+    assert rft.status()[0]
+    rft.diagnostic("model")
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=2.0), rtol=1e-15)
+    children = descendants(rft.process.pid)
+    assert rft.stop(number) == 0
+    assert not alive(children)
+    assert "ready: tool plate" in rft.said()
+    assert "Traceback" not in rft.said()
+
+
+def test_where_rclpy_has_no_events_executor_the_node_says_so_and_takes_the_single_one(monkeypatch):
+    warnings = []
+
+    class Node:
+        executor_name = "events"
+
+        def get_logger(self):
+            return self
+
+        def warning(self, text):
+            warnings.append(text)
+
+    monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
+    assert isinstance(_executor(Node()), SingleThreadedExecutor)
+    assert "no events executor" in warnings[0]
+
+
+def test_after_compiling_ahead_nothing_is_left_to_compile():
+    assert subprocess.run([sys.executable, "-m", "rft_ros.cli", "warm-up"], capture_output=True).returncode == 0
+    warm_up_all(memory=True, on_cold_cache=lambda: pytest.fail("the cache is cold after rft warm-up"))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("--params-file", "cell.yaml"), "cannot use '--params-file cell.yaml'; ROS arguments, such as"),
+        (("--foo", "--ros-args", "-p", "mesh.file:=plate"), "cannot use '--foo'; ROS arguments, such as"),
+        (("--ros-args", "-p", "mesh.file:=plate", "--", "plate"), "cannot use 'plate'; ROS arguments, such as"),
+        (("--ros-args", "--foo"), "ROS knows no argument '--foo'"),
+    ],
+)
+def test_arguments_that_ros_would_ignore_are_refused(arguments, sentence):
+    command = [sys.executable, "-m", "rft_ros.node.main", *arguments]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith(f"rft_node: {sentence}")
+    assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ("argument", "words"),
+    [
+        ("mesh.file:=nothing_there", "nothing_there"),
+        (f"mesh.file:={locate_mesh('plate').parent}", "meshes' is a folder"),
+        ("medium.zeta:=-2.0", "medium.zeta is -2"),
+    ],
+)
+def test_it_does_not_start_on_parameters_it_cannot_use(start_node, argument, words):
+    rft = start_node("-p", argument)
+    assert rft.process.wait(WAIT) == 2
+    assert words in rft.said()
+    assert "Traceback" not in rft.said()
+
+
+def test_asked_for_help_it_gives_some_and_does_not_start(start_node):
+    rft = start_node("--help")
+    assert rft.process.wait(WAIT) == 0
+    assert rft.said().startswith("usage: rft_node")

@@ -1,0 +1,90 @@
+"""The project as someone else gets it: a clean copy, its manifest, and its node started there."""
+
+import ast
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import threading
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from catkin_pkg.package import Package
+
+ROOT = Path(__file__).resolve().parents[2]
+
+_OF_ROS = ("AMENT_", "CMAKE_PREFIX_PATH", "COLCON_", "LD_LIBRARY_PATH", "PYTHONPATH", "RMW_", "ROS_", "_ROS_WHEELS_")
+
+_LONGEST = 600.0  # s, of a node that neither starts nor ends; compiling on a busy machine takes minutes
+
+
+def clean_copy(folder: Path) -> Path:
+    """Copy the working tree to `folder` without what .gitignore names."""
+    ignored = [line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").split()]
+    return Path(shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".git", *ignored)))
+
+
+def share_machine_code(package: Path) -> None:
+    """Give a copy of the package the checkout's machine code, so that the copy does not compile for 20 s.
+
+    Without effect where numba's cache is not in the checkout, or the copy's sources differ: then the copy compiles.
+    """
+    for file in (ROOT / "rft_ros").rglob("__pycache__/*.nb?"):
+        target = package / file.relative_to(ROOT / "rft_ros")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(file, target)
+
+
+def without_ros() -> dict[str, str]:
+    """This process's environment without the variables of a ROS setup file, or of rclpy from PyPI."""
+    return {k: v for k, v in os.environ.items() if not k.startswith(_OF_ROS)}
+
+
+def own_domain() -> dict[str, str]:
+    """Variables for a ROS domain that no other test's node is in."""
+    return {"ROS_DOMAIN_ID": str(10 + os.getpid() % 90), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def start_and_stop(command: Sequence[str], *, folder: Path, environment: dict[str, str]) -> tuple[int, str]:
+    """Start a node, interrupt it once it is ready; exit status and output."""
+    said = []
+    with subprocess.Popen(
+        command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
+    ) as node:
+        assert node.stdout
+        overdue = threading.Timer(_LONGEST, node.kill)
+        overdue.start()
+        try:
+            for line in node.stdout:
+                said.append(line)
+                if "ready: " in line:
+                    node.send_signal(signal.SIGINT)
+            status = node.wait()
+        finally:
+            overdue.cancel()
+            node.kill()
+    return status, "".join(said)
+
+
+def manifest() -> "tuple[Package, list[str]]":
+    """package.xml as ROS tools read it, and the warnings of catkin_pkg."""
+    package = pytest.importorskip("catkin_pkg.package", reason="needs catkin_pkg: pip install 'rft_ros[test]'")
+    warnings: list[str] = []
+    return package.parse_package(str(ROOT), warnings=warnings), warnings
+
+
+def third_party_imports() -> set[str]:
+    """Top-level names that the package and its launch file import, anywhere in a module."""
+    found = set()
+    for file in [*(ROOT / "rft_ros").rglob("*.py"), *(ROOT / "launch").glob("*.py")]:
+        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                found |= {alias.name.partition(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                found.add(node.module.partition(".")[0])
+    return found - sys.stdlib_module_names - {"rft_ros", "compression"}  # compression: Python 3.14's backports.zstd

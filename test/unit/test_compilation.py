@@ -1,0 +1,109 @@
+"""The cache of machine code: never stale, never in the way, and the same for every compiled function."""
+
+import importlib
+import os
+import pkgutil
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from numba.core.registry import CPUDispatcher
+
+import rft_ros
+from rft_ros.rft import compilation
+
+ROOT = Path(rft_ros.__file__).parent
+
+# The load cell's function is compiled in a second, and takes the rotation from the core.
+CODE = """
+import numpy as np
+from rft_ros.estimator.load_cell import _into_sensor as function
+
+out = np.zeros(12)
+function(np.arange(11.0), np.array([0.1, 0.2, 0.3, 0.9]), np.arange(6.0), out)
+print(out.tolist())
+print("compiled", sum(function.stats.cache_misses.values()))
+"""
+
+
+@pytest.fixture(scope="module")
+def copy(tmp_path_factory):
+    """A copy of the package, with its cache filled."""
+    folder = tmp_path_factory.mktemp("copy")
+    shutil.copytree(ROOT, folder / "rft_ros", ignore=shutil.ignore_patterns("__pycache__"))
+    assert answer(folder)[1] == "compiled 1"
+    return folder
+
+
+def answer(folder: Path) -> tuple[str, str]:
+    """Numbers, and how many functions were compiled for them, in a process of its own."""
+    environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-c", CODE], env=environment, cwd=folder, capture_output=True, text=True, timeout=600
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ""
+    numbers, compiled = done.stdout.splitlines()
+    return numbers, compiled
+
+
+def kept(folder: Path) -> list[Path]:
+    """The files of the cache."""
+    return sorted(file for file in (folder / "cache").rglob("*") if file.is_file())
+
+
+def test_a_damaged_file_of_the_cache_counts_as_absent_and_is_written_anew(copy):
+    (file,) = kept(copy)
+    content = file.read_bytes()
+    changed = bytearray(content)
+    changed[len(content) // 2] ^= 1
+    numbers, compiled = answer(copy)
+    assert compiled == "compiled 0"
+    for damaged in (content[:500], b"x" * 5000, b"", bytes(changed)):
+        file.write_bytes(damaged)
+        assert answer(copy) == (numbers, "compiled 1")
+    assert answer(copy) == (numbers, "compiled 0")
+
+
+def test_a_file_that_cannot_be_written_fails_no_call(copy):
+    numbers, _ = answer(copy)
+    (file,) = kept(copy)
+    file.unlink()
+    file.mkdir()
+    assert answer(copy) == (numbers, "compiled 1")
+    assert kept(copy) == []
+    file.rmdir()
+
+
+@pytest.mark.parametrize("source", ["rft/frames.py", "estimator/load_cell.py"])
+def test_an_edited_source_is_compiled_anew_even_if_its_file_looks_untouched(copy, source):
+    """Both the function's own file and that of a function that became part of it; same size, same time."""
+    before, _ = answer(copy)
+    file = copy / "rft_ros" / source
+    was, text = file.stat(), file.read_text(encoding="utf-8")
+    old, new = ("xy - wz, xz + wy", "xy + wz, xz + wy") if "frames" in source else ("w = mount[7]", "w = mount[8]")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    os.utime(file, ns=(was.st_atime_ns, was.st_mtime_ns))
+    numbers, compiled = answer(copy)
+    assert numbers != before
+    assert compiled == "compiled 1"
+    assert len(kept(copy)) == 1, "code of the former source was left behind"
+    file.write_text(text, encoding="utf-8")
+    os.utime(file, ns=(was.st_atime_ns, was.st_mtime_ns))
+    assert answer(copy)[0] == before
+
+
+def test_every_compiled_function_of_the_package_has_this_cache():
+    found = {}
+    for module in pkgutil.walk_packages(rft_ros.__path__, "rft_ros."):
+        if module.name.startswith(("rft_ros.node", "rft_ros.studies")):  # need ROS; studies are not installed
+            continue
+        for name, value in vars(importlib.import_module(module.name)).items():
+            for each in value.values() if isinstance(value, dict) else (value,):
+                if isinstance(each, CPUDispatcher) and not each.targetoptions.get("forceinline"):
+                    found[f"{module.name}.{name}"] = type(each._cache)
+    assert len(found) >= 6
+    assert {name: cache for name, cache in found.items() if cache is not compilation._Cache} == {}
