@@ -223,5 +223,7 @@ class RftNode(Node):
         message, lines = self._diagnostics.report(self.get_clock().now().nanoseconds, _DIAGNOSTICS_PERIOD)
         self._diagnostics_publisher.publish(message)
         for line in lines:
-            log = self.get_logger().warning if line.warning else self.get_logger().info
-            log(line.text)
+            if line.warning:  # rclpy wants one severity for each place in the code
+                self.get_logger().warning(line.text)
+            else:
+                self.get_logger().info(line.text)
