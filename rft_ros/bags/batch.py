@@ -1,4 +1,4 @@
-"""Several recordings, one after the other: a folder for each, a summary of all, and none lost to another's failure."""
+"""Replay several recordings: a folder for each, a summary of all; a failure does not stop the others."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -11,14 +11,14 @@ __all__ = ["Batch", "folder_names", "replay_all"]
 
 
 class Batch:
-    """What became of several bags, by the name of each one's folder, in the order given."""
+    """Summaries and failures of several bags, by the name of each one's folder, in the order given."""
 
     def __init__(self) -> None:
         self.summaries: dict[str, Summary] = {}
         self.failures: dict[str, str] = {}
 
     def lines(self) -> list[str]:
-        """A line a bag: the metrics over everything, and over penetration."""
+        """A table: the metrics of each bag, overall and over penetration."""
         text = [f"{len(self.summaries)} of {len(self.summaries) + len(self.failures)} bags replayed"]
         width = max((len(name) for name in self.summaries), default=0) + 14
         text.append(metric_line("force on the tool", METRIC_HEADS, width))
@@ -28,7 +28,7 @@ class Batch:
         return text
 
     def json(self) -> str:
-        """The text of the summary of all: each bag's own, or the sentence that says why it has none."""
+        """The text of the common summary.json: each bag's summary, or why it failed."""
         content = {
             "bags": {name: summary.content() for name, summary in self.summaries.items()},
             "failures": self.failures,
@@ -37,7 +37,7 @@ class Batch:
 
 
 def folder_names(bags: Sequence[Path]) -> list[str]:
-    """A name for each bag's folder: its own, without suffix, and a number where that is taken."""
+    """A name for each bag's folder: the bag's, without suffix, and a number where that is taken."""
     names: list[str] = []
     wanted = [bag.resolve().stem if bag.is_file() else bag.resolve().name for bag in bags]
     for name in wanted:
@@ -58,7 +58,7 @@ def replay_all(
 ) -> Batch:
     """Replay each bag into its own folder below `out` by `one(bag, folder, label)`, and write ``summary.json`` of all.
 
-    `done` is told of each as it ends: its summary, or the InputError that ended it.
+    `done` is called with each bag's summary, or with the InputError that stopped it.
     """
     batch = Batch()
     for number, (bag, name) in enumerate(zip(bags, folder_names(bags), strict=True), start=1):

@@ -1,6 +1,5 @@
-"""Storage files that rosbags cannot open, as their end or index is missing: read from the front, up to the damage."""
+"""MCAP and SQLite files that rosbags cannot open because they were cut short: read from the front, up to the damage."""
 
-import bz2
 import mmap
 import sqlite3
 import struct
@@ -21,13 +20,12 @@ else:
 __all__ = ["DamagedFile"]
 
 _Message = tuple[int, str, str, bytes]  # receive time [ns], topic, type, serialised message
-_Topics = dict[int, tuple[str, str]]
 
 _CUT = "the file ends inside a record"
 
 
 class DamagedFile:
-    """One .mcap, .db3 or .bag file as a sequence of records. Goes through all of it once, to see what there is."""
+    """One .mcap or .db3 file as a sequence of records. Reads it once to list topics, count and times."""
 
     def __init__(self, file: Path) -> None:
         self.name = file.name
@@ -41,7 +39,7 @@ class DamagedFile:
                 self.topics.add((topic, msgtype))
                 self.count += 1
                 self.first, self.last = min(self.first, time), max(self.last, time)
-        except ValueError:  # `messages` meets it again
+        except ValueError:  # `messages` raises it again
             pass
 
     def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
@@ -60,21 +58,19 @@ class DamagedFile:
                 return
             with self._file.open("rb") as stream:
                 data = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
-            yield from _ros1(data) if self._file.suffix == ".bag" else _mcap(data)
+            if bytes(data[:8]) != b"\x89MCAP0\r\n":
+                raise ValueError("it does not begin as an MCAP file")
+            yield from _mcap_records(data[8:], {}, {})
         except (struct.error, LookupError) as error:
             raise ValueError(f"a record makes no sense ({error})") from None
         except (zstd.ZstdError, RuntimeError, OSError, EOFError, sqlite3.Error) as error:
             raise ValueError(str(error)) from None
 
 
-def _mcap(data: memoryview) -> Iterator[_Message]:
-    """The MCAP format: https://mcap.dev/spec."""
-    if bytes(data[:8]) != b"\x89MCAP0\r\n":
-        raise ValueError("it does not begin as an MCAP file")
-    yield from _mcap_records(data[8:], {}, {})
-
-
-def _mcap_records(data: memoryview, schemas: dict[int, str], channels: _Topics) -> Iterator[_Message]:
+def _mcap_records(
+    data: memoryview, schemas: dict[int, str], channels: dict[int, tuple[str, str]]
+) -> Iterator[_Message]:
+    """The messages of a file or chunk (https://mcap.dev/spec)."""
     at = 0
     while at < len(data):
         op, length = struct.unpack_from("<BQ", data, at) if len(data) - at >= 9 else (0, len(data))
@@ -101,7 +97,7 @@ def _mcap_records(data: memoryview, schemas: dict[int, str], channels: _Topics) 
 
 
 def _mcap_chunk(body: memoryview) -> memoryview:
-    """A chunk's records; as much of them as there is, if the chunk is cut."""
+    """A chunk's records; if the chunk is cut, those before the cut."""
     if len(body) < 40:
         raise ValueError(_CUT)
     _, _, size, crc, length = struct.unpack_from("<QQQII", body)
@@ -118,65 +114,9 @@ def _mcap_chunk(body: memoryview) -> memoryview:
     return packed
 
 
-def _ros1(data: memoryview) -> Iterator[_Message]:
-    """The ROS 1 format: https://wiki.ros.org/Bags/Format/2.0."""
-    if bytes(data[:13]) != b"#ROSBAG V2.0\n":
-        raise ValueError("it does not begin as a ROS 1 bag")
-    yield from _ros1_records(data[13:], {})
-
-
-def _ros1_records(data: memoryview, connections: _Topics) -> Iterator[_Message]:
-    at = 0
-    while at < len(data):
-        header, body, length = _ros1_record(data, at)
-        op = header[b"op"][0]
-        if op == 0x05:
-            yield from _ros1_records(_ros1_chunk(header[b"compression"], body), connections)
-        if at + length > len(data):
-            raise ValueError(_CUT)
-        key = int.from_bytes(header.get(b"conn", b""), "little")
-        if op == 0x07:
-            package, _, name = _ros1_fields(body)[b"type"].decode().partition("/")
-            connections[key] = header[b"topic"].decode(), f"{package}/msg/{name}"
-        elif op == 0x02:
-            seconds, nanoseconds = struct.unpack("<II", header[b"time"])
-            yield seconds * 1_000_000_000 + nanoseconds, *connections[key], bytes(body)
-        at += length
-
-
-def _ros1_record(data: memoryview, at: int) -> tuple[dict[bytes, bytes], memoryview, int]:
-    """Header, content (as much as there is) and length of the record."""
-    try:
-        (of_header,) = struct.unpack_from("<I", data, at)
-        (of_body,) = struct.unpack_from("<I", data, at + 4 + of_header)
-    except struct.error:
-        raise ValueError(_CUT) from None
-    begin = at + 8 + of_header
-    return _ros1_fields(data[at + 4 : at + 4 + of_header]), data[begin : begin + of_body], 8 + of_header + of_body
-
-
-def _ros1_fields(header: memoryview) -> dict[bytes, bytes]:
-    fields = {}
-    at = 0
-    while at < len(header):
-        (length,) = struct.unpack_from("<I", header, at)
-        name, _, value = bytes(header[at + 4 : at + 4 + length]).partition(b"=")
-        fields[name] = value
-        at += 4 + length
-    return fields
-
-
-def _ros1_chunk(compression: bytes, body: memoryview) -> memoryview:
-    if compression == b"bz2":
-        return memoryview(bz2.BZ2Decompressor().decompress(body))
-    if compression == b"lz4":
-        return memoryview(lz4.frame.LZ4FrameDecompressor().decompress(body))
-    return body
-
-
 def _sqlite3(file: Path) -> Iterator[_Message]:
     with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as database:
-        # Without this, sqlite refuses a file that is shorter than its first page says.
+        # without this, sqlite refuses a file that is shorter than its first page says
         database.execute("PRAGMA writable_schema = ON")
         topics = {key: (name, msgtype) for key, name, msgtype in database.execute("SELECT id, name, type FROM topics")}
         for key, time, data in database.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED"):

@@ -1,4 +1,4 @@
-"""A replay's rows: estimates.csv, a row for each pose, and the same numbers on disk for statistics and figures."""
+"""The rows of a replay: estimates.csv, and the same numbers on disk for statistics and figures."""
 
 import math
 import struct
@@ -31,8 +31,8 @@ COLUMNS = (
     "quality_flags",
 )
 """Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; speed of its fastest
-plate [m/s]; wrenches in the sensor frame [N], [N m]; or the reason for none; which model answered; `Phase`, empty where
-the pose or its velocity was not known; names of `QualityFlag`s, joined by +."""
+plate [m/s]; wrenches in the sensor frame [N], [N m]; or the reason for no estimate; generation of the model; `Phase`,
+empty where the pose or its velocity is unknown; names of `QualityFlag`s, joined by +."""
 
 _SIX = ",%.9g" * 6
 _FULL = "%d.%09d,%.9g,%.9g" + 3 * _SIX + ",,%d%s"
@@ -42,7 +42,7 @@ _WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + ",,%d%s"
 def csv_row(
     depth: float | None, answer: Estimate | NoEstimate, measurement: Measurement | None, phase: Phase | None
 ) -> str:
-    """One line of estimates.csv; `measurement`: that of an estimate."""
+    """One line of estimates.csv; `measurement`: the estimate's, None without one."""
     seconds, nanoseconds = divmod(answer.stamp, 1_000_000_000)
     if isinstance(answer, NoEstimate):
         place = "" if depth is None else f"{depth:.9g}"
@@ -60,7 +60,7 @@ def _end(phase: Phase | None, quality_flags: int) -> str:
 
 
 PHASES = tuple(Phase)
-"""What a row's `phase` counts from 0; -1: none."""
+"""The phases by the number in a row's `phase`; -1: none."""
 
 ROW = np.dtype(
     [
@@ -73,7 +73,7 @@ ROW = np.dtype(
         ("state", "<f8", 13),
     ]
 )
-"""A pose that tells where the tool is: stamp [ns], phase, an or of `QualityFlag`, depth [m], wrenches in the sensor
+"""A pose with a known depth: stamp [ns], phase, an or of `QualityFlag`, depth [m], wrenches in the sensor
 frame [N, N m], NaN where there is none, and, with an estimate, the state (columns `rft_ros.rft.STATE`)."""
 
 _LAYOUT = struct.Struct("<3q13d")

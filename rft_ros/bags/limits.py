@@ -1,4 +1,4 @@
-"""Limits on a replay's metrics, for continuous integration: which are kept, and which are not."""
+"""Limits on a replay's metrics, for continuous integration."""
 
 import difflib
 import math
@@ -17,7 +17,7 @@ __all__ = ["Limit", "LimitCheck", "check", "limit_lines", "read_limits"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """What a metric, named by its dotted path in summary.json, may be."""
+    """Inclusive limits of a metric, which is named by its dotted path in summary.json."""
 
     metric: str
     min: float = -math.inf
@@ -26,22 +26,22 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitCheck:
-    """A limit and what the metric came to; None where there is no value, which keeps no limit."""
+    """A limit and the metric's value, None where there is none. A missing value fails the check."""
 
     limit: Limit
     value: float | None
 
     @property
     def kept(self) -> bool:
-        """Whether the value lies within the limit."""
+        """Whether there is a value and it lies within the limit."""
         return self.value is not None and self.limit.min <= self.value <= self.limit.max
 
 
 def read_limits(file: Path) -> list[Limit]:
-    """A YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, either or both; anything else is an InputError."""
+    """Read a YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, either or both; else InputError."""
     tree = read_yaml(file, "limits file")
     if not isinstance(tree, dict) or not tree:
-        raise InputError(f"limits file '{file}' holds no metrics; a line is such as 'estimates: {{min: 1000}}'")
+        raise InputError(f"limits file '{file}' holds no metrics; write lines such as 'estimates: {{min: 1000}}'")
     return [_limit(file, str(metric), bounds) for metric, bounds in tree.items()]
 
 
@@ -58,20 +58,20 @@ def _limit(file: Path, metric: str, bounds: object) -> Limit:
 
 
 def check(limits: list[Limit], summary: Summary) -> list[LimitCheck]:
-    """Hold a summary against limits. A metric that summary.json does not have is an InputError."""
+    """Check a summary against limits. InputError for a metric that summary.json does not have."""
     content = summary.content()
     for words in ("damage", "parameters"):
         del content[words]
     there = dict(_metrics(content))
     there |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
-    findings = []
+    checks = []
     for limit in limits:
         if limit.metric not in there:
             near = difflib.get_close_matches(limit.metric, there, n=1)
             advice = f"; did you mean '{near[0]}'?" if near else ""
             raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{advice}")
-        findings.append(LimitCheck(limit=limit, value=there[limit.metric]))
-    return findings
+        checks.append(LimitCheck(limit=limit, value=there[limit.metric]))
+    return checks
 
 
 def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, float | None]]:
@@ -82,13 +82,13 @@ def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, flo
             yield f"{path}{key}", value
 
 
-def limit_lines(findings: list[LimitCheck]) -> list[str]:
-    """A table: each limit, the value, and whether it is kept."""
-    width = max(len(f.limit.metric) for f in findings)
+def limit_lines(checks: list[LimitCheck]) -> list[str]:
+    """A table: each limit, the value, and ok or FAILED."""
+    width = max(len(c.limit.metric) for c in checks)
     text = [f"  {'metric':<{width}}{'value':>12}{'min':>10}{'max':>10}"]
-    for finding in findings:
-        limit = finding.limit
-        value = "-" if finding.value is None else f"{finding.value:.5g}"
+    for checked in checks:
+        limit = checked.limit
+        value = "-" if checked.value is None else f"{checked.value:.5g}"
         bounds = "".join(f"{'' if math.isinf(b) else f'{b:g}':>10}" for b in (limit.min, limit.max))
-        text.append(f"  {limit.metric:<{width}}{value:>12}{bounds}  {'ok' if finding.kept else 'FAILED'}")
+        text.append(f"  {limit.metric:<{width}}{value:>12}{bounds}  {'ok' if checked.kept else 'FAILED'}")
     return text

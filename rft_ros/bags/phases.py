@@ -1,18 +1,24 @@
-"""The phase of every moment: where the tool is and which way it goes, without flicker."""
+"""The phase of every pose: where the tool's lowest point is and which way it goes, without flicker."""
 
+import math
 from collections.abc import Iterator
 from enum import Enum
 from typing import Generic, NamedTuple, TypeVar
 
-__all__ = ["Moment", "Phase", "Phases"]
+import numpy as np
+
+from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
+from rft_ros.rft import rotation_matrix
+
+__all__ = ["Moment", "Motion", "Phase", "Phases"]
 
 
 class Phase(str, Enum):
     """What the tool does. Values are what users read.
 
-    APPROACH: its lowest point is above the surface, but for WITHDRAWAL. PENETRATION: below it, and that point goes
-    down. DWELL: below it, slower than `rest_speed`; RFT says nothing about rest. WITHDRAWAL: that point goes up, or has
-    come out and has not gone down or sideways since. PLOUGHING: below the surface, in any other motion.
+    APPROACH: its lowest point is above the surface, except in WITHDRAWAL. PENETRATION: below it, and that point moves
+    down. DWELL: below it, slower than `rest_speed`. WITHDRAWAL: that point moves up, or has left the grains and has
+    not moved down or sideways since. PLOUGHING: below the surface, in any other motion.
     """
 
     APPROACH = "approach"
@@ -26,7 +32,7 @@ class Phase(str, Enum):
 
 
 class Moment(NamedTuple):
-    """Where the tool's lowest point is and goes at a stamp [ns].
+    """Position and motion of the tool's lowest point at a stamp [ns].
 
     `depth` [m], negative above the surface; `sinking`: its velocity downwards, `travel`: its speed, and `speed`: that
     of the tool's fastest point [m/s].
@@ -39,26 +45,72 @@ class Moment(NamedTuple):
     speed: float
 
 
+_UNPLACED = {
+    Reason.POSE_NOT_FINITE,
+    Reason.POSE_QUATERNION_NOT_UNIT,
+    Reason.POSE_FRAME_UNKNOWN,
+    Reason.POSE_STAMP_ZERO,
+    Reason.POSE_REPEATED,
+    Reason.POSE_OUT_OF_ORDER,
+}
+"""Reasons for which a pose does not tell where the tool is."""
+
+
+class Motion:
+    """The motion of an estimator's tool, pose by pose."""
+
+    def __init__(self, estimator: Estimator) -> None:
+        self._estimator = estimator
+        self._corners = estimator.model.tool.corners
+        self._settings = estimator.settings
+        self._deepest = -math.inf
+        self._up = np.array([0.0, 0.0, 1.0])
+
+    def after(self, answer: Estimate | NoEstimate) -> tuple[float | None, Moment | None]:
+        """Depth of the lowest point at the pose just answered [m], and its motion.
+
+        The depth is None if the pose does not tell it; the motion is None without an estimate, except at rest.
+        """
+        if isinstance(answer, NoEstimate) and answer.reason is not Reason.AT_REST:
+            return None if answer.reason in _UNPLACED else self._estimator.depth(), None
+        state = self._estimator.state
+        rotation = rotation_matrix(state[3:7])
+        x, y, z = (rotation @ self._corners[(self._corners @ rotation[2]).argmin()]).tolist()
+        depth = self._settings.surface_height - float(state[2]) - z
+        if depth > self._deepest:
+            self._deepest, self._up = depth, rotation[2]
+        vx, vy, vz, wx, wy, wz = state[7:13].tolist()
+        vx, vy, vz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        speed = answer.speed if isinstance(answer, Estimate) else 0.0
+        return depth, Moment(answer.stamp, depth, -vz, math.hypot(vx, vy, vz), speed)
+
+    def vertical_axis(self) -> tuple[str, str]:
+        """The sensor axis nearest to vertical where the tool was deepest, and whether it points up or down."""
+        up = self._up @ rotation_matrix(self._settings.load_cell.quaternion)
+        axis = int(np.argmax(np.abs(up)))
+        return "xyz"[axis], "up" if up[axis] > 0.0 else "down"
+
+
 _HOLD = 100_000_000
-"""A new phase counts from its first moment, once it has lasted this long [ns]."""
+"""A new phase must last this long [ns]; it then counts from its first moment."""
 
 _WAITING = 4096
-"""Moments that may wait for a phase to be settled, however their stamps lie."""
+"""Greatest number of moments that wait for their phase."""
 
 _STEEP, _STILL_STEEP = 0.1, 0.05
-"""Sine of the least slope on which the tool goes down or up; the second holds for the phase that it is in."""
+"""Sine of the least slope that counts as down or up; the second one once the tool is in that phase."""
 
 _STILL_AT_REST = 1.5
-"""At rest already, a tool stays so up to this many times `rest_speed`."""
+"""A tool at rest stays at rest up to this many times `rest_speed`."""
 
 _Item = TypeVar("_Item")
 _Settled = tuple[_Item, Phase | None]
 
 
 class Phases(Generic[_Item]):
-    """Tells the phase of moments that come in one by one; an item of the caller's goes through with each.
+    """The phase of moments that come one by one, each with an item of the caller's.
 
-    A moment is given back with its phase when that is settled, at most 0.1 s later, and in the order of the moments.
+    `push` returns the items, in order, with their phase once it is settled, at most 0.1 s later.
     """
 
     def __init__(self, rest_speed: float) -> None:
@@ -70,7 +122,7 @@ class Phases(Generic[_Item]):
         self._waiting: list[tuple[_Item, bool]] = []
 
     def push(self, item: _Item, moment: Moment | None) -> list[_Settled[_Item]]:
-        """Take a moment, None where the motion is not known; the items whose phase is settled by it, None for those."""
+        """Add a moment, None where the motion is unknown (its phase is None too); return the items settled by it."""
         if moment is None:
             if not self._waiting:
                 return [(item, None)]
@@ -81,7 +133,7 @@ class Phases(Generic[_Item]):
             settled += self.finish()
             self._phase = None
         self._newest = moment.stamp
-        seen = self._seen(moment)
+        seen = self._phase_of(moment)
         if self._phase is None:
             self._phase = seen
         if seen is self._phase:
@@ -98,7 +150,7 @@ class Phases(Generic[_Item]):
         return settled
 
     def finish(self) -> list[_Settled[_Item]]:
-        """The items that still wait."""
+        """Return the items that still wait."""
         return list(self._settle(self._candidate))
 
     def _settle(self, phase: Phase | None) -> Iterator[_Settled[_Item]]:
@@ -108,8 +160,8 @@ class Phases(Generic[_Item]):
         for item, known in waiting:
             yield item, phase if known else None
 
-    def _seen(self, moment: Moment) -> Phase:
-        """The phase by this moment alone, and by the present one where that has been left by a hair."""
+    def _phase_of(self, moment: Moment) -> Phase:
+        """The phase by this moment alone, with hysteresis in favour of the present phase."""
         now = self._phase
         rest, travel = self._rest_speed, moment.travel
         down = moment.sinking >= max(rest, travel * (_STILL_STEEP if now is Phase.PENETRATION else _STEEP))

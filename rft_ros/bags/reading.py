@@ -1,4 +1,4 @@
-"""Recordings in: stamped samples of rosbag2 (MCAP, sqlite3) and ROS 1 bags, in one order, as far as there are any."""
+"""Recordings in: stamped samples of rosbag2 (MCAP, sqlite3) and ROS 1 bags, in the order of their receive times."""
 
 import re
 from bisect import bisect_left
@@ -20,10 +20,10 @@ __all__ = ["Recording"]
 _RANK: tuple[Role, ...] = ("wrench", "twist", "pose")
 
 _LATEST = 100_000_000
-"""A message that comes up to this far [ns] too late in its file (split and damaged bags) is still put in order."""
+"""Greatest delay [ns] of a message in its file that is still sorted (split and damaged bags)."""
 
 _TOGETHER = 256
-"""Messages put in order at a time."""
+"""Messages sorted at a time."""
 
 _SUFFIXES = (".mcap", ".db3", ".bag")
 
@@ -66,15 +66,15 @@ class _IndexedPart:
 class Recording:
     """The samples of one bag, for use in a `with` block and one `for` loop.
 
-    Memory does not grow with the bag, save for the index of a ROS 1 bag, which rosbags keeps.
+    Memory does not grow with the bag, except for the index of a ROS 1 bag, which rosbags keeps.
 
     `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: the topic of each role that is wanted; only
     these are read. `start`, `end`: seconds of receive time after the bag's first message, of whatever topic.
 
     Order: receive time (the bag's log time); at equal times wrench, twist, pose; then the order in the file.
 
-    A bag without pose topic, or without the twist topic where one is asked for, a topic of another type and a path that
-    is no bag are InputErrors. A damaged bag is used up to the damage, and `damage` then says where that was and why.
+    A missing pose or twist topic, a topic of another type, a path that is no bag and a ROS 1 bag without index are
+    InputErrors. A damaged bag is used up to the damage, and `damage` then says where that was and why.
     """
 
     def __init__(
@@ -120,7 +120,7 @@ class Recording:
 
     @property
     def damage(self) -> str | None:
-        """Why the bag could not be read as it should be, and what was used; None for a good bag. Ask after the loop."""
+        """Where and why reading stopped early, and what was used; None for a good bag. Complete after the loop."""
         if not self._why:
             return None
         used, seconds = sum(self.counts.values()), (self.time - self.first) * 1e-9
@@ -146,7 +146,7 @@ class Recording:
         for number, (time, topic, data) in enumerate(self._messages(rank)):
             queue.append((time, rank[topic], number, data))
             if len(queue) >= _TOGETHER and number % _TOGETHER == 0:
-                queue.sort()  # all but sorted already: cheaper than a heap
+                queue.sort()  # almost sorted already: cheaper than a heap
                 ready = bisect_left(queue, (queue[-1][0] - _LATEST,))
                 yield from queue[:ready]
                 del queue[:ready]
@@ -157,22 +157,22 @@ class Recording:
         for part in self._parts:
             try:
                 yield from part.messages(topics, self.first, self.last + 1)
-            except Exception as error:  # whatever the damage does to rosbags' parsers
+            except Exception as error:  # damage raises anything in rosbags' parsers
                 self._why = f"{part.name} is damaged: {_sentence(error)}"
                 return
 
     def _open(self) -> None:
-        """Through rosbags if it can; else file by file, and a file that rosbags cannot open by its records."""
+        """Open the bag by rosbags; if that fails, file by file, and a damaged file record by record."""
         bag = self.bag
         if not bag.exists():
             raise InputError(f"bag '{bag}' does not exist")
         if bag.is_file() and bag.suffix not in _SUFFIXES:
             raise InputError(
-                f"'{bag}' is no bag: a bag is a rosbag2 folder or a file that ends in {', '.join(_SUFFIXES)}"
+                f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {', '.join(_SUFFIXES)}"
             )
         files = sorted((f for f in bag.iterdir() if f.suffix in _SUFFIXES[:2]), key=_natural) if bag.is_dir() else [bag]
         if not files and not (bag / "metadata.yaml").exists():
-            raise InputError(f"folder '{bag}' is no bag: it has no metadata.yaml and no .mcap or .db3 file")
+            raise InputError(f"folder '{bag}' is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
         try:
             self._parts = [_IndexedPart(bag)]
         except Exception as error:
@@ -183,6 +183,8 @@ class Recording:
             try:
                 part: _Part = _IndexedPart(file)
             except Exception as error:
+                if file.suffix == ".bag":
+                    raise InputError(f"bag '{bag}' cannot be read ({_sentence(error)}); try 'rosbag reindex'") from None
                 self._why = f"{file.name} is damaged: {_sentence(error)}"
                 self._parts.append(DamagedFile(file))
                 return
@@ -213,7 +215,7 @@ class Recording:
 
 
 def _natural(file: Path) -> list[str]:
-    """Numbers in a name by value, so that part 10 of a split bag comes after part 9."""
+    """Sort key: numbers in a name count by value, so that part 10 of a split bag comes after part 9."""
     return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
 
 

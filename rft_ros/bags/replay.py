@@ -1,4 +1,4 @@
-"""A recording through the estimator: estimates as a bag and a table, a summary, a report."""
+"""Replay a recording through the estimator: estimates as a bag and a table, a summary, a report."""
 
 import json
 import time
@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from rft_ros.bags.doubt_counts import counted_flags
 from rft_ros.bags.estimates import COLUMNS, Trace, csv_row
-from rft_ros.bags.motion import Motion
-from rft_ros.bags.phases import Phase, Phases
+from rft_ros.bags.phases import Motion, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.statistics import statistics
+from rft_ros.bags.statistics import count_flags, statistics
 from rft_ros.bags.summary import Summary
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
@@ -26,7 +24,7 @@ __all__ = ["replay", "replay_model"]
 
 
 def replay_model(values: Values) -> Model:
-    """The model of the parameters, ready to answer; one serves any number of replays."""
+    """Load and compile the model that the parameters describe; it serves any number of replays."""
     model = model_of(values)
     warm_up(model)
     return model
@@ -46,20 +44,20 @@ def replay(
     figures: bool = False,
     label: str | None = None,
 ) -> Summary:
-    """Push a bag's samples through the estimator and write what comes out to the folder `out`.
+    """Play a bag through the estimator and write the results to the folder `out`.
 
     `values`: the node's parameters (`read_parameter_file`). `remap`, `tare`, `start`, `end`: as in `ReplayOptions`.
-    `model`: `replay_model(values)`, if it is at hand. `label`: what the progress bar says, if not the bag's name.
+    `model`: `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
 
     Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with
-    `report` ``report.html``, with `figures` its figures as PNG. All but wall.json are the same, byte for byte, for the
-    same bag, parameters and versions. A bag that cannot be used is an InputError (`Recording` lists what that can be),
-    and so is a tare that the estimator refuses.
+    `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters and versions give the same
+    bytes, except in wall.json. Rows are in the order of the poses' arrival; the messages in ``estimates/`` too, each at
+    its pose's stamp. Raises InputError for a bag that cannot be used (`Recording`) and for a tare that is refused.
     """
-    ReplayOptions(remap=tuple(remap), tare=tare, start=start, end=end)  # refuses spans that cannot be
+    ReplayOptions(remap=tuple(remap), tare=tare, start=start, end=end)  # checks the values
     topics = topics_of(values, remap)
     if bag.resolve() in (out.resolve(), (out / "estimates").resolve()):
-        raise InputError(f"bag '{bag}' lies where its own results would be written; choose another output folder")
+        raise InputError(f"bag '{bag}' lies where the results would be written; choose another output folder")
     model = model or replay_model(values)
 
     began = time.perf_counter()
@@ -72,12 +70,12 @@ def replay(
         out.mkdir(parents=True, exist_ok=True)
         with Trace(out) as trace:
             with Recording(bag, topics, start=start, end=end) as recording:
-                _answer_all(recording, estimator, motion, trace, out, label or bag.name)
+                _write_estimates(recording, estimator, motion, trace, out, label or bag.name)
             if not recording.counts["pose"]:
                 why = f" ({recording.damage})" if recording.damage else ""
                 raise InputError(f"bag '{bag}' has no message on {topics['pose']} in the part that is replayed{why}")
             whole, phases = statistics(trace)
-            quality_flags, trust = counted_flags(trace)
+            quality_flags, trust = count_flags(trace)
             estimator.counts.pop("estimates", 0)
             summary = Summary(
                 bag=bag.resolve().name,
@@ -102,7 +100,7 @@ def replay(
             wall = {"seconds": summary.seconds, "real_time_factor": summary.real_time_factor}
             (out / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
             if report or figures:
-                from rft_ros.bags.illustrated import draw
+                from rft_ros.bags.replay_report import draw
 
                 draw(summary, trace, model, out, vertical=motion.vertical_axis(), page=report, pictures=figures)
     except OSError as error:
@@ -111,14 +109,14 @@ def replay(
 
 
 class _Row(NamedTuple):
-    """A pose's answer, the depth of the tool's lowest point [m] where the pose tells it, and the state as bytes."""
+    """A pose's answer, the depth of the tool's lowest point [m] if it is known, and the estimator's state as bytes."""
 
     answer: Estimate | NoEstimate
     depth: float | None
     state: bytes
 
 
-def _answer_all(
+def _write_estimates(
     recording: Recording, estimator: Estimator, motion: Motion, trace: Trace, out: Path, label: str
 ) -> None:
     """Play the recording; write each pose to table, bag and trace once its phase and measurement are known."""
@@ -162,7 +160,7 @@ def _write(writer: BagWriter, frame: str, estimate: Estimate, measurement: Measu
 def _bias(
     bag: Path, topics: Mapping[Role, str], settings: Settings, model: Model, start: float, seconds: float
 ) -> Wrench:
-    """The estimator's tare over the first `seconds`, from the first pose on whose velocity is known."""
+    """The estimator's tare over the first `seconds`, from the first pose with a known velocity on."""
     estimator = Estimator(settings, model)
     begin = newest = 0
     with Recording(bag, topics, start=start, end=start + seconds) as recording:

@@ -1,6 +1,7 @@
-"""Size of measured, predicted and residual wrenches: over everything, by phase, and by depth within a phase."""
+"""Statistics of a replay: size of the wrenches, overall, by phase and by depth; counts of quality flags."""
 
 import math
+from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -9,16 +10,17 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import AXES, PHASES, Trace
 from rft_ros.bags.phases import Phase
+from rft_ros.estimator.quality import Trust, flag_names, trust
 
-__all__ = ["Axis", "Group", "PhaseGroup", "Spread", "statistics"]
+__all__ = ["Axis", "Group", "PhaseGroup", "Spread", "count_flags", "statistics"]
 
 _NAMES = (*AXES, "force", "torque")
-_WORTH_A_RATIO = 0.2
+_LEAST_SHARE = 0.2
 _MOST_BINS = 10
 _IN_GRAINS = (Phase.PENETRATION, Phase.PLOUGHING, Phase.WITHDRAWAL)
 
 _RATIOS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 7370)])
-"""Bins of relative errors, 0.25 % wide: a median of any number of them in a memory that does not grow."""
+"""Bins of relative errors, 0.25 % wide: their median takes constant memory."""
 
 _Block = NDArray[np.float64]
 
@@ -49,9 +51,8 @@ class Group:
     """Statistics of some estimates.
 
     `wrench`: by axis. `rms_over_peak`: RMS of the residual force over the group's greatest measured force.
-    `median_relative_error`: median of abs(residual force) / abs(measured force) over the estimates whose measured force
-    is over 20 % of the greatest of the whole replay (between the two middle ones, or within
-    0.25 % of them). None without values.
+    `median_relative_error`: median of abs(residual force) / abs(measured force), within 0.25 %, over estimates whose
+    measured force exceeds 20 % of the greatest of the whole replay. None without values.
     """
 
     estimates: int
@@ -78,7 +79,7 @@ class _Sums:
         self._sum, self._squares, self._peaks = np.zeros(24), np.zeros(24), np.zeros(24)
         self._ratios = np.zeros(len(_RATIOS) - 1, dtype=np.int64)
 
-    def add(self, rows: _Block, worth: float) -> None:
+    def add(self, rows: _Block, least_force: float) -> None:
         self.estimates += len(rows)
         there = ~np.isnan(rows)
         values = np.where(there, rows, 0.0)
@@ -87,7 +88,7 @@ class _Sums:
         self._squares += (values * values).sum(axis=0)
         self._peaks = np.maximum(self._peaks, np.abs(values).max(axis=0, initial=0.0))
         force, residual = rows[:, 6], rows[:, 22]
-        big = force > worth
+        big = force > least_force
         self._ratios += np.histogram(np.minimum(residual[big] / force[big], _RATIOS[-1]), _RATIOS)[0]
 
     def group(self) -> Group:
@@ -134,7 +135,7 @@ def _bin_names(edges: _Block) -> list[str]:
 
 
 def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
-    """Of all estimates, and of each phase, every phase included; a phase in the grains by depth as well."""
+    """Statistics of all estimates, and of each phase by name; of a phase in the grains by depth as well."""
     deepest = largest = 0.0
     for block in trace.blocks():
         force = np.linalg.norm(block["compensated"][:, :3], axis=1)
@@ -142,32 +143,32 @@ def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
         answered = ~np.isnan(block["predicted"][:, 0])
         deepest = max(deepest, float(block["depth"][answered].max(initial=0.0)))
     edges = _bin_edges(deepest)
-    worth = _WORTH_A_RATIO * largest
+    least_force = _LEAST_SHARE * largest
     whole = _Sums()
     phases = {phase: _Sums() for phase in PHASES}
     bins = {phase: [_Sums() for _ in edges[1:]] for phase in _IN_GRAINS}
     for block in trace.blocks():
         rows = _columns(block)
         answered = ~np.isnan(block["predicted"][:, 0])
-        whole.add(rows[answered], worth)
+        whole.add(rows[answered], least_force)
         for code, phase in enumerate(PHASES):
             in_phase = block["phase"] == code
             phases[phase].poses += int(in_phase.sum())
-            phases[phase].add(rows[in_phase & answered], worth)
+            phases[phase].add(rows[in_phase & answered], least_force)
             if phase in bins:
-                _add_by_depth(bins[phase], edges, block["depth"], in_phase & answered, rows, worth)
+                _add_by_depth(bins[phase], edges, block["depth"], in_phase & answered, rows, least_force)
     names = _bin_names(edges)
     return whole.group(), {str(phase): _phase_group(sums, names, bins.get(phase, ())) for phase, sums in phases.items()}
 
 
 def _add_by_depth(
-    bins: list[_Sums], edges: _Block, depth: _Block, used: NDArray[np.bool_], rows: _Block, worth: float
+    bins: list[_Sums], edges: _Block, depth: _Block, used: NDArray[np.bool_], rows: _Block, least_force: float
 ) -> None:
     at = np.digitize(depth, edges[1:-1]) if len(edges) > 2 else np.zeros(len(depth), dtype=np.int64)
     for k, sums in enumerate(bins):
         chosen = used & (at == k) & (depth > 0.0)
         if chosen.any():
-            sums.add(rows[chosen], worth)
+            sums.add(rows[chosen], least_force)
 
 
 def _phase_group(sums: _Sums, names: list[str], bins: Iterable[_Sums]) -> PhaseGroup:
@@ -176,3 +177,19 @@ def _phase_group(sums: _Sums, names: list[str], bins: Iterable[_Sums]) -> PhaseG
     return PhaseGroup(
         group.estimates, group.wrench, group.rms_over_peak, group.median_relative_error, sums.poses, by_depth
     )
+
+
+def count_flags(trace: Trace) -> tuple[dict[str, int], dict[str, int]]:
+    """Estimates by the name of each `QualityFlag`, and by `Trust`; every name occurs."""
+    sets: Counter[int] = Counter()
+    for block in trace.blocks():
+        answered = ~np.isnan(block["predicted"][:, 0])
+        found, counts = np.unique(block["quality_flags"][answered], return_counts=True)
+        sets.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
+    by_flag = dict.fromkeys(flag_names(-1), 0)
+    by_trust = {level.value: 0 for level in Trust}
+    for quality_flags, count in sets.items():
+        by_trust[trust(quality_flags).value] += count
+        for name in flag_names(quality_flags):
+            by_flag[name] += count
+    return by_flag, by_trust

@@ -1,4 +1,4 @@
-"""What a replay came to: what was read, what was answered, and how large forces and residuals were."""
+"""The summary of a replay: what was read, what was answered, and the size of forces and residuals."""
 
 import json
 from collections.abc import Iterator, Sequence
@@ -15,7 +15,7 @@ __all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary:
-    """What summary.json holds, and how long the replay took, which it does not.
+    """The content of summary.json, and the wall time.
 
     `topics`: the topic read for each role. `messages`: how many of each role came in. `estimates`: poses with a
     prediction. `reasons`: poses and other samples that were not used, and estimates without residual, by reason.
@@ -55,7 +55,7 @@ class Summary:
         return Group(self.estimates, self.wrench, self.rms_over_peak, self.median_relative_error)
 
     def lines(self) -> list[str]:
-        """What a user wants to know first: counts, and the size of forces and residuals."""
+        """The summary for a terminal: counts, and the size of forces and residuals."""
         poses = self.messages["pose"]
         text = [f"{self.bag}: {self.estimates} estimates of {poses} poses, {self.real_time_factor:.0f} times real time"]
         for reason, n in self.reasons.items():
@@ -63,7 +63,9 @@ class Summary:
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
         named = ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n)
         if named:
-            text.append(f"  doubtful: {named}; trust: " + ", ".join(f"{name} {n}" for name, n in self.trust.items()))
+            text.append(
+                f"  quality flags: {named}; trust: " + ", ".join(f"{name} {n}" for name, n in self.trust.items())
+            )
         if self.damage:
             text.append(f"  reading stopped early: {self.damage}")
         for title, *cells in (("force on the tool", *METRIC_HEADS), *metric_rows(self)):
@@ -71,7 +73,7 @@ class Summary:
         return text
 
     def content(self) -> dict[str, Any]:
-        """What summary.json holds: the same for the same bag and parameters."""
+        """The content of summary.json: the same for the same bag and parameters."""
         content = asdict(self)
         del content["seconds"]
         return content

@@ -17,14 +17,14 @@ from rft_ros.estimator.messages import TYPES, wrench_cdr
 __all__ = ["BagWriter"]
 
 _MARK = {"written_by": "rft_ros"}
-"""Custom data of the bags that this program wrote, and may replace."""
+"""Custom data of bags that this program wrote and may replace."""
 
 
 class BagWriter:
     """Writes a rosbag2 folder, for use in a `with` block; the same messages give the same bytes.
 
-    A bag at `path` that a BagWriter wrote is replaced; anything else there is an InputError. What was written before an
-    exception leaves the block is kept as a whole bag.
+    A bag at `path` that a BagWriter wrote is replaced; anything else there is an InputError. If an exception leaves the
+    block, the bag holds what was written before.
     """
 
     def __init__(self, path: Path) -> None:
@@ -35,7 +35,7 @@ class BagWriter:
 
     def __enter__(self) -> "BagWriter":
         try:
-            self._make_room()
+            self._remove_old()
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         except OSError as error:
@@ -64,7 +64,7 @@ class BagWriter:
             self._connections[topic] = connection
         self._writer.write(connection, stamp, cdr)
 
-    def _make_room(self) -> None:
+    def _remove_old(self) -> None:
         if not self.path.exists():
             return
         try:
@@ -73,5 +73,5 @@ class BagWriter:
         except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
             ours = False
         if not ours:
-            raise InputError(f"'{self.path}' is there already and no bag that rft_ros wrote; it is not overwritten")
+            raise InputError(f"'{self.path}' already exists and was not written by rft_ros; not overwritten")
         shutil.rmtree(self.path)

@@ -70,7 +70,7 @@ def integration_option(command: argparse._ActionsContainer) -> None:
         "--integration",
         choices=_INTEGRATIONS,
         metavar="RULE",
-        help="centroid: published rule; refined: ours (default centroid; a reduced tool has its own)",
+        help="refined, or centroid: the published rule (default refined; a reduced tool keeps its own)",
     )
 
 
@@ -143,7 +143,10 @@ def recording_options(command: argparse._ActionsContainer, *, required: bool = F
 
 
 def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
-    """The parameters, and how to read the recording: the options over what the parameter file says."""
+    """The node's parameters, and how to read the recording: from the parameter file, overridden by options.
+
+    ``--tare 0`` overrides a `tare` of the file by none.
+    """
     from rft_ros.bags.playback import ReplayOptions, read_replay_options
     from rft_ros.estimator.parameters import defaults, read_parameter_file
 
@@ -151,7 +154,6 @@ def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     values = read_parameter_file(file) if file else defaults()
     written = read_replay_options(file) if file else ReplayOptions()
     given = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
-    return values, ReplayOptions(
-        remap=(*written.remap, *getattr(arguments, "remap", ())),
-        **{name: getattr(written, name) if value is None else value for name, value in given.items()},
-    )
+    chosen = {name: getattr(written, name) if value is None else value for name, value in given.items()}
+    chosen["tare"] = chosen["tare"] or None
+    return values, ReplayOptions(remap=(*written.remap, *getattr(arguments, "remap", ())), **chosen)

@@ -18,7 +18,7 @@ def _number(cell: str) -> float | None:
 
 
 def read_alpha_y_table(file: str) -> Table:
-    """Read and check a table; lines that begin with # and a line of names before the numbers are passed over.
+    """Read and check a table; lines that begin with # and a header line before the numbers are skipped.
 
     Raises InputError that names the file and what is wrong in it.
     """
@@ -59,4 +59,4 @@ def read_alpha_y_table(file: str) -> Table:
             f"alpha_y.table '{file}' has {len(data)} rows; a grid of {len(beta)} beta x {len(gamma)} gamma values"
             f" needs each pair once ({values.size} rows)"
         )
-    return Table(np.deg2rad(beta), np.deg2rad(gamma), values)
+    return Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)

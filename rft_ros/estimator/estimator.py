@@ -26,7 +26,7 @@ from rft_ros.rft import COLUMNS, STATE, Memory, rotation_matrix, unit_quaternion
 __all__ = ["TIME_JUMP", "Estimator"]
 
 TIME_JUMP = 1_000_000_000
-"""A stamp this far [ns] before the last one of its stream is a new beginning (a bag that loops), not a late sample."""
+"""A stamp this far [ns] before the last one of its stream starts a new run (a bag played in a loop)."""
 
 _ABSURD = 1e100
 """Forces [N] and torques [N m] from here on count as not finite: their squares overflow in any statistics."""
@@ -40,11 +40,11 @@ _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 class Estimator:
     """Predicted, compensated and residual wrench from poses, twists and load-cell samples.
 
-    `push_pose` answers at once: the prediction uses the last twist stamped at or before the pose, of those pushed so
-    far. A twist that comes after its pose is not used for it. The compensated and the residual wrench of that stamp
-    follow in `measurements`, when the load-cell samples on both sides of the stamp have come (`Comparison`), so that
-    they do not depend on the order of arrival. No sample further than `max_input_age` from the pose is used.
-    `counts` adds up estimates, and samples turned away or unanswered by reason.
+    `push_pose` answers at once. The prediction uses the last twist stamped at or before the pose, of those pushed so
+    far: a twist that comes after its pose is not used for it. The compensated and the residual wrench follow in
+    `measurements`, once the load-cell samples on both sides of the pose's stamp have come (`Comparison`): they do not
+    depend on the order of arrival. No sample further than `max_input_age` from the pose is used.
+    `counts`: estimates, and by reason the samples refused, poses without estimate and estimates without residual.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
@@ -92,17 +92,16 @@ class Estimator:
         return {str(r): self.settings.frame_sentence(r, frame) for r, frame in self._unknown_frames.items()}
 
     def counted(self) -> list[str]:
-        """What `counts` has, in words: ``pose_stamp_zero: 3``; beside an unknown frame, what it is."""
+        """`counts` in words: ``pose_stamp_zero: 3``; with an unknown frame, which one."""
         frames = self.unknown_frames()
         return [f"{r}: {n} ({frames[r]})" if r in frames else f"{r}: {n}" for r, n in sorted(self.counts.items())]
 
     # --- what is in force
 
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
-        """Take new settings or a new model from the next sample on.
+        """Apply new settings or a new model from the next sample on.
 
-        What was pushed before is kept, save for the load-cell samples when `sensor_frame` changes: they are in the
-        old frame's axes.
+        Samples pushed before are kept, except the load cell's when `sensor_frame` changes: they are in the old axes.
         """
         if model is not None:
             if model.tool is not self.model.tool:
@@ -156,7 +155,7 @@ class Estimator:
         return self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
 
     def _taken(self, history: deque[_Sample], sample: _Sample, unusable: Reason | None, late: Reason) -> Reason | None:
-        """Add a sample to the history of its kind; count and return the reason if it is unusable or late."""
+        """Add a sample to its history; if it is unusable or late, count and return the reason instead."""
         behind = history[-1].stamp - sample.stamp if history else 0
         if unusable is None and 0 < behind < TIME_JUMP:
             unusable = late
@@ -171,18 +170,18 @@ class Estimator:
         return None
 
     def measurements(self) -> list[Measurement]:
-        """Exactly one for each estimate, in their order: those that became final since the last call."""
+        """The comparisons that became final since the last call: one for each estimate, in the estimates' order."""
         return self._comparison.take()
 
     def finish(self) -> None:
-        """Make all measurements final: no sample follows (the end of a recording)."""
+        """Make all measurements final, at the end of a recording."""
         self._comparison.settle(math.inf)
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].
 
-        Nothing is changed: give it back through `use` as the load cell's `bias`. InputError says why it is refused: the
-        tool moved or was in the grains, its velocity is not known, or there are too few load-cell samples.
+        It changes nothing: pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved or was in
+        the grains, if its velocity is unknown, or for too few load-cell samples.
         """
         mean = self._tare.mean(self._wrenches, window)
         sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._result[0])[6:12]
@@ -201,7 +200,7 @@ class Estimator:
         return answer
 
     def _tick(self, sample: PoseSample) -> Estimate | Reason:
-        pose = self._accepted(sample)
+        pose = self._accept(sample)
         if isinstance(pose, Reason):
             return pose
         self._comparison.settle(pose.stamp)
@@ -212,21 +211,25 @@ class Estimator:
             self._tare.disturb(pose.stamp, f"the tool's velocity was not known ({no_twist.value})")
             return no_twist
         speed = self._speed()
-        self._evaluate(pose.stamp, speed)
-        in_grains = bool(self._result[0, 6] > 0.0)
+        area = self._evaluate(pose.stamp, speed)
+        in_grains = area > 0.0
         self._watch_for_tare(pose.stamp, speed, in_grains)
         if in_grains and speed < self.settings.rest_speed and self._memory is None:
-            self._answered()
+            self._keep_state()
             return Reason.AT_REST
         numbers = self._frame.into_sensor(self._next[0, 3:7], self._result[0])
         if not math.hypot(*numbers) < _ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
-        self._answered()
+        self._keep_state()
         self._comparison.add(pose.stamp, numbers, self._frame)
-        return self._estimate(pose.stamp, numbers, speed, in_grains)
+        quality_flags = self._quality.flags(
+            self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
+        )
+        fx, fy, fz, tx, ty, tz, *_ = numbers
+        return Estimate(pose.stamp, (fx, fy, fz, tx, ty, tz), speed, area, self.model.generation, quality_flags)
 
-    def _accepted(self, sample: PoseSample) -> PoseSample | Reason:
-        """The pose with its quaternion at unit length, now the last one; or why it cannot be used."""
+    def _accept(self, sample: PoseSample) -> PoseSample | Reason:
+        """Make the pose, its quaternion at unit length, the last one; or say why it cannot be used."""
         stamp = sample.stamp
         if stamp <= 0:
             return Reason.POSE_STAMP_ZERO
@@ -260,21 +263,21 @@ class Estimator:
             self._wrenches.clear()
 
     def _find_velocity(self, pose: PoseSample) -> Reason | None:
-        """Write the state at the pose, with the velocity in world axes; or say why there is no velocity."""
+        """Write the state at the pose, velocity in world axes; or say why the velocity is unknown."""
         state = self._next[0]
-        state[0:3] = pose.position
-        state[3:7] = pose.quaternion
         if self.settings.twist_source == "pose_difference":
             ready = self._difference.push(pose)
+            state[0:7] = (*pose.position, *pose.quaternion)
             state[7:13] = self._difference.twist
             return None if ready else Reason.POSE_HISTORY_SHORT
-        twist = next((t for t in reversed(self._twists) if t.stamp <= pose.stamp), None)
-        if twist is None:
+        for twist in reversed(self._twists):
+            if twist.stamp <= pose.stamp:
+                break
+        else:
             return Reason.TWIST_MISSING
         if pose.stamp - twist.stamp > self._max_age:
             return Reason.TWIST_STALE
-        state[7:10] = twist.linear
-        state[10:13] = twist.angular
+        state[:] = (*pose.position, *pose.quaternion, *twist.linear, *twist.angular)
         if twist.frame == self.settings.tool_frame:
             to_world = rotation_matrix(pose.quaternion)
             state[7:10] = to_world @ state[7:10]
@@ -282,7 +285,7 @@ class Estimator:
         return None
 
     def _is_rate_limited(self, stamp: int, *, answered: bool) -> bool:
-        """Whether a pose comes too soon after the last answer; if not and it is answered, the next one is due later.
+        """Whether a pose comes too soon after the last answered one; if not, and it is answered, count from it.
 
         A slack of a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz.
         """
@@ -297,12 +300,12 @@ class Estimator:
         vx, vy, vz, wx, wy, wz = self._next[0, 7:13].tolist()
         return math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.model.tool.plates.reach
 
-    def _evaluate(self, stamp: int, speed: float) -> None:
-        """The wrench on the tool at the state, into the result."""
+    def _evaluate(self, stamp: int, speed: float) -> float:
+        """Write the wrench on the tool at the state into the result; return the submerged area [m²]."""
         plates, law, surface = self.model.tool.plates, self.model.law, self.settings.surface_height
         if self._memory is None:
             wrenches(plates, law, self._next, surface_height=surface, threads=1, out=self._result)
-            return
+            return float(self._result[0, 6])
         if speed < self.settings.rest_speed:  # the noise of a tool at rest must not make a path
             self._next[0, 7:13] = 0.0
         self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
@@ -318,6 +321,7 @@ class Estimator:
             surface_height=surface,
             out=self._result,
         )
+        return float(self._result[0, 6])
 
     def _watch_for_tare(self, stamp: int, speed: float, in_grains: bool) -> None:
         if in_grains:
@@ -327,14 +331,6 @@ class Estimator:
         else:
             self._tare.still(stamp)
 
-    def _answered(self) -> None:
-        """The state under way becomes `state`."""
+    def _keep_state(self) -> None:
+        """The pose under way is answered: its state becomes `state`."""
         self._state, self._next = self._next, self._state
-
-    def _estimate(self, stamp: int, numbers: list[float], speed: float, in_grains: bool) -> Estimate:
-        quality_flags = self._quality.flags(
-            self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
-        )
-        fx, fy, fz, tx, ty, tz = numbers[:6]
-        area = float(self._result[0, 6])
-        return Estimate(stamp, (fx, fy, fz, tx, ty, tz), speed, area, self.model.generation, quality_flags)

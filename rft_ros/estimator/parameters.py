@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
@@ -40,13 +40,14 @@ Values = Mapping[str, Value]
 """Of all parameters, by name."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Parameter:
     """One parameter: its type is that of its default. `low`, `high`: inclusive, for each number of it."""
 
     name: str
     default: Value
     description: str
+    _: KW_ONLY
     unit: str = ""
     low: float = -math.inf
     high: float = math.inf
@@ -65,180 +66,114 @@ _ZERO3 = (0.0, 0.0, 0.0)
 
 PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
-        name="mesh.file",
-        default="plate",
-        description="Tool mesh: a path, a package:// URI, or the name of a shipped mesh"
+        "mesh.file",
+        "plate",
+        "Tool mesh: a path, a package:// URI, or the name of a shipped mesh"
         " (plate, ellipsoid, root_tip, sphere, abb_plate).",
     ),
-    Parameter(name="mesh.scale", default=0.001, unit="m", low=1e-9, high=1e6, description="Metres per mesh unit."),
+    Parameter("mesh.scale", 0.001, "Metres per mesh unit.", unit="m", low=1e-9, high=1e6),
     Parameter(
-        name="mesh.origin",
-        default=_ZERO3,
-        unit="mesh units",
-        description="Where the tool frame's origin lies, in mesh-file coordinates.",
+        "mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", unit="mesh units"
     ),
     Parameter(
-        name="medium.name",
-        default="generic",
-        choices=tuple(MEDIA),
-        description="Medium whose measured stresses are used (Li et al. 2013).",
+        "medium.name", "generic", "Medium whose measured stresses are used (Li et al. 2013).", choices=tuple(MEDIA)
     ),
+    Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", low=1e-6, high=1e6),
     Parameter(
-        name="medium.zeta",
-        default=1.0,
-        low=1e-6,
-        high=1e6,
-        description="Scale factor of the medium, from calibration.",
-    ),
-    Parameter(
-        name="medium.mobilization_length",
-        default=0.0,
-        unit="m",
-        low=0.0,
-        high=1e3,
-        description="Displacement to reach 63 % of full resistance at 30 mm depth; the force then holds while the tool"
+        "medium.mobilization_length",
+        0.0,
+        "Displacement to reach 63 % of full resistance at 30 mm depth; the force then holds while the tool"
         " rests. 0.0 disables memory, as published; enabling it takes a restart.",
-    ),
-    Parameter(
-        name="medium.calibrated_depth",
-        default=0.0,
         unit="m",
         low=0.0,
         high=1e3,
-        description="Greatest depth of the calibration; deeper estimates are flagged. 0.0: not known.",
     ),
     Parameter(
-        name="alpha_y.model",
-        default="constant",
-        choices=ALPHA_Y_MODELS,
-        description="Stress along the plate's horizontal direction e1.",
+        "medium.calibrated_depth",
+        0.0,
+        "Greatest depth of the calibration; deeper estimates are flagged. 0.0: not known.",
+        unit="m",
+        low=0.0,
+        high=1e3,
     ),
+    Parameter("alpha_y.model", "constant", "Stress along the plate's horizontal direction e1.", choices=ALPHA_Y_MODELS),
     Parameter(
-        name="alpha_y.table",
-        default="",
-        unit="deg, N/cm3",
-        description="CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table; relative to the parameter"
+        "alpha_y.table",
+        "",
+        "CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table; relative to the parameter"
         " file that names it.",
+        unit="deg, N/cm3",
     ),
     Parameter(
-        name="integration",
-        default="centroid",
+        "integration",
+        "refined",
+        "Integration rule for plates: refined (exact where the surface cuts a plate, smooth at the leading"
+        " edge, true to curved tools), or centroid (the published rule).",
         choices=INTEGRATIONS,
-        description="Rule for plates: centroid (published), or refined: exact where the surface cuts a plate, smooth at"
-        " the leading edge, true to curved tools.",
     ),
     Parameter(
-        name="tolerance",
-        default=0.025,
+        "tolerance",
+        0.025,
+        "Reduce the tool to the fewest plates whose wrench stays within this share of the force, at the"
+        " 95th percentile of random motions; 0.0: the full tool.",
         low=0.0,
         high=1.0,
-        description="Reduce the tool to the fewest plates whose wrench stays within this share of the force, at the"
-        " 95th percentile of random motions; 0.0: the full tool.",
     ),
+    Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", unit="m", low=-1e6, high=1e6),
+    Parameter("world_frame", "world", "frame_id of poses; z up."),
+    Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),
+    Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
+    Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", unit="m", low=-1e3, high=1e3),
     Parameter(
-        name="surface_height",
-        default=0.0,
-        unit="m",
-        low=-1e6,
-        high=1e6,
-        description="z of the undisturbed surface in world_frame.",
-    ),
-    Parameter(name="world_frame", default="world", description="frame_id of poses; z up."),
-    Parameter(name="tool_frame", default="tool", description="Frame of the mesh; twists may be in its axes."),
-    Parameter(
-        name="sensor_frame",
-        default="ft_sensor",
-        description="frame_id of the load cell, and of all published wrenches.",
-    ),
-    Parameter(
-        name="sensor.position",
-        default=_ZERO3,
-        unit="m",
-        low=-1e3,
-        high=1e3,
-        description="Origin of sensor_frame in tool_frame.",
-    ),
-    Parameter(
-        name="sensor.quaternion",
-        default=(0.0, 0.0, 0.0, 1.0),
+        "sensor.quaternion",
+        (0.0, 0.0, 0.0, 1.0),
+        "Orientation of sensor_frame in tool_frame, unit length.",
         unit="xyzw",
-        description="Orientation of sensor_frame in tool_frame, unit length.",
     ),
     Parameter(
-        name="sensor.sign",
-        default=1.0,
+        "sensor.sign",
+        1.0,
+        "1.0: the driver reports the force on the tool; -1.0: the force by the tool.",
         low=-1.0,
         high=1.0,
-        description="1.0: the driver reports the force on the tool; -1.0: the force by the tool.",
     ),
     Parameter(
-        name="sensor.bias",
-        default=(0.0,) * 6,
+        "sensor.bias",
+        (0.0,) * 6,
+        "What the driver reports with nothing attached: fx, fy, fz, tx, ty, tz.",
         unit="N, N m",
         low=-1e6,
         high=1e6,
-        description="What the driver reports with nothing attached: fx, fy, fz, tx, ty, tz.",
     ),
+    Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", unit="kg", low=0.0, high=1e3),
+    Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", unit="m", low=-1e3, high=1e3),
     Parameter(
-        name="sensor.mass",
-        default=0.0,
-        unit="kg",
-        low=0.0,
-        high=1e3,
-        description="Mass that hangs below the load cell.",
+        "twist_source", "topic", "Velocity from ~/twist, or from the last poses.", choices=("topic", "pose_difference")
     ),
+    Parameter("twist_window", 0.05, "Span of poses that pose_difference fits a line to.", unit="s", low=1e-4, high=1.0),
     Parameter(
-        name="sensor.center_of_mass",
-        default=_ZERO3,
-        unit="m",
-        low=-1e3,
-        high=1e3,
-        description="Centre of that mass in sensor_frame.",
-    ),
-    Parameter(
-        name="twist_source",
-        default="topic",
-        choices=("topic", "pose_difference"),
-        description="Velocity from ~/twist, or from the last poses.",
-    ),
-    Parameter(
-        name="twist_window",
-        default=0.05,
-        unit="s",
-        low=1e-4,
-        high=1.0,
-        description="Span of poses that pose_difference fits a line to.",
-    ),
-    Parameter(
-        name="max_input_age",
-        default=0.1,
+        "max_input_age",
+        0.1,
+        "Greatest difference between a pose's stamp and those of the twist and wrenches used with it.",
         unit="s",
         low=1e-6,
         high=1e6,
-        description="Greatest difference between a pose's stamp and those of the twist and wrenches used with it.",
     ),
+    Parameter("max_rate", 0.0, "Answer at most this often; 0.0: every pose.", unit="Hz", low=0.0, high=1e6),
     Parameter(
-        name="max_rate",
-        default=0.0,
-        unit="Hz",
-        low=0.0,
-        high=1e6,
-        description="Answer at most this often; 0.0: every pose.",
-    ),
-    Parameter(
-        name="rest_speed",
-        default=2e-4,
+        "rest_speed",
+        2e-4,
+        "Below this speed of its fastest point a tool in the grains is at rest: no estimate.",
         unit="m/s",
         low=0.0,
         high=1e3,
-        description="Below this speed of its fastest point a tool in the grains is at rest: no estimate.",
     ),
     Parameter(
-        name="executor",
-        default="events",
+        "executor",
+        "events",
+        "rclpy executor. events: half the latency and a third of the CPU time; single: single-threaded.",
         choices=("events", "single"),
         applies="restart",
-        description="rclpy executor. events: half the latency and a third of the CPU time; single: single-threaded.",
     ),
 )
 """Every parameter, in the order in which they are documented."""

@@ -22,7 +22,7 @@ Wrench = tuple[float, float, float, float, float, float]
 
 
 class PoseSample(NamedTuple):
-    """Tool frame in the frame named: stamp [ns], position [m], quaternion xyzw."""
+    """Pose of the tool frame in `frame`: stamp [ns], position [m], quaternion xyzw."""
 
     stamp: int
     frame: str
@@ -31,7 +31,7 @@ class PoseSample(NamedTuple):
 
 
 class TwistSample(NamedTuple):
-    """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], in the axes of the frame named."""
+    """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], in the axes of `frame`; stamp [ns]."""
 
     stamp: int
     frame: str
@@ -40,7 +40,7 @@ class TwistSample(NamedTuple):
 
 
 class WrenchSample(NamedTuple):
-    """What the load cell's driver publishes, bias and weight included: force [N], torque [N m], in the frame named."""
+    """The load cell's raw reading, with bias and weight: force [N], torque [N m], in `frame`; stamp [ns]."""
 
     stamp: int
     frame: str
@@ -48,7 +48,7 @@ class WrenchSample(NamedTuple):
 
 
 class Reason(str, Enum):
-    """Why a sample was not used, or why a pose brought no estimate or no residual. Values are what users read."""
+    """Why a sample was not used, or a pose has no estimate or no residual. Users read the values."""
 
     MESSAGE_UNREADABLE = "message_unreadable"
     POSE_NOT_FINITE = "pose_not_finite"
@@ -80,7 +80,7 @@ class Reason(str, Enum):
 
 
 class Estimate(NamedTuple):
-    """The answer to one pose, at once.
+    """The immediate answer to one pose.
 
     `stamp`: of the pose [ns]. `predicted`: wrench on the tool by the grains, from RFT, in sensor axes about the
     sensor's origin. `speed`: an upper bound of the plates' speeds [m/s]. `submerged_area` [m²]. `generation`: of the
@@ -96,7 +96,7 @@ class Estimate(NamedTuple):
 
 
 class NoEstimate(NamedTuple):
-    """No estimate for this pose, and why."""
+    """The pose with this stamp [ns] has no estimate; `reason` says why."""
 
     stamp: int
     reason: Reason

@@ -1,4 +1,4 @@
-"""What the estimator needs to know of the cell it runs in, and of the tool and grains it models."""
+"""What the estimator is configured with: frames and gates, the load cell, and the model of tool and medium."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -10,12 +10,12 @@ from rft_ros.tool import Tool
 __all__ = ["LoadCell", "Model", "Settings", "TwistSource"]
 
 TwistSource = Literal["topic", "pose_difference"]
-"""Where velocity comes from: the topic ~/twist, or the last poses."""
+"""Source of the velocity: the topic ~/twist, or the last poses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadCell:
-    """Where the load cell sits, how its driver counts, and what hangs on it.
+    """The load cell's mounting, its driver's sign and bias, and the mass below it.
 
     `position` [m] and `quaternion` xyzw: sensor frame in the tool frame. `sign`: +1 if the driver reports the force on
     the tool, -1 if the force by the tool. `bias`: what the driver reports with nothing attached, [N], [N m], raw sign.
@@ -32,7 +32,7 @@ class LoadCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Frames, sources, gates: [m], [s]. `max_rate` 0 answers every pose; `calibrated_depth` 0 is not known."""
+    """Frames, sources and gates, [m] and [s]. `max_rate` 0: answer every pose. `calibrated_depth` 0: unknown."""
 
     world_frame: str = "world"
     tool_frame: str = "tool"
@@ -47,7 +47,7 @@ class Settings:
     calibrated_depth: float = 0.0
 
     def frame_sentence(self, reason: Reason, frame: str) -> str:
-        """Which frame_id was turned away for a reason ``*_frame_unknown``, and what it is not."""
+        """For a reason ``*_frame_unknown``: the frame_id refused, and which one is expected."""
         if reason is Reason.POSE_FRAME_UNKNOWN:
             return f"pose frame_id {frame!r} is not world_frame {self.world_frame!r}"
         if reason is Reason.TWIST_FRAME_UNKNOWN:

@@ -1,11 +1,11 @@
-"""Twist by differencing poses on SE(3): the slope of a line through the last poses, which tames encoder noise."""
+"""Velocity from poses: the slope of a line fitted to the last ones on SE(3), which averages encoder noise."""
 
 import math
 
-import numba
 import numpy as np
 
 from rft_ros.estimator.samples import PoseSample
+from rft_ros.rft.compilation import compiled
 
 __all__ = ["PoseDifference"]
 
@@ -13,7 +13,7 @@ _CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
 _FEWEST = 3
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignore[no-untyped-def]
     """Least-squares slopes over the poses of the window; rotations as vectors from the newest pose, world axes.
 
@@ -33,7 +33,7 @@ def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignor
         age = stamps[newest] - stamps[at]
         if stamps[at] == 0 or age > oldest_allowed or (age > window and n >= _FEWEST):
             break
-        t = -1e-9 * age  # from integers: the same whenever the run began
+        t = -1e-9 * age  # from integer differences: independent of the epoch
         # rotation from the newest pose to this one: q_row * conj(q_newest), as a rotation vector
         bx, by, bz, bw = row[3], row[4], row[5], row[6]
         rx = bw * ax + bx * aw + by * az - bz * ay
@@ -60,7 +60,7 @@ def _slopes(stamps, ring, newest, window, oldest_allowed, twist):  # type: ignor
 
 
 class PoseDifference:
-    """Ring of the last poses. Causal: the twist is that of the window's middle, half a window ago."""
+    """A ring of the last poses. The twist is that of the window's middle, half a window ago."""
 
     def __init__(self) -> None:
         self._window = 0
@@ -76,7 +76,7 @@ class PoseDifference:
         self._max_age = max(round(1e9 * max_age), self._window)
 
     def push(self, pose: PoseSample) -> bool:
-        """Add a pose; True once `twist` (vx, vy, vz, wx, wy, wz; world axes) holds the answer for it."""
+        """Add a pose; whether there are enough for `twist` (vx, vy, vz, wx, wy, wz [m/s], [rad/s]; world axes)."""
         self._newest = (self._newest + 1) % _CAPACITY
         self._stamps[self._newest] = pose.stamp
         row = self._ring[self._newest]

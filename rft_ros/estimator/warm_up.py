@@ -67,7 +67,7 @@ def _warm_up_both(*, memory: bool) -> None:
 def compile_kernels(integration: Integration, memory: bool) -> None:
     """Compile, or load, the kernels of one rule of integration; with `memory`, also those that need it."""
     medium = next(iter(MEDIA.values()))
-    table = Table(np.zeros(1), np.zeros(1), np.ones((1, 1)))
+    table = Table.sampled([0.0], [0.0], [[1.0]])
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
     tool = load_tool("plate", integration=integration)
     for name in ALPHA_Y_MODELS:

@@ -113,12 +113,12 @@ def refused(path, *words, topics=NAMES):
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_bag_is_refused_with_its_name(tmp_path):
+def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
     refused(tmp_path / "gone", "does not exist")
     (tmp_path / "empty").mkdir()
     refused(tmp_path / "empty", "no metadata.yaml")
     (tmp_path / "notes.txt").write_text("no bag")
-    refused(tmp_path / "notes.txt", "is no bag")
+    refused(tmp_path / "notes.txt", "is not a bag")
     (tmp_path / "fake.mcap").write_bytes(b"no bag at all")
     refused(tmp_path / "fake.mcap")
     (tmp_path / "fake.bag").write_bytes(b"#ROSBAG V2.0\nnot really")

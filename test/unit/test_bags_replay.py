@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from recordings import START, STEP, TOPICS, moments, write_ros2
+from recordings import START, STEP, TOPICS, moments, plunge, write_ros2
 from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
@@ -62,6 +62,29 @@ def test_the_estimates_bag_holds_three_wrenches_in_the_sensor_frame(tmp_path):
     )
 
 
+def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_path):
+    random = np.random.default_rng(4)
+    rows = [(role, stamp + (3_000_000 if role == "wrench" else 0), v) for role, _, stamp, v in plunge()]
+    bags = []
+    for name, delay in (("prompt", 0), ("late", 5_000_000)):
+        received = []
+        for role in ("pose", "wrench"):  # each topic keeps its own order
+            stamps = np.array([stamp for r, stamp, _ in rows if r == role])
+            times = np.maximum.accumulate(stamps + random.integers(0, delay + 1, len(stamps))).tolist()
+            numbers = [v for r, _, v in rows if r == role]
+            received += [(role, *row) for row in zip(times, stamps.tolist(), numbers, strict=True)]
+        bags.append(write_ros2(tmp_path / name, sorted(received, key=lambda row: row[1])))
+        replay(bags[-1], tmp_path / f"{name}_out", values(twist_source="pose_difference"))
+    for file in ("estimates.csv", "estimates/estimates.mcap"):
+        assert (tmp_path / "prompt_out" / file).read_bytes() == (tmp_path / "late_out" / file).read_bytes(), file
+    assert sum(bool(row["residual_fz"]) for row in rows_of(tmp_path / "late_out")) > 500
+
+
+def test_a_tare_of_0_seconds_is_no_tare(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    assert replay(bag, tmp_path / "out", values(), tare=0.0).bias == (0.0,) * 6
+
+
 def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     summary = replay(bag, tmp_path / "out", values(), tare=0.15)
@@ -76,7 +99,7 @@ def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
         replay(bag, tmp_path / "out", values(), tare=0.5)
 
 
-def test_penetration_is_told_apart_from_the_rest(tmp_path):
+def test_penetration_has_statistics_of_its_own(tmp_path):
     summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
     rows = rows_of(tmp_path / "out")
     sinking = [r for r in rows if float(r["depth"]) > 0.0 and float(r["speed"]) > 0.0]
@@ -132,7 +155,7 @@ def test_a_tare_that_fails_for_a_wrong_frame_names_it(tmp_path):
         replay(bag, tmp_path / "out", values(), tare=0.2)
 
 
-def test_two_publishers_on_one_topic_are_told_by_their_stamps(tmp_path):
+def test_a_second_publisher_that_lags_is_out_of_order(tmp_path):
     rows = list(moments())
     late = [(role, time + 1, stamp - 5 * STEP, v) for role, time, stamp, v in rows if role == "pose"]
     summary = replay(write_ros2(tmp_path / "bag", sorted(rows + late, key=lambda r: r[1])), tmp_path / "out", values())

@@ -62,7 +62,7 @@ def test_the_page_loads_nothing(page):
 
 def test_the_page_has_every_figure_and_table(page):
     assert [i for i in References(page).ids if i and i.startswith("figure-")] == [f"figure-{c}" for c in CHARTS]
-    for title in ("Metrics", "Doubts", "Read", "Not used or unanswered", "Parameters", "Versions"):
+    for title in ("Metrics", "Quality flags", "Read", "Not used or unanswered", "Parameters", "Versions"):
         assert re.search(rf"<(h2|summary)>{title}</", page), title
 
 
@@ -108,7 +108,7 @@ def test_without_a_browser_the_test_says_what_is_missing(tmp_path, monkeypatch):
         show(tmp_path / "page.html", tmp_path)
 
 
-def test_doubts_are_in_the_table_the_summary_and_the_page(replays, page):
+def test_quality_flags_are_in_the_table_the_summary_and_the_page(replays, page):
     summary, (out, _) = replays
     rows = rows_of(out)
     counted = {name: sum(name in r["quality_flags"].split("+") for r in rows) for name in summary.quality_flags}
@@ -124,7 +124,7 @@ def test_doubts_are_in_the_table_the_summary_and_the_page(replays, page):
         assert (f"<td>{name}</td><td>{count:,}</td>" in page) == (count > 0)
 
 
-def test_without_doubts_or_wrench_there_is_a_page_too(tmp_path):
+def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     bag = write_ros2(tmp_path / "air", list(plunge())[:120], topics={r: TOPICS[r] for r in ("pose", "twist")})
     summary = replay(bag, tmp_path / "out", values(), report=True)
     assert summary.estimates == summary.trust["OK"] == 40
@@ -137,6 +137,6 @@ def test_the_tools_picture_says_what_memory_it_leaves_out(page, tmp_path):
     replay(
         write_ros2(tmp_path / "bag", plunge()), tmp_path / "out", values(medium__mobilization_length=0.003), report=True
     )
-    said = "what the grains remember is left out of this picture"
+    said = "at full strength, without memory"
     assert said in (tmp_path / "out" / "report.html").read_text()
     assert said not in page

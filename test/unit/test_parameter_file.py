@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
@@ -54,7 +55,7 @@ def test_what_a_file_does_not_say_stays_at_its_default(read):
     assert read("/**:\n  ros__parameters:\n    max_rate: 1.0\n") == {**defaults(), "max_rate": 1.0}
 
 
-def test_parameters_that_every_ros_node_has_are_passed_over(read):
+def test_parameters_that_every_ros_node_has_are_ignored(read):
     text = "/**:\n  ros__parameters:\n    use_sim_time: true\n    qos_overrides./tf.depth: 3\n    max_rate: 2.0\n"
     assert read(text)["max_rate"] == 2.0
 
@@ -127,16 +128,16 @@ def table(tmp_path):
 )
 def test_a_table_of_beta_is_read_in_degrees(table, text):
     read = table(text)
-    assert read.beta.tolist() == pytest.approx([0.0, math.pi / 2, math.pi])
-    assert read.gamma.tolist() == [0.0]
-    assert read.values.tolist() == [[0.2], [0.1], [0.05]]
+    assert (read.beta, read.beta_nodes) == pytest.approx((0.0, 2.0 / math.pi))
+    assert read.values[:, 0].tolist() == pytest.approx([0.2, 0.1, 0.05])
+    assert (read.values[:, 1:] == read.values[:, :1]).all()
 
 
 def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
     read = table("beta,gamma,alpha_y\n90,-30,3\n0,-30,1\n0,60,2\n90,60,4\n")
-    assert read.beta.tolist() == pytest.approx([0.0, math.pi / 2])
-    assert read.gamma.tolist() == pytest.approx([-math.pi / 6, math.pi / 3])
-    assert read.values.tolist() == [[1, 2], [3, 4]]
+    assert (read.beta, read.beta_nodes) == pytest.approx((0.0, 2.0 / math.pi))
+    assert (read.gamma, read.gamma_nodes) == pytest.approx((-math.pi / 6, 2.0 / math.pi))
+    assert read.values == pytest.approx(np.array([[1.0, 2.0], [3.0, 4.0]]))
 
 
 @pytest.mark.parametrize(
@@ -163,6 +164,25 @@ def test_a_table_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(ta
         table(text)
     assert sentence in str(refused.value)
     assert "alpha_y.csv" in str(refused.value)
+
+
+@pytest.mark.parametrize("name", ["table.csv", "below/table.csv"])
+def test_a_tables_path_is_relative_to_the_parameter_file_that_names_it(tmp_path, monkeypatch, name):
+    file = tmp_path / "cell.yaml"
+    file.write_text(f"/**:\n  ros__parameters:\n    alpha_y.model: table\n    alpha_y.table: {name}\n")
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("0,0.1\n90,0.2\n")
+    monkeypatch.chdir("/")
+    path = str(read_parameter_file(file)["alpha_y.table"])
+    assert path == str(tmp_path / name)
+    read_alpha_y_table(path)
+
+
+def test_an_absolute_path_of_a_table_and_none_are_kept(tmp_path):
+    file = tmp_path / "cell.yaml"
+    for written in ("/else/table.csv", ""):
+        file.write_text(f'/**:\n  ros__parameters:\n    alpha_y.table: "{written}"\n')
+        assert read_parameter_file(file)["alpha_y.table"] == written
 
 
 def test_a_missing_table_is_named():

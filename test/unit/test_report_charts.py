@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rft_ros.bags.estimates import Trace
-from rft_ros.bags.illustrated import decimated
 from rft_ros.bags.phases import Phase
+from rft_ros.bags.replay_report import decimated
 from rft_ros.estimator import Estimate, Measurement
 from rft_ros.estimator.quality import SCATTER, deviation
 from rft_ros.report.interactive import chart_figure

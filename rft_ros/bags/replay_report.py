@@ -1,0 +1,237 @@
+"""A replay's report and figures, made from the trace, the model and the summary."""
+
+import math
+import platform
+from collections.abc import Iterator, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.estimates import PHASES, ROW, Trace
+from rft_ros.bags.phases import Phase
+from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
+from rft_ros.estimator import Model
+from rft_ros.estimator.parameters import PARAMETERS
+from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
+from rft_ros.report.charts import Chart, ToolView, TractionMoment
+from rft_ros.report.page import Table, write_page
+from rft_ros.report.pictures import draw_chart, draw_tool
+from rft_ros.report.replay_charts import replay_charts
+from rft_ros.report.replay_series import FlaggedRows, ReplaySeries
+from rft_ros.rft import plate_forces, rotation_matrix
+from rft_ros.tool.drawing import drawable
+
+__all__ = ["decimated", "draw"]
+
+_BUCKETS = 1500
+_BLOCK = 4096
+_FRACTIONS = (0.25, 0.5, 0.75)
+_MOST_FACES = 4000
+_WITHOUT_MEMORY = " The traction shown is the law's at full strength, without memory."
+_PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
+
+
+def draw(
+    summary: Summary, trace: Trace, model: Model, out: Path, *, vertical: tuple[str, str], page: bool, pictures: bool
+) -> None:
+    """Write ``report.html`` (`page`) and the same figures as PNG (`pictures`) to the folder `out`.
+
+    `vertical`: the sensor axis nearest to vertical, and where it points ("up" or "down").
+    """
+    rows = decimated(trace)
+    first = int(rows["stamp"].min()) if len(rows) else 0
+    series = ReplaySeries(
+        time=(rows["stamp"] - first) * 1e-9,
+        depth=rows["depth"],
+        phase=rows["phase"],
+        phases=tuple(phase.value for phase in PHASES),
+        measured=rows["compensated"],
+        predicted=rows["predicted"],
+        deviation=np.array([deviation(wrench) for wrench in rows["predicted"].tolist()]).reshape(-1, 2),
+        quality_flags=tuple(_flagged(rows["quality_flags"])),
+        vertical=vertical,
+    )
+    charts = replay_charts(series)
+    surface = summary.parameters["surface_height"]
+    assert isinstance(surface, float)
+    tool = _tool_view(rows, model, surface_height=surface)
+    if page:
+        _write_page(summary, out / "report.html", charts=charts, tool=tool)
+    for chart in charts if pictures else ():
+        draw_chart(chart, out / f"{chart.name}.png", title=summary.bag)
+    if pictures and tool is not None:
+        draw_tool(tool, out / f"{tool.name}.png", title=summary.bag)
+
+
+def decimated(trace: Trace) -> NDArray[np.void]:
+    """Rows of the trace, all of them or some thousand.
+
+    Each bucket keeps its first row and those with the greatest depth, measured force and residual force.
+    """
+    size = math.ceil(len(trace) / _BUCKETS)
+    if size <= 4:
+        return np.concatenate([np.empty(0, ROW), *trace.blocks()])
+    parts = [np.empty(0, ROW)]
+    for block in trace.blocks(size * max(1, _BLOCK // size)):
+        starts = np.arange(0, len(block), size)
+        kept = {*starts.tolist()}
+        force = block["compensated"][:, :3]
+        for values in (
+            block["depth"],
+            np.linalg.norm(force, axis=1),
+            np.linalg.norm(force - block["predicted"][:, :3], axis=1),
+        ):
+            filled = np.full(len(starts) * size, -math.inf)
+            filled[: len(block)] = np.where(np.isnan(values), -math.inf, values)
+            kept |= set((starts + filled.reshape(-1, size).argmax(axis=1)).tolist())
+        parts.append(block[sorted(kept)])
+    return np.concatenate(parts)
+
+
+def _flagged(quality_flags: NDArray[np.int64]) -> Iterator[FlaggedRows]:
+    for flag in QualityFlag:
+        rows = (quality_flags & int(flag)) != 0
+        if rows.any():
+            yield FlaggedRows(name=flag_names(flag)[0], trust=trust(flag).value, rows=rows)
+
+
+def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: ToolView | None) -> None:
+    minutes, seconds = divmod(summary.duration, 60.0)
+    write_page(
+        file,
+        title=f"Replay of {summary.bag}",
+        sentence=f"The force and torque that the grains put on the tool, measured by the load cell and predicted by 3D"
+        f" granular Resistive Force Theory, at {summary.estimates:,} of {summary.messages['pose']:,} poses in"
+        f" {f'{minutes:.0f} min ' if minutes else ''}{seconds:.1f} s of recording. Both are on the tool by the grains,"
+        " in the axes and about the origin of the sensor frame.",
+        warning=f"Reading stopped early: {summary.damage}." if summary.damage else None,
+        tables=_tables(summary),
+        charts=charts,
+        tool=tool,
+    )
+
+
+def _tables(summary: Summary) -> Mapping[str, Table]:
+    units = {parameter.name: parameter.unit for parameter in PARAMETERS}
+    read = [(role, topic, f"{summary.messages[role]:,}") for role, topic in summary.topics.items()]
+    trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
+    unanswered = [(name, f"{count:,}") for name, count in summary.reasons.items()]
+    return {
+        "metrics": Table(
+            title="Metrics",
+            sentence="Of the force vector: greatest measured force; RMS and peak of the residual (measured less"
+            " predicted); RMS over peak of the same line; median of the relative error where the measured force is over"
+            f" 20 % of the recording's peak. Depth bins are those of {Phase.PENETRATION}. summary.json has every axis.",
+            heads=("", *METRIC_HEADS),
+            rows=metric_rows(summary),
+        ),
+        "quality_flags": Table(
+            title="Quality flags",
+            sentence=f"How many of the {summary.estimates:,} estimates have each flag (trust: {trusted})."
+            f" Each component of a predicted force scatters by {100 * SCATTER:.0f} % of the force's"
+            " magnitude (standard deviation, from simulated plates): the band in the figures.",
+            heads=("flag", "estimates", "trust", "meaning"),
+            rows=[
+                (name, f"{summary.quality_flags[name]:,}", trust(flag).value, sentences(flag))
+                for flag in QualityFlag
+                for name in flag_names(flag)
+                if summary.quality_flags[name]
+            ]
+            or [("none", "0", "", "")],
+            words=True,
+        ),
+        "read": Table(title="Read", heads=("role", "topic", "messages"), rows=read, words=True),
+        "reasons": Table(
+            title="Not used or unanswered",
+            sentence="Samples that were not used, poses without an estimate and estimates without a residual.",
+            heads=("reason", "count"),
+            rows=unanswered or [("none", "0")],
+        ),
+        "parameters": Table(
+            title="Parameters",
+            heads=("parameter", "value", "unit"),
+            rows=[(name, _text(value), units.get(name, "")) for name, value in summary.parameters.items()],
+            words=True,
+            folded=True,
+        ),
+        "versions": Table(
+            title="Versions",
+            heads=("package", "version"),
+            rows=[("Python", platform.python_version()), *((name, _version(name)) for name in _PACKAGES)],
+            words=True,
+            folded=True,
+        ),
+    }
+
+
+def _text(value: object) -> str:
+    if isinstance(value, tuple):
+        return ", ".join(_text(v) for v in value)
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:  # run from a source folder
+        return "not installed"
+
+
+def _tool_view(rows: NDArray[np.void], model: Model, *, surface_height: float) -> ToolView | None:
+    """The tool at some depths of the penetration, at its deepest (shown first), and during later phases.
+
+    None if no estimate has the tool in the grains.
+    """
+    indices, chosen = _moments(rows)
+    if not indices:
+        return None
+    vertices, faces, plates = drawable(model.tool, most_faces=_MOST_FACES)
+    moments = []
+    for index in indices:
+        row = rows[index]
+        state = np.array(row["state"])
+        forces = plate_forces(plates, model.law, state, surface_height=surface_height)
+        placed = vertices @ rotation_matrix(state[3:7]).T
+        placed[:, 2] += state[2]
+        force = forces.sum(axis=0).tolist()
+        moments.append(
+            TractionMoment(
+                label=f"{1e3 * row['depth']:.1f} mm, {PHASES[row['phase']]}",
+                vertices=placed,
+                traction=np.linalg.norm(forces, axis=1) / plates.packed[6],
+                force=(force[0], force[1], force[2]),
+            )
+        )
+    return ToolView(
+        title="Tool and traction",
+        sentence="The tool coloured by the predicted traction on its leading faces, in world axes (x and y from the"
+        " tool's origin), the surface of the grains, and the predicted force as an arrow. The slider goes through"
+        " moments of the recording." + (_WITHOUT_MEMORY if model.mobilization_length > 0.0 else ""),
+        faces=faces,
+        moments=tuple(moments),
+        chosen=chosen,
+        surface_height=surface_height,
+    )
+
+
+def _moments(rows: NDArray[np.void]) -> tuple[list[int], int]:
+    """Rows to show, in order, and which of them is the deepest of penetration (of all, if there is none)."""
+    answered = ~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)
+    sinking = answered & (rows["phase"] == PHASES.index(Phase.PENETRATION))
+    use = np.flatnonzero(sinking if sinking.any() else answered)
+    if not len(use):
+        return [], 0
+    depth = rows["depth"]
+    deepest = int(use[np.argmax(depth[use])])
+    before = use[use <= deepest]
+    found = {deepest}
+    for fraction in _FRACTIONS:
+        found.add(int(before[np.argmin(np.abs(depth[before] - fraction * depth[deepest]))]))
+    for phase in (Phase.PLOUGHING, Phase.WITHDRAWAL):
+        after = np.flatnonzero(answered & (rows["phase"] == PHASES.index(phase)))
+        if len(after):
+            found.add(int(after[len(after) // 2]))
+    ordered = sorted(found)
+    return ordered, ordered.index(deepest)
