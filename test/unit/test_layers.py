@@ -8,17 +8,17 @@ from pathlib import Path
 PACKAGE = Path(__file__).resolve().parents[2] / "rft_ros"
 ALLOWED = {
     "errors": set(),
+    "child_process": set(),
     "rft": set(),
     "installation": {"errors"},
     "tool": {"installation", "rft", "errors"},
-    "estimator": {"tool", "rft", "errors", "yaml_file"},
+    "estimator": {"child_process", "tool", "rft", "errors", "yaml_file"},
     "report": {"errors"},
     "yaml_file": {"errors"},
     "progress": set(),
     "states_file": {"rft", "errors"},
-    "prepare_tool": {"tool", "errors"},
     "bags": {"estimator", "tool", "rft", "report", "errors", "progress", "yaml_file"},
-    "node": {"installation", "prepare_tool", "bags", "estimator", "tool", "rft", "report", "errors"},
+    "node": {"installation", "child_process", "bags", "estimator", "tool", "rft", "report", "errors"},
     "calibration": {"bags", "estimator", "tool", "rft", "report", "errors"},
     "sweeps": {"tool", "rft", "states_file", "errors", "yaml_file"},
     "commands": {
