@@ -212,7 +212,6 @@ class RftNode(Node):
         self._table.set_all({"sensor.bias": bias}, why="tare")
         response.success = True
         response.message = "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
-        self.get_logger().info(f"tare: {response.message}")
         return response
 
     def _on_status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
