@@ -1,6 +1,6 @@
 """The published rule in plain vectorised NumPy: angles by arctan2, Li's nine terms, tanh and arctanh.
 
-What the compiled kernel is measured against, and written from DESIGN 2 without it.
+What the compiled kernel is measured against, and written from docs/method.md without it.
 """
 
 from collections.abc import Callable

@@ -1,4 +1,4 @@
-"""Compile, or load from numba's cache, every kernel that a tick can reach."""
+"""Compile, or load from the cache on disk, every function that a pose can reach."""
 
 import os
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ __all__ = ["await_compilation", "fork_compilation", "warm_up", "warm_up_all"]
 
 
 def warm_up(model: Model) -> None:
-    """Answer a few poses with a model, so that nothing compiles once samples come."""
+    """Answer a few poses with a model, so that nothing compiles when samples come."""
     estimator = Estimator(Settings(twist_source="pose_difference"), model)
     for k in range(1, 5):
         height = 1e3 - 0.001 * k  # in the air, where the kernel is the same
@@ -24,10 +24,10 @@ def warm_up(model: Model) -> None:
 
 
 def fork_compilation() -> list[int]:
-    """Fork a process for each rule of integration, to fill numba's cache with what `warm_up_all` needs; their ids.
+    """Fork a process for each rule of integration, to fill the cache with what `warm_up_all` needs; return their ids.
 
-    With a cold cache, two processors are twice as fast as one, and the memory that the compiler needs goes with the
-    processes. Call it before anything starts threads.
+    On two processors a cold start takes half as long, and the compiler's memory is freed with the processes. Call it
+    before anything starts threads.
     """
     processes = []
     for integration in INTEGRATIONS:
@@ -42,13 +42,13 @@ def fork_compilation() -> list[int]:
 
 
 def await_compilation(processes: Sequence[int]) -> None:
-    """Wait for the processes of `fork_compilation`. What is compiled before would be compiled twice."""
+    """Wait for the processes of `fork_compilation`. What is compiled earlier in this process is compiled twice."""
     for process in processes:
         os.waitpid(process, 0)
 
 
 def warm_up_all(*, memory: bool) -> None:
-    """Warm up for whatever can be swapped in: each rule of integration with each α_y model, and the markers.
+    """Warm up for all that can be swapped in: each rule of integration with each α_y model, and the markers.
 
     `memory`: also for media with a mobilization length.
     """
