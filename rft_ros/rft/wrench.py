@@ -29,8 +29,8 @@ COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz", "submerged_area")
 """Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
 
 SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for f in "xyz"))
-"""Further columns: change of the force with the surface height at constant tractions per depth, their sum times wet area
-[N/m]; and the sums over plates of r_j f_l [N m], r from the tool frame's origin, of which the torque is made."""
+"""Further columns: change of the force with the surface height [N/m], the sum of traction per depth times wet area; and
+the sums over plates of r_j f_l [N m], r from the tool frame's origin, of which the torque is made."""
 
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
