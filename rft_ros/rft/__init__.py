@@ -50,7 +50,7 @@ Horizontal plates have no e2 of their own and take the velocity's horizontal dir
 `edge_shares` says how much of a tool is near that switch, or near v·n = 0.
 
 Beyond the paper. `Plates.integration` "refined" integrates d over the wet part of each triangle and fades both
-switches (`Plates.from_triangles`). With `sensitivities` a result also has dF/dh and the sums of r_j f_l. With a
+switches (`Plates.from_triangles`). A result can also have `SENSITIVITIES`: dF/dh, and the sums of r_j f_l. With a
 `Memory`, `wrenches_in_time` puts into Eq. (9), for t, a τ that follows it over the plate's own path s: forces build up
 over a mobilization length λ, and hold at rest:
 
