@@ -39,14 +39,16 @@ _MOST_VARIANCE = (1.0, 1.0, 1.0, 1e-4)
 _AIR_LOCAL, _AIR_STRENGTH = 0.005, 0.5  # path in the air over which the surface and the turn, and the strength, fade
 _ENTRY = 0.008  # after entering, the surface is being learned: nothing surprises
 _SURPRISE_LENGTH, _SURPRISING, _SETTLED = 0.0003, 2.4, 1.2
+_DRIFT_LENGTH, _DRIFTED = 0.03, 3.0  # the reference of the drift follows over this path; prior standard deviations
 _SUM_LENGTH = 0.005
+_LEVER = 0.07  # standard deviation of the point where the force acts, over the tool's reach
 _STUCK = 0.001
 _LONGEST_STEP = 1.0
 _RECORDS = 2048
 _PER_LAG = 1024  # records kept over one lag of path
 
 # columns of a record
-_PATH, _WET, _EVENT, _AIR, _RISING, _STATE, _F, _G, _PRED, _S, _Y, _NOISE_VARIANCE, _WIDTH = (
+_PATH, _WET, _EVENT, _AIR, _PASSING, _STATE, _F, _G, _PRED, _S, _Y, _NOISE_VARIANCE, _WIDTH = (
     0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 21, 24, 25,
 )  # fmt: skip
 _PENDING, _MEASURED, _VOID = 0.0, 1.0, 2.0
@@ -54,8 +56,8 @@ _PENDING, _MEASURED, _VOID = 0.0, 1.0, 2.0
 # places of single numbers beside θ and its covariance
 (
     _TOTAL, _GRAINS, _LEARNED, _TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V, _BED, _SPEED, _AWAY, _AIR_PENDING, _ENTERED,
-    _SCORE, _SCORED, _EXCESS, _FORCE, _ALONG, _SQUARE, _STUCK_PATH, _DRIFT, _NUMBERS,
-) = (0, 1, 2, 3, 4, 5, 6, 7, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24)  # fmt: skip
+    _SCORE, _SCORED, _EXCESS, _FORCE, _ALONG, _SQUARE, _STUCK_PATH, _DRIFT, _REFERENCE, _DOT, _CROSS, _FLAT, _NUMBERS,
+) = (0, 1, 2, 3, 4, 5, 6, 7, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28)  # fmt: skip
 
 _HEAD, _COUNT, _NEXT = 0, 1, 2  # of the ring: oldest record, records, records whose measurement is final
 
@@ -115,8 +117,8 @@ class Belief:
 
     Strengths, no unit; `turn` [rad] of the horizontal force about the vertical; `surface` [m] above `surface_height`;
     their standard errors. `path` [m] in the grains. `surprise`: measured less predicted force along the predicted one,
-    in standard deviations, mean over 0.3 mm of path; `excess`: the same over the predicted force. `drift`: how far the
-    strength has left the prior, in its standard deviations.
+    in standard deviations, mean over 0.3 mm of path; `excess`: the same over the predicted force. `drift`: how far
+    the logarithm of the strength has left its mean over 30 mm of path, in standard deviations of the prior.
     """
 
     vertical: float
@@ -283,33 +285,39 @@ def _take(record, theta, p, numbers, prior, growth, h, k):  # type: ignore[no-un
             for b in range(4):
                 p[a, b] = k[5 + a, b] - k[9, a] * k[4, b] + variance * k[4, a] * k[4, b]
     _bounded(theta, p)
-    if record[_RISING] == 0.0:
+    if record[_PASSING] == 0.0:
         numbers[_BED], numbers[_BED + 1] = theta[0], theta[1]
         numbers[_BED + 2], numbers[_BED + 3], numbers[_BED + 4] = p[0, 0], p[0, 1], p[1, 1]
         full = force[0] ** 2 + force[1] ** 2 + force[2] ** 2
-        if full > 0.0:
+        since = record[_WET] - numbers[_ENTERED] - _ENTRY
+        if full > 0.0 and since >= 0.0:
             strength = (theta[1] * (force[0] ** 2 + force[1] ** 2) + theta[0] * force[2] ** 2) / full
-            away = strength - 1.0 if strength > 1.0 else 1.0 - 1.0 / strength
-            numbers[_DRIFT] = away / math.sqrt(prior[0, 0])
+            # a mean of all that was since the entry, then of the last _DRIFT_LENGTH
+            w = 1.0 if since <= step else max(step / (since + _SUM_LENGTH), step / _DRIFT_LENGTH)
+            numbers[_REFERENCE] += min(w, 1.0) * (math.log(strength) - numbers[_REFERENCE])
+            numbers[_DRIFT] = (math.log(strength) - numbers[_REFERENCE]) / math.sqrt(prior[0, 0])
 
 
 @numba.njit(cache=True, error_model="numpy")
 def _tick(  # type: ignore[no-untyped-def]
-    stamp, duration, speed, wet, rising, teaches, force, moments, per_height, torque_per_height, lag, apply,
+    stamp, duration, speed, wet, passing, teaches, force, moments, per_height, torque_per_height, lag, reach, apply,
     theta, p, numbers, ring, stamps, places, prior, growth, now, p_now, h, k, out,
 ):  # fmt: skip
     """Advance the path, take what lies `lag` behind, predict, and keep a record for the measurement to come."""
     step = min(0.5 * (speed + numbers[_SPEED]) * duration, _LONGEST_STEP)
     numbers[_SPEED] = speed
     numbers[_TOTAL] += step
+    size_f = math.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
+    # a law that pulls the tool down speaks of a withdrawal
+    passing = passing or force[2] < -0.5 * size_f
     event = air = 0.0
     if wet:
         numbers[_GRAINS] += step
-        if numbers[_AWAY] != 0.0 and not rising and step > 0.0:
+        if numbers[_AWAY] != 0.0 and not passing and step > 0.0:
             event, air = 1.0, max(numbers[_AWAY], 0.0)
             numbers[_AWAY] = 0.0
             numbers[_ENTERED] = numbers[_GRAINS]
-        elif rising and numbers[_AWAY] == 0.0:
+        elif passing and numbers[_AWAY] == 0.0:
             numbers[_AWAY] = -1.0  # rose, did not leave
     else:
         numbers[_AWAY] = max(numbers[_AWAY], 0.0) + step
@@ -361,33 +369,29 @@ def _tick(  # type: ignore[no-untyped-def]
             k[1, n] = total
             n += 1
     scale_h, scale_v = numbers[_SCALE_H], numbers[_SCALE_V]
+    # without the correction its size is an error too
     for i in range(3):
+        left = 0.0 if apply else k[0, i] - force[i]
+        n = 0 if i == 0 else (3 if i == 1 else 5)
         out[i] = k[0, i] if apply else force[i]
-    out[6] = math.sqrt(scale_h * k[1, 0])
-    out[7] = math.sqrt(scale_h * k[1, 3])
-    out[8] = math.sqrt(scale_v * k[1, 5])
+        out[6 + i] = math.sqrt((scale_v if i == 2 else scale_h) * k[1, n] + left * left)
 
     # torque = Σ r × f' over θ; moments: Σ r_j f_l, row by row
     k[2, 0], k[2, 1], k[2, 2], k[2, 3] = moments[5], -moments[7], -moments[6], torque_per_height[0]
     k[3, 0], k[3, 1], k[3, 2], k[3, 3] = -moments[2], moments[6], -moments[7], torque_per_height[1]
     k[4, 0], k[4, 1], k[4, 2], k[4, 3] = 0.0, moments[1] - moments[3], moments[0] + moments[4], torque_per_height[2]
-    torque = 0.0
+    lever = _LEVER * reach * math.sqrt(squares)
     for i in range(3):
-        k[0, 3 + i - 3] = 0.0
+        torque = variance = 0.0
         for a in range(4):
-            k[0, i] += k[2 + i, a] * now[a]
-        torque += k[0, i] * k[0, i]
-        plain = k[2 + i, 0] + k[2 + i, 1]
-        out[3 + i] = k[0, i] if apply else plain
-    lever = math.sqrt(torque / max(squares, 1e-300)) if squares > 0.0 else 0.0
-    noise_torque = _NOISE * _NOISE * torque + (_NOISE_FLOOR * lever) ** 2
-    scale = max(scale_h, scale_v)
-    for i in range(3):
-        total = noise_torque
-        for a in range(4):
+            torque += k[2 + i, a] * now[a]
             for b in range(4):
-                total += k[2 + i, a] * p_now[a, b] * k[2 + i, b]
-        out[9 + i] = math.sqrt(scale * total)
+                variance += k[2 + i, a] * p_now[a, b] * k[2 + i, b]
+        plain = k[2 + i, 0] + k[2 + i, 1]
+        left = 0.0 if apply else torque - plain
+        variance = max(scale_h, scale_v) * (variance + _NOISE * _NOISE * torque * torque)
+        out[3 + i] = torque if apply else plain
+        out[9 + i] = math.sqrt(variance + lever * lever + left * left)
 
     if not wet or not step > 0.0:
         return
@@ -407,7 +411,7 @@ def _tick(  # type: ignore[no-untyped-def]
     stamps[i] = stamp
     r = ring[i]
     r[_PATH], r[_WET], r[_EVENT], r[_AIR] = numbers[_TOTAL], numbers[_GRAINS], event, air
-    r[_RISING] = 1.0 if rising else 0.0
+    r[_PASSING] = 1.0 if passing else 0.0
     numbers[_AIR_PENDING] += event
     r[_STATE] = _PENDING
     r[_NOISE_VARIANCE] = noise if teaches else -1.0
@@ -445,18 +449,16 @@ def _learn(stamp, y0, y1, y2, usable, repeated, theta, numbers, ring, stamps, pl
         r[_Y], r[_Y + 1], r[_Y + 2] = y0, y1, y2
         r[_STATE] = _MEASURED
         f, g, p, s = r[_F : _F + 3], r[_G : _G + 3], r[_PRED : _PRED + 3], r[_S : _S + 6]
-        if r[_RISING] == 0.0:
-            along = square = 0.0
-            for a in range(3):
-                believed = f[a] + theta[3] * g[a]
-                y = y0 if a == 0 else (y1 if a == 1 else y2)
-                along += y * believed
-                square += believed * believed
+        if r[_PASSING] == 0.0:
+            b0, b1, b2 = f[0] + theta[3] * g[0], f[1] + theta[3] * g[1], f[2] + theta[3] * g[2]
             w = 1.0 - math.exp(-step / _SUM_LENGTH)
-            numbers[_ALONG] += w * (along - numbers[_ALONG])
-            numbers[_SQUARE] += w * (square - numbers[_SQUARE])
+            numbers[_ALONG] += w * (y0 * b0 + y1 * b1 + y2 * b2 - numbers[_ALONG])
+            numbers[_SQUARE] += w * (b0 * b0 + b1 * b1 + b2 * b2 - numbers[_SQUARE])
+            numbers[_DOT] += w * (y0 * b0 + y1 * b1 - numbers[_DOT])
+            numbers[_CROSS] += w * (y1 * b0 - y0 * b1 - numbers[_CROSS])
+            numbers[_FLAT] += w * (b0 * b0 + b1 * b1 - numbers[_FLAT])
         size_p = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-        if r[_RISING] == 0.0 and r[_WET] - numbers[_ENTERED] >= _ENTRY and size_p > 0.0:
+        if r[_PASSING] == 0.0 and r[_WET] - numbers[_ENTERED] >= _ENTRY and size_p > 0.0:
             u0, u1, u2 = p[0] / size_p, p[1] / size_p, p[2] / size_p
             variance = (
                 u0 * u0 * s[0] + u1 * u1 * s[3] + u2 * u2 * s[5]
@@ -482,8 +484,9 @@ class Learning:
     of its own prediction. Same calls, same bytes.
     """
 
-    def __init__(self, settings: LearningSettings) -> None:
+    def __init__(self, settings: LearningSettings, *, reach: float = 0.0) -> None:
         self.settings = settings
+        self._reach = reach
         self._prior = _covariance(settings.strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
         self._growth = _covariance(_GROWTH_COMMON, _GROWTH_EACH, _GROWTH_SURFACE)
         self._theta = np.empty(4)
@@ -530,7 +533,7 @@ class Learning:
         moments: Array,
         per_height: Array,
         torque_per_height: Array,
-        rising: bool = False,
+        passing: bool = False,
         teaches: bool = True,
         apply: bool = True,
     ) -> Array:
@@ -538,9 +541,9 @@ class Learning:
 
         `stamp` [ns], increasing (an earlier one calls `leave`). `speed` of the tool's fastest point [m/s], 0 at rest.
         `force` F [N], shape [3]. `moments` Σ r_j f_l [N m], shape [9], row by row. `per_height` dF/dh [N/m] and
-        `torque_per_height` [N], shape [3]. `rising`: the tool is being withdrawn, where the law is wrong by nature:
-        what it teaches is dropped at the next push, and nothing surprises. `teaches` False: the estimate must not be
-        learned from. `apply` False leaves the wrench as the model has it. Returns shape [12]: force [N], torque about
+        `torque_per_height` [N], shape [3]. `passing`: the tool is withdrawn or moves so fast that inertia
+        matters; what it teaches here is dropped afterwards, and nothing surprises. `teaches` False: the estimate must
+        not be learned from. `apply` False leaves the wrench as the model has it. Returns shape [12]: force [N], torque about
         the tool frame's origin [N m], then the standard deviations of each.
         """
         if stamp <= self._last:
@@ -550,8 +553,8 @@ class Learning:
         if not math.isfinite(speed):
             speed, teaches = 0.0, False
         _tick(
-            stamp, duration, abs(speed), submerged, rising, teaches, force, moments, per_height, torque_per_height,
-            self.settings.lag, apply, self._theta, self._covariance, self._numbers, self._ring, self._stamps,
+            stamp, duration, abs(speed), submerged, passing, teaches, force, moments, per_height, torque_per_height,
+            self.settings.lag, self._reach, apply, self._theta, self._covariance, self._numbers, self._ring, self._stamps,
             self._places, self._prior, self._growth, self._now, self._p_now, self._h, self._k, self._out,
         )  # fmt: skip
         return self._out
@@ -569,10 +572,12 @@ class Learning:
                 self._stamps, self._places,
             )
         )  # fmt: skip
-        score = self._numbers[_SCORE]
+        score, drift = self._numbers[_SCORE], self._numbers[_DRIFT]
         if abs(score) > _SURPRISING:
             self._surprise = Surprise.HARDER if score > 0.0 else Surprise.SOFTER
-        elif abs(score) < _SETTLED:
+        elif abs(drift) > _DRIFTED:
+            self._surprise = Surprise.HARDER if drift > 0.0 else Surprise.SOFTER
+        elif abs(score) < _SETTLED and abs(drift) < 0.5 * _DRIFTED:
             self._surprise = Surprise.NONE
         return lesson
 
@@ -624,6 +629,6 @@ class Learning:
             found.append(BeliefIssue.WEAK)
         elif ratio > 5.0:
             found.append(BeliefIssue.STRONG)
-        if abs(self._theta[2]) >= self._theta[1]:
+        if numbers[_FLAT] > 0.1 * numbers[_SQUARE] and abs(numbers[_CROSS]) > numbers[_DOT]:
             found.append(BeliefIssue.TURNED)
         return found
