@@ -39,11 +39,15 @@ _MOST_VARIANCE = (1.0, 1.0, 1.0, 1e-4)
 _AIR_LOCAL, _AIR_STRENGTH = 0.005, 0.5  # path in the air over which the surface and the turn, and the strength, fade
 _ENTRY = 0.008  # after entering, the surface is being learned: nothing surprises
 _SURPRISE_LENGTH, _SURPRISING, _SETTLED = 0.0003, 2.4, 1.2
-_DRIFT_LENGTH, _DRIFTED = 0.03, 3.0  # the reference of the drift follows over this path; prior standard deviations
+_DRIFT_LENGTH, _DRIFTED = 0.05, 3.0  # the reference of the drift follows over this path; prior standard deviations
 _SUM_LENGTH = 0.005
 _LEVER = 0.07  # standard deviation of the point where the force acts, over the tool's reach
-_STUCK = 0.001
+_STUCK, _STUCK_SAMPLES = 0.0005, 3
+_OPPOSING = 0.05  # [N]: smaller forces oppose by chance
+_LARGEST_SHARE = 10.0  # of the model's force, in the means that judge the model
+_MOST_SURFACE = 0.03  # [m]
 _LONGEST_STEP = 1.0
+_ABSURD = 1e100  # [N]: squares of larger forces overflow
 _RECORDS = 2048
 _PER_LAG = 1024  # records kept over one lag of path
 
@@ -55,9 +59,13 @@ _PENDING, _MEASURED, _VOID = 0.0, 1.0, 2.0
 
 # places of single numbers beside θ and its covariance
 (
-    _TOTAL, _GRAINS, _LEARNED, _TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V, _BED, _SPEED, _AWAY, _AIR_PENDING, _ENTERED,
-    _SCORE, _SCORED, _EXCESS, _FORCE, _ALONG, _SQUARE, _STUCK_PATH, _DRIFT, _REFERENCE, _DOT, _CROSS, _FLAT, _NUMBERS,
-) = (0, 1, 2, 3, 4, 5, 6, 7, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28)  # fmt: skip
+    _TOTAL, _GRAINS, _LEARNED, _TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V, _SPEED, _AWAY, _AIR_PENDING, _ENTERED, _SCORE, _SCORED, _EXCESS,
+    _FORCE, _ALONG, _SQUARE, _STUCK_PATH, _REPEATS, _DRIFT, _REFERENCE, _DOT, _CROSS, _FLAT, _SURPRISE, _BED,
+) = range(26)  # fmt: skip
+
+_NUMBERS = _BED + 20  # the belief of the last push: θ and its covariance
+_SINGLE, _PRIOR = 20, 20 + _NUMBERS  # parts of the work array, after θ and its covariance
+_ADDED, _NOW, _H, _K, _WORK = _PRIOR + 16, _PRIOR + 32, _PRIOR + 52, _PRIOR + 64, _PRIOR + 124
 
 _HEAD, _COUNT, _NEXT = 0, 1, 2  # of the ring: oldest record, records, records whose measurement is final
 
@@ -71,6 +79,8 @@ class Lesson(IntEnum):
     """It will teach once the tool is `lag` further."""
     STUCK = 2
     """The load cell repeats the same numbers while the tool moves on."""
+    OPPOSED = 3
+    """The measured force points against the model's."""
 
 
 class Surprise(IntEnum):
@@ -118,7 +128,7 @@ class Belief:
     Strengths, no unit; `turn` [rad] of the horizontal force about the vertical; `surface` [m] above `surface_height`;
     their standard errors. `path` [m] in the grains. `surprise`: measured less predicted force along the predicted one,
     in standard deviations, mean over 0.3 mm of path; `excess`: the same over the predicted force. `drift`: how far
-    the logarithm of the strength has left its mean over 30 mm of path, in standard deviations of the prior.
+    the logarithm of the strength has left its mean over 50 mm of path, in standard deviations of the prior.
     """
 
     vertical: float
@@ -142,6 +152,18 @@ def _covariance(common: float, each: float, surface: float) -> Array:
 
 
 @numba.njit(cache=True, error_model="numpy")
+def _parts(work):  # type: ignore[no-untyped-def]
+    """θ, its covariance, the single numbers, the prior's covariance and what is added to it over `_GROWTH`."""
+    return (
+        work[:4],
+        work[4:20].reshape((4, 4)),
+        work[_SINGLE : _SINGLE + _NUMBERS],
+        work[_PRIOR : _PRIOR + 16].reshape((4, 4)),
+        work[_ADDED : _ADDED + 16].reshape((4, 4)),
+    )
+
+
+@numba.njit(cache=True, error_model="numpy")
 def _design(f, g, h):  # type: ignore[no-untyped-def]
     """The rows of Eq. (L1): force over θ."""
     h[0, 0], h[0, 1], h[0, 2], h[0, 3] = 0.0, f[0], -f[1], g[0]
@@ -155,6 +177,7 @@ def _bounded(theta, p):  # type: ignore[no-untyped-def]
     for i in range(2):
         theta[i] = min(max(theta[i], _LEAST_STRENGTH), _MOST_STRENGTH)
     theta[2] = min(max(theta[2], -theta[1]), theta[1])
+    theta[3] = min(max(theta[3], -_MOST_SURFACE), _MOST_SURFACE)
     for i in range(4):
         if p[i, i] > _MOST_VARIANCE[i]:
             share = math.sqrt(_MOST_VARIANCE[i] / p[i, i])
@@ -171,22 +194,16 @@ def _bounded(theta, p):  # type: ignore[no-untyped-def]
 def _reenter(theta, p, bed, prior, air):  # type: ignore[no-untyped-def]
     """The belief with which the tool pushes again after it rose or left.
 
-    The strength is that of the last push, not what it came to while the grains let go; it fades slowly with the path
+    It is that of the last push, not what it came to while the grains let go. The strength fades slowly with the path
     through the air, surface and turn fade fast.
     """
-    keep = math.exp(-air / _AIR_STRENGTH)
-    local = math.exp(-air / _AIR_LOCAL)
-    for i in range(2):
-        theta[i] = 1.0 + keep * (bed[i] - 1.0)
-        theta[2 + i] *= local
-        for j in range(2):
-            p[i, 2 + j] = 0.0
-            p[2 + i, j] = 0.0
-            p[2 + i, 2 + j] = local * local * p[2 + i, 2 + j] + (1.0 - local * local) * prior[2 + i, 2 + j]
-    p[0, 0] = keep * keep * bed[2] + (1.0 - keep * keep) * prior[0, 0]
-    p[0, 1] = keep * keep * bed[3] + (1.0 - keep * keep) * prior[0, 1]
-    p[1, 1] = keep * keep * bed[4] + (1.0 - keep * keep) * prior[1, 1]
-    p[1, 0] = p[0, 1]
+    for i in range(4):
+        keep_i = math.exp(-air / (_AIR_STRENGTH if i < 2 else _AIR_LOCAL))
+        mean = 1.0 if i < 2 else 0.0
+        theta[i] = mean + keep_i * (bed[i] - mean)
+        for j in range(4):
+            keep = keep_i * math.exp(-air / (_AIR_STRENGTH if j < 2 else _AIR_LOCAL))
+            p[i, j] = keep * bed[4 + 4 * i + j] + (1.0 - keep) * prior[i, j]
 
 
 @numba.njit(cache=True, error_model="numpy")
@@ -208,7 +225,7 @@ def _solved(s, x):  # type: ignore[no-untyped-def]
 def _take(record, theta, p, numbers, prior, growth, h, k):  # type: ignore[no-untyped-def]
     """One record into the belief: growth over the path since the last, then its measurement."""
     if record[_EVENT] > 0.0:
-        _reenter(theta, p, numbers[_BED : _BED + 5], prior, record[_AIR])
+        _reenter(theta, p, numbers[_BED : _BED + 20], prior, record[_AIR])
         numbers[_AIR_PENDING] = max(numbers[_AIR_PENDING] - 1.0, 0.0)
     if record[_STATE] != _MEASURED:
         return
@@ -286,8 +303,10 @@ def _take(record, theta, p, numbers, prior, growth, h, k):  # type: ignore[no-un
                 p[a, b] = k[5 + a, b] - k[9, a] * k[4, b] + variance * k[4, a] * k[4, b]
     _bounded(theta, p)
     if record[_PASSING] == 0.0:
-        numbers[_BED], numbers[_BED + 1] = theta[0], theta[1]
-        numbers[_BED + 2], numbers[_BED + 3], numbers[_BED + 4] = p[0, 0], p[0, 1], p[1, 1]
+        for i in range(4):
+            numbers[_BED + i] = theta[i]
+            for j in range(4):
+                numbers[_BED + 4 + 4 * i + j] = p[i, j]
         full = force[0] ** 2 + force[1] ** 2 + force[2] ** 2
         since = record[_WET] - numbers[_ENTERED] - _ENTRY
         if full > 0.0 and since >= 0.0:
@@ -299,11 +318,12 @@ def _take(record, theta, p, numbers, prior, growth, h, k):  # type: ignore[no-un
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _tick(  # type: ignore[no-untyped-def]
-    stamp, duration, speed, wet, passing, teaches, force, moments, per_height, torque_per_height, lag, reach, apply,
-    theta, p, numbers, ring, stamps, places, prior, growth, now, p_now, h, k, out,
-):  # fmt: skip
+def _tick(stamp, duration, speed, passing, teaches, apply, lag, reach, row, work, ring, stamps, places, out):  # type: ignore[no-untyped-def]
     """Advance the path, take what lies `lag` behind, predict, and keep a record for the measurement to come."""
+    theta, p, numbers, prior, growth = _parts(work)
+    now, p_now = work[_NOW : _NOW + 4], work[_NOW + 4 : _NOW + 20].reshape((4, 4))
+    h, k = work[_H : _H + 12].reshape((3, 4)), work[_K : _K + 60].reshape((10, 6))
+    force, wet, per_height, moments = row[0:3], row[6] > 0.0, row[7:10], row[10:19]
     step = min(0.5 * (speed + numbers[_SPEED]) * duration, _LONGEST_STEP)
     numbers[_SPEED] = speed
     numbers[_TOTAL] += step
@@ -339,12 +359,12 @@ def _tick(  # type: ignore[no-untyped-def]
         for j in range(4):
             p_now[i, j] = p[i, j]
     if event > 0.0:
-        _reenter(now, p_now, numbers[_BED : _BED + 5], prior, air)
+        _reenter(now, p_now, numbers[_BED : _BED + 20], prior, air)
     elif numbers[_AIR_PENDING] > 0.0:  # entered less than a lag ago
         for n in range(places[_COUNT]):
             i = (places[_HEAD] + n) % size
             if ring[i, _EVENT] > 0.0:
-                _reenter(now, p_now, numbers[_BED : _BED + 5], prior, ring[i, _AIR])
+                _reenter(now, p_now, numbers[_BED : _BED + 20], prior, ring[i, _AIR])
     grown = numbers[_TEMPO] * max(numbers[_GRAINS] - numbers[_LEARNED], 0.0) / _GROWTH
     for i in range(4):
         for j in range(4):
@@ -377,9 +397,14 @@ def _tick(  # type: ignore[no-untyped-def]
         out[6 + i] = math.sqrt((scale_v if i == 2 else scale_h) * k[1, n] + left * left)
 
     # torque = Σ r × f' over θ; moments: Σ r_j f_l, row by row
-    k[2, 0], k[2, 1], k[2, 2], k[2, 3] = moments[5], -moments[7], -moments[6], torque_per_height[0]
-    k[3, 0], k[3, 1], k[3, 2], k[3, 3] = -moments[2], moments[6], -moments[7], torque_per_height[1]
-    k[4, 0], k[4, 1], k[4, 2], k[4, 3] = 0.0, moments[1] - moments[3], moments[0] + moments[4], torque_per_height[2]
+    k[2, 0], k[2, 1], k[2, 2] = moments[5], -moments[7], -moments[6]
+    k[3, 0], k[3, 1], k[3, 2] = -moments[2], moments[6], -moments[7]
+    k[4, 0], k[4, 1], k[4, 2] = 0.0, moments[1] - moments[3], moments[0] + moments[4]
+    # what the surface adds acts where the force does
+    along = force[0] * per_height[0] + force[1] * per_height[1] + force[2] * per_height[2]
+    per_force = along / (size_f * size_f) if size_f > 0.0 else 0.0
+    for i in range(3):
+        k[2 + i, 3] = per_force * (k[2 + i, 0] + k[2 + i, 1])
     lever = _LEVER * reach * math.sqrt(squares)
     for i in range(3):
         torque = variance = 0.0
@@ -425,8 +450,9 @@ def _tick(  # type: ignore[no-untyped-def]
 
 
 @numba.njit(cache=True, error_model="numpy")
-def _learn(stamp, y0, y1, y2, usable, repeated, theta, numbers, ring, stamps, places):  # type: ignore[no-untyped-def]
+def _learn(stamp, y0, y1, y2, usable, repeated, work, ring, stamps, places):  # type: ignore[no-untyped-def]
     """Give the record of a stamp its measurement; what becomes of it, as `Lesson`."""
+    numbers = work[_SINGLE : _SINGLE + _NUMBERS]
     size = ring.shape[0]
     while places[_NEXT] < places[_COUNT]:
         i = (places[_HEAD] + places[_NEXT]) % size
@@ -442,21 +468,26 @@ def _learn(stamp, y0, y1, y2, usable, repeated, theta, numbers, ring, stamps, pl
         step = min(r[_WET] - numbers[_SCORED], _LONGEST_STEP)
         numbers[_SCORED] = r[_WET]
         numbers[_STUCK_PATH] = numbers[_STUCK_PATH] + step if repeated else 0.0
-        if numbers[_STUCK_PATH] > _STUCK:
+        numbers[_REPEATS] = numbers[_REPEATS] + 1.0 if repeated else 0.0
+        if numbers[_STUCK_PATH] > _STUCK and numbers[_REPEATS] >= _STUCK_SAMPLES:
             return 2
         if r[_NOISE_VARIANCE] < 0.0:
             return 0
+        f, p, s = r[_F : _F + 3], r[_PRED : _PRED + 3], r[_S : _S + 6]
+        if r[_PASSING] == 0.0:
+            square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
+            most = _LARGEST_SHARE * math.sqrt(square) + _OPPOSING
+            share = min(1.0, most / max(math.sqrt(y0 * y0 + y1 * y1 + y2 * y2), 1e-300))
+            w = 1.0 - math.exp(-step / _SUM_LENGTH)
+            numbers[_ALONG] += w * (share * (y0 * f[0] + y1 * f[1] + y2 * f[2]) - numbers[_ALONG])
+            numbers[_SQUARE] += w * (square - numbers[_SQUARE])
+            numbers[_DOT] += w * (share * (y0 * f[0] + y1 * f[1]) - numbers[_DOT])
+            numbers[_CROSS] += w * (share * (y1 * f[0] - y0 * f[1]) - numbers[_CROSS])
+            numbers[_FLAT] += w * (f[0] * f[0] + f[1] * f[1] - numbers[_FLAT])
+            if numbers[_ALONG] < -_OPPOSING * _OPPOSING:
+                return 3
         r[_Y], r[_Y + 1], r[_Y + 2] = y0, y1, y2
         r[_STATE] = _MEASURED
-        f, g, p, s = r[_F : _F + 3], r[_G : _G + 3], r[_PRED : _PRED + 3], r[_S : _S + 6]
-        if r[_PASSING] == 0.0:
-            b0, b1, b2 = f[0] + theta[3] * g[0], f[1] + theta[3] * g[1], f[2] + theta[3] * g[2]
-            w = 1.0 - math.exp(-step / _SUM_LENGTH)
-            numbers[_ALONG] += w * (y0 * b0 + y1 * b1 + y2 * b2 - numbers[_ALONG])
-            numbers[_SQUARE] += w * (b0 * b0 + b1 * b1 + b2 * b2 - numbers[_SQUARE])
-            numbers[_DOT] += w * (y0 * b0 + y1 * b1 - numbers[_DOT])
-            numbers[_CROSS] += w * (y1 * b0 - y0 * b1 - numbers[_CROSS])
-            numbers[_FLAT] += w * (b0 * b0 + b1 * b1 - numbers[_FLAT])
         size_p = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
         if r[_PASSING] == 0.0 and r[_WET] - numbers[_ENTERED] >= _ENTRY and size_p > 0.0:
             u0, u1, u2 = p[0] / size_p, p[1] / size_p, p[2] / size_p
@@ -472,8 +503,18 @@ def _learn(stamp, y0, y1, y2, usable, repeated, theta, numbers, ring, stamps, pl
             numbers[_FORCE] += w * (size_p - numbers[_FORCE])
         else:
             numbers[_SCORE] = numbers[_EXCESS] = numbers[_FORCE] = 0.0
+        score, drift = numbers[_SCORE], numbers[_DRIFT]
+        if abs(score) > _SURPRISING:
+            numbers[_SURPRISE] = 1.0 if score > 0.0 else -1.0
+        elif abs(drift) > _DRIFTED:
+            numbers[_SURPRISE] = 1.0 if drift > 0.0 else -1.0
+        elif abs(score) < _SETTLED and abs(drift) < 0.5 * _DRIFTED:
+            numbers[_SURPRISE] = 0.0
         return 1
     return 0
+
+
+_LESSONS = tuple(Lesson)
 
 
 class Learning:
@@ -487,19 +528,15 @@ class Learning:
     def __init__(self, settings: LearningSettings, *, reach: float = 0.0) -> None:
         self.settings = settings
         self._reach = reach
-        self._prior = _covariance(settings.strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
-        self._growth = _covariance(_GROWTH_COMMON, _GROWTH_EACH, _GROWTH_SURFACE)
-        self._theta = np.empty(4)
-        self._covariance = np.empty((4, 4))
-        self._numbers = np.empty(_NUMBERS)
+        self._work = np.zeros(_WORK)
+        self._theta, self._covariance, self._numbers, self._prior, growth = _parts.py_func(self._work)
+        self._prior[:] = _covariance(settings.strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
+        growth[:] = _covariance(_GROWTH_COMMON, _GROWTH_EACH, _GROWTH_SURFACE)
         self._ring = np.zeros((_RECORDS, _WIDTH))
         self._stamps = np.zeros(_RECORDS, dtype=np.int64)
         self._places = np.zeros(3, dtype=np.int64)
-        self._now, self._p_now = np.empty(4), np.empty((4, 4))
-        self._h, self._k = np.zeros((3, 4)), np.zeros((10, 6))
         self._out = np.zeros(12)
         self._last = 0
-        self._surprise = Surprise.NONE
         self.forget()
 
     def forget(self) -> None:
@@ -507,12 +544,11 @@ class Learning:
         self._theta[:] = 1.0, 1.0, 0.0, 0.0
         self._covariance[:] = self._prior
         self._numbers[:] = 0.0
-        self._numbers[_TEMPO] = self._numbers[_MEAN_SQUARE] = self._numbers[_SCALE_H] = self._numbers[_SCALE_V] = 1.0
-        self._numbers[_BED : _BED + 2] = 1.0
-        self._numbers[_BED + 2 : _BED + 5] = self._prior[0, 0], self._prior[0, 1], self._prior[1, 1]
+        self._numbers[[_TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V]] = 1.0
+        self._numbers[_BED : _BED + 4] = self._theta
+        self._numbers[_BED + 4 : _BED + 20] = self._prior.ravel()
         self._places[:] = 0
         self._last = 0
-        self._surprise = Surprise.NONE
 
     def leave(self) -> None:
         """The tool is elsewhere, is another one, or time has jumped: keep the bed's strength, forget place and turn."""
@@ -524,38 +560,26 @@ class Learning:
         self._last = 0
 
     def predict(
-        self,
-        stamp: int,
-        *,
-        speed: float,
-        submerged: bool,
-        force: Array,
-        moments: Array,
-        per_height: Array,
-        torque_per_height: Array,
-        passing: bool = False,
-        teaches: bool = True,
-        apply: bool = True,
+        self, stamp: int, row: Array, *, speed: float, passing: bool = False, teaches: bool = True, apply: bool = True
     ) -> Array:
         """Corrected wrench and its standard deviations at a pose, world axes; overwritten by the next call.
 
-        `stamp` [ns], increasing (an earlier one calls `leave`). `speed` of the tool's fastest point [m/s], 0 at rest.
-        `force` F [N], shape [3]. `moments` Σ r_j f_l [N m], shape [9], row by row. `per_height` dF/dh [N/m] and
-        `torque_per_height` [N], shape [3]. `passing`: the tool is withdrawn or moves so fast that inertia
-        matters; what it teaches here is dropped afterwards, and nothing surprises. `teaches` False: the estimate must
-        not be learned from. `apply` False leaves the wrench as the model has it. Returns shape [12]: force [N], torque about
+        `stamp` [ns], increasing (an earlier one calls `leave`). `row`, shape [19]: what the model has at the pose:
+        force F [N], torque [N m], submerged area [m²], dF/dh [N/m], and Σ r_j f_l [N m] row by row; finite. `speed` of
+        the tool's fastest point [m/s], 0 at rest. `passing`: the tool is withdrawn, or so fast that inertia matters;
+        what it teaches here is dropped afterwards, and nothing surprises. `teaches` False: the estimate must not be
+        learned from. `apply` False leaves the wrench as the model has it. Returns shape [12]: force [N], torque about
         the tool frame's origin [N m], then the standard deviations of each.
         """
         if stamp <= self._last:
             self.leave()
         duration = (stamp - self._last) * 1e-9 if self._last > 0 else 0.0
         self._last = stamp
-        if not math.isfinite(speed):
+        if not 0.0 <= speed < math.inf:
             speed, teaches = 0.0, False
         _tick(
-            stamp, duration, abs(speed), submerged, passing, teaches, force, moments, per_height, torque_per_height,
-            self.settings.lag, self._reach, apply, self._theta, self._covariance, self._numbers, self._ring, self._stamps,
-            self._places, self._prior, self._growth, self._now, self._p_now, self._h, self._k, self._out,
+            stamp, duration, speed, passing, teaches, apply, self.settings.lag, self._reach,
+            row, self._work, self._ring, self._stamps, self._places, self._out,
         )  # fmt: skip
         return self._out
 
@@ -564,27 +588,15 @@ class Learning:
 
         `repeated`: the load cell's raw reading equals the one before, bit by bit.
         """
-        usable = force is not None and math.isfinite(force[0] + force[1] + force[2])
-        y = force if force is not None and usable else (0.0, 0.0, 0.0)
-        lesson = Lesson(
-            _learn(
-                stamp, float(y[0]), float(y[1]), float(y[2]), usable, repeated, self._theta, self._numbers, self._ring,
-                self._stamps, self._places,
-            )
-        )  # fmt: skip
-        score, drift = self._numbers[_SCORE], self._numbers[_DRIFT]
-        if abs(score) > _SURPRISING:
-            self._surprise = Surprise.HARDER if score > 0.0 else Surprise.SOFTER
-        elif abs(drift) > _DRIFTED:
-            self._surprise = Surprise.HARDER if drift > 0.0 else Surprise.SOFTER
-        elif abs(score) < _SETTLED and abs(drift) < 0.5 * _DRIFTED:
-            self._surprise = Surprise.NONE
-        return lesson
+        x, y, z = (math.nan,) * 3 if force is None else (float(force[0]), float(force[1]), float(force[2]))
+        usable = math.hypot(x, y, z) < _ABSURD
+        arrays = self._work, self._ring, self._stamps, self._places
+        return _LESSONS[_learn(stamp, x, y, z, usable, repeated, *arrays)]
 
     @property
     def surprise(self) -> Surprise:
         """Whether the grains at the last measurement were harder or softer than believed."""
-        return self._surprise
+        return Surprise(int(self._numbers[_SURPRISE]))
 
     @property
     def theta(self) -> Array:
@@ -629,6 +641,6 @@ class Learning:
             found.append(BeliefIssue.WEAK)
         elif ratio > 5.0:
             found.append(BeliefIssue.STRONG)
-        if numbers[_FLAT] > 0.1 * numbers[_SQUARE] and abs(numbers[_CROSS]) > numbers[_DOT]:
+        if ratio >= 0.0 and numbers[_FLAT] > 0.05 * numbers[_SQUARE] and abs(numbers[_CROSS]) > numbers[_DOT]:
             found.append(BeliefIssue.TURNED)
         return found
