@@ -59,8 +59,9 @@ _PENDING, _MEASURED, _VOID = 0.0, 1.0, 2.0
 
 # places of single numbers beside θ and its covariance
 (
-    _TOTAL, _GRAINS, _LEARNED, _TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V, _SPEED, _AWAY, _AIR_PENDING, _ENTERED, _SCORE, _SCORED, _EXCESS,
-    _FORCE, _ALONG, _SQUARE, _STUCK_PATH, _REPEATS, _DRIFT, _REFERENCE, _DOT, _CROSS, _FLAT, _SURPRISE, _BED,
+    _TOTAL, _GRAINS, _LEARNED, _TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V, _SPEED, _AWAY,
+    _AIR_PENDING, _ENTERED, _SCORE, _SCORED, _EXCESS, _FORCE, _ALONG, _SQUARE, _STUCK_PATH,
+    _REPEATS, _DRIFT, _REFERENCE, _DOT, _CROSS, _FLAT, _SURPRISE, _BED,
 ) = range(26)  # fmt: skip
 
 _NUMBERS = _BED + 20  # the belief of the last push: θ and its covariance
@@ -591,7 +592,8 @@ class Learning:
         x, y, z = (math.nan,) * 3 if force is None else (float(force[0]), float(force[1]), float(force[2]))
         usable = math.hypot(x, y, z) < _ABSURD
         arrays = self._work, self._ring, self._stamps, self._places
-        return _LESSONS[_learn(stamp, x, y, z, usable, repeated, *arrays)]
+        lesson: Lesson = _LESSONS[_learn(stamp, x, y, z, usable, repeated, *arrays)]
+        return lesson
 
     @property
     def surprise(self) -> Surprise:
@@ -601,12 +603,12 @@ class Learning:
     @property
     def theta(self) -> Array:
         """s_v, s_h, ρ, δ [m], shape [4]: a copy."""
-        return self._theta.copy()
+        return np.array(self._theta)
 
     @property
     def covariance(self) -> Array:
         """Of `theta`, shape [4, 4]: a copy."""
-        return self._covariance.copy()
+        return np.array(self._covariance)
 
     def belief(self) -> Belief:
         """θ in the user's terms."""

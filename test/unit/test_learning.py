@@ -61,9 +61,7 @@ def run(series: Series, learning: Learning, *, delay: int = 0, repeated: Array |
             out.append(learning.predict(int(series.stamps[k]), series.rows[k], speed=float(series.speeds[k])).copy())
         if k >= delay:
             j = k - delay
-            learning.learn(
-                int(series.stamps[j]), series.forces[j], repeated=repeated is not None and bool(repeated[j])
-            )
+            learning.learn(int(series.stamps[j]), series.forces[j], repeated=repeated is not None and bool(repeated[j]))
     return np.array(out)
 
 
@@ -242,9 +240,9 @@ def test_a_hole_is_softer() -> None:
 
 
 def test_strength_that_grows_slowly_is_reported_by_its_drift() -> None:
-    """An e-fold in 25 mm is no jump: predictions 2 mm old are 8 % off."""
+    """An e-fold in 30 mm is no jump: predictions 2 mm old are 7 % off."""
     series = plunge(seed=8, depth=0.09)
-    growing = np.exp(np.clip(series.path - 0.02, 0.0, 0.05) / 0.025)
+    growing = np.exp(np.clip(series.path - 0.02, 0.0, 0.06) / 0.03)
     learning = learner()
     drifts = []
     for k, stamp in enumerate(series.stamps):
