@@ -4,7 +4,7 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
-.PHONY: demo test lint docs lines dist bench bench-node bench-swaps bench-replay soak fuzz venv clean
+.PHONY: demo test lint studies chart docs lines dist bench bench-node bench-swaps bench-replay soak fuzz venv clean
 
 demo: venv
 	$(BIN)/rft demo -o out/demo
@@ -17,6 +17,12 @@ lint: venv
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 
+studies: venv
+	$(BIN)/python -m studies all -o out/studies --docs docs/paper.md --docs docs/accuracy.md --docs docs/where-it-fails.md
+
+chart: venv
+	$(BIN)/python -m studies chart models -o out/chart
+
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
@@ -27,7 +33,7 @@ dist: venv
 	$(BIN)/python -m build
 
 bench: venv
-	$(BIN)/python bench/kernel.py
+	$(BIN)/python -m bench.kernel
 
 bench-node: venv
 	$(BIN)/python bench/node.py

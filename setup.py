@@ -32,7 +32,7 @@ setup(
         (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
         (f"share/{NAME}/launch", glob("launch/*.py")),
         (f"share/{NAME}/meshes", glob("meshes/*.stl")),
-        # ros2 run and ros2 launch look here; pip ignores setup.cfg's install_scripts (DESIGN 6).
+        # ros2 run and ros2 launch look here; pip ignores setup.cfg's install_scripts.
         (f"lib/{NAME}", ["scripts/rft_node", "scripts/rft"]),
     ],
     install_requires=[

@@ -14,7 +14,6 @@ from statistics import median
 
 import numba
 import numpy as np
-import numpy_rft
 from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
@@ -32,6 +31,7 @@ from rft_ros.rft import (
     wrenches_in_time,
 )
 from rft_ros.tool import load_tool
+from studies import numpy_rft
 
 GENERIC = MEDIA["generic"]
 ZETA = 0.33
@@ -191,7 +191,7 @@ def main() -> int:
     for heading in ("elements", "α_y", "kernel", "NumPy", "live", "x NumPy", "x live", "batch", "x NumPy"):
         table.add_column(heading, justify="right", no_wrap=True)
     bodies = {n: ellipsoid(n) for n in (100, 1_000)}
-    shipped = load_tool("ellipsoid").plates
+    shipped = load_tool("ellipsoid", integration="centroid").plates
     bodies[len(shipped)] = shipped
     bodies |= {n: ellipsoid(n) for n in (10_000, 100_000)}
     advantage = {}

@@ -1,45 +1,75 @@
 """``ros2 launch rft_ros rft.launch.py``: the node with a parameter file, a namespace and remapped inputs."""
 
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
-from launch.conditions import IfCondition
+from pathlib import Path
+
+from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
+
+_BOOLEANS = ["true", "false", "True", "False"]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments and start the node."""
     default = PathJoinSubstitution([FindPackageShare("rft_ros"), "config", "default.yaml"])
-    arguments = {
-        "params_file": (default, "Parameter file of the node."),
-        "namespace": ("", "Namespace of the node."),
-        "pose": ("~/pose", "Topic of the tool's pose (geometry_msgs/PoseStamped)."),
-        "twist": ("~/twist", "Topic of the tool's twist (geometry_msgs/TwistStamped)."),
-        "wrench": ("~/wrench_measured", "Topic of the load cell (geometry_msgs/WrenchStamped)."),
-        "use_sim_time": ("false", "Take time from /clock."),
-        "rviz": ("false", "Start RViz with the tool, the forces and the surface."),
-    }
-    node = Node(
-        package="rft_ros",
-        executable="rft_node",
-        name="rft",
-        namespace=LaunchConfiguration("namespace"),
-        parameters=[LaunchConfiguration("params_file"), {"use_sim_time": LaunchConfiguration("use_sim_time")}],
-        remappings=[
-            ("~/pose", LaunchConfiguration("pose")),
-            ("~/twist", LaunchConfiguration("twist")),
-            ("~/wrench_measured", LaunchConfiguration("wrench")),
-        ],
-        output="screen",
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument("params_file", default_value=default, description="Parameter file of the node."),
+            DeclareLaunchArgument("namespace", default_value="", description="Namespace of the node."),
+            DeclareLaunchArgument(
+                "pose", default_value="~/pose", description="Topic of the tool's pose (geometry_msgs/PoseStamped)."
+            ),
+            DeclareLaunchArgument(
+                "twist", default_value="~/twist", description="Topic of the tool's twist (geometry_msgs/TwistStamped)."
+            ),
+            DeclareLaunchArgument(
+                "wrench",
+                default_value="~/wrench_measured",
+                description="Topic of the load cell (geometry_msgs/WrenchStamped).",
+            ),
+            DeclareLaunchArgument(
+                "use_sim_time", default_value="false", choices=_BOOLEANS, description="Take time from /clock."
+            ),
+            DeclareLaunchArgument(
+                "rviz",
+                default_value="false",
+                choices=_BOOLEANS,
+                description="Start RViz with the tool, the forces and the surface.",
+            ),
+            OpaqueFunction(function=_nodes),
+        ]
     )
-    rviz = Node(
-        package="rviz2",
-        executable="rviz2",
-        arguments=["-d", PathJoinSubstitution([FindPackageShare("rft_ros"), "rviz", "rft.rviz"])],
-        condition=IfCondition(LaunchConfiguration("rviz")),
-    )
-    declared = [
-        DeclareLaunchArgument(name, default_value=value, description=text) for name, (value, text) in arguments.items()
+
+
+def _nodes(context: LaunchContext) -> list[Node]:
+    """The nodes to start. Launch ends with the sentence of an error that is raised before any of them runs."""
+    given = LaunchConfiguration("params_file").perform(context)
+    file = Path(given).expanduser()
+    if not file.is_file():
+        raise RuntimeError(f"params_file '{given}' {'is a folder' if file.is_dir() else 'does not exist'}")
+    nodes = [
+        Node(
+            package="rft_ros",
+            executable="rft_node",
+            name="rft",
+            namespace=LaunchConfiguration("namespace"),
+            parameters=[str(file), {"use_sim_time": LaunchConfiguration("use_sim_time")}],
+            remappings=[
+                ("~/pose", LaunchConfiguration("pose")),
+                ("~/twist", LaunchConfiguration("twist")),
+                ("~/wrench_measured", LaunchConfiguration("wrench")),
+            ],
+            output="screen",
+        )
     ]
-    return LaunchDescription([*declared, node, rviz])
+    if LaunchConfiguration("rviz").perform(context).lower() == "true":
+        try:
+            get_package_prefix("rviz2")
+        except PackageNotFoundError:
+            raise RuntimeError("rviz:=true needs the package rviz2: sudo apt install ros-jazzy-rviz2") from None
+        view = PathJoinSubstitution([FindPackageShare("rft_ros"), "rviz", "rft.rviz"])
+        nodes.append(Node(package="rviz2", executable="rviz2", arguments=["-d", view]))
+    return nodes

@@ -5,37 +5,42 @@ Exit status: 0 done, 1 failed, 2 wrong usage or unusable input, 130 interrupted.
 
 import argparse
 import difflib
+import os
+import signal
 import sys
 from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import NoReturn
 
-from rft_ros.commands import calibrate, chart, check_mesh, demo, predict, reduce, replay, study, sweep, view
+from rft_ros.commands import calibrate, check_mesh, demo, predict, reduce, replay, sweep, view
 from rft_ros.errors import InputError
+from rft_ros.installation import program
 
 __all__ = ["main", "parser"]
 
 # The modules import what they need when they run, so that `rft --help` answers at once.
-_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, chart, study, sweep, view, demo)
+_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, sweep, view, demo)
 _COMMANDS = {module.__name__.rpartition(".")[2].replace("_", "-"): module for module in _MODULES}
 
 
-def parser() -> argparse.ArgumentParser:
-    """The whole command line: a subcommand for each module, named as it is.
+def parser(rft: str = "rft") -> argparse.ArgumentParser:
+    """The whole command line: one subcommand for each module, with the module's name.
 
-    The first line of a module's docstring describes its command, what follows are examples.
+    The first line of a module's docstring describes its command; the lines after it are examples.
+    `rft`: what the user types to run this program; help and errors show it.
     """
     whole = _Parser(
-        prog="rft",
+        prog=rft,
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
-        epilog="rft COMMAND --help says more of each. " + (__doc__ or "").partition("\n\n")[2],
+        epilog=f"{rft} COMMAND --help says more of each. " + (__doc__ or "").partition("\n\n")[2],
         formatter_class=_Help,
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="show the installed version and exit")
     commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
     for name, module in _COMMANDS.items():
         text, _, examples = (module.__doc__ or "").strip().partition("\n\n")
-        epilog = "\n".join(["example:", *(f"  {line}" for line in examples.splitlines())])
+        typed = [f"  {rft}{line.removeprefix('rft')}" for line in examples.splitlines()]
+        epilog = "\n".join(["example:", *typed])
         command = commands.add_parser(name, help=text, description=text, epilog=epilog, formatter_class=_Help)
         module.add_options(command)
         command.set_defaults(run=module.run, own=command)
@@ -43,25 +48,30 @@ def parser() -> argparse.ArgumentParser:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Answers wrong usage with a sentence, and leaves the rest to --help."""
+    """Reports wrong usage in one sentence; argparse's own report repeats the usage."""
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
+        self.exit(2, f"{_short(self.prog)}: {message}; see {self.prog} --help\n")
+
+
+def _short(prog: str) -> str:
+    """``rft`` and the command's name, however the user called it."""
+    return f"rft {prog.rpartition(' ')[2]}" if prog.rpartition(" ")[2] in _COMMANDS else "rft"
 
 
 class _Help(argparse.HelpFormatter):
-    """Names and what they mean side by side where they fit; examples as they are written."""
+    """Two columns where they fit; examples as written."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30)
-        self._action_max_length = 14  # of the longest command, whose indent argparse does not count
+        self._action_max_length = 14  # argparse does not count the indent of the longest command
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
 class _Version(argparse.Action):
-    """What the package is installed as; looked up only when asked for."""
+    """Print the installed version, which takes time to look up, only on request."""
 
     def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
         from importlib.metadata import PackageNotFoundError, version
@@ -75,24 +85,35 @@ class _Version(argparse.Action):
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
-    arguments = sys.argv[1:] if arguments is None else arguments
-    whole = parser()
+    try:
+        try:
+            return _run(sys.argv[1:] if arguments is None else arguments)
+        finally:
+            if sys.stdout is not None:
+                sys.stdout.flush()  # a closed pipe is reported here instead of at exit, where it leaves a traceback
+    except BrokenPipeError:  # the reader, such as head, has what it wanted
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 128 + signal.SIGPIPE
+
+
+def _run(arguments: Sequence[str]) -> int:
+    whole = parser(program("rft"))
     if not arguments:
         whole.print_help(sys.stderr)
         return 2
     word = arguments[0]
     if not word.startswith("-") and word not in _COMMANDS:
-        print(f"rft: there is no command '{word}'; {_meant(word, _COMMANDS)}", file=sys.stderr)
+        print(f"rft: there is no command '{word}'; {_suggestion(word, _COMMANDS)}", file=sys.stderr)
         return 2
-    parsed, left = whole.parse_known_args(arguments)
-    if left:
+    parsed, unknown = whole.parse_known_args(arguments)
+    if unknown:
         options = [name for name in parsed.own._option_string_actions if name.startswith("--")]
-        parsed.own.error(f"'{left[0]}' is not one of its arguments; {_meant(left[0], options)}")
+        parsed.own.error(f"'{unknown[0]}' is not one of its arguments; {_suggestion(unknown[0], options)}")
     try:
         status: int = parsed.run(parsed)
         return status
     except InputError as error:
-        # a damaged file's names may hold control characters
+        # names in a damaged file may hold control characters
         sentence = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(error))
         print(f"rft {parsed.command}: {sentence}", file=sys.stderr)
         return 2
@@ -101,8 +122,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
 
 
-def _meant(word: str, names: Iterable[str]) -> str:
-    """What to say after what is none of the names: the nearest, else all of them."""
+def _suggestion(word: str, names: Iterable[str]) -> str:
+    """The nearest name, else all names."""
     near = difflib.get_close_matches(word, names, n=1)
     return f"did you mean '{near[0]}'?" if near else f"there are {', '.join(names)}"
 

@@ -1,40 +1,52 @@
-"""How far a long piece of work is, on a terminal's stderr; nothing where there is no terminal."""
+"""Progress of long work: shown on stderr where that is a terminal, nowhere else."""
 
 import sys
+import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
-if TYPE_CHECKING:
-    from rich.progress import Progress
-
-__all__ = ["busy", "each"]
+__all__ = ["bar", "busy", "each"]
 
 _T = TypeVar("_T")
 
 
-def _bar() -> "Progress":
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+@contextmanager
+def bar(label: str, total: float, *, delay: float = 1.0) -> Iterator[Callable[[float, str], None]]:
+    """A progress bar with the time left, drawn once the work has taken `delay` [s].
 
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn()
+    Yields `update(completed, label)`. What is printed meanwhile damages the bar.
+    """
+    from rich.console import Console
+    from rich.progress import Progress
+
     shown = sys.stderr.isatty()
-    return Progress(*columns, console=Console(stderr=True), transient=True, disable=not shown, redirect_stdout=False)
+    progress = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False, disable=not shown)
+    task = progress.add_task(label, total=total)
+    first_drawn = time.monotonic() + delay
+
+    def update(completed: float, label: str) -> None:
+        progress.update(task, completed=completed, description=label)
+        if time.monotonic() >= first_drawn:
+            progress.start()
+
+    try:
+        yield update
+    finally:
+        progress.stop()
 
 
 def each(items: Sequence[_T], name: Callable[[_T], str]) -> Iterator[_T]:
-    """The items, and a bar that names the one under way. What is printed meanwhile would get into it."""
-    with _bar() as bar:
-        task = bar.add_task("", total=len(items))
-        for item in items:
-            bar.update(task, description=name(item))
+    """Iterate over the items under a bar that names the current one."""
+    with bar("", len(items), delay=0.0) as update:
+        for number, item in enumerate(items):
+            update(number, f"{name(item)} {number}/{len(items)}")
             yield item
-            bar.advance(task)
 
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """Show what is under way, where nobody knows how long it takes. What is printed meanwhile would get into it."""
+    """A spinner beside `what`, for work of unknown length."""
     from rich.console import Console
 
     with Console(stderr=True).status(f"{what} ..."):

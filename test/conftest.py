@@ -1,5 +1,6 @@
-"""What all tests share: where the reference data is, and repeatable hypothesis runs."""
+"""What all tests share: the reference data, repeatable hypothesis runs, and children that hear SIGINT."""
 
+import signal
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,10 @@ from hypothesis import settings
 # The first example compiles the kernel: no deadline. The same examples every time: a failure is a change, not luck.
 settings.register_profile("rft", deadline=None, derandomize=True)
 settings.load_profile("rft")
+
+# Jobs that a shell started in the background ignore SIGINT, and so do their children. A handler ends that: a child
+# begins with the default action instead.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 SHARED_DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 

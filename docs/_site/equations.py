@@ -1,7 +1,7 @@
 """mkdocs hook: equations as MathML, which browsers draw by themselves.
 
-GitHub draws ``$...$`` and blocks of ```` ```math ````; this hook takes the same ones. Each is replaced by a word that
-Markdown leaves alone, and the word by MathML once Markdown is done.
+Like GitHub, it takes ``$...$`` and blocks of ```` ```math ````. A placeholder word that Markdown does not change stands
+for each equation; after Markdown, MathML replaces it.
 """
 
 import re
@@ -26,7 +26,7 @@ def _block(latex: str) -> str:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Put a word in each equation's place, and keep the equations with the page."""
+    """Replace each equation by a placeholder word, and keep the equations with the page."""
     drawn: list[str] = []
 
     def word(html: str) -> str:

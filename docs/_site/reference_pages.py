@@ -1,4 +1,4 @@
-"""``python docs/_site/reference_pages.py``: write docs/commands.md and docs/node.md from what the code declares."""
+"""``python docs/_site/reference_pages.py``: write docs/commands.md and the tables of docs/node.md from the code."""
 
 import argparse
 from pathlib import Path
@@ -11,33 +11,32 @@ from rft_ros.estimator.samples import Reason
 __all__ = ["commands_page", "main", "node_page"]
 
 ROOT = Path(__file__).resolve().parents[2]
-_MADE = "<!-- made by python docs/_site/reference_pages.py from {} -->\n"
 
 _REASONS = {
-    Reason.MESSAGE_UNREADABLE: "the bytes are no message of the topic's type",
-    Reason.POSE_NOT_FINITE: "NaN or infinity in a pose",
-    Reason.POSE_QUATERNION_NOT_UNIT: "the quaternion's length is not within 1 % of 1 (zero, for one)",
-    Reason.POSE_FRAME_UNKNOWN: "frame_id is not `world_frame`",
-    Reason.POSE_STAMP_ZERO: "no time in the stamp",
-    Reason.POSE_REPEATED: "the stamp of the pose before",
-    Reason.POSE_OUT_OF_ORDER: "a stamp less than a second before that of the last pose",
-    Reason.POSE_RATE_LIMITED: "sooner after the last answer than `max_rate` allows",
-    Reason.POSE_HISTORY_SHORT: "`twist_source: pose_difference` has too few poses yet",
-    Reason.TIME_JUMP: "stamps went back by a second or more: the estimator began afresh",
-    Reason.TWIST_MISSING: "no twist has come yet",
-    Reason.TWIST_STALE: "the twist's stamp is further from the pose's than `max_input_age`",
-    Reason.TWIST_NOT_FINITE: "NaN or infinity in a twist",
-    Reason.TWIST_FRAME_UNKNOWN: "frame_id is neither `world_frame` nor `tool_frame`",
-    Reason.TWIST_STAMP_ZERO: "no time in the stamp",
-    Reason.TWIST_OUT_OF_ORDER: "a stamp before that of the last twist",
-    Reason.AT_REST: "in the grains, and no point of the tool as fast as `rest_speed`; not given with memory",
-    Reason.ESTIMATE_NOT_FINITE: "the wrench came out as no usable number",
-    Reason.WRENCH_MISSING: "no load-cell sample has come yet",
-    Reason.WRENCH_STALE: "the sample's stamp is further from the pose's than `max_input_age`",
-    Reason.WRENCH_NOT_FINITE: "NaN, infinity or an absurd number from the load cell",
-    Reason.WRENCH_FRAME_UNKNOWN: "frame_id is not `sensor_frame`",
-    Reason.WRENCH_STAMP_ZERO: "no time in the stamp",
-    Reason.WRENCH_OUT_OF_ORDER: "a stamp before that of the last load-cell sample",
+    Reason.MESSAGE_UNREADABLE: "the bytes are not a message of the topic's type",
+    Reason.POSE_NOT_FINITE: "the pose contains NaN or infinity",
+    Reason.POSE_QUATERNION_NOT_UNIT: "the quaternion's length differs from 1 by more than 1 %",
+    Reason.POSE_FRAME_UNKNOWN: "the pose's frame_id is not `world_frame`",
+    Reason.POSE_STAMP_ZERO: "the pose's stamp is zero",
+    Reason.POSE_REPEATED: "the pose has the same stamp as the pose before",
+    Reason.POSE_OUT_OF_ORDER: "the pose's stamp is less than 1 s before that of the last pose",
+    Reason.POSE_RATE_LIMITED: "the pose comes sooner after the last answer than `max_rate` allows",
+    Reason.POSE_HISTORY_SHORT: "`twist_source: pose_difference` does not have enough poses yet",
+    Reason.TIME_JUMP: "the stamps went back by 1 s or more; the estimator starts afresh",
+    Reason.TWIST_MISSING: "no twist stamped at or before the pose has arrived",
+    Reason.TWIST_STALE: "the last twist is more than `max_input_age` older than the pose",
+    Reason.TWIST_NOT_FINITE: "the twist contains NaN or infinity",
+    Reason.TWIST_FRAME_UNKNOWN: "the twist's frame_id is neither `world_frame` nor `tool_frame`",
+    Reason.TWIST_STAMP_ZERO: "the twist's stamp is zero",
+    Reason.TWIST_OUT_OF_ORDER: "the twist's stamp is before that of the last twist",
+    Reason.AT_REST: "the tool is in the grains and every point of it is slower than `rest_speed`; not used with memory",
+    Reason.ESTIMATE_NOT_FINITE: "the computed wrench is NaN or infinite",
+    Reason.WRENCH_MISSING: "no load-cell sample stamped at or before the pose has arrived",
+    Reason.WRENCH_STALE: "the last load-cell sample is more than `max_input_age` older than the pose",
+    Reason.WRENCH_NOT_FINITE: "the load-cell sample contains NaN, infinity or an absurdly large number",
+    Reason.WRENCH_FRAME_UNKNOWN: "the load-cell sample's frame_id is not `sensor_frame`",
+    Reason.WRENCH_STAMP_ZERO: "the load-cell sample's stamp is zero",
+    Reason.WRENCH_OUT_OF_ORDER: "the load-cell sample's stamp is before that of the last one",
 }
 
 
@@ -46,7 +45,7 @@ def _cell(text: str) -> str:
 
 
 def _named(action: argparse.Action) -> str:
-    """An argument as it is typed, such as ``--scale M``."""
+    """The argument as a user types it, such as ``--scale M``."""
     metavar = action.metavar if action.metavar is not None else action.dest.upper()
     if action.choices is not None and action.metavar is None:
         metavar = "{" + ",".join(map(str, action.choices)) + "}"
@@ -87,54 +86,53 @@ def _command(name: str, command: argparse.ArgumentParser) -> str:
 
 
 def commands_page() -> str:
-    """docs/commands.md: every command, what it takes, its defaults and an example."""
+    """docs/commands.md: every command with its arguments, defaults and an example."""
     whole = parser()
     (commands,) = (a.choices for a in whole._actions if isinstance(a, argparse._SubParsersAction))
     status = (whole.epilog or "").partition("Exit status: ")[2]
     head = [
-        "# Commands\n\n" + _MADE.format("rft_ros/cli.py"),
-        f"{whole.description} No command but `rft demo` needs ROS. Errors are one sentence; exit status: {status}",
-        "What a recording is: a rosbag2 folder (MCAP or sqlite3), an .mcap or .db3 file, or a ROS 1 .bag.\n",
+        "# Commands\n\n<!-- made by python docs/_site/reference_pages.py from rft_ros/cli.py -->\n",
+        f"{whole.description} Only `rft demo` needs ROS. After `colcon build`, type `ros2 run rft_ros rft`"
+        " instead of `rft`.\n",
+        f"Every error is one sentence on stderr. Exit status: {status}",
+        "A recording is a rosbag2 folder (MCAP or sqlite3), an .mcap or .db3 file, or a ROS 1 .bag file.\n",
     ]
     return "\n".join([*head, *(_command(name, command) for name, command in commands.items())])
 
 
-def _of_the_readme(first: str, last: str) -> str:
-    """What the README says from the line that begins with `first` to the one before that with `last`."""
-    text = (ROOT / "README.md").read_text(encoding="utf-8")
-    start = text.index("\n" + first) + 1
-    return text[start : text.index("\n" + last, start)].strip() + "\n"
+def _table(*rows: str) -> str:
+    return "\n".join(rows) + "\n"
+
+
+def _topics() -> str:
+    """The README's table of topics."""
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    rows = lines[lines.index("| topic | type | meaning |") :]
+    return _table(*rows[: rows.index("")]).replace("](docs/node.md#", "](#")
 
 
 def node_page() -> str:
-    """docs/node.md: topics, services, parameters, reasons and quality flags."""
-    reasons = [f"| `{reason.value}` | {_REASONS[reason]} |" for reason in Reason]
-    quality_flags = [
-        f"| `{flag_names(flag)[0]}` | {sentences(flag)} | {trust(flag).value} |" for flag in QualityFlag if flag.value
-    ]
-    parts = [
-        "# The node\n\n" + _MADE.format("the README, the parameter table, samples.py and quality_flags.py"),
-        "Executable `rft_node`, node name `rft`. How to start it: the [README](../README.md#on-your-robot). What it"
-        " does when things go wrong: [when inputs fail](where-it-fails.md#when-inputs-fail).\n",
-        "## Topics\n\n" + _of_the_readme("| topic | type |", "| service |"),
-        "## Services\n\n" + _of_the_readme("| service | type |", "Where there is no estimate"),
-        "## Parameters\n\n" + markdown_table(),
-        "## Reasons\n\n"
-        "Why a sample was not used, or why a pose brought no estimate (no residual, for those of the load cell)."
-        " Counted in `/diagnostics` and in a replay's `summary.json`.\n\n"
-        + "\n".join(["| reason | when |", "|---|---|", *reasons])
-        + "\n",
-        "## Quality flags\n\n"
-        "What may be wrong with an estimate that is given. `trust` in `/diagnostics` is the lowest that its flags"
-        " leave, and OK without any. Most have a figure in [where it fails](where-it-fails.md).\n\n"
-        + "\n".join(["| flag | meaning | trust |", "|---|---|---|", *quality_flags])
-        + "\n",
-    ]
-    return "\n".join(parts)
+    """docs/node.md: its own text, with the tables between its marks written anew."""
+    tables = {
+        "topics": _topics(),
+        "parameters": markdown_table(),
+        "reasons": _table("| reason | when |", "|---|---|", *(f"| `{r.value}` | {_REASONS[r]} |" for r in Reason)),
+        "quality flags": _table(
+            "| flag | meaning | trust |",
+            "|---|---|---|",
+            *(f"| `{flag_names(f)[0]}` | {sentences(f)} | {trust(f).value} |" for f in QualityFlag if f.value),
+        ),
+    }
+    page = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
+    for name, table in tables.items():
+        begin, end = f"<!-- {name}: begin (generated) -->\n", f"<!-- {name}: end -->\n"
+        before, _, rest = page.partition(begin)
+        page = before + begin + table + end + rest.partition(end)[2]
+    return page
 
 
 def main() -> None:
-    """Rewrite both pages in the checkout."""
+    """Rewrite docs/commands.md and the tables of docs/node.md in the checkout."""
     for name, page in (("commands", commands_page()), ("node", node_page())):
         (ROOT / "docs" / f"{name}.md").write_text(page, encoding="utf-8")
 

@@ -1,7 +1,7 @@
-"""mkdocs hook: the README as the site's home page, and the repository's files that pages link to, beside the pages.
+"""mkdocs hook: make the README the site's home page, and add the repository's files that pages link to.
 
-GitHub resolves a page's links from where the page lies in the repository. On the site the pages of ``docs/`` lie at the
-top, so what they link to outside of it is laid into ``repository/``, and the links are turned there.
+GitHub resolves a page's links from the page's folder. On the site, the pages of ``docs/`` are at the top. This hook
+copies files outside ``docs/`` that they link to into ``repository/`` and changes the links accordingly.
 """
 
 import posixpath
@@ -26,7 +26,7 @@ def _on_the_site(target: str, folder: str) -> str:
 
 
 def with_links_from_the_site(text: str, folder: str) -> str:
-    """Turn the links of a page that lies in `folder` of the repository ("" is its top) to where the site has them."""
+    """Change the links of a page in `folder` of the repository ("" is its top) to their targets on the site."""
     return _FENCED_OR_LINK.sub(lambda m: m[0] if m[0].startswith("```") else _on_the_site(m[0], folder), text)
 
 
@@ -43,5 +43,5 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Turn the links of every page but the home page, which is made with them turned."""
+    """Change the links of every page except the home page, which already has them changed."""
     return markdown if page.is_homepage else with_links_from_the_site(markdown, "docs")

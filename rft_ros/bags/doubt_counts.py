@@ -4,7 +4,7 @@ from collections import Counter
 
 import numpy as np
 
-from rft_ros.bags.trace import Trace
+from rft_ros.bags.estimates import Trace
 from rft_ros.estimator.quality import Trust, flag_names, trust
 
 __all__ = ["ALL_FLAGS", "counted_flags"]

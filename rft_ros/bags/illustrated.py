@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.bags.estimates import PHASES, ROW, Trace
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.bags.tool_moments import tool_view
-from rft_ros.bags.trace import PHASES, ROW, Trace
 from rft_ros.estimator import Model
 from rft_ros.estimator.parameters import PARAMETERS
 from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
@@ -22,7 +22,7 @@ from rft_ros.report.pictures import draw_chart, draw_tool
 from rft_ros.report.replay_charts import replay_charts
 from rft_ros.report.replay_series import FlaggedRows, ReplaySeries
 
-__all__ = ["draw", "thinned"]
+__all__ = ["decimated", "draw"]
 
 _BUCKETS = 1500
 _BLOCK = 4096
@@ -36,7 +36,7 @@ def draw(
 
     `vertical`: the sensor axis nearest to vertical, and where it points ("up" or "down").
     """
-    rows = thinned(trace)
+    rows = decimated(trace)
     first = int(rows["stamp"].min()) if len(rows) else 0
     series = ReplaySeries(
         time=(rows["stamp"] - first) * 1e-9,
@@ -61,7 +61,7 @@ def draw(
         draw_tool(tool, out / f"{tool.name}.png", title=summary.bag)
 
 
-def thinned(trace: Trace) -> NDArray[np.void]:
+def decimated(trace: Trace) -> NDArray[np.void]:
     """Rows of the trace, all of them or some thousand.
 
     Of each stretch its first, and those with the greatest depth, measured force and residual force: no peak is lost.

@@ -2,12 +2,12 @@
 
 import math
 
-import numba
 import numpy as np
 
 from rft_ros.bags.phases import Moment
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.rft import rotation_matrix
+from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import rotation
 
 __all__ = ["Motion"]
@@ -23,7 +23,7 @@ _UNPLACED = {
 """Reasons for which a pose does not say where the tool is now."""
 
 
-@numba.njit(cache=True, error_model="numpy")
+@compiled
 def _lowest_point(corners, state, out):  # type: ignore[no-untyped-def]
     """World z of the lowest corner [m], its velocity [m/s], and the world's z axis in the tool frame: 7 numbers."""
     a = rotation(state[3], state[4], state[5], state[6])
@@ -48,7 +48,7 @@ class Motion:
     """The motion of an estimator's tool, pose by pose."""
 
     def __init__(self, estimator: Estimator) -> None:
-        self._state = estimator.state
+        self._estimator = estimator
         self._corners = estimator.model.tool.corners
         self._settings = estimator.settings
         self._out = np.zeros(7)
@@ -65,13 +65,13 @@ class Motion:
             speed = answer.speed
         elif answer.reason in _UNPLACED:
             return None, None
-        _lowest_point(self._corners, self._state, self._out)
+        elif answer.reason is not Reason.AT_REST:
+            return self._estimator.depth(), None
+        _lowest_point(self._corners, self._estimator.state, self._out)
         height, vx, vy, vz, *up = self._out.tolist()
         depth = self._settings.surface_height - height
         if depth > self._deepest:
             self._deepest, self._up = depth, np.array(up)
-        if isinstance(answer, NoEstimate) and answer.reason is not Reason.AT_REST:
-            return depth, None
         return depth, Moment(answer.stamp, depth, -vz, math.hypot(vx, vy, vz), speed)
 
     def vertical_axis(self) -> tuple[str, str]:

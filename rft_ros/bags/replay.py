@@ -2,28 +2,27 @@
 
 import json
 import time
+from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from rft_ros.bags.doubt_counts import counted_flags
+from rft_ros.bags.estimates import COLUMNS, Trace, csv_row
 from rft_ros.bags.motion import Motion
 from rft_ros.bags.phases import Phase, Phases
-from rft_ros.bags.progress import with_progress
+from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.remapping import remapped_topics
-from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
 from rft_ros.bags.statistics import statistics
 from rft_ros.bags.summary import Summary
-from rft_ros.bags.table import COLUMNS, ending, row
-from rft_ros.bags.trace import Trace, packed
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, Reason, Settings, TwistSample, Wrench
-from rft_ros.estimator.messages import Role, Sample
+from rft_ros.estimator import Estimate, Estimator, Measurement, Model, NoEstimate, Reason, Settings, Wrench
+from rft_ros.estimator.messages import Role
 from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.estimator.warm_up import warm_up
 
-__all__ = ["COLUMNS", "ReplayOptions", "read_replay_options", "replay", "replay_model"]
+__all__ = ["replay", "replay_model"]
 
 
 def replay_model(values: Values) -> Model:
@@ -58,15 +57,13 @@ def replay(
     and so is a tare that the estimator refuses.
     """
     ReplayOptions(remap=tuple(remap), tare=tare, start=start, end=end)  # refuses spans that cannot be
-    topics = remapped_topics(remap)
-    if values["twist_source"] != "topic":
-        del topics["twist"]
+    topics = topics_of(values, remap)
     if bag.resolve() in (out.resolve(), (out / "estimates").resolve()):
         raise InputError(f"bag '{bag}' lies where its own results would be written; choose another output folder")
     model = model or replay_model(values)
 
     began = time.perf_counter()
-    if tare is not None:
+    if tare:
         values = {**values, "sensor.bias": _bias(bag, topics, settings_of(values), model, start or 0.0, tare)}
     settings = settings_of(values)
     estimator = Estimator(settings, model)
@@ -113,50 +110,53 @@ def replay(
     return summary
 
 
+class _Row(NamedTuple):
+    """A pose's answer, the depth of the tool's lowest point [m] where the pose tells it, and the state as bytes."""
+
+    answer: Estimate | NoEstimate
+    depth: float | None
+    state: bytes
+
+
 def _answer_all(
     recording: Recording, estimator: Estimator, motion: Motion, trace: Trace, out: Path, label: str
 ) -> None:
-    """Every sample into the estimator; every answer into table, bag and trace."""
-    frame = estimator.settings.sensor_frame
+    """Play the recording; write each pose to table, bag and trace once its phase and measurement are known."""
     phases: Phases[_Row] = Phases(estimator.settings.rest_speed)
+    waiting: deque[tuple[_Row, Phase | None]] = deque()
+    measurements: deque[Measurement] = deque()
+    frame = estimator.settings.sensor_frame
     with BagWriter(out / "estimates") as writer, (out / "estimates.csv").open(
         "w", encoding="utf-8", newline="\n"
     ) as table:  # fmt: skip
         table.write(",".join(COLUMNS) + "\n")
 
-        def settle(rows: list[tuple[_Row, Phase | None]]) -> None:
-            for (stamp, begun, quality_flags, numbers, state), phase in rows:
-                table.write(begun + ending(phase, quality_flags))
-                if numbers is not None:
-                    trace.add(stamp, phase, numbers, state)
+        def write_complete_rows() -> None:
+            measurements.extend(estimator.measurements())
+            while waiting and (measurements or isinstance(waiting[0][0].answer, NoEstimate)):
+                (answer, depth, state), phase = waiting.popleft()
+                measurement = None
+                if isinstance(answer, Estimate):
+                    measurement = measurements.popleft()
+                    _write(writer, frame, answer, measurement)
+                table.write(csv_row(depth, answer, measurement, phase))
+                if depth is not None:
+                    trace.add(depth, answer, measurement, phase, state)
 
-        for sample in with_progress(recording, label):
-            answer = _push(estimator, sample)
-            if answer is None:
-                continue
-            depth, moment = motion.after(answer)
-            numbers = None if depth is None else packed(depth, answer)
-            quality_flags = 0
-            if isinstance(answer, Estimate):
-                quality_flags = answer.quality_flags
-                _write(writer, frame, answer)
-            begun = (sample.stamp, row(depth, answer), quality_flags, numbers, estimator.state.tobytes())
-            settle(phases.push(begun, moment))
-        settle(phases.finish())
-
-
-_Row = tuple[int, str, int, bytes | None, bytes]
-"""Stamp [ns], the table's row as far as it is known, quality_flags, what goes into the trace, and the state."""
+        for _, answer in play(recording, estimator, label):
+            if answer is not None:
+                depth, moment = motion.after(answer)
+                waiting.extend(phases.push(_Row(answer, depth, estimator.state.tobytes()), moment))
+                write_complete_rows()
+        waiting.extend(phases.finish())
+        write_complete_rows()
 
 
-def _push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
-    if isinstance(sample, PoseSample):
-        return estimator.push_pose(sample)
-    if isinstance(sample, TwistSample):
-        estimator.push_twist(sample)
-    else:
-        estimator.push_wrench(sample)
-    return None
+def _write(writer: BagWriter, frame: str, estimate: Estimate, measurement: Measurement) -> None:
+    writer.write_wrench("/rft/wrench_predicted", estimate.stamp, frame, estimate.predicted)
+    if measurement.compensated is not None and measurement.residual is not None:
+        writer.write_wrench("/rft/wrench_compensated", estimate.stamp, frame, measurement.compensated)
+        writer.write_wrench("/rft/wrench_residual", estimate.stamp, frame, measurement.residual)
 
 
 def _bias(
@@ -166,8 +166,7 @@ def _bias(
     estimator = Estimator(settings, model)
     begin = newest = 0
     with Recording(bag, topics, start=start, end=start + seconds) as recording:
-        for sample in recording:
-            answer = _push(estimator, sample)
+        for sample, answer in play(recording, estimator, bag.name):
             if answer is None:
                 newest = sample.stamp
             elif not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
@@ -177,10 +176,3 @@ def _bias(
     except InputError as error:
         turned_away = "".join(f", {counted}" for counted in estimator.counted())
         raise InputError(f"bag '{bag}': {error} (of the first {seconds:g} s{turned_away})") from None
-
-
-def _write(writer: BagWriter, frame: str, estimate: Estimate) -> None:
-    writer.write_wrench("/rft/wrench_predicted", estimate.stamp, frame, estimate.predicted)
-    if estimate.compensated is not None and estimate.residual is not None:
-        writer.write_wrench("/rft/wrench_compensated", estimate.stamp, frame, estimate.compensated)
-        writer.write_wrench("/rft/wrench_residual", estimate.stamp, frame, estimate.residual)

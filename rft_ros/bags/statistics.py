@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.bags.estimates import AXES, PHASES, Trace
 from rft_ros.bags.phases import Phase
-from rft_ros.bags.table import AXES
-from rft_ros.bags.trace import PHASES, Trace
 
 __all__ = ["Axis", "Group", "PhaseGroup", "Spread", "statistics"]
 

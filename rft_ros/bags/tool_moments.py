@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.bags.estimates import PHASES
 from rft_ros.bags.phases import Phase
-from rft_ros.bags.trace import PHASES
 from rft_ros.estimator import Model
 from rft_ros.report.charts import ToolView, TractionMoment
 from rft_ros.rft import plate_forces, rotation_matrix

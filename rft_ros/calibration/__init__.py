@@ -1,17 +1,15 @@
-"""From recordings to calibrated parameters: what the grains at hand and the load cell are, with standard errors."""
+"""From recordings to calibrated parameters of the grains and the load cell, with standard errors."""
 
-from rft_ros.calibration.calibrate import calibrate
-from rft_ros.calibration.findings import CannotTell, Finding, Refusal
-from rft_ros.calibration.outcome import PARTS, Calibration, Options
+from rft_ros.calibration.calibrate import PARTS, Calibration, Options, calibrate
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
 from rft_ros.calibration.track import Track, read_track
 
 __all__ = [
     "PARTS",
     "Calibration",
-    "CannotTell",
-    "Finding",
+    "FittedValue",
+    "NotIdentifiable",
     "Options",
-    "Refusal",
     "Track",
     "calibrate",
     "read_track",

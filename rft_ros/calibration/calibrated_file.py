@@ -1,30 +1,28 @@
-"""The calibrated parameter file: the input file with what was fitted put in, and where it came from."""
+"""The calibrated parameter file: the input file with the fitted values put in, and a record of where they came from."""
 
+import os
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
-from rft_ros.calibration.findings import Finding
-from rft_ros.calibration.outcome import Calibration
+from rft_ros.calibration.calibrate import Calibration
+from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator.parameter_file import NODE_KEYS, parameter_tree
-from rft_ros.estimator.parameters import Value
+from rft_ros.estimator.parameters import NODE_KEYS, defaults, parameter_tree
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 
 SECTION = "rft_calibration"
-"""Top-level key of what the node passes over: bags, dates, values with standard errors, refusals, notes."""
-
-_Row = tuple[float, float]
+"""Top-level key that the node ignores: bags, dates, values with standard errors, what is not identifiable, notes."""
 
 
 class _Dumper(yaml.SafeDumper):
-    """Lists of numbers on one line, all else in blocks, no aliases."""
+    """Lists of numbers on one line, all else in blocks, no aliases (which ROS does not read)."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (the base class calls it with it)
         return True
@@ -35,113 +33,101 @@ def _list(dumper: yaml.SafeDumper, data: Sequence[Any]) -> yaml.Node:
     return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
 
 
-def _float(dumper: yaml.SafeDumper, data: float) -> yaml.Node:
-    text = repr(data)
-    if "e" in text and "." not in text:  # 1e-05 is a string to PyYAML, not to ROS; 1.0e-05 is a number to both
-        text = text.replace("e", ".0e")
-    return dumper.represent_scalar("tag:yaml.org,2002:float", text)
-
-
 _Dumper.add_representer(list, _list)
 _Dumper.add_representer(tuple, _list)
-_Dumper.add_representer(float, _float)
 
 
 def rounded(value: float, error: float) -> float:
-    """The value to a hundredth of its standard error: what is beyond that is noise, and would differ by machine."""
-    return float(f"{value:.{max(0, min(12, _digits(error)))}f}")
+    """The value to a hundredth of its standard error: further digits are noise, and would differ by machine."""
+    places = 2 - int(np.floor(np.log10(error))) if error > 0.0 else 12
+    return round(value, max(0, min(12, places)))
 
 
-def _digits(error: float) -> int:
-    """Decimal places down to a hundredth of the error."""
-    return 12 if not error > 0.0 else 2 - int(f"{error:e}".partition("e")[2])
+def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iterable[Track]) -> list[Path]:
+    """Write the calibrated file, and an α_y table beside it if one is needed; returns what was written.
+
+    `source`: the parameter file with all other values. Other nodes' sections and `rft_replay` are kept, but not a tare
+    beside a fitted bias, and no comments. The same bags and parameters give the same bytes. Raises InputError where it
+    cannot be written.
+    """
+    tree = parameter_tree(source)
+    tree.pop(SECTION, None)
+    parameters = [tree[key]["ros__parameters"] for key in NODE_KEYS if isinstance(tree.get(key), dict)][-1]
+    for f in result.fitted:
+        if f.name in defaults():
+            values = tuple(rounded(v, e) for v, e in zip(f.values, f.errors, strict=True))
+            _put(parameters, f.name, values if len(values) > 1 else values[0])
+    if any(f.name == "sensor.bias" for f in result.fitted):
+        _drop_tare(tree)
+    begins = {track.name: _date(track.begin) for track in tracks}
+    texts = {file: ""}
+    if result.alpha_y is None:
+        _follow(parameters, source, file)
+    elif result.alpha_y.published:
+        _put(parameters, "alpha_y.model", result.alpha_y.model)
+    else:
+        table = file.with_name(f"{file.stem}.alpha_y.csv")
+        _put(parameters, "alpha_y.model", "table")
+        _put(parameters, "alpha_y.table", table.name)
+        head = f"# α_y ({result.alpha_y.model} in β) from {', '.join(begins)}; constant beyond the first and last row\n"
+        texts[table] = head + "beta,alpha_y\n" + "".join(f"{b:g},{alpha:.6g}\n" for b, alpha in result.alpha_y.rows)
+    record = {
+        "bags": [f"{name} ({date})" for name, date in begins.items()],
+        "fitted": {f.name.partition(" ")[0].replace(".", "_"): _recorded(f) for f in result.fitted},
+        "not_identifiable": [f"{name}: {why}" for name, why in result.not_identifiable.items()],
+        "notes": list(result.notes),
+    }
+    # ROS has no type for an empty list
+    tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}
+    head = f"# {source.name} calibrated by rft calibrate; sources and standard errors: {SECTION} below.\n"
+    head += "".join(f"# From {name}, recorded {date}.\n" for name, date in begins.items())
+    texts[file] = head + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        for path, text in texts.items():
+            path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"calibrated file '{file}' cannot be written: {reason_of(error)}") from None
+    return list(texts)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Target:
-    """The parameters of one node in a tree, nested or with dots."""
-
-    parameters: dict[str, Any]
-
-    def put(self, name: str, value: Any) -> None:
-        """Set a parameter where the file has it, else with dots."""
-        group, _, rest = name.partition(".")
-        nested = self.parameters.get(group)
-        if name not in self.parameters and rest and isinstance(nested, dict):
-            _Target(parameters=nested).put(rest, value)
-        else:
-            self.parameters[name] = value
+def _put(parameters: dict[str, Any], name: str, value: Any) -> None:
+    """Set a parameter where the file has it, nested or with dots; a new one beside its group."""
+    group, _, rest = name.partition(".")
+    nested = parameters.get(group)
+    if name not in parameters and rest and isinstance(nested, dict):
+        _put(nested, rest, value)
+    else:
+        parameters[name] = value
 
 
-def _put(tree: dict[str, Any], name: str, value: Value) -> None:
-    """Set a parameter for the node `rft`, in the section that has the last word."""
-    sections = [tree[key]["ros__parameters"] for key in NODE_KEYS if isinstance(tree.get(key), dict)]
-    _Target(parameters=sections[-1]).put(name, list(value) if isinstance(value, tuple) else value)
+def _drop_tare(tree: dict[str, Any]) -> None:
+    """A fitted bias replaces the tare, and a bag that begins in the grains would be refused with one."""
+    section = tree.get("rft_replay", {}).get("ros__parameters", {})
+    section.pop("tare", None)
+    if not section:
+        tree.pop("rft_replay", None)
 
 
-def _recorded(finding: Finding) -> dict[str, Any]:
-    pairs = list(zip(finding.values, finding.errors, strict=True))
+def _follow(parameters: dict[str, Any], source: Path, file: Path) -> None:
+    """Keep the path of an α_y table that the source names, which is relative to the source, valid from the new file."""
+    nested = parameters.get("alpha_y", {})
+    table = parameters.get("alpha_y.table", nested.get("table") if isinstance(nested, dict) else "")
+    if table and not Path(table).expanduser().is_absolute():
+        target = (source.parent / table).resolve()
+        _put(parameters, "alpha_y.table", os.path.relpath(target, file.resolve().parent))
+
+
+def _recorded(f: FittedValue) -> dict[str, Any]:
     return {
-        "value": [rounded(v, e) for v, e in pairs],
-        "standard_error": [float(f"{e:.3g}") for e in finding.errors],
-        "unit": finding.unit,
-        "goodness": finding.goodness,
-        "source": finding.source,
+        "value": [rounded(v, e) for v, e in zip(f.values, f.errors, strict=True)],
+        "standard_error": [float(f"{e:.3g}") for e in f.errors],
+        "unit": f.unit,
+        "goodness": f.goodness,
+        "source": f.source,
     }
 
 
 def _date(stamp: int) -> str:
     """UTC of a header stamp [ns], to the second."""
     return datetime.fromtimestamp(stamp // 1_000_000_000, timezone.utc).strftime("%Y-%m-%dT%H:%M:%SZ")
-
-
-def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iterable[Track]) -> list[Path]:
-    """Write the calibrated file, and an α_y table beside it if there is one; returns what was written.
-
-    `source`: the parameter file that all other values come from; other nodes' sections and `rft_replay` are kept, its
-    comments are not. The same bags and parameters give the same bytes. InputError where it cannot be written.
-    """
-    tree = parameter_tree(source)
-    tree.pop(SECTION, None)
-    written = [file]
-    for finding in result.findings:
-        if finding.parameter:
-            values = tuple(rounded(v, e) for v, e in zip(finding.values, finding.errors, strict=True))
-            _put(tree, finding.parameter, values if len(values) > 1 else values[0])
-    begins = {track.name: _date(track.begin) for track in tracks}
-    if result.alpha_y:
-        table = file.with_name(f"{file.stem}.alpha_y.csv")
-        _put(tree, "alpha_y.model", "table")
-        _put(tree, "alpha_y.table", str(table.resolve()))
-        written.append(table)
-    record = {
-        "bags": [f"{name} ({date})" for name, date in begins.items()],
-        "fitted": {_key(f.name): _recorded(f) for f in result.findings},
-        "refused": [f"{r.name}: {r.why}" for r in result.refusals],
-        "notes": list(result.notes),
-    }
-    # ROS has no type for an empty list
-    tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}
-    head = [
-        f"# {source.name} calibrated by rft calibrate; what came from where, with standard errors: {SECTION} below.",
-        *(f"# From {name}, recorded {date}." for name, date in begins.items()),
-    ]
-    body = yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text("\n".join(head) + "\n" + body, encoding="utf-8")
-        if result.alpha_y:
-            written[1].write_text(_table(result.alpha_y.rows, result.alpha_y.model, begins), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"calibrated file '{file}' cannot be written: {reason_of(error)}") from None
-    return written
-
-
-def _key(name: str) -> str:
-    """A finding's name without dots and words in brackets, which are no parameter names to ROS."""
-    return name.partition(" ")[0].replace(".", "_")
-
-
-def _table(rows: Sequence[_Row], model: str, begins: Iterable[str]) -> str:
-    head = f"# α_y ({model} in β) from {', '.join(begins)}; held beyond the first and the last row\nbeta,alpha_y\n"
-    return head + "".join(f"{beta:g},{alpha:.6g}\n" for beta, alpha in rows)

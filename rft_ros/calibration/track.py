@@ -1,4 +1,4 @@
-"""A recording as arrays: the tool's states and what the load cell read at each, with nothing taken off."""
+"""A recording as arrays: the tool's states and the load cell's raw reading at each."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -9,26 +9,26 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.progress import with_progress
+from rft_ros.bags.playback import play, topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.remapping import remapped_topics
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, LoadCell, PoseSample, TwistSample
+from rft_ros.estimator import Estimate, Estimator, LoadCell
+from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.parameters import Value, model_of, settings_of
 from rft_ros.tool import Tool
 
 __all__ = ["Track", "read_track"]
 
 _BOTTOMLESS = -1e9
-"""A surface [m] that no tool reaches: no pose then lies at rest in the grains, and each is answered."""
+"""A surface [m] that no tool reaches, so that the estimator answers poses at rest in the grains too."""
 
 _SMOOTHING = 0.1
-"""Velocities are averaged over this time [s] before they say what the tool was doing."""
+"""Velocities are averaged over this time [s] before they classify the motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Track:
-    """What one recording holds, n moments in time order.
+    """One recording: n moments in time order.
 
     `name` of the bag. `begin`: header stamp of the first moment [ns]. `time`: since then [s], shape [n]. `states`:
     shape [n, 13], columns `rft_ros.rft.STATE`. `readings`: of the load cell, raw sign, sensor axes [N], [N m], shape
@@ -54,11 +54,11 @@ class Track:
         """Velocity of the tool frame's origin and angular velocity, world axes, averaged over 0.1 s, shape [n, 6]."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / step))
-        # not uniform_filter1d: its running sums leave 1e-18 where there was 0, and walls along the motion then lead
+        # not uniform_filter1d: its running sums leave 1e-18 in place of 0, and walls along the motion then lead
         return np.asarray(correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest"))
 
     def smooth_states(self) -> NDArray[np.float64]:
-        """The states with averaged velocities: one sample that shows rest or a step back is noise, shape [n, 13]."""
+        """The states with averaged velocities, shape [n, 13]: a single sample of rest or a step back is noise."""
         return np.hstack([self.states[:, :7], self.smooth_twists()])
 
     def speeds(self) -> NDArray[np.float64]:
@@ -66,6 +66,20 @@ class Track:
         twists = self.smooth_twists()
         turning = np.linalg.norm(twists[:, 3:], axis=1) * self.tool.plates.reach
         return np.asarray(np.linalg.norm(twists[:, :3], axis=1) + turning)
+
+    def sensor_rotations(self, cell: LoadCell) -> NDArray[np.float64]:
+        """Rotation of the sensor frame into the world at each moment, shape [n, 3, 3]."""
+        return np.asarray(self.rotations() @ Rotation.from_quat(cell.quaternion).as_matrix())
+
+    def gravity_in_sensor(self, cell: LoadCell) -> NDArray[np.float64]:
+        """Acceleration of gravity in sensor axes [m/s²], shape [n, 3]."""
+        return -GRAVITY * self.sensor_rotations(cell)[:, 2, :]
+
+    def grain_forces(self, cell: LoadCell) -> NDArray[np.float64]:
+        """Measured force on the tool by the grains, less bias and weight, world axes [N], shape [n, 3]."""
+        measured = cell.sign * (self.readings[:, :3] - np.array(cell.bias[:3]))
+        in_sensor = measured - cell.mass * self.gravity_in_sensor(cell)
+        return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))
 
 
 def read_track(
@@ -76,46 +90,37 @@ def read_track(
     start: float | None = None,
     end: float | None = None,
 ) -> Track:
-    """A bag's poses with the twist and the load cell's reading that the estimator takes for each.
+    """A bag's poses with the twist and the load-cell reading that the estimator uses for each.
 
     `values`: the node's parameters; `remap`, `start`, `end` as for a replay. Raises InputError for a bag without usable
     poses or load-cell samples.
     """
-    topics = remapped_topics(remap)
-    if values["twist_source"] != "topic":
-        del topics["twist"]
-    model = model_of({**values, "tolerance": 0.0})  # a reduced tool's error would go into every fit
-    # without bias, weight and surface the estimator's compensated wrench is what the load cell read
+    topics = topics_of(values, remap)
+    model = model_of({**values, "tolerance": 0.0})  # a reduced tool's error would enter every fit
+    # without bias and weight the estimator's compensated wrench is the raw reading
     settings = replace(settings_of(values), load_cell=LoadCell(), surface_height=_BOTTOMLESS, max_rate=0.0)
     estimator = Estimator(settings, model)
-    stamps: list[int] = []
-    states: list[NDArray[np.float64]] = []
-    readings: list[tuple[float, ...]] = []
     with Recording(bag, topics, start=start, end=end) as recording:
-        for sample in with_progress(recording, bag.name):
-            if isinstance(sample, TwistSample):
-                estimator.push_twist(sample)
-            elif not isinstance(sample, PoseSample):
-                estimator.push_wrench(sample)
-            else:
-                answer = estimator.push_pose(sample)
-                if isinstance(answer, Estimate) and answer.compensated is not None:
-                    stamps.append(answer.stamp)
-                    states.append(estimator.state.copy())
-                    readings.append(answer.compensated)
-    if len(stamps) < 2:
+        answers = play(recording, estimator, bag.name)
+        states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
+    rows = [
+        (measurement.stamp, state, measurement.compensated)
+        for state, measurement in zip(states, estimator.measurements(), strict=True)
+        if measurement.compensated is not None
+    ]
+    if len(rows) < 2:
         reasons = "".join(f"; {counted}" for counted in estimator.counted())
         raise InputError(
-            f"bag '{bag}' has {len(stamps)} poses with a velocity and a load-cell sample"
+            f"bag '{bag}' has {len(rows)} poses with a velocity and a load-cell sample"
             f" (topics {', '.join(topics.values())}{reasons})"
         )
-    order = np.argsort(stamps, kind="stable")  # a bag that loops comes out in the order of its stamps
-    time = (np.array(stamps)[order] - min(stamps)) * 1e-9
+    rows.sort(key=lambda row: row[0])  # a bag recorded in a loop steps back in time
+    stamps = np.array([stamp for stamp, _, _ in rows])
     return Track(
         name=bag.resolve().name,
-        begin=min(stamps),
-        time=time,
-        states=np.array(states)[order],
-        readings=np.array(readings)[order],
+        begin=int(stamps[0]),
+        time=(stamps - stamps[0]) * 1e-9,
+        states=np.array([state for _, state, _ in rows]),
+        readings=np.array([reading for _, _, reading in rows]),
         tool=model.tool,
     )

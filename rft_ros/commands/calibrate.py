@@ -1,4 +1,4 @@
-"""Fit load cell, surface, ζ, α_y, memory and velocity weights to recorded bags.
+"""Fit load cell, surface, ζ, memory and α_y to recorded bags.
 
 rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.png -o calibrated.yaml
 """
@@ -22,39 +22,41 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--fit",
         action="append",
         metavar="PART",
-        help="fit only sensor, surface, zeta, mobilization, alpha_y or weights (f1, f23), and exit with 1 if the data"
-        " cannot tell it; may be repeated (default: whatever they tell)",
+        help="fit only sensor, surface, zeta, mobilization or alpha_y, and exit with 1 if it is not identifiable;"
+        " may be repeated (default: all that are identifiable)",
     )
     command.add_argument(
         "--alpha-y",
         choices=("auto", "constant", "linear", "table"),
         default="auto",
         metavar="MODEL",
-        help="α_y over β: constant, linear, table or auto, linear where the data are sure of a slope (default auto)",
+        help="α_y over β: constant, linear, table or auto: linear if the slope is significant (default auto)",
     )
     command.add_argument(
         "--mesh",
         action="append",
         default=[],
         metavar="BAG=FILE",
-        help="mesh of the tool in the bag of that name, where it is not the parameter file's; may be repeated",
+        help="mesh of the tool in the bag of that name, if not the parameter file's; may be repeated",
     )
     command.add_argument(
-        "--figure", type=Path, metavar="FILE.png", help="draw the penetrations here (default: no figure)"
+        "--figure", type=Path, metavar="FILE.png", help="draw the penetrations to this file (default: no figure)"
     )
     command.add_argument(
-        "--tare", type=finite, metavar="S", help="zero each bag's load cell over its first S seconds (default: no tare)"
+        "--tare",
+        type=finite,
+        metavar="S",
+        help="zero each bag's load cell over its first S seconds; 0: no tare (default: the parameter file's, or none)",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate; exit status 1 if something asked for by --fit, or everything, was refused."""
+    """Calibrate; exit status 1 if nothing is identifiable, or something asked for by --fit is not."""
     from rich.console import Console
 
     from rft_ros.calibration import PARTS, Options, calibrate, read_track
     from rft_ros.calibration.calibrated_file import write_calibrated
-    from rft_ros.calibration.figure import draw_penetrations
-    from rft_ros.calibration.overview import print_overview
+    from rft_ros.calibration.overview import draw_penetrations, print_overview
 
     parts = tuple(arguments.fit or PARTS)
     for part in parts:
@@ -80,12 +82,12 @@ def run(arguments: argparse.Namespace) -> int:
     print_overview(result, console)
     if arguments.figure and result.zeta:
         draw_penetrations(result.zeta, arguments.figure)
-    if not result.findings:
-        console.print("nothing could be told; no file was written")
+    if not result.fitted:
+        console.print("nothing is identifiable from these bags; no file was written")
         return 1
     for path in write_calibrated(arguments.output, arguments.params, result, tracks):
         console.print(f"-> {path}", soft_wrap=True)
-    return 1 if arguments.fit and result.refusals else 0
+    return 1 if arguments.fit and result.not_identifiable else 0
 
 
 def _meshes(rules: list[str], bags: list[str]) -> dict[str, str]:

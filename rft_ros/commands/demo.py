@@ -36,7 +36,10 @@ def run(arguments: argparse.Namespace) -> int:
     try:
         from rft_ros.node.demo import demo
     except ImportError as error:
-        raise InputError(f"the demo needs ROS 2 ({error.name} is missing): pip install 'rft_ros[ros]'") from None
+        raise InputError(
+            f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
+            " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
+        ) from None
     trace = demo(arguments.output, seconds=arguments.seconds)
     if trace is None:
         return 1
@@ -50,12 +53,10 @@ def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
     """Force over depth, beside the tool where the force is greatest while the tool still breaks the surface."""
     import numpy as np
 
-    from rft_ros.bags.replay_options import ReplayOptions
-    from rft_ros.bags.states import states_of
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import model_of
+    from rft_ros.bags.playback import ReplayOptions, states_of
+    from rft_ros.commands.view import moving_tool
+    from rft_ros.estimator.parameters import model_of, read_parameter_file
     from rft_ros.report.depth_figure import draw_force_over_depth
-    from rft_ros.studies.view import moving_tool
     from rft_ros.tool import share_directory
 
     values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")

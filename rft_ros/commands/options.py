@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
-    from rft_ros.bags.replay_options import ReplayOptions
+    from rft_ros.bags.playback import ReplayOptions
     from rft_ros.estimator.parameters import Values
     from rft_ros.rft import Law
     from rft_ros.tool import Tool
@@ -70,7 +70,7 @@ def integration_option(command: argparse._ActionsContainer) -> None:
         "--integration",
         choices=_INTEGRATIONS,
         metavar="RULE",
-        help="centroid: published rule; refined: ours (default centroid; a reduced tool has its own)",
+        help="refined, or centroid: the published rule (default refined; a reduced tool keeps its own)",
     )
 
 
@@ -143,16 +143,17 @@ def recording_options(command: argparse._ActionsContainer, *, required: bool = F
 
 
 def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
-    """The parameters, and how to read the recording: the options over what the parameter file says."""
-    from rft_ros.bags.replay_options import ReplayOptions, read_replay_options
-    from rft_ros.estimator.parameter_file import read_parameter_file
-    from rft_ros.estimator.parameters import defaults
+    """The node's parameters, and how to read the recording: from the parameter file, overridden by options.
+
+    ``--tare 0`` overrides a `tare` of the file by none.
+    """
+    from rft_ros.bags.playback import ReplayOptions, read_replay_options
+    from rft_ros.estimator.parameters import defaults, read_parameter_file
 
     file = arguments.params
     values = read_parameter_file(file) if file else defaults()
     written = read_replay_options(file) if file else ReplayOptions()
     given = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
-    return values, ReplayOptions(
-        remap=(*written.remap, *getattr(arguments, "remap", ())),
-        **{name: getattr(written, name) if value is None else value for name, value in given.items()},
-    )
+    chosen = {name: getattr(written, name) if value is None else value for name, value in given.items()}
+    chosen["tare"] = chosen["tare"] or None
+    return values, ReplayOptions(remap=(*written.remap, *getattr(arguments, "remap", ())), **chosen)

@@ -1,6 +1,6 @@
 """Write a tool with the fewest plates that its motions need.
 
-rft reduce my_tool.stl --integration refined --tolerance 0.01 -o my_tool.npz
+rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz
 """
 
 import argparse
@@ -103,10 +103,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]":
     """The scene's states, the surface at z = 0."""
-    from rft_ros.bags.states import states_of
+    from rft_ros.bags.playback import states_of
     from rft_ros.estimator.parameters import model_of, settings_of
     from rft_ros.states_file import read_states
-    from rft_ros.studies.motions import FAMILIES, sample
+    from rft_ros.sweeps.motions import FAMILIES, sample
 
     name = arguments.scene
     values, options = recording(arguments)

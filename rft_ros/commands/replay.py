@@ -30,7 +30,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     recording_options(command)
     command.add_argument(
-        "--tare", type=finite, metavar="S", help="take the load cell's bias from the first S seconds (default: no tare)"
+        "--tare",
+        type=finite,
+        metavar="S",
+        help="take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)",
     )
     command.add_argument(
         "--check",

@@ -6,6 +6,7 @@ rft view out/demo/bag --params config/demo.yaml -o tool.gif
 
 import argparse
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import (
     BAG,
@@ -20,7 +21,18 @@ from rft_ros.commands.options import (
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
-__all__ = ["add_options", "run"]
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from rft_ros.report.moving_tool import MovingTool
+    from rft_ros.rft import Law
+    from rft_ros.tool import Tool
+
+__all__ = ["add_options", "moving_tool", "run"]
+
+_MOMENTS = 60
+_MOST_FACES = 1500
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -40,7 +52,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Draw; exit status."""
     from rft_ros.report.moving_tool import FILMS, write_film, write_moving_page
-    from rft_ros.studies.view import moving_tool
 
     suffix = arguments.output.suffix
     if suffix not in (".html", *FILMS):
@@ -65,7 +76,7 @@ def _of_states(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
 
 
 def _of_bag(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
-    from rft_ros.bags.states import states_of
+    from rft_ros.bags.playback import states_of
     from rft_ros.estimator.parameters import model_of, settings_of
 
     values, options = recording(arguments)
@@ -74,3 +85,37 @@ def _of_bag(arguments: argparse.Namespace):  # type: ignore[no-untyped-def]
     remembers = model.mobilization_length > 0.0
     title = f"{model.tool.name} (law at full strength, without memory)" if remembers else model.tool.name
     return title, model.tool, model.law, times, states, settings_of(values).surface_height
+
+
+def moving_tool(
+    title: str,
+    tool: "Tool",
+    law: "Law",
+    times: "NDArray[np.float64]",
+    states: "NDArray[np.float64]",
+    surface_height: float = 0.0,
+) -> "MovingTool":
+    """The scene of states, shape [n, 13], at times [s], shape [n]; at most 60 moments, evenly spaced by index.
+
+    The traction is the law's, without memory. `surface_height` [m].
+    """
+    import numpy as np
+
+    from rft_ros.report.moving_tool import MovingTool
+    from rft_ros.rft import plate_forces, rotation_matrix
+    from rft_ros.tool.drawing import drawable
+
+    chosen = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
+    vertices, faces, plates = drawable(tool, most_faces=_MOST_FACES)
+    forces = np.array([plate_forces(plates, law, states[k], surface_height=surface_height) for k in chosen])
+    placed = [vertices @ rotation_matrix(states[k, 3:7]).T + states[k, :3] for k in chosen]
+    return MovingTool(
+        title=title,
+        times=times[chosen],
+        placed=np.array(placed),
+        faces=faces,
+        traction=np.linalg.norm(forces, axis=2) / plates.packed[6],
+        origins=states[chosen, :3],
+        forces=forces.sum(axis=1),
+        surface_height=surface_height,
+    )

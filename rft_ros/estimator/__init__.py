@@ -3,6 +3,7 @@
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import (
     Estimate,
+    Measurement,
     NoEstimate,
     PoseSample,
     Reason,
@@ -17,6 +18,7 @@ __all__ = [
     "Estimate",
     "Estimator",
     "LoadCell",
+    "Measurement",
     "Model",
     "NoEstimate",
     "PoseSample",

@@ -59,4 +59,4 @@ def read_alpha_y_table(file: str) -> Table:
             f"alpha_y.table '{file}' has {len(data)} rows; a grid of {len(beta)} beta x {len(gamma)} gamma values"
             f" needs each pair once ({values.size} rows)"
         )
-    return Table(np.deg2rad(beta), np.deg2rad(gamma), values)
+    return Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)

@@ -7,12 +7,20 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.pose_difference import PoseDifference
-from rft_ros.estimator.samples import Estimate, NoEstimate, PoseSample, Reason, TwistSample, Wrench, WrenchSample
+from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
+from rft_ros.estimator.quality import QualityMonitor
+from rft_ros.estimator.samples import (
+    Estimate,
+    Measurement,
+    NoEstimate,
+    PoseSample,
+    Reason,
+    TwistSample,
+    Wrench,
+    WrenchSample,
+)
 from rft_ros.estimator.settings import Model, Settings
-from rft_ros.estimator.tare import Tare
-from rft_ros.estimator.validity import Validity
+from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import COLUMNS, STATE, Memory, rotation_matrix, unit_quaternion, wrenches, wrenches_in_time
 
 __all__ = ["TIME_JUMP", "Estimator"]
@@ -20,54 +28,55 @@ __all__ = ["TIME_JUMP", "Estimator"]
 TIME_JUMP = 1_000_000_000
 """A stamp this far [ns] before the last one of its stream is a new beginning (a bag that loops), not a late sample."""
 
-
 _ABSURD = 1e100
-"""Forces [N] and torques [N m] from here on are not finite in effect: their squares overflow in any statistics."""
+"""Forces [N] and torques [N m] from here on count as not finite: their squares overflow in any statistics."""
 
-_HISTORY = 256
-"""Twists and wrenches kept, so that a pose that waited in a queue of 200 is answered from those of its own time."""
+_TWISTS = 256
+"""Twists kept, so that a pose that waited in a queue of 200 is answered from the twist of its own time."""
 
 _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 
 
-def _at(history: "deque[_Sample]", stamp: int) -> _Sample | None:
-    """The last sample stamped before or at `stamp`; the first one after it, if there is none; None without samples."""
-    for sample in reversed(history):
-        if sample.stamp <= stamp:
-            return sample
-    return history[0] if history else None
-
-
 class Estimator:
-    """Predicted, compensated and residual wrench from poses, twists and load-cell samples, in the order they come.
+    """Predicted, compensated and residual wrench from poses, twists and load-cell samples.
 
-    A pose is answered from the twist and the wrench whose stamps come last before or at its own, of those pushed so far
-    (the next one after it, if there is none); `max_input_age` bounds how far the stamps may lie apart. `counts` adds up
-    estimates, and samples turned away or unanswered by reason.
+    `push_pose` answers at once: the prediction uses the last twist stamped at or before the pose, of those pushed so
+    far. A twist that comes after its pose is not used for it. The compensated and the residual wrench of that stamp
+    follow in `measurements`, when the load-cell samples on both sides of the stamp have come (`Comparison`), so that
+    they do not depend on the order of arrival. No sample further than `max_input_age` from the pose is used.
+    `counts` adds up estimates, and samples turned away or unanswered by reason.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
         self.counts: Counter[str] = Counter()
         self._unknown_frames: dict[Reason, str] = {}
-        self._state = np.zeros((1, len(STATE)))
+        self._state = np.zeros((1, len(STATE)))  # of the last answer
+        self._next = np.zeros((1, len(STATE)))  # of the pose under way
         self._result = np.zeros((1, len(COLUMNS)))
+        self._duration = np.zeros(1)
         self._pose: PoseSample | None = None
-        self._twists: deque[TwistSample] = deque(maxlen=_HISTORY)
-        self._wrenches: deque[WrenchSample] = deque(maxlen=_HISTORY)
+        self._due = 0
+        self._twists: deque[TwistSample] = deque(maxlen=_TWISTS)
+        self._wrenches: deque[WrenchSample] = deque(maxlen=HISTORY)
         self._difference = PoseDifference()
+        self._comparison = Comparison(self._wrenches, self.counts)
         self._tare = Tare()
         self._memory: Memory | None = None
         self._remembered = 0  # stamp up to which the memory is
-        self._duration = np.zeros(1)
-        self._validity = Validity(model.tool)
+        self._quality = QualityMonitor(model.tool)
         self.model = model
-        self._remember(model)
+        self._begin_memory(model)
         self.settings = settings
         self._apply(settings)
 
+    # --- what is known
+
     @property
     def state(self) -> NDArray[np.float64]:
-        """State of the last answered pose, shape [13], columns `rft_ros.rft.STATE`; overwritten by the next."""
+        """State of the last pose answered with an estimate or `at_rest`, shape [13], columns `rft_ros.rft.STATE`.
+
+        A view that later poses overwrite: copy it to keep it.
+        """
         row: NDArray[np.float64] = self._state[0]
         return row
 
@@ -87,30 +96,40 @@ class Estimator:
         frames = self.unknown_frames()
         return [f"{r}: {n} ({frames[r]})" if r in frames else f"{r}: {n}" for r, n in sorted(self.counts.items())]
 
+    # --- what is in force
+
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
-        """Take new settings or a new model from the next sample on; what was pushed before is kept."""
+        """Take new settings or a new model from the next sample on.
+
+        What was pushed before is kept, save for the load-cell samples when `sensor_frame` changes: they are in the
+        old frame's axes.
+        """
         if model is not None:
             if model.tool is not self.model.tool:
-                self._validity = Validity(model.tool)
+                self._quality = QualityMonitor(model.tool)
             if model.tool is not self.model.tool or (model.mobilization_length > 0.0) != (self._memory is not None):
-                self._remember(model)
+                self._begin_memory(model)
             self.model = model
         if settings is not None:
+            if settings.sensor_frame != self.settings.sensor_frame:
+                self.finish()
+                self._wrenches.clear()
             self.settings = settings
             self._apply(settings)
 
     def _apply(self, settings: Settings) -> None:
         self._unknown_frames.clear()
         self._frame = LoadCellFrame(settings.load_cell)
-        self._max_age = round(settings.max_input_age * 1e9)
+        self._max_age = self._comparison.max_age = round(settings.max_input_age * 1e9)
         self._period = round(1e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
         self._due = 0
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
 
-    def _remember(self, model: Model) -> None:
-        """Begin a memory for a model's tool, if its medium has one."""
+    def _begin_memory(self, model: Model) -> None:
         self._memory = Memory.of(model.tool.plates) if model.mobilization_length > 0.0 else None
         self._remembered = 0
+
+    # --- twists and load cell
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
         """Take a twist; the reason if it cannot be used."""
@@ -134,10 +153,7 @@ class Estimator:
         elif sample.frame != self.settings.sensor_frame:
             reason = Reason.WRENCH_FRAME_UNKNOWN
             self._unknown_frames[reason] = sample.frame
-        reason = self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
-        if reason is None:
-            self._tare.push(sample)
-        return reason
+        return self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
 
     def _taken(self, history: deque[_Sample], sample: _Sample, unusable: Reason | None, late: Reason) -> Reason | None:
         """Add a sample to the history of its kind; count and return the reason if it is unusable or late."""
@@ -148,23 +164,69 @@ class Estimator:
             self.counts[unusable.value] += 1
             return unusable
         if behind > 0:
+            self.finish()
             history.clear()
         history.append(sample)
+        self._comparison.settle(sample.stamp)
         return None
 
+    def measurements(self) -> list[Measurement]:
+        """Exactly one for each estimate, in their order: those that became final since the last call."""
+        return self._comparison.take()
+
+    def finish(self) -> None:
+        """Make all measurements final: no sample follows (the end of a recording)."""
+        self._comparison.settle(math.inf)
+
+    def tare(self, window: float) -> Wrench:
+        """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].
+
+        Nothing is changed: give it back through `use` as the load cell's `bias`. InputError says why it is refused: the
+        tool moved or was in the grains, its velocity is not known, or there are too few load-cell samples.
+        """
+        mean = self._tare.mean(self._wrenches, window)
+        sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._result[0])[6:12]
+        fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
+        return fx, fy, fz, tx, ty, tz
+
+    # --- the tick
+
     def push_pose(self, sample: PoseSample) -> Estimate | NoEstimate:
-        """Answer a pose: an estimate, or the reason why there is none."""
-        answer = self._answer(sample)
+        """Answer a pose at once: the prediction, or the reason why there is none."""
+        answer = self._tick(sample)
         if isinstance(answer, Reason):
             self.counts[answer.value] += 1
             return NoEstimate(sample.stamp, answer)
         self.counts["estimates"] += 1
-        if answer.no_wrench is not None:
-            self.counts[answer.no_wrench.value] += 1
         return answer
 
-    def _answer(self, sample: PoseSample) -> Estimate | Reason:
-        settings, model = self.settings, self.model
+    def _tick(self, sample: PoseSample) -> Estimate | Reason:
+        pose = self._accepted(sample)
+        if isinstance(pose, Reason):
+            return pose
+        self._comparison.settle(pose.stamp)
+        no_twist = self._find_velocity(pose)
+        if self._is_rate_limited(pose.stamp, answered=no_twist is None):
+            return Reason.POSE_RATE_LIMITED
+        if no_twist is not None:
+            self._tare.disturb(pose.stamp, f"the tool's velocity was not known ({no_twist.value})")
+            return no_twist
+        speed = self._speed()
+        self._evaluate(pose.stamp, speed)
+        in_grains = bool(self._result[0, 6] > 0.0)
+        self._watch_for_tare(pose.stamp, speed, in_grains)
+        if in_grains and speed < self.settings.rest_speed and self._memory is None:
+            self._answered()
+            return Reason.AT_REST
+        numbers = self._frame.into_sensor(self._next[0, 3:7], self._result[0])
+        if not math.hypot(*numbers) < _ABSURD:
+            return Reason.ESTIMATE_NOT_FINITE
+        self._answered()
+        self._comparison.add(pose.stamp, numbers, self._frame)
+        return self._estimate(pose.stamp, numbers, speed, in_grains)
+
+    def _accepted(self, sample: PoseSample) -> PoseSample | Reason:
+        """The pose with its quaternion at unit length, now the last one; or why it cannot be used."""
         stamp = sample.stamp
         if stamp <= 0:
             return Reason.POSE_STAMP_ZERO
@@ -173,7 +235,7 @@ class Estimator:
         quaternion = unit_quaternion(*sample.quaternion)
         if quaternion is None:
             return Reason.POSE_QUATERNION_NOT_UNIT
-        if sample.frame != settings.world_frame:
+        if sample.frame != self.settings.world_frame:
             self._unknown_frames[Reason.POSE_FRAME_UNKNOWN] = sample.frame
             return Reason.POSE_FRAME_UNKNOWN
         if self._pose is not None and stamp <= self._pose.stamp:
@@ -181,113 +243,35 @@ class Estimator:
                 return Reason.POSE_REPEATED
             if self._pose.stamp - stamp < TIME_JUMP:
                 return Reason.POSE_OUT_OF_ORDER
-            self._pose, self._due = None, 0
-            self._difference.reset()
-            self._remember(model)
-            self.counts[Reason.TIME_JUMP.value] += 1
-        pose = self._pose = PoseSample(stamp, sample.frame, sample.position, quaternion)
+            self._begin_again(stamp)
+        self._pose = PoseSample(stamp, sample.frame, sample.position, quaternion)
+        return self._pose
 
-        state = self._state[0]
+    def _begin_again(self, stamp: int) -> None:
+        """After a jump back to `stamp`: forget what lies in its future."""
+        self.counts[Reason.TIME_JUMP.value] += 1
+        self._due = 0
+        self._difference.reset()
+        self._begin_memory(self.model)
+        self.finish()
+        if self._twists and self._twists[-1].stamp - stamp >= TIME_JUMP:
+            self._twists.clear()
+        if self._wrenches and self._wrenches[-1].stamp - stamp >= TIME_JUMP:
+            self._wrenches.clear()
+
+    def _find_velocity(self, pose: PoseSample) -> Reason | None:
+        """Write the state at the pose, with the velocity in world axes; or say why there is no velocity."""
+        state = self._next[0]
         state[0:3] = pose.position
-        state[3:7] = quaternion
-        twist = self._twist_into_state(pose)
-        # a little slack, so that a 125 Hz stream with jittering stamps passes a limit of 125 Hz
-        if stamp + self._period // 10 < self._due:
-            return Reason.POSE_RATE_LIMITED
-        if twist is not None:
-            self._tare.disturb(stamp, f"the tool's velocity was not known ({twist.value})")
-            return twist
-        self._due = max(self._due, stamp) + self._period
-
-        vx, vy, vz, wx, wy, wz = state[7:13].tolist()
-        speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * model.tool.plates.reach
-        if self._memory is None:
-            wrenches(
-                model.tool.plates,
-                model.law,
-                self._state,
-                surface_height=settings.surface_height,
-                threads=1,
-                out=self._result,
-            )
-        else:
-            if speed < settings.rest_speed:  # the noise of a tool at rest must not make a path
-                state[7:13] = 0.0
-            self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
-            self._remembered = stamp
-            wrenches_in_time(
-                model.tool.plates,
-                model.law,
-                self._state,
-                self._duration,
-                self._memory,
-                mobilization_length=model.mobilization_length,
-                surface_height=settings.surface_height,
-                out=self._result,
-            )
-        submerged = float(self._result[0, 6])
-        if submerged > 0.0:
-            self._tare.disturb(stamp, "the tool was in the grains")
-            if speed < settings.rest_speed and self._memory is None:
-                return Reason.AT_REST
-        elif speed >= settings.rest_speed:
-            self._tare.disturb(stamp, f"the tool moved at {speed:.4f} m/s")
-        else:
-            self._tare.still(stamp)
-
-        quality_flags = self._validity.of(
-            state, speed=speed, submerged=submerged > 0.0, depth=self.depth, settings=settings
-        )
-        numbers = self._frame.into_sensor(state[3:7], self._result[0])
-        if not math.hypot(*numbers) < _ABSURD:
-            return Reason.ESTIMATE_NOT_FINITE
-        predicted = (numbers[0], numbers[1], numbers[2], numbers[3], numbers[4], numbers[5])
-        wrench = _at(self._wrenches, stamp)
-        no_wrench = None
-        compensated: Wrench | None = None
-        residual: Wrench | None = None
-        if wrench is None:
-            no_wrench = Reason.WRENCH_MISSING
-        elif not -self._max_age <= stamp - wrench.stamp <= self._max_age:
-            no_wrench = Reason.WRENCH_STALE
-        else:
-            s, b, m, w = self._frame.sign, self._frame.bias, wrench.wrench, numbers
-            compensated = (
-                s * (m[0] - b[0]) - w[6],
-                s * (m[1] - b[1]) - w[7],
-                s * (m[2] - b[2]) - w[8],
-                s * (m[3] - b[3]) - w[9],
-                s * (m[4] - b[4]) - w[10],
-                s * (m[5] - b[5]) - w[11],
-            )
-            c, p = compensated, predicted
-            residual = (c[0] - p[0], c[1] - p[1], c[2] - p[2], c[3] - p[3], c[4] - p[4], c[5] - p[5])
-        return Estimate(
-            stamp, predicted, compensated, residual, no_wrench, speed, submerged, model.generation, quality_flags
-        )
-
-    def tare(self, window: float) -> Wrench:
-        """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].
-
-        Nothing is changed: give it back through `use` as the load cell's `bias`. InputError says why it is refused: the
-        tool moved or was in the grains, its velocity is not known, or there are too few load-cell samples.
-        """
-        mean = self._tare.mean(window)
-        sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._result[0])[6:12]
-        fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
-        return fx, fy, fz, tx, ty, tz
-
-    def _twist_into_state(self, pose: PoseSample) -> Reason | None:
-        """Write the tool's velocity in world axes into the state, or say why there is none."""
-        state = self._state[0]
+        state[3:7] = pose.quaternion
         if self.settings.twist_source == "pose_difference":
             ready = self._difference.push(pose)
             state[7:13] = self._difference.twist
             return None if ready else Reason.POSE_HISTORY_SHORT
-        twist = _at(self._twists, pose.stamp)
+        twist = next((t for t in reversed(self._twists) if t.stamp <= pose.stamp), None)
         if twist is None:
             return Reason.TWIST_MISSING
-        if not -self._max_age <= pose.stamp - twist.stamp <= self._max_age:
+        if pose.stamp - twist.stamp > self._max_age:
             return Reason.TWIST_STALE
         state[7:10] = twist.linear
         state[10:13] = twist.angular
@@ -296,3 +280,61 @@ class Estimator:
             state[7:10] = to_world @ state[7:10]
             state[10:13] = to_world @ state[10:13]
         return None
+
+    def _is_rate_limited(self, stamp: int, *, answered: bool) -> bool:
+        """Whether a pose comes too soon after the last answer; if not and it is answered, the next one is due later.
+
+        A slack of a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz.
+        """
+        if stamp + self._period // 10 < self._due:
+            return True
+        if answered:
+            self._due = max(self._due, stamp) + self._period
+        return False
+
+    def _speed(self) -> float:
+        """An upper bound of the speed of the tool's plates [m/s]."""
+        vx, vy, vz, wx, wy, wz = self._next[0, 7:13].tolist()
+        return math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.model.tool.plates.reach
+
+    def _evaluate(self, stamp: int, speed: float) -> None:
+        """The wrench on the tool at the state, into the result."""
+        plates, law, surface = self.model.tool.plates, self.model.law, self.settings.surface_height
+        if self._memory is None:
+            wrenches(plates, law, self._next, surface_height=surface, threads=1, out=self._result)
+            return
+        if speed < self.settings.rest_speed:  # the noise of a tool at rest must not make a path
+            self._next[0, 7:13] = 0.0
+        self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
+        self._remembered = stamp
+        length = self.model.mobilization_length
+        wrenches_in_time(
+            plates,
+            law,
+            self._next,
+            self._duration,
+            self._memory,
+            mobilization_length=length,
+            surface_height=surface,
+            out=self._result,
+        )
+
+    def _watch_for_tare(self, stamp: int, speed: float, in_grains: bool) -> None:
+        if in_grains:
+            self._tare.disturb(stamp, "the tool was in the grains")
+        elif speed >= self.settings.rest_speed:
+            self._tare.disturb(stamp, f"the tool moved at {speed:.4f} m/s")
+        else:
+            self._tare.still(stamp)
+
+    def _answered(self) -> None:
+        """The state under way becomes `state`."""
+        self._state, self._next = self._next, self._state
+
+    def _estimate(self, stamp: int, numbers: list[float], speed: float, in_grains: bool) -> Estimate:
+        quality_flags = self._quality.flags(
+            self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
+        )
+        fx, fy, fz, tx, ty, tz = numbers[:6]
+        area = float(self._result[0, 6])
+        return Estimate(stamp, (fx, fy, fz, tx, ty, tz), speed, area, self.model.generation, quality_flags)

@@ -1,20 +1,23 @@
-"""Values of the parameters in `parameter_table`: checked, and made into what the estimator needs."""
+"""The parameters: the table that node, replay and docs share, the check of a value, and parameter files without ROS."""
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Any
+from pathlib import Path
+from typing import Any, Literal
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
-from rft_ros.estimator.parameter_table import PARAMETERS, Parameter, Value, Values
 from rft_ros.estimator.settings import LoadCell, Model, Settings
-from rft_ros.rft import alpha_y_model, medium_named, treers2021
+from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, alpha_y_model, medium_named, treers2021
 from rft_ros.rft.frames import UNIT_TOLERANCE
 from rft_ros.tool import Tool, ToolRequest
+from rft_ros.yaml_file import read_yaml
 
 __all__ = [
+    "NODE_KEYS",
     "PARAMETERS",
     "TOOL_PARAMETERS",
     "Parameter",
@@ -23,9 +26,223 @@ __all__ = [
     "checked",
     "defaults",
     "model_of",
+    "node_parameters",
+    "parameter_tree",
+    "read_parameter_file",
     "settings_of",
     "tool_request",
 ]
+
+Value = str | float | tuple[float, ...]
+"""Of one parameter, in its own type."""
+
+Values = Mapping[str, Value]
+"""Of all parameters, by name."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Parameter:
+    """One parameter: its type is that of its default. `low`, `high`: inclusive, for each number of it."""
+
+    name: str
+    default: Value
+    description: str
+    unit: str = ""
+    low: float = -math.inf
+    high: float = math.inf
+    choices: tuple[str, ...] = ()
+    applies: Literal["live", "restart"] = "live"
+
+    @property
+    def type(self) -> Literal["string", "double", "double_array"]:
+        """The parameter's ROS type."""
+        if isinstance(self.default, str):
+            return "string"
+        return "double" if isinstance(self.default, float) else "double_array"
+
+
+_ZERO3 = (0.0, 0.0, 0.0)
+
+PARAMETERS: tuple[Parameter, ...] = (
+    Parameter(
+        name="mesh.file",
+        default="plate",
+        description="Tool mesh: a path, a package:// URI, or the name of a shipped mesh"
+        " (plate, ellipsoid, root_tip, sphere, abb_plate).",
+    ),
+    Parameter(name="mesh.scale", default=0.001, unit="m", low=1e-9, high=1e6, description="Metres per mesh unit."),
+    Parameter(
+        name="mesh.origin",
+        default=_ZERO3,
+        unit="mesh units",
+        description="Where the tool frame's origin lies, in mesh-file coordinates.",
+    ),
+    Parameter(
+        name="medium.name",
+        default="generic",
+        choices=tuple(MEDIA),
+        description="Medium whose measured stresses are used (Li et al. 2013).",
+    ),
+    Parameter(
+        name="medium.zeta",
+        default=1.0,
+        low=1e-6,
+        high=1e6,
+        description="Scale factor of the medium, from calibration.",
+    ),
+    Parameter(
+        name="medium.mobilization_length",
+        default=0.0,
+        unit="m",
+        low=0.0,
+        high=1e3,
+        description="Displacement to reach 63 % of full resistance at 30 mm depth; the force then holds while the tool"
+        " rests. 0.0 disables memory, as published; enabling it takes a restart.",
+    ),
+    Parameter(
+        name="medium.calibrated_depth",
+        default=0.0,
+        unit="m",
+        low=0.0,
+        high=1e3,
+        description="Greatest depth of the calibration; deeper estimates are flagged. 0.0: not known.",
+    ),
+    Parameter(
+        name="alpha_y.model",
+        default="constant",
+        choices=ALPHA_Y_MODELS,
+        description="Stress along the plate's horizontal direction e1.",
+    ),
+    Parameter(
+        name="alpha_y.table",
+        default="",
+        unit="deg, N/cm3",
+        description="CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table; relative to the parameter"
+        " file that names it.",
+    ),
+    Parameter(
+        name="integration",
+        default="refined",
+        unit="",
+        choices=INTEGRATIONS,
+        description="Integration rule for plates: refined (exact where the surface cuts a plate, smooth at the leading"
+        " edge, true to curved tools), or centroid (the published rule).",
+    ),
+    Parameter(
+        name="tolerance",
+        default=0.025,
+        low=0.0,
+        high=1.0,
+        description="Reduce the tool to the fewest plates whose wrench stays within this share of the force, at the"
+        " 95th percentile of random motions; 0.0: the full tool.",
+    ),
+    Parameter(
+        name="surface_height",
+        default=0.0,
+        unit="m",
+        low=-1e6,
+        high=1e6,
+        description="z of the undisturbed surface in world_frame.",
+    ),
+    Parameter(name="world_frame", default="world", description="frame_id of poses; z up."),
+    Parameter(name="tool_frame", default="tool", description="Frame of the mesh; twists may be in its axes."),
+    Parameter(
+        name="sensor_frame",
+        default="ft_sensor",
+        description="frame_id of the load cell, and of all published wrenches.",
+    ),
+    Parameter(
+        name="sensor.position",
+        default=_ZERO3,
+        unit="m",
+        low=-1e3,
+        high=1e3,
+        description="Origin of sensor_frame in tool_frame.",
+    ),
+    Parameter(
+        name="sensor.quaternion",
+        default=(0.0, 0.0, 0.0, 1.0),
+        unit="xyzw",
+        description="Orientation of sensor_frame in tool_frame, unit length.",
+    ),
+    Parameter(
+        name="sensor.sign",
+        default=1.0,
+        low=-1.0,
+        high=1.0,
+        description="1.0: the driver reports the force on the tool; -1.0: the force by the tool.",
+    ),
+    Parameter(
+        name="sensor.bias",
+        default=(0.0,) * 6,
+        unit="N, N m",
+        low=-1e6,
+        high=1e6,
+        description="What the driver reports with nothing attached: fx, fy, fz, tx, ty, tz.",
+    ),
+    Parameter(
+        name="sensor.mass",
+        default=0.0,
+        unit="kg",
+        low=0.0,
+        high=1e3,
+        description="Mass that hangs below the load cell.",
+    ),
+    Parameter(
+        name="sensor.center_of_mass",
+        default=_ZERO3,
+        unit="m",
+        low=-1e3,
+        high=1e3,
+        description="Centre of that mass in sensor_frame.",
+    ),
+    Parameter(
+        name="twist_source",
+        default="topic",
+        choices=("topic", "pose_difference"),
+        description="Velocity from ~/twist, or from the last poses.",
+    ),
+    Parameter(
+        name="twist_window",
+        default=0.05,
+        unit="s",
+        low=1e-4,
+        high=1.0,
+        description="Span of poses that pose_difference fits a line to.",
+    ),
+    Parameter(
+        name="max_input_age",
+        default=0.1,
+        unit="s",
+        low=1e-6,
+        high=1e6,
+        description="Greatest difference between a pose's stamp and those of the twist and wrenches used with it.",
+    ),
+    Parameter(
+        name="max_rate",
+        default=0.0,
+        unit="Hz",
+        low=0.0,
+        high=1e6,
+        description="Answer at most this often; 0.0: every pose.",
+    ),
+    Parameter(
+        name="rest_speed",
+        default=2e-4,
+        unit="m/s",
+        low=0.0,
+        high=1e3,
+        description="Below this speed of its fastest point a tool in the grains is at rest: no estimate.",
+    ),
+    Parameter(
+        name="executor",
+        default="single",
+        choices=("single", "events"),
+        applies="restart",
+        description="rclpy executor: single-threaded, or the experimental one with half its latency.",
+    ),
+)
+"""Every parameter, in the order in which they are documented."""
 
 _BY_NAME = {p.name: p for p in PARAMETERS}
 
@@ -64,7 +281,7 @@ def checked(name: str, value: object) -> Value:
     return numbers
 
 
-_LARGEST = sys.float_info.max  # also bounds integers that are no double, which math.isfinite raises at
+_LARGEST = sys.float_info.max  # also bounds integers too large for a double, at which math.isfinite raises
 
 
 def _number(parameter: Parameter, value: object) -> float:
@@ -78,18 +295,26 @@ def _number(parameter: Parameter, value: object) -> float:
 def settings_of(values: Values) -> Settings:
     """The estimator's settings in checked values."""
     v: Mapping[str, Any] = values
-    cell = LoadCell(
-        position=v["sensor.position"],
-        quaternion=v["sensor.quaternion"],
-        sign=v["sensor.sign"],
-        bias=v["sensor.bias"],
-        mass=v["sensor.mass"],
-        center_of_mass=v["sensor.center_of_mass"],
+    return Settings(
+        world_frame=v["world_frame"],
+        tool_frame=v["tool_frame"],
+        sensor_frame=v["sensor_frame"],
+        load_cell=LoadCell(
+            position=v["sensor.position"],
+            quaternion=v["sensor.quaternion"],
+            sign=v["sensor.sign"],
+            bias=v["sensor.bias"],
+            mass=v["sensor.mass"],
+            center_of_mass=v["sensor.center_of_mass"],
+        ),
+        surface_height=v["surface_height"],
+        twist_source=v["twist_source"],
+        twist_window=v["twist_window"],
+        max_input_age=v["max_input_age"],
+        max_rate=v["max_rate"],
+        rest_speed=v["rest_speed"],
+        calibrated_depth=v["medium.calibrated_depth"],
     )
-    plain = ("world_frame", "tool_frame", "sensor_frame", "surface_height", "twist_source", "twist_window")
-    gates = ("max_input_age", "max_rate", "rest_speed")
-    depth = v["medium.calibrated_depth"]
-    return Settings(load_cell=cell, calibrated_depth=depth, **{name: v[name] for name in (*plain, *gates)})
 
 
 TOOL_PARAMETERS = {
@@ -125,3 +350,67 @@ def model_of(values: Values, *, tool: Tool | None = None, generation: int = 0) -
         mobilization_length=v["medium.mobilization_length"],
         generation=generation,
     )
+
+
+NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
+"""Top-level keys that hold parameters of the node `rft`, later ones over earlier ones."""
+
+
+def parameter_tree(file: Path) -> dict[str, Any]:
+    """A parameter file as it is written: by node, nested and flat names as they come.
+
+    Raises InputError for what ROS would not read either: no YAML, no node at the top, a list of mixed types.
+    """
+    tree = read_yaml(file, "parameter file")
+    if not isinstance(tree, dict):
+        raise InputError(f"parameter file '{file}' has no node name at its top level, such as '/**'")
+    for name, value in _flat(tree):
+        if isinstance(value, list) and len({type(v) for v in value}) > 1:
+            name = name.partition(".ros__parameters.")[2] or name
+            raise InputError(
+                f"parameter file '{file}': {name} is {value}; ROS takes lists of one type only, such as [0.0, 0.5]"
+            )
+    return tree
+
+
+def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
+    """What a parameter file says for the nodes named, flat, later keys over earlier ones; {} if it names none."""
+    tree = parameter_tree(file)
+    flat: dict[str, Any] = {}
+    for key in node_keys:
+        node = tree.get(key)
+        if node is None:
+            continue
+        if not isinstance(node, dict) or not isinstance(node.get("ros__parameters"), dict):
+            raise InputError(f"parameter file '{file}': '{key}' has no 'ros__parameters'")
+        flat.update(_flat(node["ros__parameters"]))
+    return flat
+
+
+def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def read_parameter_file(file: Path) -> dict[str, Value]:
+    """Every parameter: the file's value where it has one for the node `rft`, checked; else the default.
+
+    A relative `alpha_y.table` is taken relative to the file's folder.
+    """
+    values = defaults()
+    flat = node_parameters(file, NODE_KEYS)
+    if not flat:
+        raise InputError(f"parameter file '{file}' has nothing for the node 'rft' (keys {', '.join(NODE_KEYS)})")
+    for name, value in flat.items():
+        if name == "use_sim_time" or name.startswith("qos_overrides."):
+            continue
+        try:
+            values[name] = checked(name, value)
+        except InputError as error:
+            raise InputError(f"parameter file '{file}': {error}") from None
+    if table := str(values["alpha_y.table"]):
+        values["alpha_y.table"] = str(file.parent / Path(table).expanduser())
+    return values

@@ -1,11 +1,18 @@
-"""What can be doubtful about an estimate, how far it can be trusted, and how much it scatters."""
+"""Quality flags: what is doubtful about an estimate, how far it can be trusted, and how much it scatters."""
 
 import math
+from collections.abc import Callable
 from enum import Enum, IntFlag
 
-from rft_ros.estimator.samples import Wrench
+import numpy as np
+from numpy.typing import NDArray
 
-__all__ = ["SCATTER", "QualityFlag", "Trust", "deviation", "flag_names", "sentences", "trust"]
+from rft_ros.estimator.samples import Wrench
+from rft_ros.estimator.settings import Settings
+from rft_ros.rft import Plates, edge_shares, rotation_matrix
+from rft_ros.tool import Tool
+
+__all__ = ["SCATTER", "QualityFlag", "QualityMonitor", "Trust", "deviation", "flag_names", "sentences", "trust"]
 
 
 class QualityFlag(IntFlag):
@@ -42,32 +49,33 @@ _DISTRUST = QualityFlag.INERTIAL | QualityFlag.KNIFE_EDGE
 
 
 def trust(quality_flags: int) -> Trust:
-    """What quality_flags, an or of `QualityFlag`, leave of the trust."""
+    """The trust that an or of `QualityFlag` leaves."""
     if quality_flags & _DISTRUST:
         return Trust.NO
     return Trust.CAUTION if quality_flags else Trust.OK
 
 
+_INTEGRATION = "the published rule jumps there (integration: refined does not)"
 _SENTENCES = {
     QualityFlag.FAST: "faster than the 0.025 m/s that the model was measured at",
     QualityFlag.INERTIAL: "faster than 0.2 m/s, where inertia matters",
     QualityFlag.NEAR_REST: "so slow that noise decides the direction",
     QualityFlag.WAKE: "in its own wake, where grains are looser",
     QualityFlag.CONCAVE: "a hollow tool, whose shadowed facets count in full",
-    QualityFlag.NEAR_FLAT: "nearly horizontal faces: the published rule jumps there (integration: refined does not)",
-    QualityFlag.KNIFE_EDGE: "faces moving along themselves: the published rule jumps there (integration: refined does not)",  # noqa: E501
+    QualityFlag.NEAR_FLAT: f"nearly horizontal faces: {_INTEGRATION}",
+    QualityFlag.KNIFE_EDGE: f"faces moving along themselves: {_INTEGRATION}",
     QualityFlag.DEEP: "deeper than the calibration",
 }
 
 
 def flag_names(quality_flags: int) -> list[str]:
-    """The names of quality_flags, as users read them: ``fast``, ``wake``."""
-    return [str(d.name).lower() for d in _SENTENCES if quality_flags & d]
+    """The names of the flags, as users read them: ``fast``, ``wake``."""
+    return [str(flag.name).lower() for flag in _SENTENCES if quality_flags & flag]
 
 
 def sentences(quality_flags: int) -> str:
-    """Doubts in words."""
-    return "; ".join(text for d, text in _SENTENCES.items() if quality_flags & d)
+    """The flags in words, separated by semicolons."""
+    return "; ".join(text for flag, text in _SENTENCES.items() if quality_flags & flag)
 
 
 SCATTER = 0.15
@@ -80,3 +88,109 @@ def deviation(predicted: Wrench) -> tuple[float, float]:
     """Standard deviation of each component of a predicted force [N] and torque [N m]."""
     fx, fy, fz, tx, ty, tz = predicted
     return SCATTER * math.hypot(fx, fy, fz), SCATTER * math.hypot(tx, ty, tz)
+
+
+# plain integers: an operation on flags costs a microsecond
+_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP = (int(flag) for flag in _SENTENCES)
+
+_FAST_SPEED = 0.025  # m/s
+_INERTIAL_SPEED = 0.2  # m/s
+_NEAR_REST_FACTOR = 5.0  # times rest_speed
+_FLAT_SHARE = 0.1  # of the wet area
+_EDGE_SHARE = 0.4  # the narrow sides of a plate that goes straight down are no reason for distrust
+_DEEPER = 1.02  # times the calibrated depth: a replay of the calibration's own bag must not be flagged
+_EVERY = 8  # estimates between two evaluations of the slow flags
+
+
+class QualityMonitor:
+    """Quality flags of one tool's estimates, in the order of time."""
+
+    def __init__(self, tool: Tool) -> None:
+        self._plates: Plates = tool.plates
+        self._path = _Path(tool)
+        self._tool_flags = _CONCAVE if any(issue.kind == "concave" for issue in tool.issues) else 0
+        self._countdown = 0
+        self._slow_flags = 0
+
+    def flags(
+        self,
+        state: NDArray[np.float64],
+        *,
+        speed: float,
+        submerged: bool,
+        depth: Callable[[], float],
+        settings: Settings,
+    ) -> int:
+        """Flags of an estimate at a state, shape [13], an or of `QualityFlag`.
+
+        `speed`: of the fastest point [m/s]. `depth()`: of the lowest point [m]; called only where it is needed.
+        """
+        if not submerged:
+            self._path.leave()
+            self._countdown = 0
+            return 0
+        flags = 0
+        if speed > _FAST_SPEED:
+            flags = _FAST if speed <= _INERTIAL_SPEED else _FAST | _INERTIAL
+        elif speed < _NEAR_REST_FACTOR * settings.rest_speed:
+            flags = _NEAR_REST
+        if self._countdown == 0:
+            self._countdown = _EVERY
+            self._slow_flags = self._evaluate_slow_flags(state, depth, settings)
+        self._countdown -= 1
+        return flags | self._slow_flags
+
+    def _evaluate_slow_flags(self, state: NDArray[np.float64], depth: Callable[[], float], settings: Settings) -> int:
+        """The flags that take longer to evaluate, and change slowly."""
+        flags = self._tool_flags
+        if self._path.crosses(state):
+            flags |= _WAKE
+        if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
+            flags |= _DEEP
+        if self._plates.integration == "centroid":  # the refined rule has neither
+            flat, edge = edge_shares(self._plates, state, surface_height=settings.surface_height)
+            flags |= (_NEAR_FLAT if flat > _FLAT_SHARE else 0) | (_KNIFE_EDGE if edge > _EDGE_SHARE else 0)
+        return flags
+
+
+class _Path:
+    """Where the tool's centre has been since it entered the grains, and whether it comes back there.
+
+    On a straight path the distance from a former place equals the path since then. Where it falls below `_BENT` of
+    that, and below two widths of the tool, the tool passes the same grains again. This flags a root tip's helix of
+    20 mm pitch, where the measured forces deviate, and not one of 40 mm (Treers et al. 2021, V-B).
+    """
+
+    _KEPT = 512
+    _BENT = 0.85
+
+    def __init__(self, tool: Tool) -> None:
+        low, high = tool.vertices.min(axis=0), tool.vertices.max(axis=0)
+        self._centre = 0.5 * (low + high)
+        self._width = float(np.median(high - low))
+        self._places = np.zeros((self._KEPT, 3))
+        self._lengths = np.zeros(self._KEPT)
+        self.leave()
+
+    def leave(self) -> None:
+        """Forget the path: the tool has left the grains, which fall back."""
+        self._count, self._length, self._crosses = 0, 0.0, False
+
+    def crosses(self, state: NDArray[np.float64]) -> bool:
+        """Take the next state, shape [13]; whether the tool passes where it has been."""
+        place = state[:3] + rotation_matrix(state[3:7]) @ self._centre
+        if self._count:
+            step = math.dist(place, self._places[(self._count - 1) % self._KEPT])
+            if step < self._width / 8.0:
+                return self._crosses
+            self._length += step
+        i = self._count % self._KEPT
+        self._places[i] = place
+        self._lengths[i] = self._length
+        self._count += 1
+        n = min(self._count, self._KEPT)
+        since = self._length - self._lengths[:n]
+        apart = np.linalg.norm(self._places[:n] - place, axis=1)
+        near = (since >= 2.0 * self._width) & (apart < 2.0 * self._width) & (apart < self._BENT * since)
+        self._crosses = bool(near.any())
+        return self._crosses

@@ -1,9 +1,19 @@
-"""What goes into the estimator and what comes out: stamped samples, estimates, and named reasons for giving none."""
+"""What goes into the estimator and what comes out: samples, estimates, measurements, and reasons for having none."""
 
 from enum import Enum
 from typing import NamedTuple
 
-__all__ = ["Estimate", "NoEstimate", "PoseSample", "Reason", "TwistSample", "Vector", "Wrench", "WrenchSample"]
+__all__ = [
+    "Estimate",
+    "Measurement",
+    "NoEstimate",
+    "PoseSample",
+    "Reason",
+    "TwistSample",
+    "Vector",
+    "Wrench",
+    "WrenchSample",
+]
 
 Vector = tuple[float, float, float]
 Wrench = tuple[float, float, float, float, float, float]
@@ -70,19 +80,15 @@ class Reason(str, Enum):
 
 
 class Estimate(NamedTuple):
-    """The answer to one pose; wrenches are on the tool, in sensor axes about the sensor's origin.
+    """The answer to one pose, at once.
 
-    `predicted`: by the grains, from RFT. `compensated`: measured less bias and tool weight; None without a usable
-    load-cell sample (`no_wrench` says why). `residual`: compensated - predicted. `speed`: an upper bound of the plates'
-    speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered.
-    `quality_flags`: an or of `quality.QualityFlag`.
+    `stamp`: of the pose [ns]. `predicted`: wrench on the tool by the grains, from RFT, in sensor axes about the
+    sensor's origin. `speed`: an upper bound of the plates' speeds [m/s]. `submerged_area` [m²]. `generation`: of the
+    model that answered. `quality_flags`: an or of `quality.QualityFlag`.
     """
 
     stamp: int
     predicted: Wrench
-    compensated: Wrench | None
-    residual: Wrench | None
-    no_wrench: Reason | None
     speed: float
     submerged_area: float
     generation: int
@@ -94,3 +100,16 @@ class NoEstimate(NamedTuple):
 
     stamp: int
     reason: Reason
+
+
+class Measurement(NamedTuple):
+    """What the load cell says at the stamp of an estimate [ns]; wrenches in the frame of `Estimate.predicted`.
+
+    `compensated`: measured less bias and tool weight. `residual`: compensated - predicted. Both are None without usable
+    load-cell samples around the stamp; `reason` then says why.
+    """
+
+    stamp: int
+    compensated: Wrench | None
+    residual: Wrench | None
+    reason: Reason | None

@@ -1,18 +1,19 @@
 """Compile, or load from numba's cache, every kernel that a tick can reach."""
 
-import os
-from collections.abc import Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
+from numba.core import event
 
+from rft_ros.child_process import start_child
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.settings import Model, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, plate_forces, treers2021
 from rft_ros.tool import load_tool
 
-__all__ = ["await_compilation", "fork_compilation", "warm_up", "warm_up_all"]
+__all__ = ["compile_kernels", "warm_up", "warm_up_all"]
 
 
 def warm_up(model: Model) -> None:
@@ -23,42 +24,50 @@ def warm_up(model: Model) -> None:
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
 
 
-def fork_compilation() -> list[int]:
-    """Fork a process for each rule of integration, to fill numba's cache with what `warm_up_all` needs; their ids.
-
-    With a cold cache, two processors are twice as fast as one, and the memory that the compiler needs goes with the
-    processes. Call it before anything starts threads.
-    """
-    processes = []
-    for integration in INTEGRATIONS:
-        pid = os.fork()
-        if pid == 0:
-            try:
-                _warm_up(integration, memory=False)
-            finally:
-                os._exit(0)
-        processes.append(pid)
-    return processes
-
-
-def await_compilation(processes: Sequence[int]) -> None:
-    """Wait for the processes of `fork_compilation`. What is compiled before would be compiled twice."""
-    for process in processes:
-        os.waitpid(process, 0)
-
-
-def warm_up_all(*, memory: bool) -> None:
+def warm_up_all(*, memory: bool, on_cold_cache: Callable[[], None] = lambda: None) -> None:
     """Warm up for whatever can be swapped in: each rule of integration with each α_y model, and the markers.
 
-    `memory`: also for media with a mobilization length.
+    `memory`: also for media with a mobilization length. If numba's cache lacks a kernel, `on_cold_cache` is called,
+    and two processes fill the cache, one for each rule: twice as fast, and the compiler's 100 MB go with them.
     """
+    try:
+        with event.install_listener("numba:compile", _ColdCache()):
+            _warm_up_both(memory=memory)
+    except _NotCompiledError:
+        on_cold_cache()
+        processes = [start_child(compile_kernels, integration, memory) for integration in INTEGRATIONS]
+        try:
+            for process in processes:
+                process.wait()
+        finally:
+            for process in processes:
+                process.kill()
+        _warm_up_both(memory=memory)
+
+
+class _NotCompiledError(Exception):
+    pass
+
+
+class _ColdCache(event.Listener):  # type: ignore[misc]
+    """Raises as soon as numba begins to compile what it did not find in its cache."""
+
+    def on_start(self, event: event.Event) -> None:
+        raise _NotCompiledError
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+def _warm_up_both(*, memory: bool) -> None:
     for integration in INTEGRATIONS:
-        _warm_up(integration, memory=memory)
+        compile_kernels(integration, memory)
 
 
-def _warm_up(integration: Integration, *, memory: bool) -> None:
+def compile_kernels(integration: Integration, memory: bool) -> None:
+    """Compile, or load, the kernels of one rule of integration; with `memory`, also those that need it."""
     medium = next(iter(MEDIA.values()))
-    table = Table(np.zeros(1), np.zeros(1), np.ones((1, 1)))
+    table = Table.sampled([0.0], [0.0], [[1.0]])
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
     tool = load_tool("plate", integration=integration)
     for name in ALPHA_Y_MODELS:

@@ -26,6 +26,7 @@ from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
+from rft_ros.installation import program
 from rft_ros.node.virtual_arm import PAUSE
 from rft_ros.report.depth_figure import DepthTrace
 from rft_ros.rft import rotation_matrix
@@ -182,8 +183,8 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains;")
     console.print("a real ROS 2 node predicts the wrench, takes bias and weight off the load cell,")
     console.print("and publishes the residual. By hand, in terminals of your own:\n")
-    console.print(f"  rft_node --ros-args --params-file {parameters}")
-    console.print(f"  python -m rft_ros.node.virtual_arm --seconds {seconds:g}")
+    console.print(f"  {program('rft_node')} --ros-args --params-file {parameters}", soft_wrap=True)
+    console.print(f"  {sys.executable} -m rft_ros.node.virtual_arm --seconds {seconds:g}", soft_wrap=True)
     console.print("  ros2 topic echo /rft/wrench_residual")
     console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger")
     console.print("  ros2 param set /rft alpha_y.model linear\n", highlight=False)
@@ -209,7 +210,7 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     for topic, count in watcher.counts.items():
         console.print(f"recorded {count:5d} {topic}", highlight=False)
     console.print(f"-> {output / 'bag'} (rosbag2, MCAP)", soft_wrap=True, highlight=False)
-    again = f"rft replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
+    again = f"{program('rft')} replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
     console.print(f"the same offline: {again}", soft_wrap=True, highlight=False)
     return trace
 

@@ -1,24 +1,17 @@
 """``rft_node``: start, warm up, spin until told to stop."""
 
-import gc
-import itertools
+import os
 import signal
+import socket
 import sys
 import threading
+import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import rclpy
-from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
-from rclpy.experimental import EventsExecutor
-from rclpy.signals import SignalHandlerOptions
-from rclpy.utilities import remove_ros_args
-
-from rft_ros.errors import InputError
-from rft_ros.estimator.parameter_file import parameter_tree
-from rft_ros.estimator.warm_up import await_compilation, fork_compilation, warm_up_all
-from rft_ros.node.rft_node import RftNode
-from rft_ros.prepare_tool import start_preparer
+if TYPE_CHECKING:
+    from rclpy.executors import Executor
+    from rclpy.node import Node
 
 __all__ = ["main"]
 
@@ -27,75 +20,135 @@ usage: rft_node [--ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pos
 
 Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2.
 
-Its topics, services and parameters are in the README; config/default.yaml has every parameter with its default.
+The README lists its topics, services and parameters; config/default.yaml has every parameter with its default.
 SIGINT or SIGTERM ends it with exit status 0; arguments or parameters that cannot be used, with 2.
 
 example:
   rft_node --ros-args --params-file my_cell.yaml -r ~/pose:=/tool_pose"""
 
+_GRACE = 0.6  # s
+
 
 def main() -> int:
     """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its arguments or parameters cannot be used."""
+    stop = _stop_when_told()
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_HELP)
         return 0
-    if refusal := _not_for_ros():
-        print(f"rft_node: {refusal}", file=sys.stderr)
-        return 2
-    preparer, compiling = start_preparer(), fork_compilation()
-    try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-    except RCLError as error:
-        print(f"rft_node: {_why(error)}", file=sys.stderr)
-        preparer.close()
-        return 2
-    stop = threading.Event()
+    if refusal := _refused_arguments():
+        return _refuse(refusal)
+    return _run(stop)
+
+
+def _stop_when_told() -> threading.Event:
+    """An event that SIGINT or SIGTERM sets. If `main` does not return soon after, the process ends with status 0.
+
+    A thread receives the signals: while the main thread imports, compiles or loads it handles none.
+    """
+    told, tell = socket.socketpair()
+    tell.setblocking(False)
+    signal.set_wakeup_fd(tell.detach())
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: stop.set())
-    await_compilation(compiling)
+        signal.signal(number, lambda *_: None)
+    stop = threading.Event()
+    threading.Thread(target=_await_signal, args=(told, stop), daemon=True).start()
+    return stop
+
+
+def _await_signal(told: socket.socket, stop: threading.Event) -> None:
+    told.recv(1)
+    stop.set()
+    time.sleep(_GRACE)
+    os._exit(0)
+
+
+def _refuse(sentence: str) -> int:
+    print(f"rft_node: {sentence}", file=sys.stderr)
+    return 2
+
+
+def _run(stop: threading.Event) -> int:
+    import gc
+
+    import rclpy
+    from rclpy._rclpy_pybind11 import RCLError
+    from rclpy.executors import ExternalShutdownException
+    from rclpy.signals import SignalHandlerOptions
+
+    from rft_ros.errors import InputError
+    from rft_ros.estimator.warm_up import warm_up_all
+    from rft_ros.node.rft_node import RftNode
+    from rft_ros.node.tool_worker import ToolWorker
+
+    worker = ToolWorker()
     try:
-        node = RftNode(preparer)
-    except InputError as error:
-        print(f"rft_node: {error}", file=sys.stderr)
-        rclpy.try_shutdown()
-        preparer.close()
-        return 2
-    warm_up_all(memory=node.estimator.model.mobilization_length > 0.0)
-    gc.collect()
-    gc.freeze()  # a full collection with numba and trimesh loaded costs 22 ms, and there is nothing of theirs to free
-    for finding in node.estimator.model.tool.issues:
-        node.get_logger().warning(f"mesh {node.estimator.model.tool.name}: {finding.message}")
-    node.get_logger().info(f"ready: {node.describe()}")
-    executor: Executor = EventsExecutor() if node.executor_name == "events" else SingleThreadedExecutor()
-    executor.add_node(node)
-    try:
+        warm_up_all(memory=False, on_cold_cache=_announce_compilation)
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+        node = RftNode(worker)
+        if node.estimator.model.mobilization_length > 0.0:
+            warm_up_all(memory=True, on_cold_cache=_announce_compilation)
+        gc.collect()
+        gc.freeze()  # a full collection with numba and trimesh loaded takes 22 ms and frees nothing of theirs
+        executor = _executor(node)
+        executor.add_node(node)
+        node.announce()
         while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)
+            executor.spin_once(timeout_sec=0.1)  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
+        executor.shutdown()
+        node.destroy_node()
+    except RCLError as error:
+        return _refuse(_reason(error))
+    except InputError as error:
+        return _refuse(str(error))
     except ExternalShutdownException:
         pass
     finally:
-        executor.shutdown()
-        node.destroy_node()
         rclpy.try_shutdown()
-        preparer.close()
+        worker.close()
     return 0
 
 
-def _not_for_ros() -> str:
-    """What to say of arguments that are not ROS's; it passes over most of them, and the node would run on defaults."""
+def _announce_compilation() -> None:
+    print("rft_node: compiling, about 20 s, first start only ('rft warm-up' does it ahead)", file=sys.stderr, flush=True)
+
+
+def _executor(node: "Node") -> "Executor":
+    """The executor that the parameters ask for, if this rclpy has it."""
+    from rclpy.executors import SingleThreadedExecutor
+
+    if node.executor_name == "events":
+        try:
+            from rclpy.experimental import EventsExecutor
+
+            return EventsExecutor()
+        except ImportError:
+            node.get_logger().warning("this rclpy has no events executor (7.1.4 and later have); taking the single one")
+    return SingleThreadedExecutor()
+
+
+def _refused_arguments() -> str:
+    """A sentence about arguments that are not ROS's: ROS ignores most of them, and the node would run on defaults."""
+    from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+    from rclpy.utilities import remove_ros_args
+
     try:
         left = remove_ros_args(sys.argv)[1:]
     except UnknownROSArgsError as error:
         return f"ROS knows no argument {str(error).strip('[]')}"
     except RCLError:
-        return ""  # they are ROS's, and rclpy.init says what is wrong with them
+        return ""  # rclpy.init says what is wrong with ROS's own arguments
     if not left:
         return ""
     return f"cannot use '{' '.join(left)}'; ROS arguments, such as --params-file, come after --ros-args"
 
 
-def _why(error: Exception) -> str:
-    """What ROS could not use: in the words of a replay where it is a parameter file, else in its own."""
+def _reason(error: Exception) -> str:
+    """What ROS could not use: for a parameter file the sentence that a replay gives, else ROS's own."""
+    import itertools
+
+    from rft_ros.errors import InputError
+    from rft_ros.estimator.parameters import parameter_tree
+
     for option, value in itertools.pairwise(sys.argv):
         if option == "--params-file":
             try:

@@ -1,9 +1,9 @@
 """~/markers for RViz and Foxglove: the tool coloured by traction, the forces, the surface; nothing if nobody listens.
 
-Of a reduced tool the full mesh is drawn, with the tractions that its own facets have.
+A reduced tool is drawn with its full mesh, coloured by the tractions on the mesh's own facets.
 
-A tool is thousands of points and colours, 50 ms as Python messages; the tool's marker is spliced as CDR bytes instead:
-a serialised marker without points, cut where its points and colours belong.
+Thousands of points and colours take 50 ms as Python messages, so the tool's marker is assembled as CDR bytes: a
+serialised marker without points, cut where its points and colours belong.
 """
 
 import struct
@@ -17,12 +17,12 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rft_ros.estimator import Estimate, Estimator, Model
+from rft_ros.estimator import Estimate, Estimator, Measurement, Model, Wrench
 from rft_ros.rft import plate_forces, rotation_matrix
 
 __all__ = ["Markers"]
 
-_MOST_FACETS = 5000  # drawn; of finer tools every k-th facet, so that a report stays around a millisecond
+_MOST_FACETS = 5000  # of a finer tool every k-th facet is drawn, so that a report stays around a millisecond
 _METRES_PER_NEWTON = 0.01
 _SENTINEL = 0x5AFEC0DE
 _PREDICTED, _MEASURED = (0.85, 0.1, 0.1), (0.1, 0.5, 0.1)
@@ -30,7 +30,7 @@ _PREDICTED, _MEASURED = (0.85, 0.1, 0.1), (0.1, 0.5, 0.1)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """Of one model's tool, what does not change: facets drawn and the bytes of their corners, in the tool frame."""
+    """The constant part of one model's tool: facets drawn, and the bytes of their corners in the tool frame."""
 
     model: Model
     facets: NDArray[np.intp]
@@ -80,8 +80,8 @@ class Markers:
         self._drawn: _Drawn | None = None
         self._last = 0
 
-    def publish(self, answer: Estimate | None) -> None:
-        """Draw the last estimate, unless nobody listens or it has been drawn."""
+    def publish(self, answer: Estimate | None, measurement: Measurement | None) -> None:
+        """Draw the last estimate and the last measurement, unless nobody listens or they have been drawn."""
         if answer is None or answer.stamp == self._last or not self._publisher.get_subscription_count():
             return
         self._last = answer.stamp
@@ -97,14 +97,15 @@ class Markers:
         p.x, p.y, p.z, q.x, q.y, q.z, q.w = state[:7].tolist()
         tool.scale.x = tool.scale.y = tool.scale.z = 1.0
         self._publisher.publish(_splice(tool, self._drawn.corners, _colours(traction)))
-        self._publisher.publish(MarkerArray(markers=self._small(answer, state)))
+        measured = measurement.compensated if measurement else None
+        self._publisher.publish(MarkerArray(markers=self._small(answer, measured, state)))
 
-    def _small(self, answer: Estimate, state: NDArray[np.float64]) -> list[Marker]:
-        """Arrows of the forces from the tool frame's origin, and the surface around the tool."""
+    def _small(self, answer: Estimate, measured: Wrench | None, state: NDArray[np.float64]) -> list[Marker]:
+        """Arrows for the forces, from the tool frame's origin, and the surface around the tool."""
         cell = self._estimator.settings.load_cell
         to_world = rotation_matrix(state[3:7]) @ rotation_matrix(cell.quaternion)
         markers = []
-        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, answer.compensated, _MEASURED)):
+        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, measured, _MEASURED)):
             if wrench is None:
                 continue
             arrow = self._marker(answer.stamp, number, Marker.ARROW)

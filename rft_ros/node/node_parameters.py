@@ -1,7 +1,7 @@
 """The parameter table as ROS parameters: declared, validated before a change, applied after it."""
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -9,7 +9,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameters import PARAMETERS, Parameter, Value, checked
+from rft_ros.estimator.parameters import PARAMETERS, Parameter, Value, Values, checked
 
 __all__ = ["NodeParameters"]
 
@@ -26,7 +26,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=parameter.description + unit,
         additional_constraints=f"one of: {', '.join(parameter.choices)}" if parameter.choices else "",
         read_only=parameter.applies == "restart",
-        dynamic_typing=True,  # so that a wrong type is answered by the table's sentence, not by "Wrong parameter type"
+        dynamic_typing=True,  # the table's sentence refuses a wrong type, not rclpy's "Wrong parameter type"
     )
     if parameter.type == "double" and parameter.low > -float("inf"):
         descriptor.floating_point_range = [FloatingPointRange(from_value=parameter.low, to_value=parameter.high)]
@@ -36,69 +36,75 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 class NodeParameters:
     """The node's values of the table.
 
-    `validate(values)`: raises InputError if a set of checked values cannot be used; called before a change, without
-    side effects. `apply(values, changed)`: called after it. A refused value leaves everything as it was.
+    `validate(values, changed)` raises InputError if checked values cannot be used together; it has no side effects and
+    is called before a change. `apply(values, changed)` is called after it. A refused value changes nothing. Every
+    change is logged with the old value, the new one and, if the node itself made it, why.
     """
 
     def __init__(
         self,
         node: Node,
         *,
-        validate: Callable[[Mapping[str, Value]], None],
-        apply: Callable[[Mapping[str, Value], frozenset[str]], None],
+        validate: Callable[[Values, frozenset[str]], None],
+        apply: Callable[[Values, frozenset[str]], None],
     ) -> None:
         self._node = node
         self._validate = validate
         self._apply = apply
         self._own: dict[str, Value] = {}
+        self._why = ""
         for p in PARAMETERS:
-            # A value from a file is checked by the table, which answers in sentences; an integer for a double is taken.
+            # `checked` refuses a value from a file with a sentence, and takes an integer for a double.
             override = node._parameter_overrides.get(p.name)
             self._own[p.name] = value = p.default if override is None else checked(p.name, _plain(override.value))
-            ros_value = list(value) if isinstance(value, tuple) else value
-            node.declare_parameter(p.name, ros_value, _descriptor(p), ignore_override=True)
-        validate(self._own)
+            node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
+        for name in node._parameter_overrides.keys() - node._parameters.keys():
+            if not name.startswith("qos_overrides.") and name != "use_sim_time":
+                node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
+        validate(self._own, frozenset(self._own))
         node.add_pre_set_parameters_callback(self._with_doubles)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after)
 
     @property
-    def values(self) -> Mapping[str, Value]:
+    def values(self) -> Values:
         """The checked values in force."""
         return self._own
 
-    def undeclared(self) -> list[str]:
-        """Names in the parameter file or on the command line that this node does not have."""
-        known = self._node._parameters
-        return [name for name in self._node._parameter_overrides if name not in known]
-
-    def set_all(self, values: Mapping[str, Value]) -> None:
+    def set_all(self, values: Values, *, why: str) -> None:
         """Set parameters together, from within the node."""
-        self._node.set_parameters_atomically(
-            [RosParameter(k, value=list(v) if isinstance(v, tuple) else v) for k, v in values.items()]
-        )
+        self._why = why
+        try:
+            result = self._node.set_parameters_atomically(
+                [RosParameter(name, value=_plain(value)) for name, value in values.items()]
+            )
+        finally:
+            self._why = ""
+        if not result.successful:
+            self._node.get_logger().error(f"not set ({why}): {result.reason}")
 
     def _with_doubles(self, parameters: list[RosParameter]) -> list[RosParameter]:
         own = {p.name for p in PARAMETERS if p.type != "string"}
         return [_as_double(p) if p.name in own and p.type_ in _FLOAT_TYPES else p for p in parameters]
 
-    def _merged(self, parameters: list[RosParameter]) -> dict[str, Value]:
+    def _merged(self, parameters: list[RosParameter]) -> tuple[dict[str, Value], frozenset[str]]:
         changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self._own}
-        return {**self._own, **changes}
+        return {**self._own, **changes}, frozenset(n for n, value in changes.items() if value != self._own[n])
 
     def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
-            merged = self._merged(parameters)
-            if merged != self._own:
-                self._validate(merged)
+            merged, changed = self._merged(parameters)
+            if changed:
+                self._validate(merged, changed)
         except InputError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _after(self, parameters: list[RosParameter]) -> None:
-        merged = self._merged(parameters)
-        changed = frozenset(name for name, value in merged.items() if value != self._own[name])
+        merged, changed = self._merged(parameters)
         if changed:
+            changes = ", ".join(f"{name} {self._own[name]!r} -> {merged[name]!r}" for name in sorted(changed))
+            self._node.get_logger().info(f"parameters set: {changes}" + (f" ({self._why})" if self._why else ""))
             self._own = merged
             self._apply(merged, changed)
 

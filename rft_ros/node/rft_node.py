@@ -1,6 +1,7 @@
-"""The node `rft`: converts, calls the estimator once per pose, publishes."""
+"""The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from dataclasses import replace
 from time import perf_counter
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -14,19 +15,20 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, WrenchSample
+from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, TwistSample, WrenchSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
-from rft_ros.estimator.parameters import TOOL_PARAMETERS, Value, model_of, settings_of, tool_request
+from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
 from rft_ros.node.diagnostics import Diagnostics
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
-from rft_ros.prepare_tool import Preparation, Preparer
-from rft_ros.tool import Tool, locate_mesh
+from rft_ros.node.swap import FailedSwap, ToolSwap
+from rft_ros.node.tool_worker import ToolWorker
+from rft_ros.tool import ToolRequest, locate_mesh
 
 __all__ = ["RftNode"]
 
 _INPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort matches every publisher, reliable or not; the depth takes bursts of a 1,000 Hz stream."""
+"""Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream."""
 
 _OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE)
 
@@ -40,60 +42,63 @@ _TOOL = frozenset(TOOL_PARAMETERS.values())
 class RftNode(Node):
     """One estimator between three subscriptions and three publications."""
 
-    def __init__(self, preparer: Preparer) -> None:
+    def __init__(self, worker: ToolWorker) -> None:
         super().__init__("rft")
-        self._preparer = preparer
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
-        for name in self._table.undeclared():
-            if not name.startswith("qos_overrides.") and name != "use_sim_time":
-                self.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
         values = self._table.values
-        self._generation = 0
-        self._tool_in_force = tool_request(values)
-        self._preparation: Preparation | None = None
         self.estimator = Estimator(settings_of(values), model_of(values))
+        self._next_model: Model | None = None
         self._with_memory = self.estimator.model.mobilization_length > 0.0
-        self._diagnostics = Diagnostics(self.get_fully_qualified_name())
+        self._swap = ToolSwap(tool_request(values), worker)
+        self._diagnostics = Diagnostics(self.get_fully_qualified_name(), self.estimator, self._swap)
         self._last_estimate: Estimate | None = None
+        self._last_measurement: Measurement | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
 
         self._predicted = self.create_publisher(WrenchStamped, "~/wrench_predicted", _OUTPUTS)
         self._compensated = self.create_publisher(WrenchStamped, "~/wrench_compensated", _OUTPUTS)
         self._residual = self.create_publisher(WrenchStamped, "~/wrench_residual", _OUTPUTS)
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
-        overridable = QoSOverridingOptions.with_default_policies()
-
-        def subscription(message: type, topic: str, callback: Callable[[bytes], None]) -> Subscription:
-            # As bytes: rclpy takes 16 us to make a message of them, and the estimator wants none.
-            return self.create_subscription(
-                message, topic, callback, _INPUTS, raw=True, qos_overriding_options=overridable
-            )
-
-        self._before_pose = (
-            ("wrench", subscription(WrenchStamped, "~/wrench_measured", self._on_wrench), self._on_wrench),
-            ("twist", subscription(TwistStamped, "~/twist", self._on_twist), self._on_twist),
-        )
-        subscription(PoseStamped, "~/pose", self._on_pose)
+        self._subscribe(WrenchStamped, "~/wrench_measured", self._on_wrench)
+        self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
+        self._subscribe(PoseStamped, "~/pose", self._on_pose)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(Trigger, "~/status", self._on_status)
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
         markers = Markers(self, self.estimator)
-        self.create_timer(_MARKER_PERIOD, lambda: markers.publish(self._last_estimate), clock=steady)
+        self.create_timer(
+            _MARKER_PERIOD, lambda: markers.publish(self._last_estimate, self._last_measurement), clock=steady
+        )
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
+
+    def _subscribe(self, message: type, topic: str, callback: Callable[[bytes], None]) -> Subscription:
+        # As bytes: rclpy takes 16 us to make a message of them, and the estimator needs none.
+        overridable = QoSOverridingOptions.with_default_policies()
+        return self.create_subscription(message, topic, callback, _INPUTS, raw=True, qos_overriding_options=overridable)
 
     @property
     def executor_name(self) -> str:
         """Which executor the parameters ask for."""
         return str(self._table.values["executor"])
 
-    def describe(self) -> str:
+    def announce(self) -> None:
+        """Log that the node is ready, and what is wrong with its mesh."""
+        self.get_logger().info(f"ready: {self._describe()}")
+        self._log_issues()
+
+    def _describe(self) -> str:
         """Tool, medium and models in force, in one line."""
         m = self.estimator.model
         plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
         return f"tool {m.tool.name} ({plates}), medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
+
+    def _log_issues(self) -> None:
+        tool = self.estimator.model.tool
+        for issue in tool.issues:
+            self.get_logger().warning(f"mesh {tool.name}: {issue.message}")
 
     # --- the tick
 
@@ -109,6 +114,7 @@ class RftNode(Node):
     def _on_wrench(self, data: bytes) -> None:
         if isinstance(sample := self._received("wrench", data), WrenchSample):
             self.estimator.push_wrench(sample)
+            self._publish_measurements()
 
     def _on_twist(self, data: bytes) -> None:
         if isinstance(sample := self._received("twist", data), TwistSample):
@@ -119,86 +125,81 @@ class RftNode(Node):
         sample = self._received("pose", data)
         if not isinstance(sample, PoseSample):
             return
-        # What came before the pose must be pushed before it; in which order rclpy serves them is a matter of luck.
-        newest = self._diagnostics.newest
-        for role, subscription, callback in self._before_pose:
-            if newest.get(role, 0) < sample.stamp:
-                while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-                    callback(taken[0])
+        # A twist that arrived before the pose must be pushed before it; rclpy may serve them in another order.
+        if self._diagnostics.newest.get("twist", 0) < sample.stamp:
+            while (taken := self._twists.handle.take_message(TwistStamped, True)) is not None:
+                self._on_twist(taken[0])
         answer = self.estimator.push_pose(sample)
-        if not isinstance(answer, Estimate):
-            return
-        stamp, serialise = answer.stamp, self._serialise
-        self._predicted.publish(serialise(stamp, answer.predicted))
-        if answer.compensated is not None and answer.residual is not None:
-            self._compensated.publish(serialise(stamp, answer.compensated))
-            self._residual.publish(serialise(stamp, answer.residual))
-        self._last_estimate = answer
-        self._diagnostics.tick(perf_counter() - start, answer)
+        if isinstance(answer, Estimate):
+            self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
+            self._last_estimate = answer
+            self._diagnostics.tick(perf_counter() - start, answer)
+        self._publish_measurements()
+
+    def _publish_measurements(self) -> None:
+        for measurement in self.estimator.measurements():
+            if measurement.compensated is not None and measurement.residual is not None:
+                self._compensated.publish(self._serialise(measurement.stamp, measurement.compensated))
+                self._residual.publish(self._serialise(measurement.stamp, measurement.residual))
+            self._last_measurement = measurement
 
     # --- parameters and swaps
 
-    def _validate(self, values: Mapping[str, Value]) -> None:
-        if not (path := locate_mesh(str(values["mesh.file"]))).is_file():
-            raise InputError(f"mesh.file '{path}' is not there")
+    def _validate(self, values: Values, changed: frozenset[str]) -> None:
+        starting = not hasattr(self, "estimator")
+        if changed & _TOOL and (starting or not self._swap.knows(tool_request(values))):
+            path = locate_mesh(str(values["mesh.file"]))
+            if not path.is_file():
+                raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
         settings_of(values)
-        if hasattr(self, "estimator") and not self._with_memory and values["medium.mobilization_length"]:
+        if starting:
+            return
+        if not self._with_memory and values["medium.mobilization_length"]:
             raise InputError(
-                "medium.mobilization_length was 0.0 at the start, so that the kernels for it are not compiled; "
-                "start the node with it"
+                "medium.mobilization_length was 0.0 at the start, so that its kernels are not loaded; "
+                "set it in the parameter file and restart the node"
             )
-        if values["alpha_y.model"] == "table":
-            self._model(values, self.estimator.model.tool) if hasattr(self, "estimator") else model_of(values)
+        self._next_model = None
+        if any(name.startswith(("medium.", "alpha_y.")) for name in changed):
+            m = self.estimator.model
+            self._next_model = model_of(values, tool=m.tool, generation=m.generation + 1)
 
-    def _model(self, values: Mapping[str, Value], tool: Tool) -> Model:
-        return model_of(values, tool=tool, generation=self._generation)
-
-    def _apply(self, values: Mapping[str, Value], changed: frozenset[str]) -> None:
+    def _apply(self, values: Values, changed: frozenset[str]) -> None:
         self.estimator.use(settings=settings_of(values))
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
+        if self._next_model is not None:
+            self._use(self._next_model)
         if changed & _TOOL:
-            self._cancel_preparation()
-            request = tool_request(values)
-            if request == self._tool_in_force:
-                return
-            self._preparation = self._preparer.prepare(request)
-            self._diagnostics.preparing = request.file
-            self._swap_timer.reset()
-        if any(name.startswith(("medium.", "alpha_y.")) for name in changed):
-            self._generation += 1
-            self.estimator.use(model=self._model(values, self.estimator.model.tool))
-            self.get_logger().info(f"generation {self._generation}: {self.describe()}")
+            self._want(tool_request(values))
 
-    def _cancel_preparation(self) -> None:
-        if self._preparation is not None:
-            self._preparation.cancel()
-            self._preparation = None
-        self._diagnostics.preparing = ""
+    def _use(self, model: Model) -> None:
+        self.estimator.use(model=model)
+        self.get_logger().info(f"generation {model.generation}: {self._describe()}")
+
+    def _want(self, request: ToolRequest) -> None:
+        self._swap.want(request)
+        if self._swap.preparing:
+            self._swap_timer.reset()
 
     def _on_swap_poll(self) -> None:
-        if self._preparation is None:
+        outcome = self._swap.poll()
+        if isinstance(outcome, FailedSwap):
+            self._undo(outcome)
+        elif outcome is not None:
+            m = self.estimator.model
+            self._use(replace(m, tool=outcome, generation=m.generation + 1))
+            self._log_issues()
+        if not self._swap.preparing:
             self._swap_timer.cancel()
-            return
-        answer = self._preparation.poll()
-        if answer is None:
-            return
-        asked = self._preparation.request
-        self._preparation = None
-        self._diagnostics.preparing = ""
-        self._swap_timer.cancel()
-        if isinstance(answer, str):
-            self._diagnostics.last_swap_failure = answer
-            self.get_logger().error(f"mesh not swapped, {self.estimator.model.tool.name} stays: {answer}")
-            in_force = self._tool_in_force._asdict()
-            self._table.set_all({name: in_force[field] for field, name in TOOL_PARAMETERS.items()})
-            return
-        self._tool_in_force = asked
-        self._diagnostics.last_swap_failure = ""
-        self._generation += 1
-        self.estimator.use(model=self._model(self._table.values, answer))
-        self.get_logger().info(f"generation {self._generation}: {self.describe()}")
-        for finding in answer.issues:
-            self.get_logger().warning(f"mesh {answer.name}: {finding.message}")
+
+    def _undo(self, failed: FailedSwap) -> None:
+        """Set the parameters of a failed swap back to those of the tool wanted before it."""
+        stays = self.estimator.model.tool.name
+        self.get_logger().error(f"mesh not swapped, {stays} stays in force: {failed.why}")
+        wanted = self._swap.wanted._asdict()
+        parameters = {name: wanted[field] for field, name in TOOL_PARAMETERS.items()}
+        self._table.set_all(parameters, why=f"the swap to mesh.file '{failed.request.file}' failed")
+        self._want(self._swap.wanted)
 
     # --- services and reports
 
@@ -208,23 +209,19 @@ class RftNode(Node):
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
-        self._table.set_all({"sensor.bias": bias})
+        self._table.set_all({"sensor.bias": bias}, why="tare")
         response.success = True
         response.message = "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
+        self.get_logger().info(f"tare: {response.message}")
         return response
 
     def _on_status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self._diagnostics.status(self.estimator)
+        response.success, response.message = self._diagnostics.status()
         return response
 
     def _on_diagnostics(self) -> None:
-        now = self.get_clock().now().nanoseconds
-        message, sentences = self._diagnostics.report(now, self.estimator, _DIAGNOSTICS_PERIOD)
+        message, lines = self._diagnostics.report(self.get_clock().now().nanoseconds, _DIAGNOSTICS_PERIOD)
         self._diagnostics_publisher.publish(message)
-        if sentences:  # as one, since a throttled line keeps back the others of its place in the code
-            self.get_logger().warning("; ".join(sentences), throttle_duration_sec=10.0)
-
-    def destroy_node(self) -> None:
-        """End a preparation that still runs, then the node."""
-        self._cancel_preparation()
-        super().destroy_node()
+        for line in lines:
+            log = self.get_logger().warning if line.warning else self.get_logger().info
+            log(line.text)

@@ -55,8 +55,8 @@ over the plate's own path s: forces build up over a mobilization length λ, and 
 
     dτ/ds = (t - τ) / λ(d),   λ(d) = λ (d / 30 mm)²                                             Eq. (10)
 
-Read beside the paper: `plates`, `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `wrench`, and ours in
-`mobilization`; `kernel`, `element`, `blocks`, `wet_part` and `compiled` are how the sum over plates is made fast.
+Read beside the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `plates`, `kernel`, `wrench`, and
+ours in `memory`; `compilation` and `arguments` make it fast and safe to call.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 
@@ -71,16 +71,17 @@ Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed st
 from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table, alpha_y_model
 from rft_ros.rft.frames import STATE, checked_states, rotation_matrix, unit_quaternion
 from rft_ros.rft.media import MEDIA, Medium, medium_named
-from rft_ros.rft.mobilization import Memory, wrenches_in_time
+from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import Law, Treers2021, traction_per_depth, treers2021
-from rft_ros.rft.wrench import COLUMNS, edge_shares, plate_forces, wrenches
+from rft_ros.rft.wrench import COLUMNS, SENSITIVITIES, edge_shares, plate_forces, wrenches, wrenches_in_time
 
 __all__ = [
     "ALPHA_Y_MODELS",
     "COLUMNS",
     "INTEGRATIONS",
     "MEDIA",
+    "SENSITIVITIES",
     "STATE",
     "AlphaY",
     "Constant",

@@ -12,12 +12,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import types
 from numba.extending import overload
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.compiled import OPTIONS, inlined
+from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.compilation import OPTIONS, inlined
 from rft_ros.rft.media import Medium
 
-__all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y", "alpha_y_model", "as_table"]
+__all__ = [
+    "ALPHA_Y_MODELS",
+    "AlphaY",
+    "Constant",
+    "Linear",
+    "Table",
+    "alpha_y",
+    "alpha_y_model",
+    "as_table",
+    "checked_alpha_y",
+]
 
 
 class Constant(NamedTuple):
@@ -34,16 +45,64 @@ class Linear(NamedTuple):
 
 
 class Table(NamedTuple):
-    """α_y [N/cm³] on a grid of β and γ [rad, ascending], shape [n_beta, n_gamma]; bilinear, held beyond the edges."""
+    """α_y [N/cm³] on a uniform grid of β and γ, bilinear between its nodes, held beyond its edges; see `sampled`.
 
-    beta: NDArray[np.float64]
-    gamma: NDArray[np.float64]
+    `values`: shape [n_beta, n_gamma], at least [2, 2]. The first node lies at `beta`, `gamma` [rad], and there are
+    `beta_nodes`, `gamma_nodes` of them to a radian.
+    """
+
+    beta: float
+    beta_nodes: float
+    gamma: float
+    gamma_nodes: float
     values: NDArray[np.float64]
+
+    @classmethod
+    def sampled(cls, beta: ArrayLike, gamma: ArrayLike, values: ArrayLike) -> "Table":
+        """A table from values, shape [n_beta, n_gamma], at any ascending β, shape [n_beta], and γ, shape [n_gamma].
+
+        β and γ in rad, α_y in N/cm³. The grid is the coarsest that has a node at every β and γ given (to 1e-9 of its
+        range): then the table is exact between them too. Where none of up to `FINEST` steps has, a value given is
+        moved by up to half a step, 0.25° in 360°, and α_y between is off by up to a quarter of a step times the change
+        of slope there.
+
+        Raises ValueError that says which argument cannot be used.
+        """
+        b, g = numbers("beta", beta), numbers("gamma", gamma)
+        v = numbers("values", values, (len(g),), rows=len(b))
+        for name, knots in (("beta", b), ("gamma", g)):
+            if len(knots) == 0 or not np.isfinite(knots).all() or not (np.diff(knots) > 0.0).all():
+                raise ValueError(f"{name} is {knots}; it must be finite and ascending, with at least one value")
+        if not np.isfinite(v).all():
+            raise ValueError("values has a number that is not finite")
+        beta_nodes, v = _uniform(b, v)
+        gamma_nodes, v = _uniform(g, v.T)
+        return cls(float(b[0]), beta_nodes, float(g[0]), gamma_nodes, np.ascontiguousarray(v.T))
 
 
 AlphaY = Constant | Linear | Table
 
+FINEST = 720
+"""Steps of the finest grid that `Table.sampled` makes of the range of β, or γ, given."""
+
 PAPER_LINEAR = Linear(0.2035, -0.0015)
+
+
+def _uniform(knots: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+    """Nodes to a radian of an even grid over the knots, and the rows of values there by linear interpolation."""
+    if len(knots) == 1:
+        return 0.0, np.repeat(values, 2, axis=0)
+    span = knots[-1] - knots[0]
+    place = (knots - knots[0]) / span
+    for steps in range(len(knots) - 1, FINEST + 1):
+        if np.abs(place * steps - np.round(place * steps)).max() < 1e-9 * steps:
+            break
+    else:
+        steps = FINEST
+    nodes = np.linspace(0.0, 1.0, steps + 1)
+    at = np.clip(np.searchsorted(place, nodes, side="right") - 1, 0, len(knots) - 2)
+    share = ((nodes - place[at]) / (place[at + 1] - place[at]))[:, None]
+    return float(steps / span), (1.0 - share) * values[at] + share * values[at + 1]
 
 
 _DEGREES = 180.0 / math.pi
@@ -76,18 +135,6 @@ def _beta(sin_beta, cos_beta):  # type: ignore[no-untyped-def]
     return 0.5 * math.pi + _atan2(-cos_beta, sin_beta)
 
 
-@inlined
-def _bracket(grid, x):  # type: ignore[no-untyped-def]
-    """Index i and weight t so that x lies at grid[i] (1 - t) + grid[i + 1] t; t = 0 beyond the edges."""
-    n = len(grid)
-    if n == 1 or x <= grid[0]:
-        return 0, 0.0
-    if x >= grid[n - 1]:
-        return n - 2, 1.0
-    i = np.searchsorted(grid, x, side="right") - 1
-    return i, (x - grid[i]) / (grid[i + 1] - grid[i])
-
-
 def _constant(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
     return model.value
 
@@ -97,12 +144,19 @@ def _linear(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no
 
 
 def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
-    i, s = _bracket(model.beta, _beta(sin_beta, cos_beta))
-    j, t = _bracket(model.gamma, _atan2(sin_gamma, cos_gamma))
-    i1 = min(i + 1, len(model.beta) - 1)
-    j1 = min(j + 1, len(model.gamma) - 1)
     v = model.values
-    return (1.0 - s) * ((1.0 - t) * v[i, j] + t * v[i, j1]) + s * ((1.0 - t) * v[i1, j] + t * v[i1, j1])
+    s = (_beta(sin_beta, cos_beta) - model.beta) * model.beta_nodes
+    t = (_atan2(sin_gamma, cos_gamma) - model.gamma) * model.gamma_nodes
+    # NaN becomes 0 here, so that no index lies outside
+    s = min(s if s > 0.0 else 0.0, v.shape[0] - 1.0)
+    t = min(t if t > 0.0 else 0.0, v.shape[1] - 1.0)
+    i, j = min(np.int32(s), np.int32(v.shape[0] - 2)), min(np.int32(t), np.int32(v.shape[1] - 2))
+    s, t = s - i, t - j
+    a, b = np.uint64(i), np.uint64(j)  # unsigned, or numba looks for negative indices
+    a1, b1 = a + np.uint64(1), b + np.uint64(1)
+    low = v[a, b] + t * (v[a, b1] - v[a, b])
+    high = v[a1, b] + t * (v[a1, b1] - v[a1, b])
+    return low + s * (high - low)
 
 
 def _given(medium: Medium, table: Table | None) -> Table:
@@ -132,13 +186,36 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
     return model
 
 
+def checked_alpha_y(model: AlphaY) -> AlphaY:
+    """The model with float64 fields: an integer in one would have a kernel of its own, compiled for integers.
+
+    Raises TypeError for what is no model, ValueError for a field that is not finite or not of its shape.
+    """
+    if type(model) not in _FUNCTIONS:
+        raise TypeError(f"alpha_y model is {model!r}; make one with alpha_y_model")
+    fields: list[Any] = []
+    for name, value in model._asdict().items():
+        if isinstance(value, np.ndarray) and value.ndim > 0:
+            array = np.array(numbers(name, value, value.shape[1:]))  # our own, so that nobody changes it
+            if not np.isfinite(array).all():
+                raise ValueError(f"{name} of the alpha_y model has a value that is not finite")
+            array.flags.writeable = False
+            fields.append(array)
+        else:
+            fields.append(number(f"{name} of the alpha_y model", value))
+    if isinstance(model, Table) and (np.ndim(model.values) != 2 or min(np.shape(model.values)) < 2):
+        raise ValueError(f"values of the table have shape {np.shape(model.values)}; make one with Table.sampled")
+    made: AlphaY = type(model)(*fields)
+    return made
+
+
 def as_table(model: AlphaY) -> AlphaY:
     """A line in β as a table, exactly: for what is worth one compiled kernel but not one for each model."""
     if not isinstance(model, Constant | Linear):
         return model
     beta = np.deg2rad([-90.0, 270.0])  # where atan2 + 90° can lie
     slope, intercept = (model.slope, model.intercept) if isinstance(model, Linear) else (0.0, model.value)
-    return Table(beta, np.zeros(1), (intercept + slope * np.rad2deg(beta))[:, None])
+    return Table.sampled(beta, [0.0], (intercept + slope * np.rad2deg(beta))[:, None])
 
 
 def alpha_y(model: AlphaY, sin_beta: float, cos_beta: float, sin_gamma: float, cos_gamma: float) -> float:

@@ -5,9 +5,19 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.compiled import inlined
+from rft_ros.rft.arguments import numbers
+from rft_ros.rft.compilation import inlined
 
-__all__ = ["STATE", "UNIT_TOLERANCE", "checked_states", "rotation", "rotation_matrix", "unit_quaternion"]
+__all__ = [
+    "STATE",
+    "UNIT_TOLERANCE",
+    "checked_states",
+    "from_frame",
+    "into_frame",
+    "rotation",
+    "rotation_matrix",
+    "unit_quaternion",
+]
 
 STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
 """Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
@@ -29,9 +39,23 @@ def _rotation(
 rotation = inlined(_rotation)
 
 
+@inlined
+def from_frame(axes, x, y, z):  # type: ignore[no-untyped-def]
+    """A vector given in the axes of the frame that has this rotation matrix (9 numbers, by rows), in outer axes."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
+    return xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
+
+
+@inlined
+def into_frame(axes, x, y, z):  # type: ignore[no-untyped-def]
+    """A vector given in outer axes, in the axes of the frame that has this rotation matrix (9 numbers, by rows)."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
+    return xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
+
+
 def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrix, shape [3, 3], of a unit quaternion xyzw, shape [4]: columns are the frame's axes, outside."""
-    qx, qy, qz, qw = np.asarray(quaternion, dtype=np.float64)
+    qx, qy, qz, qw = numbers("quaternion", quaternion, rows=4).tolist()
     return np.array(_rotation(qx, qy, qz, qw)).reshape(3, 3)
 
 

@@ -1,142 +1,344 @@
-"""The compiled loops: the tractions of many plates, summed to a wrench, Eq. (9)."""
+"""The compiled loops: where each plate is, how much of it is loaded, its traction, and the sums of Eq. (9).
 
-from math import cos, radians, sin
+One plate at a time in the source; LLVM makes vector code of the loop over plates, for which branches on data would be
+fatal. What is known of a whole block of plates (dry, trailing, submerged, nowhere horizontal) selects a loop that does
+less.
+"""
+
+from math import cos, radians, sin, sqrt
 from typing import Any
 
-import numba
 import numpy as np
 
-from rft_ros.rft.blocks import BLOCK, CUT, PLAIN, SKIP_WET, kind_of_block
-from rft_ros.rft.compiled import OPTIONS, SOURCE, inlined
-from rft_ros.rft.element import element, in_tool_axes, motion, seen_from_tool
-from rft_ros.rft.traction import BLENDED, NEVER_FLAT, SWITCHED, traction_per_depth
+from rft_ros.rft.compilation import OPTIONS, compiled, inlined
+from rft_ros.rft.frames import from_frame, into_frame, rotation
+from rft_ros.rft.memory import DEPTH, approach, fraction_left, is_faded, set_to_zero
+from rft_ros.rft.plates import BLOCK, INTEGRATIONS, ROUNDING
+from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, traction_per_depth
 
-__all__ = ["EDGE_AREAS", "KERNELS", "added", "with_area"]
+__all__ = ["EDGE_AREAS", "PLATE_FORCES", "SUMS"]
+
+_SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
+"""What a block needs: nothing; its area counted; the quick loop (submerged, none horizontal); one that looks where the
+surface cuts the plates; one that also looks which are horizontal; that none leads, but all remember."""
+
+_LEVEL = cos(radians(FLAT_BLEND))
+_ALONG = sin(radians(1.0)) ** 2
+_LEAST_SHARE = 1e-100  # a trailing plate's memory must not fade into denormal numbers, which are slow
 
 
 @inlined
-def _plate(rows, i, axes, twist, law, below, refined, careful, flatness):  # type: ignore[no-untyped-def]
-    """Force on one plate and where it acts, world axes, from the tool frame's origin; its submerged area."""
-    (x, y, z), (nx, ny, nz), (ux, uy, uz), load, share, area = element(rows, i, axes, twist, below, refined, careful)
-    tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
-    load = load * share if refined else (load if share > 0.0 else 0.0)
-    return x, y, z, tx * load, ty * load, tz * load, area
+def _motion(state, reach):  # type: ignore[no-untyped-def]
+    """Rotation matrix (9 numbers, by rows) and twist (6 numbers) of a state, the twist scaled to order one; its scale.
+
+    The law is rate-independent, so a common factor is free: it keeps squares of speeds from over- and underflow.
+    """
+    vx, vy, vz, wx, wy, wz = state[7], state[8], state[9], state[10], state[11], state[12]
+    # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
+    fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
+    s = 1.0 / fastest if fastest > 1e-290 else 0.0
+    return rotation(state[3], state[4], state[5], state[6]), (vx * s, vy * s, vz * s, wx * s, wy * s, wz * s), s
 
 
 @inlined
-def _sum(rows, first, last, axes, twist, law, below, refined, careful, flatness):  # type: ignore[no-untyped-def]
-    """Force, torque and submerged area of consecutive plates."""
+def _length(v):  # type: ignore[no-untyped-def]
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
+
+
+@inlined
+def _seen_from_tool(axes, twist, reach):  # type: ignore[no-untyped-def]
+    """Linear and angular velocity in tool axes, a speed that no point exceeds, E3 in tool axes, and the reach again."""
+    linear = into_frame(axes, twist[0], twist[1], twist[2])
+    angular = into_frame(axes, twist[3], twist[4], twist[5])
+    return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach
+
+
+@inlined
+def _middle(bounds, b, box, v):  # type: ignore[no-untyped-def]
+    """A vector times the middle of a block's box."""
+    return v[0] * bounds[b, 6 * box] + v[1] * bounds[b, 6 * box + 1] + v[2] * bounds[b, 6 * box + 2]
+
+
+@inlined
+def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
+    """How far a vector times what is in the box can lie from `_middle`."""
+    return abs(v[0]) * bounds[b, 6 * box + 3] + abs(v[1]) * bounds[b, 6 * box + 4] + abs(v[2]) * bounds[b, 6 * box + 5]
+
+
+@inlined
+def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def]
+    """Which kind a block is, for certain; in doubt the more laborious. `bounds`: as in `plates.Blocks`."""
+    linear, angular, fastest, up, reach = seen
+    depth, spread = below - _middle(bounds, b, 2, up), _spread(bounds, b, 2, up) + ROUNDING * (reach + abs(below))
+    if depth + spread <= 0.0:
+        return _SKIP_DRY
+    wet = depth - spread > 0.0
+    lead = _middle(bounds, b, 0, linear) + _spread(bounds, b, 0, linear)
+    lead += _middle(bounds, b, 1, angular) + _spread(bounds, b, 1, angular)
+    if wet and lead + (bounds[b, 19] + ROUNDING) * fastest <= 0.0:
+        if past is not None:
+            return _FADING if past[3][b] else _SKIP_WET
+        return _SKIP_WET
+    tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
+    if tilt >= (_LEVEL if refined else FLAT):
+        return _FLAT_OR_CUT
+    return _PLAIN if wet else _CUT
+
+
+@inlined
+def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
+    """The submerged part of a triangle, from the depths of its corners.
+
+    Returns integrals of depth times each barycentric coordinate over that part, and its size, by the whole area. The
+    corner that is alone on its side of the surface cuts off a triangle, over which the integrals are known; the rest of
+    a triangle with two corners in the grains is the whole less that (with depths below zero).
+    """
+    in0, in1, in2 = d0 > 0.0, d1 > 0.0, d2 > 0.0
+    count = (1 if in0 else 0) + (1 if in1 else 0) + (1 if in2 else 0)
+    one = count == 1
+    cut = one or count == 2
+    alone0, alone1 = in0 == one, in1 == one
+    a = d0 if alone0 else (d1 if alone1 else d2)
+    b = d1 if alone0 else (d2 if alone1 else d0)
+    c = d2 if alone0 else (d0 if alone1 else d1)
+    s = a / (a - b) if cut else 0.0
+    t = a / (a - c) if cut else 0.0
+    q = s * t * a * (1.0 / 12.0)
+    q = q if one else -q
+    p, of_b, of_c = (4.0 - s - t) * q, s * q, t * q
+    whole = (d0 + d1 + d2) * (1.0 / 12.0) if count > 1 else 0.0
+    part = 1.0 / 12.0 if count > 1 else 0.0
+    p0 = whole + part * d0 + (p if alone0 else (of_c if alone1 else of_b))
+    p1 = whole + part * d1 + (of_b if alone0 else (p if alone1 else of_c))
+    p2 = whole + part * d2 + (of_c if alone0 else (of_b if alone1 else p))
+    return p0, p1, p2, (s * t if one else (1.0 - s * t if count > 1 else 0.0))
+
+
+@inlined
+def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-untyped-def]
+    """One plate in world axes: where it is loaded, its normal and scaled velocity; load, share, and submerged area.
+
+    The place is from the tool frame's origin. The load is depth integrated over the area below the surface [m³], the
+    share is how much of the plate leads. `below`: depth of the tool frame's origin. `careful` False: the plate is all
+    submerged. This and `refined` must be constants, or the loop does not become vector code.
+    """
+    vx, vy, vz, wx, wy, wz = twist
+    zx, zy, zz = axes[6:]
+    a, b, c = rows[0, i], rows[1, i], rows[2, i]
+    area = rows[6, i]
+    depth = below - (zx * a + zy * b + zz * c)
+    load = depth * area
+    if refined:
+        # e0, e1 and -(e0 + e1) are the corners from the centroid
+        e0x, e0y, e0z, e1x, e1y, e1z = rows[7, i], rows[8, i], rows[9, i], rows[10, i], rows[11, i], rows[12, i]
+        h0 = zx * e0x + zy * e0y + zz * e0z
+        h1 = zx * e1x + zy * e1y + zz * e1z
+        if careful:
+            p0, p1, p2, wet = _wet_part(depth - h0, depth - h1, depth + h0 + h1)
+            mean = p0 + p1 + p2
+            load = mean * area
+            area *= wet
+            per_mean = 1.0 / mean if mean > 1e-290 else 0.0
+            k0, k1 = (p0 - p2) * per_mean, (p1 - p2) * per_mean
+        else:
+            per_depth = -1.0 / (12.0 * depth)
+            k0, k1 = per_depth * (2.0 * h0 + h1), per_depth * (h0 + 2.0 * h1)
+        a, b, c = a + k0 * e0x + k1 * e1x, b + k0 * e0y + k1 * e1y, c + k0 * e0z + k1 * e1z
+    elif careful:
+        area = area if depth > 0.0 else 0.0
+        load = depth * area
+    x, y, z = from_frame(axes, a, b, c)
+    nx, ny, nz = from_frame(axes, rows[3, i], rows[4, i], rows[5, i])
+    ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+    lead = ux * nx + uy * ny + uz * nz
+    if refined:
+        per_speed = 1.0 / sqrt(max(ux * ux + uy * uy + uz * uz, 1e-290))
+        # from 0 to 1 over the angles that the plate stands for; in abs, since selects would branch
+        q = lead * per_speed * rows[13, i]
+        share = 0.5 * (abs(q + 0.5) - abs(q - 0.5) + 1.0)
+    else:
+        share = 1.0 if lead > 0.0 else 0.0
+    return (x, y, z), (nx, ny, nz), (ux, uy, uz), load, share, area
+
+
+@inlined
+def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
+    """Sums over consecutive plates: force, torque, submerged area; if `sensitive` also dF/dh and the moments r_j f_l.
+
+    `step`: None, or of plates with memory their tractions, DEPTH² Δs / λ for a scaled velocity of 1, and by how much
+    the depth grew over the first half of the step [m].
+    """
+    axes, twist, law, below = scene
     fx = fy = fz = tx = ty = tz = submerged = 0.0
+    hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(first, last):
-        x, y, z, dx, dy, dz, area = _plate(rows, i, axes, twist, law, below, refined, careful, flatness)
+        (x, y, z), normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, refined, careful)
+        nx, ny, nz = normal
+        ux, uy, uz = velocity
+        loaded = area
+        if step is None:
+            ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
+            load = load * share if refined else (load if share > 0.0 else 0.0)
+            loaded = area * share
+        else:
+            tractions, per_length, sunk = step
+            share = max(share, _LEAST_SHARE)
+            leads = share > _LEAST_SHARE
+            # before the law, which takes long and does not need it
+            left = fraction_left(velocity, below - z + sunk, leads, per_length)
+            ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
+            ax, ay, az = approach(tractions, i, (ax * share, ay * share, az * share), left, leads)
+            if careful:
+                ax, ay, az = (ax if load > 0.0 else 0.0), (ay if load > 0.0 else 0.0), (az if load > 0.0 else 0.0)
+            tractions[0, i], tractions[1, i], tractions[2, i] = ax, ay, az
+        dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
         fy += dy
         fz += dz
-        tx += y * dz - z * dy
-        ty += z * dx - x * dz
-        tz += x * dy - y * dx
         submerged += area
-    return fx, fy, fz, tx, ty, tz, submerged
+        if sensitive:
+            hx += ax * loaded
+            hy += ay * loaded
+            hz += az * loaded
+            xx += x * dx
+            xy += x * dy
+            xz += x * dz
+            yx += y * dx
+            yy += y * dy
+            yz += y * dz
+            zx += z * dx
+            zy += z * dy
+            zz += z * dz
+        else:
+            tx += y * dz - z * dy
+            ty += z * dx - x * dz
+            tz += x * dy - y * dx
+    if sensitive:
+        tx, ty, tz = yz - zy, zx - xz, xy - yx
+    return fx, fy, fz, tx, ty, tz, submerged, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
 
 
-@inlined
-def with_area(total, area):  # type: ignore[no-untyped-def]
-    """A wrench and submerged area, with more area."""
-    return total[0], total[1], total[2], total[3], total[4], total[5], total[6] + area
-
-
-@inlined
-def added(a, b):  # type: ignore[no-untyped-def]
-    """Two wrenches and submerged areas, in their order."""
-    return a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6]
-
-
-def _kernels(source: int, refined: bool) -> tuple[Any, Any]:
-    """The compiled loops over states and over plates, for one rule of integration.
-
-    `source`: `compiled.SOURCE`, which in the closure is part of the cache's key.
-    """
+def _sums_of_states(refined: bool, sensitive: bool) -> Any:
+    """The loop over states, for one rule of integration."""
     flatness = BLENDED if refined else SWITCHED
+    columns = 19 if sensitive else 7
 
-    def of_states(rows, bounds, reach, law, surface_height, states, out):  # type: ignore[no-untyped-def]
-        if source == 0:
-            return
+    def sums(rows, bounds, reach, law, surface_height, states, past, out):  # type: ignore[no-untyped-def]
+        """`past`: None, or of plates with memory: durations, mobilization length, and the arrays of the `Memory`."""
         for k in range(states.shape[0]):
-            axes, twist, _ = motion(states[k], reach)
+            axes, twist, scale = _motion(states[k], reach)
             below = surface_height - states[k, 2]
-            seen = seen_from_tool(axes, twist, reach)
-            total = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            if past is None:
+                step = None
+                seen = _seen_from_tool(axes, twist, reach)
+            else:
+                durations, length, tractions, _, last = past
+                if scale > 0.0:
+                    for c in range(6):
+                        last[1 + c] = twist[c]
+                # a tool at rest is asked what it was asked while it moved; its path is 0
+                twist = last[1], last[2], last[3], last[4], last[5], last[6]
+                seen = _seen_from_tool(axes, twist, reach)
+                # metres for each unit of scaled speed: as fast as the mean of both ends of the step
+                now = seen[2] / scale if scale > 0.0 else 0.0
+                before = last[0] if last[0] >= 0.0 else now
+                path = 0.5 * (now + before) / seen[2] * durations[k] if now > 0.0 else 0.0
+                last[0] = now
+                step = tractions, path * min(DEPTH * DEPTH / length, 1e100), 0.5 * path * twist[2]
+            for c in range(columns):
+                out[k, c] = 0.0
             # unsigned, or numba looks for negative indices in the inner loops
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
-            kind = kind_of_block(bounds, b, seen, below, refined)
+            kind = _kind(bounds, b, seen, below, refined, past)
             while b < blocks:
-                first, run = b, kind
-                while b < blocks and kind == run:
-                    total = with_area(total, bounds[b, 18] if kind == SKIP_WET else 0.0)
+                # with memory a submerged block after a cut one goes with it: to begin a run costs more
+                first, run, previous = b, kind, kind
+                while b < blocks and (kind == run or (past is not None and kind == _PLAIN and previous == _CUT)):
+                    previous = kind
+                    if past is not None:  # an if of its own, so that numba drops it where there is no memory
+                        forget = kind == _SKIP_DRY and past[3][b]
+                        if forget:
+                            set_to_zero(past[2], b)
+                            past[3][b] = 0
+                    out[k, 6] += bounds[b, 18] if kind == _SKIP_WET else 0.0
                     b += np.uint64(1)
                     if b < blocks:
-                        kind = kind_of_block(bounds, b, seen, below, refined)
-                if run >= PLAIN:
+                        kind = _kind(bounds, b, seen, below, refined, past)
+                if run >= _PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
-                    if run == PLAIN:
-                        part = _sum(rows, i, j, axes, twist, law, below, refined, False, NEVER_FLAT)
-                    elif run == CUT:
-                        part = _sum(rows, i, j, axes, twist, law, below, refined, True, NEVER_FLAT)
+                    scene = axes, twist, law, below
+                    if run == _PLAIN:
+                        part = _sums(rows, i, j, scene, refined, False, NEVER_FLAT, step, sensitive)
+                    elif run == _FLAT_OR_CUT:
+                        part = _sums(rows, i, j, scene, refined, True, flatness, step, sensitive)
                     else:
-                        part = _sum(rows, i, j, axes, twist, law, below, refined, True, flatness)
-                    total = added(total, part)
-            for c in range(7):
-                out[k, c] = total[c]
+                        part = _sums(rows, i, j, scene, refined, True, NEVER_FLAT, step, sensitive)
+                    for c in range(columns):
+                        out[k, c] += part[c]
+                    if past is not None:
+                        for c in range(first, b):
+                            past[3][c] = 1
+                            if run == _FADING and is_faded(past[2], c, law.stiffness):
+                                set_to_zero(past[2], c)
+                                past[3][c] = 0
 
-    def of_plates(rows, reach, law, surface_height, state, order, out):  # type: ignore[no-untyped-def]
-        if source == 0:
-            return
-        axes, twist, _ = motion(state, reach)
+    return _made(sums, "refined" if refined else "centroid", "sensitive" if sensitive else "plain")
+
+
+def _forces_of_plates(refined: bool) -> Any:
+    flatness = BLENDED if refined else SWITCHED
+
+    def forces(rows, reach, law, surface_height, state, order, out):  # type: ignore[no-untyped-def]
+        axes, twist, _ = _motion(state, reach)
         below = surface_height - state[2]
         for i in range(len(order)):
-            _, _, _, dx, dy, dz, _ = _plate(rows, i, axes, twist, law, below, refined, True, flatness)
-            out[order[i], 0], out[order[i], 1], out[order[i], 2] = dx, dy, dz
+            _, normal, velocity, load, share, _ = _plate(rows, i, axes, twist, below, refined, True)
+            nx, ny, nz = normal
+            ux, uy, uz = velocity
+            tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
+            load = load * share if refined else (load if share > 0.0 else 0.0)
+            out[order[i], 0], out[order[i], 1], out[order[i], 2] = tx * load, ty * load, tz * load
 
-    for function in (of_states, of_plates):  # an index of the cache for each rule: two processes fill them at a time
-        function.__qualname__ += "_refined" if refined else "_centroid"
-    jit = numba.njit(cache=True, nogil=True, **OPTIONS)
-    return jit(of_states), jit(of_plates)
-
-
-KERNELS = {"centroid": _kernels(SOURCE, False), "refined": _kernels(SOURCE, True)}
-"""For each rule of integration, the loop over states and the loop over the plates of one state."""
+    return _made(forces, "refined" if refined else "centroid")
 
 
-def _edge_areas(source: int) -> Any:
-    def edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-def]
-        """Wet area [m²] that is nearly horizontal and leads; that moves nearly along itself; all of it."""
-        flat = edge = wet = 0.0
-        if source == 0:
-            return flat, edge, wet
-        axes, twist, _ = motion(state, reach)
-        below = surface_height - state[2]
-        vx, vy, vz = in_tool_axes(axes, twist[0], twist[1], twist[2])
-        wx, wy, wz = in_tool_axes(axes, twist[3], twist[4], twist[5])
-        zx, zy, zz = axes[6:]
-        for i in range(rows.shape[1]):
-            a, b, c, nx, ny, nz = rows[0, i], rows[1, i], rows[2, i], rows[3, i], rows[4, i], rows[5, i]
-            area = rows[6, i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
-            ux, uy, uz = vx + wy * c - wz * b, vy + wz * a - wx * c, vz + wx * b - wy * a
-            lead = ux * nx + uy * ny + uz * nz
-            up = zx * nx + zy * ny + zz * nz
-            horizontal = ux * ux + uy * uy + uz * uz - (zx * ux + zy * uy + zz * uz) ** 2
-            wet += area
-            # a jump of e2 needs a direction to jump to: none in vertical motion, and none of a plate that is just flat
-            tilted = (abs(up) > _LEVEL) & (abs(up) < 1.0 - 1e-9) & (horizontal > 1e-6)
-            flat += area if tilted & (lead > 0.0) else 0.0
-            edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
-        return flat, edge, wet
-
-    return numba.njit(cache=True, nogil=True, **OPTIONS)(edge_areas)
+def _made(function: Any, *variant: str) -> Any:
+    function.__qualname__ = "_".join((function.__name__, *variant))  # the name of its files in the cache
+    return compiled(function, **OPTIONS)
 
 
-_LEVEL = cos(radians(5.0))
-_ALONG = sin(radians(1.0)) ** 2
+def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-def]
+    """Wet area [m²] that is nearly horizontal and leads; that moves nearly along itself; all of it."""
+    flat = edge = wet = 0.0
+    axes, twist, _ = _motion(state, reach)
+    below = surface_height - state[2]
+    vx, vy, vz = into_frame(axes, twist[0], twist[1], twist[2])
+    wx, wy, wz = into_frame(axes, twist[3], twist[4], twist[5])
+    zx, zy, zz = axes[6:]
+    for i in range(rows.shape[1]):
+        a, b, c, nx, ny, nz = rows[0, i], rows[1, i], rows[2, i], rows[3, i], rows[4, i], rows[5, i]
+        area = rows[6, i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
+        ux, uy, uz = vx + wy * c - wz * b, vy + wz * a - wx * c, vz + wx * b - wy * a
+        lead = ux * nx + uy * ny + uz * nz
+        up = zx * nx + zy * ny + zz * nz
+        horizontal = ux * ux + uy * uy + uz * uz - (zx * ux + zy * uy + zz * uz) ** 2
+        wet += area
+        # a jump of e2 needs a direction to jump to: none in vertical motion, and none of a plate that is just flat
+        tilted = (abs(up) > _LEVEL) & (abs(up) < 1.0 - 1e-9) & (horizontal > 1e-6)
+        flat += area if tilted & (lead > 0.0) else 0.0
+        edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
+    return flat, edge, wet
 
-EDGE_AREAS = _edge_areas(SOURCE)
+
+SUMS = {
+    (rule, sensitive): _sums_of_states(rule == "refined", sensitive)
+    for rule in INTEGRATIONS
+    for sensitive in (False, True)
+}
+"""The loop over states for each rule of integration, and with or without sensitivities."""
+
+PLATE_FORCES = {rule: _forces_of_plates(rule == "refined") for rule in INTEGRATIONS}
+"""The loop over the plates of one state, for each rule of integration."""
+
+EDGE_AREAS = compiled(_edge_areas, **OPTIONS)
 """The loop behind `wrench.edge_shares`."""

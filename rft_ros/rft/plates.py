@@ -1,4 +1,9 @@
-"""Plate elements: the tool's surface as flat pieces, each a point (published rule) or a triangle (ours)."""
+"""Plate elements: the tool's surface as flat pieces, each a point (published rule) or a triangle (ours).
+
+The kernel visits them in blocks of neighbours, so that it can skip blocks in which nothing is wet or leads: a body
+moves with about half of its plates trailing, and a tool is seldom all in the grains. Skipping single plates would cost
+the vector registers more than it saves.
+"""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -6,9 +11,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.blocks import Blocks, blocks_of
+__all__ = ["BLOCK", "INTEGRATIONS", "ROUNDING", "Blocks", "Integration", "Plates"]
 
-__all__ = ["INTEGRATIONS", "Integration", "Plates"]
+BLOCK = 16
+"""Plates in a block: two AVX-512 registers."""
+
+ROUNDING = 1e-12
+"""By how much the bounds of blocks are widened, over their size, against rounding."""
 
 Integration = Literal["centroid", "refined"]
 INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
@@ -18,6 +27,21 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """Plates in the kernel's order, padded to whole blocks by copies without area.
+
+    `rows`: shape [7 or 14, m]: those of `Plates.packed`, and for the refined rule two corners from the centroid [m] and
+    1 / (2 sin θ), θ the half angle. `order`: plate of each column before the padding, shape [n]. `bounds`: shape
+    [m / BLOCK, 20]: boxes (middle, half of the sides) of the normals, of r x n [m], and of the places [m]; area [m²];
+    sine of the widest angle over which a plate begins to lead.
+    """
+
+    rows: Array
+    order: NDArray[np.int64]
+    bounds: Array
+
+
+@dataclass(frozen=True, slots=True, eq=False, init=False)
 class Plates:
     """Plate elements in the tool frame, packed once for the kernel.
 
@@ -34,20 +58,44 @@ class Plates:
     integration: Integration
     blocks: Blocks
 
+    def __init__(self, rows: ArrayLike) -> None:
+        """Plates from `rows` of others: see `from_rows`."""
+        r = np.array(rows, dtype=np.float64, order="C")
+        if r.ndim != 2 or len(r) not in (7, 14):
+            raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
+        if r.shape[1] == 0:
+            raise ValueError("a tool needs at least one plate element; got none")
+        if not np.isfinite(r[:7]).all():
+            raise ValueError("plate centroids, normals and areas must be finite numbers")
+        length = np.linalg.norm(r[3:6], axis=0)
+        if (r[6] < 0.0).any() or (length == 0.0).any():
+            raise ValueError("plate areas must not be negative, and normals not zero")
+        if not np.isfinite(r[7:]).all() or not (r[13:] >= 0.5).all():
+            raise ValueError("rows of refined plates must be finite, and the last one at least 1/2")
+        r[3:6] /= length
+        far = np.zeros(r.shape[1])  # of a plate's points from its centroid
+        if len(r) > 7:
+            first, second = r[7:10], r[10:13]
+            far = np.sqrt(np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0))
+        packed = np.ascontiguousarray(r[:7])
+        packed.flags.writeable = False
+        object.__setattr__(self, "packed", packed)
+        object.__setattr__(self, "reach", float((np.linalg.norm(r[:3], axis=0) + far).max()))
+        object.__setattr__(self, "integration", "centroid" if len(r) == 7 else "refined")
+        object.__setattr__(self, "blocks", _blocks(r, far))
+
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
         """Plates for the published rule: centroids [m], normals, shape [n, 3], made unit length; areas [m²], shape [n].
 
         Raises ValueError on wrong shapes, no plates, values that are not finite, negative areas and zero normals.
         """
-        r = np.asarray(centroids, dtype=np.float64)
-        n = np.asarray(normals, dtype=np.float64)
-        a = np.asarray(areas, dtype=np.float64)
+        r, n, a = (np.asarray(values, dtype=np.float64) for values in (centroids, normals, areas))
         if r.ndim != 2 or r.shape[1] != 3 or n.shape != r.shape or a.shape != r.shape[:1]:
             raise ValueError(
                 f"plates need centroids [n, 3], normals [n, 3] and areas [n]; got {r.shape}, {n.shape}, {a.shape}"
             )
-        return cls._packed(r, n, a)
+        return cls(np.vstack([r.T, n.T, a[None]]))
 
     @classmethod
     def from_triangles(cls, triangles: ArrayLike, half_angles: ArrayLike) -> "Plates":
@@ -64,9 +112,9 @@ class Plates:
             raise ValueError("half_angles must lie over 0 and up to π/2")
         center = t.mean(axis=1)
         doubled = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+        areas = 0.5 * np.linalg.norm(doubled, axis=1)
         edges = (t - center[:, None])[:, :2].reshape(len(t), 6)
-        refined = np.column_stack([edges, 0.5 / np.sin(theta)])
-        return cls._packed(center, doubled, 0.5 * np.linalg.norm(doubled, axis=1), refined)
+        return cls(np.column_stack([center, doubled, areas, edges, 0.5 / np.sin(theta)]).T)
 
     @classmethod
     def from_rows(cls, rows: ArrayLike) -> "Plates":
@@ -75,28 +123,7 @@ class Plates:
         Units and axes as in `packed` and `Blocks.rows`: x, y, z [m], unit normal, area [m²]; refined plates have more.
         Raises ValueError as `from_arrays`.
         """
-        r = np.asarray(rows, dtype=np.float64)
-        if r.ndim != 2 or len(r) not in (7, 14):
-            raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
-        if not np.isfinite(r[7:]).all() or not (r[13:] >= 0.5).all():
-            raise ValueError("rows of refined plates must be finite, and the last one at least 1/2")
-        return cls._packed(r[:3].T, r[3:6].T, r[6], r[7:].T if len(r) > 7 else None)
-
-    @classmethod
-    def _packed(cls, r: Array, n: Array, a: Array, refined: Array | None = None) -> "Plates":
-        if len(r) == 0:
-            raise ValueError("a tool needs at least one plate element; got none")
-        if not (np.isfinite(r).all() and np.isfinite(n).all() and np.isfinite(a).all()):
-            raise ValueError("plate centroids, normals and areas must be finite numbers")
-        length = np.linalg.norm(n, axis=1)
-        if (a < 0.0).any() or (length == 0.0).any():
-            raise ValueError("plate areas must not be negative, and normals not zero")
-        packed = np.ascontiguousarray(np.vstack([r.T, (n / length[:, None]).T, a[None]]))
-        packed.flags.writeable = False
-        rows = packed if refined is None else np.vstack([packed, refined.T])
-        blocks = blocks_of(rows)
-        reach = float((np.linalg.norm(r, axis=1) + blocks.extents).max())
-        return cls(packed, reach, "centroid" if refined is None else "refined", blocks)
+        return cls(rows)
 
     def __len__(self) -> int:
         return self.packed.shape[1]
@@ -112,3 +139,52 @@ class Plates:
     def area(self) -> float:
         """Total area [m²]."""
         return float(self.packed[6].sum())
+
+
+def _blocks(rows: Array, far: Array) -> Blocks:
+    """Sort plates, shape [7 or 14, n], units as in `Blocks.rows`, into blocks of like normals and places.
+
+    `far`: greatest distance of each plate's points from its centroid [m], shape [n].
+    """
+    n = rows.shape[1]
+    center = rows[:3] - rows[:3].mean(axis=1, keepdims=True)
+    size = np.abs(center).max()
+    # a tool's length in place weighs as much as a quarter turn of the normal
+    order = _neighbours(np.vstack([rows[3:6], center / size if size > 0.0 else center]))
+    padding = -n % BLOCK
+    packed = np.ascontiguousarray(np.hstack([rows[:, order], np.repeat(rows[:, order[-1:]], padding, axis=1)]))
+    packed[6, n:] = 0.0
+    blocks = Blocks(packed, order, _bounds(packed, np.concatenate([far[order], np.zeros(padding)])))
+    for array in (blocks.rows, blocks.order, blocks.bounds):
+        array.flags.writeable = False
+    return blocks
+
+
+def _neighbours(features: Array) -> NDArray[np.int64]:
+    """An order in which every `BLOCK` consecutive columns are alike: halved along the widest row, again and again."""
+
+    def ordered(columns: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+        if len(columns) <= BLOCK:
+            return [columns]
+        here = features[:, columns]
+        widest = int(np.argmax(np.ptp(here, axis=1)))
+        half = BLOCK * -(-len(columns) // (2 * BLOCK))
+        by_size = columns[np.argsort(here[widest], kind="stable")]
+        return ordered(by_size[:half]) + ordered(by_size[half:])
+
+    return np.concatenate(ordered(np.arange(features.shape[1])))
+
+
+def _bounds(rows: Array, extents: Array) -> Array:
+    by_block = rows.reshape(len(rows), -1, BLOCK)
+    place, normal, area = by_block[:3], by_block[3:6], by_block[6]
+    moment = np.cross(place, normal, axis=0)
+    far = extents.reshape(-1, BLOCK)
+
+    def box(vectors: Array, more: Array) -> Array:
+        low, high = (vectors - more).min(axis=2), (vectors + more).max(axis=2)
+        return np.vstack([0.5 * (low + high), 0.5 * (high - low) * (1.0 + ROUNDING)])
+
+    fade = 0.5 / by_block[13].min(axis=1) if len(rows) > 7 else np.zeros(by_block.shape[1])
+    boxes = box(normal, np.zeros_like(far)), box(moment, far), box(place, far)
+    return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]).T)

@@ -1,8 +1,8 @@
 """Traction per depth of one plate, Eq. (8), from its normal and velocity: the only place that knows which law it is.
 
 A law is a NamedTuple of numbers plus a function ``traction_per_depth(law, n, v, flatness) -> t``, all in world axes
-with z up. The wrench of many plates (``rft_ros.rft.wrench``) calls `traction_per_depth` and nothing else; a second law
-is a second NamedTuple and one line in `_FUNCTIONS`.
+with z up. The loops over plates (`rft_ros.rft.kernel`) call `traction_per_depth` and nothing else; a second law is a
+second NamedTuple and one line in `_FUNCTIONS`.
 """
 
 from collections.abc import Callable
@@ -12,8 +12,9 @@ from typing import NamedTuple
 from numba import types
 from numba.extending import overload
 
-from rft_ros.rft.alpha_y import AlphaY, alpha_y
-from rft_ros.rft.compiled import OPTIONS, inlined
+from rft_ros.rft.alpha_y import AlphaY, alpha_y, checked_alpha_y
+from rft_ros.rft.arguments import number
+from rft_ros.rft.compilation import OPTIONS, inlined
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1, f23
 
@@ -25,6 +26,7 @@ __all__ = [
     "SWITCHED",
     "Law",
     "Treers2021",
+    "checked_law",
     "traction_per_depth",
     "treers2021",
 ]
@@ -35,8 +37,8 @@ FLAT = 1.0 - 1e-3
 """A plate with abs(n·E3) at or above this counts as horizontal: its e2 comes from the velocity (released code)."""
 
 FLAT_BLEND = 5.0
-"""The refined rule passes from the velocity's direction to the normal's over this tilt [deg], where the released code
-jumps at `FLAT` and the paper's text at none: of the two tractions, so that they agree where they should."""
+"""Tilt [deg] over which the refined rule blends the tractions by the velocity's and by the normal's direction. The
+released code switches at `FLAT`; the paper's text has no such case."""
 
 _SIN_BLEND = sin(radians(FLAT_BLEND))
 
@@ -65,7 +67,7 @@ class Treers2021(NamedTuple):
 
 
 Law = Treers2021
-"""Any law; another one is united with it here."""
+"""Any law: extend this union with a second one."""
 
 
 def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> Treers2021:
@@ -73,11 +75,9 @@ def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> T
 
     Raises ValueError unless `zeta` is a positive, finite number.
     """
-    if not 0.0 < zeta < float("inf"):
-        raise ValueError(f"medium.zeta is {zeta}; it must be a positive number")
     m = medium
-    return Treers2021(
-        stiffness=zeta * N_PER_CM3,
+    law = Treers2021(
+        stiffness=number("medium.zeta", zeta, positive=True) * N_PER_CM3,
         z_one=m.A00,
         z_cos2b=m.A10,
         z_cos2b_sing=m.B11 + m.Bm11,
@@ -89,10 +89,22 @@ def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> T
         x_sin2b=m.D10,
         alpha_y=alpha_y_model,
     )
+    return checked_law(law)
+
+
+def checked_law(law: Law) -> Law:
+    """The law with float64 fields: an integer in one would have a kernel of its own, compiled for integers.
+
+    Raises TypeError for what is no law or α_y model, ValueError for fields that are not finite numbers.
+    """
+    if type(law) not in _FUNCTIONS:
+        raise TypeError(f"law is {law!r}; make one with treers2021")
+    fields = {name: number(f"{name} of the law", v) for name, v in law._asdict().items() if name != "alpha_y"}
+    return type(law)(**fields, alpha_y=checked_alpha_y(law.alpha_y))
 
 
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
-"""What is known of a plate, or asked for: it is no horizontal one; one is told by `FLAT`; or over `FLAT_BLEND`."""
+"""Near-horizontal plates: assume none, switch at `FLAT`, or blend over `FLAT_BLEND`."""
 
 _TINY = 1e-290  # under a root whose reciprocal only ever multiplies zeros there
 

@@ -8,7 +8,7 @@ tanh and atanh would cost three quarters of a plate's time and keep the loop ove
 
 import math
 
-from rft_ros.rft.compiled import inlined
+from rft_ros.rft.compilation import inlined
 
 __all__ = ["A1", "A2", "A3", "B1", "B2", "B3", "exact_f1", "exact_f23", "f1", "f23"]
 

@@ -1,4 +1,4 @@
-"""The wrench on a tool of many plates: superposition of the plates' tractions, Eq. (9).
+"""The wrench on a tool of many plates: superposition of the plates' tractions, Eq. (9), with or without memory.
 
 Force ON the tool BY the grains; world axes, z up; torque about the tool frame's origin.
 """
@@ -7,104 +7,193 @@ import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.alpha_y import Table, as_table
-from rft_ros.rft.compiled import forgiving, machine_code
+from rft_ros.rft.alpha_y import as_table
+from rft_ros.rft.arguments import FLOAT, number, numbers
+from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
-from rft_ros.rft.kernel import EDGE_AREAS, KERNELS
+from rft_ros.rft.kernel import EDGE_AREAS, PLATE_FORCES, SUMS
+from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import Plates
-from rft_ros.rft.traction import Law
+from rft_ros.rft.traction import Law, checked_law
 
-__all__ = ["COLUMNS", "edge_shares", "plate_forces", "wrenches"]
+__all__ = ["COLUMNS", "SENSITIVITIES", "edge_shares", "plate_forces", "wrenches", "wrenches_in_time"]
+
+Array = NDArray[np.float64]
 
 COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz", "submerged_area")
 """Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
 
+SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for f in "xyz"))
+"""Further columns: change of the force with the surface height [N/m], the sum of traction per depth times wet area; and
+the sums over plates of r_j f_l [N m], r from the tool frame's origin, of which the torque is made."""
+
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 
-_LOOPS = {rule: (forgiving(of_states), forgiving(of_plates)) for rule, (of_states, of_plates) in KERNELS.items()}
-_EDGE_AREAS = forgiving(EDGE_AREAS)
-_ENTRIES: dict[tuple[str, type, type], Callable[..., None]] = {}
+_STATE_ROW = (len(STATE),)
+_WIDE = len(COLUMNS) + len(SENSITIVITIES)
 
-
-def _entry(plates: Plates, law: Law) -> Callable[..., None]:
-    """Compile for a law and its α_y model, once; where the model has arrays, numba looks itself at each call."""
-    kernel: Callable[..., None] = _LOOPS[plates.integration][0]
-    if isinstance(law.alpha_y, Table):
-        return kernel
-    states, out = np.zeros((1, len(STATE))), np.empty((1, len(COLUMNS)))
-    blocks = plates.blocks
-    entry = machine_code(kernel, (blocks.rows, blocks.bounds, plates.reach, law, 0.0, states, out))
-    _ENTRIES[plates.integration, type(law), type(law.alpha_y)] = entry
-    return entry
-
-
-def plate_forces(
-    plates: Plates, law: Law, state: NDArray[np.float64], *, surface_height: float = 0.0
-) -> NDArray[np.float64]:
-    """Force on each plate by the grains [N], shape [n, 3], world axes, in the plates' order: the terms of Eq. (9).
-
-    `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height`: world z of the surface [m].
-    """
-    law = law._replace(alpha_y=as_table(law.alpha_y))  # drawing is worth one compilation, not one for each model
-    out = np.empty((len(plates), 3))
-    _, kernel = _LOOPS[plates.integration]
-    kernel(plates.blocks.rows, plates.reach, law, surface_height, state, plates.blocks.order, out)
-    return out
-
-
-def edge_shares(plates: Plates, state: NDArray[np.float64], *, surface_height: float = 0.0) -> tuple[float, float]:
-    """Shares of the wet area where the published rule jumps: within 5° of horizontal, within 1° of its own motion.
-
-    `state`: shape [13], columns `STATE`; `surface_height` [m]. Each lies in 0 to 1, no unit; both 0 in the air.
-    """
-    flat, edge, wet = _EDGE_AREAS(plates.blocks.rows, plates.reach, surface_height, state)
-    return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
+_Code = tuple[Callable[..., None], Law]
+# By a law's id: the law, so that its id stays its own; and by rule, outputs and memory the code, and the law it takes.
+_CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
+_LAWS_KEPT = 32
 
 
 def wrenches(
     plates: Plates,
     law: Law,
-    states: NDArray[np.float64],
+    states: ArrayLike,
     *,
     surface_height: float = 0.0,
     threads: int | None = None,
-    out: NDArray[np.float64] | None = None,
-) -> NDArray[np.float64]:
+    sensitivities: bool = False,
+    out: Array | None = None,
+) -> Array:
     """Wrench at each state, Eq. (9), by the rule that `plates.integration` names.
 
     `states`: shape [n, 13], columns `STATE`; finite, unit quaternions (`rft_ros.rft.frames.checked_states` checks).
     `surface_height`: world z of the undisturbed surface [m]. `threads`: default all cores when the work is worth it.
     `out`: where to write the result, instead of a new array.
     Returns shape [n, 7], columns `COLUMNS`: force on the tool by the grains [N] and torque about the tool frame's
-    origin [N m], world axes; submerged area [m²]. Each row is the same, to the last bit, whatever n and the threads.
+    origin [N m], world axes; submerged area [m²]; with `sensitivities` shape [n, 19], columns `SENSITIVITIES` beside
+    them. Each row is the same, to the last bit, whatever n and the threads. Raises ValueError or TypeError that names
+    the argument that cannot be used.
     """
-    # The kernel was compiled for arrays that lie in memory like this.
-    if not (states.flags.carray and states.dtype.char == "d"):
-        states = np.array(states, dtype=np.float64, order="C")
-    if out is None:
-        out = np.empty((len(states), len(COLUMNS)))
-    elif not (out.flags.carray and out.dtype.char == "d"):
-        out[:] = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
-        return out
-    kernel = _ENTRIES.get((plates.integration, law.__class__, law.alpha_y.__class__)) or _entry(plates, law)
-    blocks, reach = plates.blocks, plates.reach
-    rows, bounds = blocks.rows, blocks.bounds
+    entry, law = _code(plates, law, bool(sensitivities), None)
+    blocks, reach, height = plates.blocks, plates.reach, number("surface_height", surface_height)
+    states = numbers("states", states, _STATE_ROW)
     n = len(states)
-    workers = 1 if threads == 1 else min(threads or _CORES, n, 1 + n * len(plates) // _WORTH_A_THREAD)
+    result = _result(out, n, sensitivities)
+    workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        kernel(rows, bounds, reach, law, surface_height, states, out)
+        entry(blocks.rows, blocks.bounds, reach, law, height, states, None, result)
+    else:
+        tool = blocks.rows, blocks.bounds, reach, law, height
+        edges = np.linspace(0, n, workers + 1).astype(int)
+        with ThreadPoolExecutor(workers) as pool:
+            for job in [
+                pool.submit(entry, *tool, states[a:b], None, result[a:b]) for a, b in itertools.pairwise(edges)
+            ]:
+                job.result()
+    return result if out is None or out is result else _copied(result, out)
+
+
+def wrenches_in_time(
+    plates: Plates,
+    law: Law,
+    states: ArrayLike,
+    durations: ArrayLike,
+    memory: Memory,
+    *,
+    mobilization_length: float,
+    surface_height: float = 0.0,
+    sensitivities: bool = False,
+    out: Array | None = None,
+) -> Array:
+    """As `wrenches`, of plates that remember, Eq. (10): states, shape [n, 13], in the order of time.
+
+    `durations`: shape [n], time [s] since the state before; 0 for the first of all. `memory`: of these plates, changed
+    in place. `mobilization_length`: λ of a plate `rft_ros.rft.memory.DEPTH` deep [m], over 0.
+    """
+    if memory.__class__ is not Memory:
+        raise TypeError(f"memory is {memory!r}; make one with Memory.of(plates)")
+    entry, law = _code(plates, law, bool(sensitivities), memory)
+    if memory.plates is not plates and not np.array_equal(memory.plates.blocks.rows, plates.blocks.rows):
+        raise ValueError("memory belongs to other plates; make one with Memory.of(plates)")
+    blocks, height = plates.blocks, number("surface_height", surface_height)
+    states = numbers("states", states, _STATE_ROW)
+    n = len(states)
+    durations = numbers("durations", durations, rows=n)
+    if not (durations[0] if n == 1 else durations.min(initial=0.0)) >= 0.0:
+        raise ValueError("durations has a value that is negative or NaN; states must be in the order of time")
+    length = number("mobilization_length", mobilization_length, positive=True)
+    past = durations, length, memory.tractions, memory.active, memory.motion
+    result = _result(out, n, sensitivities)
+    entry(blocks.rows, blocks.bounds, plates.reach, law, height, states, past, result)
+    return result if out is None or out is result else _copied(result, out)
+
+
+def plate_forces(plates: Plates, law: Law, state: ArrayLike, *, surface_height: float = 0.0) -> Array:
+    """Force on each plate by the grains [N], shape [n, 3], world axes, in the plates' order: the terms of Eq. (9).
+
+    `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height`: world z of the surface [m].
+    """
+    entry, law = _code(plates, law, "forces", None)
+    blocks, out = plates.blocks, np.empty((len(plates), 3))
+    height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
+    entry(blocks.rows, plates.reach, law, height, one, blocks.order, out)
+    return out
+
+
+def edge_shares(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0) -> tuple[float, float]:
+    """Shares of the wet area where the published rule jumps: within 5° of horizontal, within 1° of its own motion.
+
+    `state`: shape [13], columns `STATE`; `surface_height` [m]. Each lies in 0 to 1, no unit; both 0 in the air.
+    """
+    _check_plates(plates)
+    height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
+    flat, edge, wet = EDGE_AREAS(plates.blocks.rows, plates.reach, height, one)
+    return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
+
+
+def _code(plates: Plates, law: Law, what: bool | Literal["forces"], memory: Memory | None) -> _Code:
+    """The compiled loop for these and the law that it takes; compiled when a law's type is first seen.
+
+    `what`: "forces" of plates, or sums over plates, True with sensitivities.
+    """
+    found = _CODE.get(id(law))
+    if found is not None and plates.__class__ is Plates:
+        code = found[1].get((plates.integration, what, memory is None))
+        if code is not None:
+            return code
+    _check_plates(plates)
+    good, blocks = checked_law(law), plates.blocks
+    if what == "forces":
+        good = checked_law(good._replace(alpha_y=as_table(good.alpha_y)))  # one compilation, not one for each model
+        arguments: tuple[object, ...] = good, 0.0, np.zeros(13), blocks.order, np.zeros((1, 3))
+        entry = machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, *arguments))
+    else:
+        past = memory and (np.zeros(1), 1.0, memory.tractions, memory.active, memory.motion)
+        arguments = good, 0.0, np.zeros((1, 13)), past, np.zeros((1, 19))
+        entry = machine_code(SUMS[plates.integration, what], (blocks.rows, blocks.bounds, plates.reach, *arguments))
+    if found is None:
+        if len(_CODE) >= _LAWS_KEPT:
+            _CODE.clear()
+        found = _CODE[id(law)] = law, {}
+    code = found[1][plates.integration, what, memory is None] = entry, good
+    return code
+
+
+def _check_plates(plates: Plates) -> None:
+    if plates.__class__ is not Plates:
+        raise TypeError(f"plates is {plates!r}; make them with Plates.from_arrays or Plates.from_triangles")
+
+
+def _workers(threads: int | None, states: int, plates: int) -> int:
+    """How many threads to take for so much work."""
+    if threads is not None and number("threads", threads) < 1:
+        raise ValueError(f"threads is {threads}; it must be at least 1")
+    return min(int(threads or _CORES), states, 1 + states * plates // _WORTH_A_THREAD)
+
+
+def _result(out: Array | None, n: int, sensitive: bool) -> Array:
+    """Where the loop writes to: `out`, or where that lies otherwise in memory, or is None, a new array."""
+    shape = n, _WIDE if sensitive else 7
+    if out is None:
+        return np.empty(shape)
+    if out.__class__ is np.ndarray and out.dtype is FLOAT and out.flags.carray and out.shape == shape:
         return out
-    edges = np.linspace(0, n, workers + 1).astype(int)
-    with ThreadPoolExecutor(workers) as pool:
-        jobs = [
-            pool.submit(kernel, rows, bounds, reach, law, surface_height, states[a:b], out[a:b])
-            for a, b in itertools.pairwise(edges)
-        ]
-        for job in jobs:
-            job.result()
+    if not isinstance(out, np.ndarray) or out.shape != shape or not out.flags.writeable or out.dtype.kind != "f":
+        what = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else repr(out)
+        raise ValueError(f"out is {what}; it must be a writable array of floats of shape {list(shape)}")
+    return np.empty(shape)
+
+
+def _copied(result: Array, out: Array) -> Array:
+    out[:] = result
     return out

@@ -1,4 +1,4 @@
-"""A design study as its YAML file says: the variants, in an order that never changes."""
+"""A design study read from YAML: its variants, in a fixed order."""
 
 import itertools
 import zlib
@@ -11,7 +11,7 @@ import numpy as np
 
 from rft_ros.errors import InputError
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA
-from rft_ros.studies.motions import FAMILIES
+from rft_ros.sweeps.motions import FAMILIES
 from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Design", "Variant", "read_design"]
@@ -26,7 +26,7 @@ Variant = dict[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """Lists of tools, motions and media; every combination is a variant, or `sample` of them, drawn by `seed`."""
+    """Lists of tools, motions and media. Every combination is a variant; `picked` are those that a sample has drawn."""
 
     file: Path
     tools: tuple[dict[str, Any], ...]
@@ -47,32 +47,30 @@ class Design:
 
 
 def read_design(file: Path) -> Design:
-    """Read a study; InputError names the file, the entry and what is wrong with it."""
+    """Read a study. Raises InputError, which names file, entry and value."""
     content = read_yaml(file, "study")
     if not isinstance(content, Mapping):
         raise InputError(f"study '{file}' has no entries; it needs tools, motions and media")
     known = {"tools", "motions", "media", "sample", "seed"}
     for name in content:
         if name not in known:
-            raise InputError(
-                f"study '{file}': '{name}' is no entry of a study; a study may have {', '.join(sorted(known))}"
-            )
+            raise InputError(f"study '{file}': '{name}' is not an entry of a study; use {', '.join(sorted(known))}")
     lists = {name: tuple(_expanded(file, name, content.get(name))) for name in ("tools", "motions", "media")}
     total = len(lists["tools"]) * len(lists["motions"]) * len(lists["media"])
     sample = content.get("sample")
     picked = None
     if sample is not None:
         if isinstance(sample, bool) or not isinstance(sample, int) or not 0 < sample <= total:
-            raise InputError(f"study '{file}': sample is {sample!r}; it must be a number of variants from 1 to {total}")
+            raise InputError(f"study '{file}': sample is {sample!r}; it must be a whole number from 1 to {total}")
         seed = content.get("seed", 0)
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
-            raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number from 0 on")
+            raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number of at least 0")
         picked = tuple(sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist()))
     return Design(file=file, picked=picked, fingerprint=zlib.crc32(file.read_bytes()), **lists)
 
 
 def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]]:
-    """Each entry, once for each combination of its values that are lists or ranges."""
+    """Each entry, once for each combination of the values in its lists and ranges."""
     if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
         raise InputError(f"study '{file}': {name} is {entries!r}; it must be a list of entries")
     for number, entry in enumerate(entries, start=1):
@@ -125,7 +123,7 @@ def _values(where: str, key: str, value: object) -> list[Any]:
     return [value]
 
 
-_ALPHA_Y = tuple(name for name in ALPHA_Y_MODELS if name != "table")  # a design has no place for a table's file
+_ALPHA_Y = tuple(name for name in ALPHA_Y_MODELS if name != "table")  # a study cannot name a table's file
 _CHOICES = {"integration": INTEGRATIONS, "medium": tuple(MEDIA), "alpha_y": _ALPHA_Y}
 _TEXTS = ("mesh", "family", "states_file", "integration", "medium", "alpha_y")
 
@@ -139,7 +137,7 @@ def _check_values(where: str, point: Mapping[str, object]) -> None:
                 raise InputError(f"{where}: origin is {value!r}; it must be three numbers")
         elif key in _TEXTS:
             if not isinstance(value, str):
-                raise InputError(f"{where}: {key} is {value!r}; it must be a text")
+                raise InputError(f"{where}: {key} is {value!r}; it must be text")
         elif not _is_number(value):
             raise InputError(f"{where}: {key} is {value!r}; it must be a number")
 

@@ -1,11 +1,13 @@
-"""What one variant of a design study comes to: a row of numbers, or the reason why there is none."""
+"""The row of one variant: the wrench's peaks and means, the work it costs, or the reason why there are no numbers."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.integrate import trapezoid
 
 from rft_ros.errors import InputError
 from rft_ros.rft import (
@@ -18,12 +20,11 @@ from rft_ros.rft import (
     wrenches_in_time,
 )
 from rft_ros.states_file import read_states
-from rft_ros.studies.motions import FAMILIES, Array, sample
-from rft_ros.studies.work import work
 from rft_ros.sweeps.design import Variant
+from rft_ros.sweeps.motions import FAMILIES, Array, sample
 from rft_ros.tool import Tool, ToolRequest
 
-__all__ = ["RESULTS", "evaluate", "row_of"]
+__all__ = ["RESULTS", "Work", "evaluate", "power", "row_of", "work"]
 
 RESULTS = (
     *(f"peak_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz")),
@@ -34,14 +35,45 @@ RESULTS = (
     "path",
     "plates",
 )
-"""Columns of a row beside the variant's own: wrench on the tool [N], [N m], world axes, peaks by magnitude with their
-sign; work done on the grains [J]; path of the tool frame's origin [m]."""
+"""Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
+path of the tool frame's origin [m]; number of plates."""
 
 _SAMPLES = 200
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Work:
+    """Work done on the grains [J], positive where they resist.
+
+    `vertical`: of the vertical force over the vertical displacement of the tool frame's origin. `total`: of the whole
+    wrench, so that turning and sideways motion count too.
+    """
+
+    vertical: float
+    total: float
+
+
+def power(states: Array, wrenches: Array) -> Array:
+    """Power of the whole wrench against the motion [W], shape [n]: -(F·v + T·ω), positive where the grains resist.
+
+    `states`: shape [n, 13], columns `rft_ros.rft.STATE`. `wrenches`: shape [n, 6 or more], force on the tool [N] and
+    torque about its frame's origin [N m], world axes.
+    """
+    return np.asarray(-(wrenches[:, :6] * states[:, 7:13]).sum(axis=1))
+
+
+def work(times: Array, states: Array, wrenches: Array) -> Work:
+    """Vertical and total work over a motion, by the trapezoidal rule; arguments as for `power`, times [s] too."""
+    return Work(
+        vertical=float(trapezoid(-wrenches[:, 2] * states[:, 9], times)),
+        total=float(trapezoid(power(states, wrenches), times)),
+    )
+
+
 @lru_cache(maxsize=64)
-def _tool(mesh: str, scale: float, origin: tuple[float, float, float], integration: str, tolerance: float) -> Tool:
+def _tool(
+    mesh: str, scale: float, origin: tuple[float, float, float], integration: str | None, tolerance: float
+) -> Tool:
     return ToolRequest(mesh, scale, origin, integration, tolerance).load()  # type: ignore[arg-type]
 
 
@@ -69,13 +101,13 @@ def _law(medium: dict[str, Any]) -> Treers2021:
 
 
 def evaluate(variant: Variant) -> dict[str, float]:
-    """The numbers of a variant, by column. InputError or ValueError say why there are none."""
+    """The results of a variant by column. Raises InputError or ValueError if it has none."""
     t = variant["tool"]
     tool = _tool(
         t["mesh"],
         float(t.get("scale", 0.001)),
         tuple(float(v) for v in t.get("origin", (0.0, 0.0, 0.0))),
-        t.get("integration", "centroid"),
+        t.get("integration"),
         float(t.get("tolerance", 0.0)),
     )
     times, states = _motion(variant["motion"])
@@ -99,7 +131,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
 
 
 def row_of(variant: Variant, columns: Sequence[str]) -> list[str]:
-    """A row of the table: the variant's own values, its numbers, and a reason where there are none."""
+    """A row of the table: the variant's values, its results, or the reason why it has none."""
     own = {f"{part}.{key}": value for part, values in variant.items() for key, value in values.items()}
     numbers: dict[str, float] = {}
     reason = ""

@@ -1,7 +1,7 @@
-"""Run a design study: chunks of variants to workers, here or on a Dask cluster; a row for each, however it ends.
+"""Run a design study: chunks of variants go to workers, here or on a Dask cluster; every variant gets one row.
 
-The output folder is the memory of the run: `study.json` and a file for each finished chunk. Whoever starts the same
-study with the same folder goes on where it stopped.
+The output folder holds the state of the run: `study.json` and a file for each finished chunk. The same study with the
+same folder continues where it stopped.
 """
 
 import csv
@@ -29,7 +29,7 @@ from rft_ros.sweeps.outcomes import RESULTS, row_of
 
 __all__ = ["Report", "run"]
 
-_CHUNK_SECONDS = 0.5  # of one worker: a scheduler's millisecond a task is then well under 5 %
+_CHUNK_SECONDS = 0.5  # of one worker; a scheduler takes about 1 ms a task
 _PROBE_SECONDS = 0.1
 _RESTARTS = 5  # of the pool, when the system kills a worker
 
@@ -39,9 +39,9 @@ Rows = tuple[list[list[str]], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """What a run came to. `computed`: rows of this run, the others were there; `failed`: rows with a reason.
+    """The outcome of a run. `computed`: rows computed by this run, without those found. `failed`: rows with a reason.
 
-    `seconds`: wall time; `busy`: of the workers, summed; `workers`: how many; `chunk`: variants a task.
+    `seconds`: wall time. `busy`: the workers' time, summed [s]. `workers`: their number. `chunk`: variants per task.
     """
 
     file: Path
@@ -54,19 +54,19 @@ class Report:
     chunk: int
 
     def lines(self) -> list[str]:
-        """For the terminal."""
+        """Sentences for the terminal."""
         text = [f"{self.rows:,} variants, {self.failed:,} without numbers -> {self.file}"]
         if self.computed:
             idle = max(0.0, 1.0 - self.busy / (self.seconds * self.workers))
             text.append(
-                f"{self.computed:,} computed in {self.seconds:.1f} s by {self.workers} workers, {self.chunk} a task,"
-                f" {self.computed / self.seconds:,.0f} a second; workers idle for {100 * idle:.0f} %"
+                f"{self.computed:,} computed in {self.seconds:.1f} s by {self.workers} workers, {self.chunk} per task,"
+                f" {self.computed / self.seconds:,.0f} per second; workers idle for {100 * idle:.0f} %"
             )
         return text
 
 
 def rows_of(variants: Sequence[Variant], columns: Sequence[str]) -> Rows:
-    """What a worker does."""
+    """Compute rows; runs in a worker."""
     start = time.perf_counter()
     return [row_of(variant, columns) for variant in variants], time.perf_counter() - start
 
@@ -79,10 +79,10 @@ def run(
     workers: int | None = None,
     form: Literal["csv", "parquet"] = "csv",
 ) -> Report:
-    """Compute what is missing of a design's rows and write the table to the folder `out`.
+    """Compute the missing rows of a design and write the table to the folder `out`.
 
-    `scheduler`: address of a Dask scheduler, such as tcp://10.0.0.1:8786; without it, `workers` processes here (all
-    cores). The table is the same, byte for byte, however it was computed.
+    `scheduler`: address of a Dask scheduler, such as tcp://10.0.0.1:8786; without it, `workers` processes here
+    (default: one per core). The table has the same bytes however it was computed. Raises InputError.
     """
     columns = _columns(design)
     try:
@@ -129,16 +129,16 @@ def _columns(design: Design) -> list[str]:
 
 
 def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
-    """As the folder has it, or so that a chunk takes a worker half a second."""
+    """Variants per chunk: as recorded in the folder, or so that a chunk takes a worker half a second."""
     file = out / "study.json"
     if file.exists():
         try:
             kept = json.loads(file.read_text(encoding="utf-8"))
             chunk, fingerprint = int(kept["chunk"]), int(kept["fingerprint"])
         except (ValueError, KeyError, TypeError):
-            raise InputError(f"'{file}' is no record of a study; choose another output folder") from None
+            raise InputError(f"'{file}' is not a record of a study; choose another output folder") from None
         if fingerprint != design.fingerprint:
-            raise InputError(f"'{out}' holds the rows of another study than '{design.file}'; choose another folder")
+            raise InputError(f"'{out}' holds the rows of a study other than '{design.file}'; choose another folder")
         return chunk
     rows_of([design.variant(0)], columns)  # compiles
     count, start = 0, time.perf_counter()
@@ -182,7 +182,7 @@ def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]
 
 
 def _end_with_parent() -> None:
-    """In a worker: end when the process that started it is gone, even if that was killed."""
+    """In a worker: end when the parent process has ended, even if it was killed."""
     parent = os.getppid()
 
     def watch() -> None:
@@ -196,17 +196,19 @@ def _end_with_parent() -> None:
 def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[int, Rows]]:
     left = dict(tasks)
     for restart in range(_RESTARTS + 1):
-        with ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent) as pool:
+        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
+        try:
             futures = {pool.submit(rows_of, variants, columns): k for k, variants in left.items()}
-            try:
-                for future in as_completed(futures):
-                    rows = future.result()
-                    del left[futures[future]]
-                    yield futures[future], rows
-                return
-            except BrokenProcessPool:
-                if restart == _RESTARTS:
-                    raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
+            for future in as_completed(futures):
+                rows = future.result()
+                del left[futures[future]]
+                yield futures[future], rows
+            return
+        except BrokenProcessPool:
+            if restart == _RESTARTS:
+                raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
+        finally:
+            pool.shutdown(cancel_futures=True)
 
 
 def _progress() -> Progress:

@@ -1,7 +1,8 @@
 """From a mesh file to a tool of plates: locate, read, check, refine, reduce."""
 
+from rft_ros.installation import share_directory
 from rft_ros.tool.check import MeshIssue, check_mesh
-from rft_ros.tool.locate import locate_mesh, share_directory
+from rft_ros.tool.locate import locate_mesh
 from rft_ros.tool.mesh_file import read_mesh
 from rft_ros.tool.reduce import Reduction
 from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, load_tool

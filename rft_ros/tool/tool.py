@@ -69,7 +69,7 @@ def load_tool(
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
     `integration`: the plates' rule; ``refined`` also gives them the area of the surface that the mesh samples. None:
-    what a reduced tool was made with, ``centroid`` for a mesh.
+    what a reduced tool was made with, ``refined`` for a mesh.
     `tolerance`: if over 0, the fewest plates whose wrench stays within this share of the full tool's in any motion, at
     the 95th percentile (`rft_ros.tool.reduce`); a reduced tool stays as it is.
     Normals come from the facets' winding, not from the file. Facets without area are dropped.
@@ -83,7 +83,7 @@ def load_tool(
     reduced = read_reduced(path) if path.suffix.lower() == SUFFIX else None
     if reduced and integration not in (None, reduced.about.integration):
         raise InputError(f"mesh file '{path}' holds plates for integration '{reduced.about.integration}' only")
-    rule = reduced.about.integration if reduced else integration
+    rule = reduced.about.integration if reduced else integration or "refined"
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
     facets = refined_plates(vertices, faces) if rule == "refined" else centroid_plates(vertices, faces)

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rft_ros.bags.replay import read_replay_options, replay
-from rft_ros.estimator.parameter_file import read_parameter_file
+from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.replay import replay
+from rft_ros.estimator.parameters import read_parameter_file
 
 FILE = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
 

@@ -8,9 +8,10 @@ import pytest
 import trimesh
 import yaml
 
-from rft_ros.bags.replay import read_replay_options, replay
+from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.replay import replay
 from rft_ros.cli import main
-from rft_ros.estimator.parameter_file import read_parameter_file
+from rft_ros.estimator.parameters import read_parameter_file
 
 ABB = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
 TRIALS = (2, 3)
@@ -188,20 +189,20 @@ def test_pressure_that_is_not_linear_in_depth_is_said_with_numbers(strained):
     """
     note = next(n for n in record(strained)["notes"] if "linearly" in n)
     assert "its exponent is 1.5" in note
-    assert "60mm_1 1.60" in note
+    assert "60mm_1 1.59" in note
     assert "80mm_7 1.5" in note
     assert "100mm_4 1.3" in note
 
 
 def test_pressure_that_depends_on_the_plate_is_said_with_numbers(strained):
-    """Growth with depth, least squares through the surface, on the lower face: 1.32, 1.57, 1.85 N/cm³."""
+    """Growth with depth, least squares through the surface, on the lower face: 1.32, 1.57, 1.84 N/cm³."""
     note = next(n for n in record(strained)["notes"] if "size" in n)
     assert "1.32 N/cm³ under 28.3 cm²" in note
     assert "1.57 N/cm³ under 50.2 cm²" in note
-    assert "1.85 N/cm³ under 78.5 cm²" in note
+    assert "1.84 N/cm³ under 78.5 cm²" in note
 
 
 def test_one_zeta_for_three_plates_has_an_error_that_says_so(strained):
     zeta = record(strained)["fitted"]["medium_zeta"]
-    assert zeta["value"] == [pytest.approx(1.58, abs=0.01)]
+    assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1

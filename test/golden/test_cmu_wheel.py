@@ -12,7 +12,7 @@ MODEL, MEASURED = slice(4, 7), slice(7, 10)
 
 @pytest.fixture(scope="module")
 def wheel(shared_data):
-    return load_tool(str(shared_data / "cmu_wheel" / "smooth.stl"), scale=0.001).plates
+    return load_tool(str(shared_data / "cmu_wheel" / "smooth.stl"), integration="centroid").plates
 
 
 @pytest.fixture(scope="module")

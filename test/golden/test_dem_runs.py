@@ -1,20 +1,17 @@
-"""The published model against discrete-element simulations, by the error measure of shared/data/dem/README.md.
-
-The numbers are those of `rft study dem`: its modules read the runs, fit ζ and measure the error.
-"""
+"""The published model against discrete-element simulations, by the error measure of test/data/dem/README.md."""
 
 import numpy as np
 import pytest
 
-from rft_ros.studies.dem import ALONG_ITSELF, accuracy
-from rft_ros.studies.paper import law
+from studies.dem import ALONG_ITSELF, accuracy
+from studies.paper import law
 
 ZETA = 0.24
 
 
 @pytest.fixture(scope="module")
-def found(shared_data):
-    return accuracy(shared_data)
+def found():
+    return accuracy()
 
 
 def test_zeta_from_the_flat_plates_penetration_is_0_24(found):
@@ -33,7 +30,7 @@ def test_zeta_from_the_flat_plates_penetration_is_0_24(found):
     ],
 )
 def test_plates_are_predicted_to_8_to_17_percent(found, name):
-    """With 2 points' tolerance for how ζ is rounded and the plate is meshed: here 9 to 19 %."""
+    """Within 2 points, for the rounding of ζ and the plate's mesh: 9 to 19 % here."""
     assert 0.08 - 0.02 < found.errors[name]["constant"] < 0.17 + 0.02
 
 
@@ -52,7 +49,7 @@ def test_bodies_and_the_plate_that_moves_along_itself_are_predicted_as_the_readm
 
 
 def test_memory_takes_15_percent_of_the_mean_error_and_harms_no_run_by_over_1_5_points(found):
-    """Of the ten runs that its form was chosen on; the plate that moves along itself is left out, as it was then."""
+    """Over the ten runs that its form was chosen on, without the plate that moves along itself."""
     assert found.mean("memory") <= 0.85 * found.mean("constant")
     assert found.errors["ellipsoid_osc9deg_5Hz"]["memory"] <= 0.24
     ten = [errors for name, errors in found.errors.items() if name != ALONG_ITSELF]
@@ -61,7 +58,7 @@ def test_memory_takes_15_percent_of_the_mean_error_and_harms_no_run_by_over_1_5_
 
 
 def test_memory_does_not_help_the_plate_that_moves_along_itself(found):
-    """What that run lacks is friction on its faces. With it, the mean of all eleven falls by 10 to 11 %, not by 15."""
+    """That run lacks friction on its faces. Including it, the mean of all eleven falls by 10 to 11 %, not by 15."""
     errors = found.errors[ALONG_ITSELF]
     assert 0.0 < errors["memory"] - errors["constant"] < 0.02
     plain, remembered = (np.mean([e[column] for e in found.errors.values()]) for column in ("constant", "memory"))

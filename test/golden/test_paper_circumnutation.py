@@ -12,7 +12,7 @@ ROTATION_CENTRE = (0.0, 0.0, 35.5)  # mm, in the STL file
 
 @pytest.fixture(scope="module")
 def root_tip(shared_data):
-    return load_tool(str(shared_data / "paper" / "root-tip.stl"), scale=0.001, origin=ROTATION_CENTRE)
+    return load_tool(str(shared_data / "paper" / "root-tip.stl"), origin=ROTATION_CENTRE, integration="centroid")
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.studies.motions import Circumnutation, OscillatingInsertion, sample_every
+from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion, sample_every
 from rft_ros.tool import load_tool
 from rft_ros.tool.any_motion import random_motions
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene

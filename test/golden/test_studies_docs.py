@@ -1,11 +1,11 @@
-"""The tables in the docs are those that `rft study all --data DIR --docs FILE` writes."""
+"""The tables in the docs are those that `make studies` writes."""
 
 from pathlib import Path
 
 import pytest
 
-from rft_ros.studies.marked import marked
-from rft_ros.studies.registry import run_study
+from studies.__main__ import run_study
+from studies.result import table_in
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PLACES = {
@@ -18,9 +18,9 @@ PLACES = {
 
 
 @pytest.mark.parametrize(("name", "page"), PLACES.items())
-def test_the_table_in_the_docs_is_the_studys(name, page, shared_data):
-    (outcome,) = run_study(name, shared_data)
-    assert marked((DOCS / page).read_text(encoding="utf-8"), name) == outcome.markdown()
+def test_the_table_in_the_docs_is_the_studys(name, page):
+    (result,) = run_study(name)
+    assert table_in((DOCS / page).read_text(encoding="utf-8"), name) == result.table.markdown()
 
 
 def test_every_picture_is_there_and_small():

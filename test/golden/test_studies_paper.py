@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from rft_ros.rft.velocity_weights import exact_f1, exact_f23
-from rft_ros.studies import circumnutation, convergence, horizontal, oscillation, plates
-from rft_ros.studies.motions import Circumnutation
-from rft_ros.studies.paper import ALPHA_Y, ellipsoid, plate, root_tip
-from rft_ros.studies.plate_face import face
+from rft_ros.sweeps.motions import Circumnutation
+from studies import circumnutation, convergence, horizontal, oscillation, plates
+from studies.paper import ALPHA_Y, ellipsoid, leading_face, plate, root_tip
 
 
 @pytest.fixture(scope="module")
@@ -34,19 +33,19 @@ class TestHorizontal:
 
     @pytest.mark.parametrize("alpha_y", ALPHA_Y)
     def test_our_forces_over_their_greatest_are_the_velocity_weights(self, alpha_y):
-        f1, f23, _ = horizontal.drag_forces(face(plate()), alpha_y)
+        f1, f23, _ = horizontal.drag_forces(leading_face(plate()), alpha_y)
         psi = np.deg2rad(horizontal.PSI)
         assert f1 / f1.max() == pytest.approx([exact_f1(u) for u in np.sin(psi)], abs=1e-6)
         assert f23[:-1] / f23.max() == pytest.approx([exact_f23(w) for w in np.cos(psi[:-1])], abs=1e-6)
 
     def test_the_edges_carry_what_the_paper_takes_off(self):
-        own, whole = (horizontal.drag_forces(p, "constant")[0].max() for p in (face(plate()), plate().plates))
+        own, whole = (horizontal.drag_forces(p, "constant")[0].max() for p in (leading_face(plate()), plate().plates))
         assert whole - own == pytest.approx(horizontal.PUBLISHED["F1 raw"] - horizontal.PUBLISHED["F1"], abs=0.15)
 
 
 class TestPlates:
     def test_along_the_plate_the_stress_is_alpha_y(self):
-        own = face(plate())
+        own = leading_face(plate())
         for beta in plates.BETAS:
             constant, linear = (plates.stresses(own, beta, 0.0, model)[-1, 0] for model in ALPHA_Y)
             assert constant == pytest.approx(0.136, abs=1e-6)
@@ -60,12 +59,12 @@ class TestPlates:
     @pytest.mark.parametrize("beta", plates.BETAS)
     @pytest.mark.parametrize("phi", plates.PHIS)
     def test_turning_a_plate_along_its_motion_moves_force_from_e2_to_e1(self, beta, phi):
-        stress = plates.stresses(face(plate()), beta, phi, "constant")
+        stress = plates.stresses(leading_face(plate()), beta, phi, "constant")
         assert (np.diff(stress[:, 0]) > 0.0).all()
         assert (np.diff(stress[:, 1]) < 0.0).all()
 
-    def test_simulated_plates_push_as_the_model_says_but_for_the_one_that_moves_along_itself(self, shared_data):
-        points = {p.run: p for p in plates.simulated_points(shared_data)}
+    def test_simulated_plates_push_as_the_model_says_but_for_the_one_that_moves_along_itself(self):
+        points = {p.run: p for p in plates.simulated_points()}
         assert len(points) == 6
         along = points.pop("plate_b90_psi90_phi0")
         assert along.measured[0] > 3.0 * along.model[0]

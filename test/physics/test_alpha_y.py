@@ -1,4 +1,4 @@
-"""Models of α_y, the stress per depth along e1 (DESIGN 2)."""
+"""Models of α_y, the stress per depth along e1 (docs/method.md)."""
 
 import math
 
@@ -17,7 +17,7 @@ intrusion = st.floats(-179.999, 179.999)
 # β every 10°, γ every 60°: values with no symmetry, so that swapped axes or indices cannot hide
 BETA_DEG = np.arange(0.0, 181.0, 10.0)
 GAMMA_DEG = np.arange(-120.0, 121.0, 60.0)
-UNEVEN = Table(
+UNEVEN = Table.sampled(
     np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), 0.05 + 0.001 * BETA_DEG[:, None] ** 1.3 + 1e-6 * GAMMA_DEG[None] ** 2
 )
 
@@ -74,25 +74,25 @@ def test_a_table_is_bilinear_between_its_nodes(beta, gamma):
 def test_a_table_is_held_beyond_its_edges(beta, beyond):
     assert at(UNEVEN, beta, 120.0 + beyond) == pytest.approx(at(UNEVEN, beta, 120.0), abs=1e-11)
     assert at(UNEVEN, beta, -120.0 - beyond) == pytest.approx(at(UNEVEN, beta, -120.0), abs=1e-11)
-    narrow = Table(np.deg2rad([60.0, 120.0]), np.array([0.0]), np.array([[0.3], [0.1]]))
+    narrow = Table.sampled(np.deg2rad([60.0, 120.0]), np.array([0.0]), np.array([[0.3], [0.1]]))
     expected = 0.3 - 0.2 * (min(max(beta, 60.0), 120.0) - 60.0) / 60.0
     assert at(narrow, beta, beyond) == pytest.approx(expected, abs=1e-11)
 
 
 def test_a_table_of_one_value_is_that_value_everywhere():
-    one = Table(np.array([0.7]), np.array([0.0]), np.array([[0.123]]))
+    one = Table.sampled(np.array([0.7]), np.array([0.0]), np.array([[0.123]]))
     assert {at(one, beta, gamma) for beta in (0, 40, 180) for gamma in (-170, 0, 90)} == {0.123}
 
 
 @given(beta=attack, gamma=intrusion)
 def test_a_table_sampled_from_the_linear_model_is_the_linear_model(beta, gamma):
-    sampled = Table(np.deg2rad(BETA_DEG), np.array([0.0]), (0.2035 - 0.0015 * BETA_DEG)[:, None])
+    sampled = Table.sampled(np.deg2rad(BETA_DEG), np.array([0.0]), (0.2035 - 0.0015 * BETA_DEG)[:, None])
     assert at(sampled, beta, gamma) == pytest.approx(at(alpha_y_model("linear", MEDIA["generic"]), beta), abs=1e-12)
 
 
 def test_a_table_of_the_constant_gives_the_wrench_of_the_constant_model(random_body, random_states):
     generic = MEDIA["generic"]
-    flat_table = Table(np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), np.full(UNEVEN.values.shape, 0.136))
+    flat_table = Table.sampled(np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), np.full(UNEVEN.values.shape, 0.136))
     by_constant = wrenches(random_body, treers2021(generic, alpha_y_model("constant", generic)), random_states)
     by_table = wrenches(random_body, treers2021(generic, alpha_y_model("table", generic, flat_table)), random_states)
     np.testing.assert_allclose(by_table, by_constant, rtol=0, atol=1e-12 * np.abs(by_constant).max())

@@ -1,4 +1,4 @@
-"""The families of motion: the twist is the pose's derivative, and they are the motions of the reference data."""
+"""The families of motion: the twist is the pose's derivative, and they contain the motions of the reference data."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.errors import InputError
 from rft_ros.rft import checked_states
-from rft_ros.studies.motions import (
+from rft_ros.sweeps.motions import (
     FAMILIES,
     Circumnutation,
     OscillatingInsertion,
@@ -15,6 +15,7 @@ from rft_ros.studies.motions import (
     sample,
     sample_every,
 )
+from studies.dem import DATA
 
 MOTIONS = [
     Straight(descent_deg=60.0, heading_deg=25.0, tilt_deg=10.0, yaw_deg=-40.0, start_height=0.02),
@@ -76,9 +77,9 @@ def plate(beta, psi, phi, **start):
         ("root_helix_P40_tilt10", Circumnutation(pitch=0.04, rate_deg_s=540.0)),
     ],
 )
-def test_the_families_contain_the_simulated_runs(shared_data, run, motion):
-    """But for where they start: to the seven digits of the files."""
-    rows = np.loadtxt(shared_data / "dem" / f"{run}.csv", delimiter=",", skiprows=1)
+def test_the_families_contain_the_simulated_runs(run, motion):
+    """Apart from where they start, to the seven digits of the files."""
+    rows = np.loadtxt(DATA / f"{run}.csv", delimiter=",", skiprows=1)
     rows = rows[np.any(rows[:, 8:14] != 0.0, axis=1)]
     states = motion.at(rows[:, 0])
     shift = rows[:, 1:4] - states[:, :3]
@@ -102,12 +103,12 @@ def test_the_straight_limit_has_the_roots_tilt_and_travel():
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
 @pytest.mark.parametrize("value", [0.0, -0.01, float("nan"), float("inf")])
-def test_a_travel_that_is_none_is_refused_with_field_and_value(family, value):
+def test_a_travel_that_is_not_positive_is_refused_with_field_and_value(family, value):
     with pytest.raises(InputError, match=rf"{family.__name__}\.travel is {value}; it must be a positive number"):
         family(travel=value)
 
 
-def test_samplings_that_give_no_motion_are_refused():
+def test_samplings_without_motion_are_refused():
     with pytest.raises(InputError, match="sampled 1 times"):
         sample(Straight(), 1)
     with pytest.raises(InputError, match=r"step is 10\.0 s"):

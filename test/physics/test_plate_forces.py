@@ -6,7 +6,7 @@ import pytest
 from rft_ros.rft import MEDIA, Table, alpha_y_model, checked_states, plate_forces, treers2021, wrenches
 from rft_ros.tool import load_tool
 
-TABLE = Table(np.array([0.0, 1.0, 3.0]), np.array([-1.0, 1.0]), np.array([[0.1, 0.2], [0.05, 0.3], [0.0, 0.1]]))
+TABLE = Table.sampled(np.array([0.0, 1.0, 3.0]), np.array([-1.0, 1.0]), np.array([[0.1, 0.2], [0.05, 0.3], [0.0, 0.1]]))
 
 
 @pytest.mark.parametrize("model", ["constant", "linear", "table"])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scenes import directions, random_plates, random_scene, seeds
 
 from rft_ros.rft import INTEGRATIONS, MEDIA, alpha_y_model, plate_forces, treers2021, wrenches
-from rft_ros.studies.stability.withdrawal import greatest_power, plate_facing
+from studies.force_jumps import greatest_power, plate_facing
 
 RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
 

@@ -7,7 +7,7 @@ from scenes import CONSTANT, GENERIC, LINEAR, unit
 
 from rft_ros.rft import INTEGRATIONS, Plates, Table, checked_states, treers2021, wrenches
 
-TABLE = treers2021(GENERIC, Table(np.array([0.0, 1.5]), np.zeros(1), np.full((2, 1), 0.1)))
+TABLE = treers2021(GENERIC, Table.sampled(np.array([0.0, 1.5]), np.zeros(1), np.full((2, 1), 0.1)))
 LAWS = pytest.mark.parametrize("law", [CONSTANT, LINEAR, TABLE], ids=["constant", "linear", "table"])
 
 AXES = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]

@@ -1,4 +1,4 @@
-"""The study of bad places: what its measures say where the answer is known, and that its figures are made."""
+"""The study of failures: its measures where the answer is known, and the figures it writes."""
 
 from pathlib import Path
 
@@ -6,21 +6,17 @@ import numpy as np
 import pytest
 import trimesh
 
-from rft_ros.studies.outcome import write_outcome
-from rft_ros.studies.stability.hollow import bowl, fork, resistance
-from rft_ros.studies.stability.plate_sweeps import knife_edge
-from rft_ros.studies.stability.sight import blocked, seen_share
-from rft_ros.studies.stability.speed import inertia_over_weight
-from rft_ros.studies.stability.study import CASES
-from rft_ros.studies.stability.time_step import STROKES, errors_of_work, order
-from rft_ros.studies.stability.wake import share_in_wake
-from rft_ros.studies.stability.window import NOISE, differenced
+from studies.concave_tools import blocked, bowl, concavity, fork, resistance
+from studies.force_jumps import knife_edge
+from studies.sampling import NOISE, STROKES, differenced, errors_of_work, order
+from studies.stability import CASES
+from studies.validity_limits import inertia_over_weight, share_in_wake
 
 
 def test_a_convex_tool_sees_nothing_of_itself_and_a_hemisphere_half():
-    assert seen_share(trimesh.creation.box((1.0, 2.0, 3.0)).triangles) == 0.0
+    assert concavity(trimesh.creation.box((1.0, 2.0, 3.0)).triangles) == 0.0
     ball = trimesh.creation.icosphere(3).triangles[:, ::-1]  # seen from inside
-    assert seen_share(ball[ball.mean(axis=1)[:, 2] > 0.0]) == pytest.approx(0.5, abs=0.02)
+    assert concavity(ball[ball.mean(axis=1)[:, 2] > 0.0]) == pytest.approx(0.5, abs=0.02)
 
 
 def test_a_plate_behind_another_is_blocked_in_the_direction_of_motion_and_not_to_the_side():
@@ -73,9 +69,9 @@ def test_inertia_grows_with_the_square_of_speed_and_is_small_where_the_paper_mea
 
 
 def test_a_case_leaves_a_figure_a_table_and_numbers_always_the_same(tmp_path):
-    files = write_outcome(knife_edge(), tmp_path / "a")
+    files = knife_edge().write(tmp_path / "a")
     assert sorted(f.suffix for f in files) == [".csv", ".md", ".png", ".svg"]
-    again = write_outcome(knife_edge(), tmp_path / "b")
+    again = knife_edge().write(tmp_path / "b")
     assert [f.read_bytes() for f in files] == [f.read_bytes() for f in again]
     assert files[0].stat().st_size < 100_000
 

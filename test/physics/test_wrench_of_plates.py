@@ -141,7 +141,7 @@ def test_how_a_table_lies_in_memory_does_not_matter(laid_out, random_body, rando
     values = np.array([[0.1, 0.2, 0.3], [0.4, 0.1, 0.2]])
     results = []
     for laid in (values, laid_out(values)):
-        table = Table(np.array([0.5, 2.5]), np.array([-1.0, 0.0, 1.0]), laid)
+        table = Table.sampled(np.array([0.5, 2.5]), np.array([-1.0, 0.0, 1.0]), laid)
         results.append(wrenches(random_body, treers2021(GENERIC, table), random_states))
     np.testing.assert_array_equal(*results)
 

@@ -8,7 +8,7 @@ import pytest
 from cell import OUTPUTS, numbers, predicted_by_the_core, stamp_of
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameter_file import read_parameter_file
+from rft_ros.estimator.parameters import read_parameter_file
 
 S = 1_000_000_000
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from rft_ros.estimator import Estimator, LoadCell, Model, PoseSample, Settings, TwistSample, WrenchSample
+from rft_ros.estimator import Estimator, LoadCell, Measurement, Model, PoseSample, Settings, TwistSample, WrenchSample
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, treers2021
 from rft_ros.tool import Tool
 
@@ -40,6 +40,12 @@ def plate_model(*, zeta: float = 1.0, generation: int = 0, tool: Tool | None = N
 
 def estimator(*, load_cell: LoadCell | None = None, model: Model | None = None, **settings) -> Estimator:
     return Estimator(Settings(load_cell=load_cell or LoadCell(), **settings), model or plate_model())
+
+
+def measurement(e) -> Measurement:
+    """The load cell's answer to the last estimate, with no sample to follow."""
+    e.finish()
+    return e.measurements()[-1]
 
 
 def pose(stamp=START, position=(0.0, 0.0, -0.01), quaternion=LEVEL, frame="world") -> PoseSample:

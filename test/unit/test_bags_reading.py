@@ -6,10 +6,11 @@ import pytest
 from recordings import POSE, START, STEP, TOPICS, WRENCH, moments, write_ros1, write_ros2
 from rosbags.rosbag2 import StoragePlugin
 
+from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.remapping import remapped_topics
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
+from rft_ros.estimator.parameters import defaults
 
 NAMES = {role: name for role, (name, _) in TOPICS.items()}
 KIND = {"pose": PoseSample, "twist": TwistSample, "wrench": WrenchSample}
@@ -172,15 +173,16 @@ def test_split_bags_are_one_recording(tmp_path):
 )
 def test_remaps_that_mean_nothing_are_refused(rule, words):
     with pytest.raises(InputError, match=words):
-        remapped_topics([rule])
+        topics_of(defaults(), [rule])
 
 
 def test_a_tilde_that_the_shell_has_expanded_is_understood(monkeypatch):
     monkeypatch.setenv("HOME", "/home/user")
-    assert remapped_topics(["/home/user/pose:=/tool_pose"])["pose"] == "/tool_pose"
+    assert topics_of(defaults(), ["/home/user/pose:=/tool_pose"])["pose"] == "/tool_pose"
 
 
 def test_remaps_resolve_as_in_ros_and_later_ones_win():
-    assert remapped_topics() == NAMES
+    assert topics_of(defaults()) == NAMES
+    assert "twist" not in topics_of({**defaults(), "twist_source": "pose_difference"})
     rules = ["~/pose:=/a", "/rft/pose:=/b", "~/twist:=c", "~/wrench_measured:=~/d"]
-    assert remapped_topics(rules) == {"pose": "/b", "twist": "/c", "wrench": "/rft/d"}
+    assert topics_of(defaults(), rules) == {"pose": "/b", "twist": "/c", "wrench": "/rft/d"}

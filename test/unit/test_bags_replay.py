@@ -8,7 +8,9 @@ from recordings import START, STEP, TOPICS, moments, write_ros2
 from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
-from rft_ros.bags.replay import COLUMNS, read_replay_options, replay
+from rft_ros.bags.estimates import COLUMNS
+from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches

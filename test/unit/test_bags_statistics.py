@@ -5,11 +5,11 @@ import pytest
 from recordings import plunge, write_ros2
 from replays import rows_of, values
 
+from rft_ros.bags.estimates import Trace
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.replay import replay
 from rft_ros.bags.statistics import statistics
-from rft_ros.bags.trace import Trace, packed
-from rft_ros.estimator import Estimate, NoEstimate, Reason
+from rft_ros.estimator import Estimate, Measurement, NoEstimate, Reason
 
 STATE = np.zeros(13).tobytes()
 
@@ -89,15 +89,15 @@ def test_no_poses_no_numbers(tmp_path):
         whole, phases = statistics(trace)
         assert (whole.estimates, whole.rms_over_peak, whole.median_relative_error) == (0, None, None)
         assert {phase.poses for phase in phases.values()} == {0}
-        trace.add(1, Phase.DWELL, packed(0.01, NoEstimate(1, Reason.AT_REST)), STATE)
+        trace.add(0.01, NoEstimate(1, Reason.AT_REST), None, Phase.DWELL, STATE)
         whole, phases = statistics(trace)
     assert (whole.estimates, phases["dwell"].poses, phases["dwell"].estimates) == (0, 1, 0)
 
 
 def test_what_has_no_wrench_counts_as_an_estimate_without_residual(tmp_path):
-    alone = Estimate(1, (0.0, 3.0, 4.0, 0.0, 0.0, 0.0), None, None, Reason.WRENCH_MISSING, 0.1, 1e-3, 0, 0)
+    alone = Estimate(1, (0.0, 3.0, 4.0, 0.0, 0.0, 0.0), 0.1, 1e-3, 0, 0)
     with Trace(tmp_path) as trace:
-        trace.add(1, Phase.PENETRATION, packed(0.003, alone), STATE)
+        trace.add(0.003, alone, Measurement(1, None, None, Reason.WRENCH_MISSING), Phase.PENETRATION, STATE)
         group = statistics(trace)[1]["penetration"]
     assert group.estimates == 1
     assert group.wrench["force"].predicted.rms == pytest.approx(5.0)

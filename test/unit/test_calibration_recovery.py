@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_track import (
+    GENERIC,
     HANGING,
     ORIENTATIONS,
     Path,
@@ -20,15 +21,13 @@ from synthetic_track import (
 )
 
 from rft_ros.calibration import Options, calibrate
-from rft_ros.calibration.alpha_y_fit import fit_alpha_y
-from rft_ros.calibration.mobilization import fit_turn, length_finding
-from rft_ros.calibration.plate_runs import PlateRun
-from rft_ros.calibration.sigmoids import fit_f1, fit_f23
-from rft_ros.calibration.stretches import turns_in_grains
-from rft_ros.rft.velocity_weights import A2, A3, B2, B3, exact_f1, exact_f23
+from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
+from rft_ros.calibration.memory_length import fit_memory_length
+from rft_ros.calibration.tool_weight import Sensor
 
 TRIALS, ENOUGH = 100, 95
 NOISE = (0.1, 0.002)
+BETAS = (30.0, 50.0, 70.0, 90.0)
 SURFACE, ZETA, LENGTH, REST = 0.0123, 0.8, 0.003, 2e-4
 
 
@@ -55,7 +54,7 @@ def test_load_cell_surface_and_zeta(correlation):
     def trial(rng):
         readings = read_by(HANGING, states, grains, rng, noise=NOISE, memory=correlation)
         options = Options(parts=("sensor", "surface", "zeta"))
-        return calibrate([track_of(time, states, readings)], unknown(), options).findings
+        return calibrate([track_of(time, states, readings)], unknown(), options).fitted
 
     truth = {
         "sensor.bias": HANGING.bias,
@@ -89,8 +88,7 @@ def test_mobilization_length(path):
 
     def trial(rng):
         track = track_of(time, states, read_by(HANGING, states, grains, rng, noise=NOISE))
-        turns = turns_in_grains(track, 0.0, REST)
-        return [length_finding([fit_turn(track, t, HANGING, law(), surface=0.0, rest_speed=REST) for t in turns])]
+        return [fit_memory_length([track], Sensor(cell=HANGING), law(), surface=0.0, rest_speed=REST)]
 
     hits = count(trial, {"medium.mobilization_length": (LENGTH,)})
     assert min(hits.values()) >= ENOUGH, hits
@@ -105,65 +103,47 @@ def test_alpha_y_from_plates_dragged_along_themselves(model, truth):
     def trial(rng):
         track = track_of(time, states, read_by(HANGING, states, grains, rng, noise=NOISE))
         options = Options(parts=("alpha_y",), alpha_y=model)
-        return calibrate([track], known(medium__zeta=ZETA), options).findings
+        return calibrate([track], known(medium__zeta=ZETA), options).fitted
 
     name = f"alpha_y ({model})"
     hits = count(trial, {name: truth})
     assert min(hits.values()) >= ENOUGH, hits
 
 
-def run_at(psi, *, beta=90.0, along=0.0, across=0.0, error=0.02):
-    return PlateRun(
-        bag="synthetic",
-        beta=beta,
-        psi=psi,
-        depth=0.05,
-        load=7e-5,
-        along=along,
-        across=across,
-        up=0.0,
-        along_error=error,
-        across_error=error,
-        edges=(0.0, 0.0),
-    )
-
-
-def test_velocity_weights_from_level_runs():
-    """Both curves from ten runs over ψ; forces of 8 and 18 N with 0.02 N of noise."""
-    psi = np.linspace(0.0, 90.0, 10)
-    top_along, top_across = 0.136, 0.3
-    newton = ZETA * 7e-5 * 1e6
-    f1 = np.array([exact_f1(u) for u in np.sin(np.deg2rad(psi))])
-    f23 = np.array([exact_f23(w) for w in np.cos(np.deg2rad(psi))])
-
-    def trial(rng):
-        noise = 0.02 * rng.normal(size=(2, len(psi)))
-        runs = [
-            run_at(p, along=newton * top_along * a + n, across=newton * top_across * b + m)
-            for p, a, b, n, m in zip(psi, f1, f23, *noise, strict=True)
-        ]
-        return fit_f1(runs, zeta=ZETA).finding(), fit_f23(runs, zeta=ZETA).finding()
-
-    truth = {
-        "f1 (A2, A3, stress at 1)": (A2, A3, top_along),
-        "f23 (B2, B3, stress at 1)": (B2, B3, top_across),
-    }
-    hits = count(trial, truth)
-    assert min(hits.values()) >= ENOUGH, hits
+def run_at(beta, alpha, noise=0.0):
+    """A run along e1 with a force of the size of 8 N and a standard error of 0.02 N."""
+    return PlateRun(beta=beta, psi=90.0, depth=0.05, load=7e-5, along=ZETA * 70.0 * alpha + noise, error=0.02)
 
 
 def test_an_alpha_y_table_holds_what_no_line_does():
     alpha = {30.0: 0.10, 60.0: 0.16, 90.0: 0.09}
-    runs = [run_at(90.0, beta=b, along=ZETA * 7e-5 * 1e6 * a) for b, a in alpha.items() for _ in range(2)]
-    fit = fit_alpha_y(runs, zeta=ZETA, model="table")
+    runs = [run_at(beta, a) for beta, a in alpha.items() for _ in range(2)]
+    fit = fit_alpha_y(runs, GENERIC, zeta=ZETA, model="table")
     assert dict(fit.rows) == pytest.approx(alpha)
+    assert not fit.published
 
 
-def test_alpha_y_is_constant_unless_the_data_are_sure_of_a_slope():
+def test_alpha_y_is_constant_unless_its_slope_is_significant():
     noise = np.random.default_rng(3).normal(size=4) * 0.02
-    runs = [
-        run_at(90.0, beta=b, along=ZETA * 70.0 * 0.12 + n) for b, n in zip((30.0, 50.0, 70.0, 90.0), noise, strict=True)
-    ]
-    assert fit_alpha_y(runs, zeta=ZETA).model == "constant"
-    sloped = [run_at(90.0, beta=b, along=ZETA * 70.0 * (0.2 - 0.0015 * b)) for b in (30.0, 50.0, 70.0, 90.0)]
-    assert fit_alpha_y(sloped, zeta=ZETA).model == "linear"
+    runs = [run_at(beta, 0.12, n) for beta, n in zip(BETAS, noise, strict=True)]
+    assert fit_alpha_y(runs, GENERIC, zeta=ZETA).model == "constant"
+    sloped = [run_at(beta, 0.2 - 0.0015 * beta) for beta in BETAS]
+    assert fit_alpha_y(sloped, GENERIC, zeta=ZETA).model == "linear"
+
+
+@pytest.mark.parametrize(("excess", "agrees"), [(0.0, True), (0.0001, True), (0.003, False)])
+@pytest.mark.parametrize("model", ["constant", "linear"])
+def test_alpha_y_needs_no_table_where_it_agrees_with_the_published_model(model, excess, agrees):
+    """A run's error is 0.00036 N/cm³."""
+    start, slope = {"constant": (GENERIC.alpha_x_flat, 0.0), "linear": (0.2035, -0.0015)}[model]
+    runs = [run_at(beta, start + slope * beta + excess) for beta in BETAS]
+    fit = fit_alpha_y(runs, GENERIC, zeta=ZETA, model=model)
+    assert fit.published == agrees
+
+
+def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
+    runs = [run_at(beta, 0.15) for beta in BETAS]
+    sure, unsure = (fit_alpha_y(runs, GENERIC, zeta=ZETA, zeta_error=e, model="constant") for e in (0.0, 0.1))
+    assert unsure.errors[0] == pytest.approx(np.hypot(sure.errors[0], 0.15 * 0.1 / ZETA))
+    assert not sure.published
+    assert unsure.published

@@ -1,5 +1,8 @@
-"""The command line as a user types it: files in, files out, sentences for what cannot be used."""
+"""The command line: files in, files out, and one sentence for input that cannot be used."""
 
+import contextlib
+import io
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -7,14 +10,30 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from rft_ros.cli import main
+
 ROOT = Path(__file__).resolve().parents[2]
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
 ROW = "0,0,0,-0.01,0,0,0,1,0,0,-0.01,0,0,0"
 
 
 def rft(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "rft_ros.cli", *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120)
+    """Run a command line in this process: status and output as of a process of its own."""
+    out, err, before = io.StringIO(), io.StringIO(), Path.cwd()
+    os.chdir(cwd)
+    try:
+        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+            status = main([str(word) for word in arguments])
+    except SystemExit as error:
+        status = error.code
+    finally:
+        os.chdir(before)
+    return subprocess.CompletedProcess(arguments, status, out.getvalue(), err.getvalue())
+
+
+def in_a_process(*arguments: object) -> list[str]:
+    """The command line for a process of its own."""
+    return [sys.executable, "-m", "rft_ros.cli", *map(str, arguments)]
 
 
 def predict(tmp_path: Path, text: str, *options: object) -> subprocess.CompletedProcess[str]:
@@ -36,7 +55,7 @@ def test_predict_agrees_with_the_authors_code(shared_data, tmp_path, model):
     paper = shared_data / "paper"
     done = rft(
         *("predict", paper / "circumnutation_P40_states.csv", "--mesh", paper / "root-tip.stl", "--scale", 0.001),
-        *("--origin", 0, 0, 35.5, "--medium", "generic", "--zeta", 0.33, "--alpha-y", model, "-o", "out.csv"),
+        *("--origin", 0, 0, 35.5, "--integration", "centroid", "--zeta", 0.33, "--alpha-y", model, "-o", "out.csv"),
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
@@ -113,25 +132,11 @@ def test_an_unreadable_states_file_and_an_unwritable_output(tmp_path):
     refused(done, "out.csv")
 
 
-@pytest.mark.parametrize(
-    "command", [("chart",), ("study", "all"), ("sweep", ROOT / "config" / "sweep_example.yaml")], ids=lambda c: c[0]
-)
-def test_an_output_folder_that_cannot_be_written_is_refused_before_the_work_begins(tmp_path, command):
+def test_an_output_folder_that_cannot_be_written_is_refused_before_the_work_begins(tmp_path):
     (tmp_path / "file").touch()
-    done = rft(*command, "-o", tmp_path / "file" / "out", cwd=tmp_path)
+    done = rft("sweep", ROOT / "config" / "sweep_example.yaml", "-o", tmp_path / "file" / "out", cwd=tmp_path)
     refused(done, f"output folder '{tmp_path}/file/out' cannot be written: Not a directory")
     assert done.stdout == ""
-
-
-def test_the_chart_says_at_once_that_it_takes_minutes_and_prints_nothing_else_in_a_pipe(tmp_path):
-    command = [sys.executable, "-m", "rft_ros.cli", "chart", "-o", str(tmp_path / "out")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
-        assert run.stderr
-        first = run.stderr.readline()
-        run.kill()
-        printed, _ = run.communicate(timeout=60)
-    assert first == "rft chart: times and judges the models in 6 scenes, which takes minutes\n"
-    assert printed == ""
 
 
 def test_check_mesh_says_what_a_mesh_holds(tmp_path):

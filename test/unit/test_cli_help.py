@@ -1,5 +1,6 @@
-"""What `rft` says of itself, to whoever asks and whoever mistypes."""
+"""Help and hints of `rft`, and how it ends when its user or its reader has had enough."""
 
+import os
 import re
 import shlex
 import signal
@@ -8,22 +9,24 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_cli import HEADER, ROW, refused, rft
+from test_cli import HEADER, ROW, in_a_process, refused, rft
 
 from rft_ros.cli import parser
+from rft_ros.commands.options import recording
+from rft_ros.installation import program
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = next(a for a in parser()._actions if a.dest == "command").choices
 OPTIONS = [(name, a) for name, command in COMMANDS.items() for a in command._actions if a.dest != "help"]
 
 
-def test_without_arguments_it_shows_its_help_and_says_that_this_was_no_use(tmp_path):
+def test_without_arguments_it_shows_its_help_and_fails(tmp_path):
     done = rft(cwd=tmp_path)
     assert done.returncode == 2
     assert all(re.search(rf"^    {name} +\w", done.stderr, re.MULTILINE) for name in COMMANDS), done.stderr
 
 
-def test_a_mistyped_command_is_answered_with_the_one_that_was_meant(tmp_path):
+def test_a_mistyped_command_gets_the_nearest_as_a_suggestion(tmp_path):
     done = rft("repaly", "bag", cwd=tmp_path)
     assert (done.returncode, done.stderr) == (2, "rft: there is no command 'repaly'; did you mean 'replay'?\n")
     done = rft("xyz", cwd=tmp_path)
@@ -49,7 +52,7 @@ def test_wrong_usage_is_a_sentence(tmp_path, words, sentence):
 
 
 @pytest.mark.parametrize("name", COMMANDS)
-def test_every_command_has_a_line_that_says_what_for_and_an_example_that_its_parser_takes(name):
+def test_every_command_has_a_description_and_an_example_that_parses(name):
     command = COMMANDS[name]
     assert re.fullmatch(r"[A-Z].{10,85}\.", command.description)
     examples = [line for line in command.epilog.splitlines() if line.startswith("  rft ")]
@@ -61,27 +64,27 @@ def test_every_command_has_a_line_that_says_what_for_and_an_example_that_its_par
             assert (ROOT / file).is_file()
 
 
-@pytest.mark.parametrize(("name", "option"), OPTIONS, ids=[f"{name}-{a.dest}" for name, a in OPTIONS])
-def test_every_option_says_what_it_is_and_numbers_and_choices_what_they_are_when_not_given(name, option):
-    assert option.help
-    if option.option_strings and not option.required and (option.choices or option.type not in (None, Path)):
-        assert "(default" in option.help, f"{name} {option.option_strings}"
+def test_every_option_has_help_and_every_number_and_choice_a_default():
+    for name, option in OPTIONS:
+        assert option.help, f"{name} {option.dest}"
+        if option.option_strings and not option.required and (option.choices or option.type not in (None, Path)):
+            assert "(default" in option.help, f"{name} {option.option_strings}"
 
 
 UNITS = r"\[m\]|\[s\]|[Ss] seconds|no unit|metres|units|share|at most this many|processes"
 
 
-@pytest.mark.parametrize(("name", "option"), OPTIONS, ids=[f"{name}-{a.dest}" for name, a in OPTIONS])
-def test_every_number_says_its_unit(name, option):
-    assert option.type in (None, Path) or re.search(UNITS, option.help), f"{name} {option.option_strings}"
+def test_every_number_has_a_unit():
+    for name, option in OPTIONS:
+        assert option.type in (None, Path) or re.search(UNITS, option.help), f"{name} {option.option_strings}"
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
-@pytest.mark.parametrize("name", COMMANDS)
-def test_help_fits_the_terminal(name, width, monkeypatch):
+def test_help_fits_the_terminal(width, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(width))
-    too_long = [line for line in COMMANDS[name].format_help().splitlines() if len(line) > width]
-    assert not [line for line in too_long if "rft " not in line]  # examples are for copying
+    for command in COMMANDS.values():
+        too_long = [line for line in command.format_help().splitlines() if len(line) > width]
+        assert not [line for line in too_long if "rft " not in line]  # examples are for copying
 
 
 def test_a_demo_too_short_to_reach_the_grains_is_refused_before_anything_starts(tmp_path):
@@ -90,13 +93,81 @@ def test_a_demo_too_short_to_reach_the_grains_is_refused_before_anything_starts(
     assert not (tmp_path / "out").exists()
 
 
-def test_an_interrupted_command_says_so_and_ends_as_the_shell_expects(tmp_path):
-    command = [sys.executable, "-m", "rft_ros.cli", "study", "all", "-o", str(tmp_path / "out")]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as run:
-        assert run.stdout
-        run.stdout.readline()  # the first study is done, the next under way
+def interrupted(folder):
+    """Output and status of a command that gets SIGINT while it waits for its input."""
+    os.mkfifo(folder / "states.csv")
+    command = in_a_process("predict", folder / "states.csv", "--mesh", "plate", "-o", folder / "out.csv")
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with run, (folder / "states.csv").open("w"):  # open returns when the command has opened it too
         run.send_signal(signal.SIGINT)
-        _, said = run.communicate(timeout=60)
-    assert said.splitlines()[-1] == "rft study: interrupted"
-    assert "Traceback" not in said
-    assert run.returncode == 130
+        _, said = run.communicate()
+    return said, run.returncode
+
+
+def test_an_interrupted_command_says_so_and_ends_as_the_shell_expects(tmp_path):
+    assert interrupted(tmp_path) == ("rft predict: interrupted\n", 130)
+
+
+def test_tests_of_signals_work_in_a_suite_that_was_started_in_the_background():
+    """A shell without job control starts background jobs with SIGINT ignored, and children inherit that."""
+    test = f"{Path(__file__).name}::{test_an_interrupted_command_says_so_and_ends_as_the_shell_expects.__name__}"
+    pytest_of_one = f"exec {shlex.quote(sys.executable)} -m pytest -q -p no:cacheprovider {test}"
+    done = subprocess.run(
+        ["sh", "-c", f"trap '' INT; {pytest_of_one}"], cwd=Path(__file__).parent, capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stdout
+
+
+@pytest.mark.parametrize(("words", "status"), [(("check-mesh", "plate"), 128 + signal.SIGPIPE), (("--help",), 0)])
+def test_a_reader_that_closes_the_pipe_early_ends_the_command_quietly(words, status):
+    ours, its = os.pipe()
+    os.close(ours)
+    done = subprocess.run(in_a_process(*words), stdout=its, stderr=subprocess.PIPE, text=True)
+    os.close(its)
+    assert (done.stderr, done.returncode) == ("", status)
+
+
+@pytest.fixture
+def empty_path(tmp_path, monkeypatch):
+    """A PATH without any program, and no ROS workspace sourced."""
+    monkeypatch.setenv("PATH", str(tmp_path / "bin"))
+    monkeypatch.delenv("AMENT_PREFIX_PATH", raising=False)
+    (tmp_path / "bin").mkdir()
+    return tmp_path / "bin"
+
+
+def executable(file):
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.touch(mode=0o755)
+
+
+def test_hints_name_a_command_that_works_here(empty_path, tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "venv" / "bin" / "python"))
+    monkeypatch.chdir(tmp_path)
+    assert program("rft") == f"{sys.executable} -m rft_ros.cli"
+    executable(tmp_path / "venv" / "bin" / "rft")
+    assert program("rft") == "venv/bin/rft"
+    executable(tmp_path / "workspace" / "lib" / "rft_ros" / "rft")
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "workspace"))
+    assert program("rft") == "venv/bin/rft"  # there is no ros2
+    executable(empty_path / "ros2")
+    assert program("rft") == "ros2 run rft_ros rft"
+    executable(empty_path / "rft")
+    assert program("rft") == "rft"
+
+
+@pytest.mark.usefixtures("empty_path")
+def test_help_and_errors_show_the_command_that_works_here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    typed = program("rft")
+    assert typed != "rft"
+    assert f"see {typed} predict --help" in rft("predict", cwd=tmp_path).stderr
+    assert f"  {typed} check-mesh my_tool.stl" in rft("check-mesh", "--help", cwd=tmp_path).stdout
+
+
+@pytest.mark.parametrize(("options", "seconds"), [((), 2.0), (("--tare", "0"), None), (("--tare", "1"), 1.0)])
+def test_a_tare_of_zero_on_the_command_line_undoes_the_parameter_files(options, seconds, tmp_path):
+    file = tmp_path / "cell.yaml"
+    file.write_text("rft_replay:\n  ros__parameters:\n    tare: 2.0\nrft:\n  ros__parameters:\n    mesh.file: plate\n")
+    words = ["replay", "bag", "--params", str(file), "-o", "out", *options]
+    assert recording(parser().parse_args(words))[1].tare == seconds

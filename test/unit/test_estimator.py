@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_plate import AREA, SECOND, START, about, estimator, plate_model, pose, twist, wrench
+from one_plate import AREA, SECOND, START, about, estimator, measurement, plate_model, pose, twist, wrench
 
 from rft_ros.estimator import Estimate, Estimator, LoadCell, Reason, Settings
 from rft_ros.rft import Plates
@@ -39,7 +39,8 @@ def test_in_the_air_the_prediction_is_zero_and_the_residual_is_the_compensated_w
     e.push_wrench(wrench(numbers=(1, 2, 3, 4, 5, 6)))
     estimate = e.push_pose(pose(position=(0, 0, 1)))
     assert estimate.predicted == (0.0,) * 6
-    assert estimate.residual == estimate.compensated == (1, 2, 3, 4, 5, 6)
+    measured = measurement(e)
+    assert measured.residual == measured.compensated == (1, 2, 3, 4, 5, 6)
     assert estimate.submerged_area == 0.0
 
 
@@ -74,14 +75,20 @@ def test_a_tool_that_only_turns_is_moving_if_its_plates_are():
         assert (answer.reason is reason) if reason else answer.predicted[2] == pytest.approx(4.0, rel=1e-4)
 
 
-def test_the_newest_twist_and_wrench_before_the_pose_are_used():
+def test_the_last_twist_at_or_before_the_pose_is_used():
     e = estimator()
-    for k, fz in enumerate((1.0, 2.0, 3.0)):
+    for k in range(3):
         e.push_twist(twist(START + k * MS, (0.0, 0.0, -0.01 * (k + 1))))
-        e.push_wrench(wrench(START + k * MS, (0, 0, fz, 0, 0, 0)))
-    estimate = e.push_pose(pose(START + 5 * MS))
-    assert estimate.speed == pytest.approx(0.03)
-    assert estimate.compensated[2] == 3.0
+    assert e.push_pose(pose(START + MS)).speed == pytest.approx(0.02)
+    assert e.push_pose(pose(START + 5 * MS)).speed == pytest.approx(0.03)
+
+
+def test_a_twist_that_comes_after_its_pose_is_not_used_for_it():
+    e = estimator()
+    e.push_twist(twist(START, (0.0, 0.0, -0.01)))
+    assert e.push_pose(pose(START + MS)).speed == pytest.approx(0.01)
+    e.push_twist(twist(START + MS, (0.0, 0.0, -0.02)))
+    assert e.push_pose(pose(START + 2 * MS)).speed == pytest.approx(0.02)
 
 
 def test_a_new_model_answers_the_next_pose_under_its_own_generation():
@@ -101,7 +108,7 @@ def test_new_settings_and_models_keep_the_inputs_and_the_pose_history():
     e.use(settings=replace(e.settings, surface_height=0.01), model=plate_model(zeta=0.5, generation=1))
     estimate = e.push_pose(pose(START + 5 * MS, (0.0, 0.0, -0.01005)))
     assert estimate.predicted[2] == pytest.approx(0.5 * 4.0 * 2.005, rel=1e-6)
-    assert estimate.residual is not None
+    assert measurement(e).residual is not None
     assert e.counts["estimates"] == 4
 
 
@@ -109,7 +116,18 @@ def test_a_new_load_cell_applies_to_the_next_pose():
     e = estimator()
     answer(e)
     e.use(settings=replace(e.settings, load_cell=LoadCell(bias=(1.0,) * 6)))
-    assert answer(e, START + MS).compensated == (-1.0,) * 6
+    answer(e, START + MS)
+    assert [m.compensated for m in e.measurements()] == [(0.0,) * 6, (-1.0,) * 6]
+
+
+def test_a_pose_without_an_answer_leaves_the_state_of_the_last_one():
+    e = estimator(max_rate=10.0)
+    answer(e)
+    assert answer(e, START + MS, position=(0.0, 0.0, -0.02)).reason is Reason.POSE_RATE_LIMITED
+    assert e.state[2] == -0.01
+    assert e.push_pose(pose(START + SECOND, (0.0, 0.0, -0.03))).reason is Reason.TWIST_STALE
+    assert e.state[2] == -0.01
+    assert e.depth() == pytest.approx(0.03)
 
 
 def test_settings_and_model_can_be_read_back():
@@ -138,12 +156,13 @@ def test_the_same_samples_give_the_same_answers_bit_for_bit(twist_source):
     def answers():
         cell = LoadCell(position=(0.01, 0.02, 0.03), quaternion=about((0, 1, 0), 30.0), mass=0.5, bias=(0.1,) * 6)
         e = estimator(load_cell=cell, twist_source=twist_source)
-        return [getattr(e, push)(sample) for push, sample in recording(6)], e.counts
+        answers = [(getattr(e, push)(sample), e.measurements()) for push, sample in recording(6)]
+        e.finish()
+        return answers, e.measurements(), e.counts
 
-    (first, first_counts), (second, second_counts) = answers(), answers()
+    first, second = answers(), answers()
     assert repr(first) == repr(second)
-    assert first_counts == second_counts
-    assert first_counts["estimates"] > 300
+    assert first[-1]["estimates"] > 300
 
 
 def test_every_sample_is_accounted_for():

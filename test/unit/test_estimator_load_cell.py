@@ -1,10 +1,12 @@
 """What the load cell reports, less its bias and the tool's weight, is what the grains do; prediction in its frame."""
 
+from collections import namedtuple
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_plate import LEVEL, SECOND, START, about, estimator, plate_model, pose, twist, wrench
+from one_plate import LEVEL, SECOND, START, about, estimator, measurement, plate_model, pose, twist, wrench
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import LoadCell
@@ -23,13 +25,19 @@ def weight_in_sensor(cell, orientation):
     return np.concatenate([force, np.cross(cell.center_of_mass, force)])
 
 
+Answer = namedtuple("Answer", "predicted compensated residual")
+
+
 def answer(
     cell, reading, *, position=IN_AIR, quaternion=LEVEL, linear=(0.0, 0.0, -0.01), angular=(0.0, 0.0, 0.0), **model
 ):
     e = estimator(load_cell=cell, model=plate_model(**model))
     e.push_twist(twist(linear=linear, angular=angular))
     e.push_wrench(wrench(numbers=reading))
-    return e.push_pose(pose(position=position, quaternion=quaternion))
+    estimate = e.push_pose(pose(position=position, quaternion=quaternion))
+    measured = measurement(e)
+    assert measured.stamp == estimate.stamp
+    return Answer(estimate.predicted, measured.compensated, measured.residual)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 import pytest
-from one_plate import SECOND, START, about, estimator, pose, twist, wrench
+from one_plate import SECOND, START, about, estimator, measurement, pose, twist, wrench
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, LoadCell
@@ -47,7 +47,8 @@ def test_after_a_tare_the_compensated_wrench_is_zero_weight_and_all(sign):
     e.use(settings=tared(e))
     e.push_twist(twist(after, STILL))
     e.push_wrench(wrench(after, READING))
-    assert e.push_pose(pose(after, AIR, tilted)).compensated == pytest.approx([0.0] * 6, abs=1e-9)
+    e.push_pose(pose(after, AIR, tilted))
+    assert measurement(e).compensated == pytest.approx([0.0] * 6, abs=1e-9)
 
 
 def test_a_tare_changes_nothing_until_it_is_used():
@@ -56,7 +57,8 @@ def test_a_tare_changes_nothing_until_it_is_used():
     e.tare(0.5)
     e.push_twist(twist(after, STILL))
     e.push_wrench(wrench(after, READING))
-    assert e.push_pose(pose(after, AIR)).compensated == pytest.approx(READING)
+    e.push_pose(pose(after, AIR))
+    assert measurement(e).compensated == pytest.approx(READING)
 
 
 @pytest.mark.parametrize("window", [0.2, 0.5])

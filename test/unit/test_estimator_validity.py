@@ -85,7 +85,7 @@ def test_turning_back_passes_the_wake_until_the_tool_is_out(root):
 
 def test_the_published_rule_doubts_what_moves_along_itself_and_the_refined_rule_does_not():
     along = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.01, 0.0, 0.0)}
-    assert last_doubts(load_tool("plate"), **along) == QualityFlag.KNIFE_EDGE
+    assert last_doubts(load_tool("plate", integration="centroid"), **along) == QualityFlag.KNIFE_EDGE
     assert trust(QualityFlag.KNIFE_EDGE) is Trust.NO
     assert last_doubts(load_tool("plate", integration="refined"), **along) == QualityFlag.NONE
 
@@ -99,7 +99,7 @@ def test_the_published_rule_doubts_a_plate_that_is_nearly_horizontal():
     tilt = np.deg2rad(2.0)
     tilted = (np.sin(tilt / 2), 0.0, 0.0, np.cos(tilt / 2))
     moving = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.006, 0.0, -0.008), "quaternion": tilted}
-    assert QualityFlag.NEAR_FLAT in last_doubts(load_tool("plate"), **moving)
+    assert QualityFlag.NEAR_FLAT in last_doubts(load_tool("plate", integration="centroid"), **moving)
     assert last_doubts(load_tool("plate", integration="refined"), **moving) == QualityFlag.NONE
 
 

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 from rft_ros.estimator.parameter_docs import BEGIN, END, default_yaml, markdown_table
-from rft_ros.estimator.parameter_file import read_parameter_file
-from rft_ros.estimator.parameters import defaults
+from rft_ros.estimator.parameters import defaults, read_parameter_file
 
 ROOT = Path(__file__).resolve().parents[2]
 

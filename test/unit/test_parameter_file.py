@@ -6,8 +6,7 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
-from rft_ros.estimator.parameter_file import read_parameter_file
-from rft_ros.estimator.parameters import defaults
+from rft_ros.estimator.parameters import defaults, read_parameter_file
 
 
 @pytest.fixture

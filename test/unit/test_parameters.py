@@ -10,7 +10,7 @@ from rft_ros.estimator import Settings
 from rft_ros.estimator.parameters import PARAMETERS, checked, defaults, model_of, settings_of
 from rft_ros.rft import Constant, Linear, Table
 
-# Named in DESIGN 3, less 'tolerance' and 'executor', which later issues give a meaning.
+# Parameters whose names users depend on (docs/node.md).
 CONTRACT = {
     *("mesh.file", "mesh.scale", "mesh.origin", "medium.name", "medium.zeta", "alpha_y.model", "alpha_y.table"),
     *("integration", "surface_height", "world_frame", "tool_frame", "sensor_frame", "sensor.position"),

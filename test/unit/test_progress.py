@@ -1,4 +1,4 @@
-"""Progress is for people at a terminal: nothing of it gets into a pipe or a file."""
+"""Progress is shown on a terminal; a pipe or a file gets none of it."""
 
 import os
 import pty
@@ -8,7 +8,12 @@ import sys
 
 SCRIPT = """
 import sys, time
-from rft_ros.progress import busy, each
+from rft_ros.progress import bar, busy, each
+with bar("short work", 3.0) as update:
+    update(1.0, "short work")
+with bar("long work", 3.0, delay=0.0) as update:
+    update(1.5, "long work")
+    time.sleep(0.3)
 for item in each(["first", "second"], str):
     time.sleep(0.3)
 with busy("choosing"):
@@ -35,17 +40,21 @@ def at_a_terminal(**environment):
     return done.stdout, shown.decode()
 
 
-def test_at_a_terminal_it_names_what_is_under_way_and_leaves_the_output_alone():
+def test_a_terminal_shows_the_work_in_progress_apart_from_the_output():
     printed, shown = at_a_terminal()
     assert printed == "done\n"
-    for words in ("first", "second", "0/2", "1/2", "choosing ..."):
+    for words in ("long work", "50%", "first 0/2", "second 1/2", "choosing ..."):
         assert words in shown
 
 
-def test_without_colours_there_are_none():
+def test_work_of_less_than_a_second_shows_no_bar():
+    assert "short work" not in at_a_terminal()[1]
+
+
+def test_no_color_turns_colours_off():
     assert not re.search(r"\x1b\[[0-9;]*3[0-9]m", at_a_terminal(NO_COLOR="1")[1])
 
 
-def test_in_a_pipe_there_is_nothing_of_it():
+def test_a_pipe_gets_none_of_it():
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=60)
     assert (done.stdout, done.stderr) == ("done\n", "")

@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from rft_ros.bags.illustrated import thinned
+from rft_ros.bags.estimates import Trace
+from rft_ros.bags.illustrated import decimated
 from rft_ros.bags.phases import Phase
-from rft_ros.bags.trace import Trace, packed
-from rft_ros.estimator import Estimate
+from rft_ros.estimator import Estimate, Measurement
 from rft_ros.estimator.quality import SCATTER, deviation
 from rft_ros.report.interactive import chart_figure
 from rft_ros.report.replay_charts import replay_charts
@@ -75,10 +75,11 @@ def test_thinning_keeps_the_deepest_and_the_greatest_of_every_stretch(tmp_path):
     with Trace(tmp_path) as trace:
         for k in range(30_000):
             depth, force = float(random.normal()), float(random.normal())
-            answer = Estimate(k, (0.0,) * 6, (0.0, 0.0, force, 0.0, 0.0, 0.0), None, None, 0.1, 0.0, 0, 0)
-            trace.add(k + 1, Phase.PENETRATION, packed(depth, answer), np.zeros(13).tobytes())
+            answer = Estimate(k, (0.0,) * 6, 0.1, 0.0, 0, 0)
+            measured = Measurement(k, (0.0, 0.0, force, 0.0, 0.0, 0.0), None, None)
+            trace.add(depth, answer, measured, Phase.PENETRATION, np.zeros(13).tobytes())
         every = np.concatenate(list(trace.blocks()))
-        rows = thinned(trace)
+        rows = decimated(trace)
     assert 3000 < len(rows) < 6001
     assert (np.diff(rows["stamp"]) > 0).all()
     assert rows["depth"].max() == every["depth"].max()

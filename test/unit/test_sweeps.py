@@ -13,8 +13,8 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
-from rft_ros.studies.motions import Circumnutation, sample
 from rft_ros.sweeps.design import read_design
+from rft_ros.sweeps.motions import Circumnutation, sample
 from rft_ros.sweeps.run import run
 from rft_ros.tool import load_tool
 
@@ -40,7 +40,7 @@ media:
 
 
 def test_a_parameter_file_is_told_from_a_study(tmp_path):
-    words = "'/\\*\\*' is no entry of a study; a study may have media, motions, sample, seed, tools"
+    words = "'/\\*\\*' is not an entry of a study; use media, motions, sample, seed, tools"
     with pytest.raises(InputError, match=words):
         read_design(study(tmp_path, "/**: {ros__parameters: {}}"))
 
@@ -109,7 +109,7 @@ def test_a_sample_is_drawn_by_its_seed(tmp_path):
 def test_a_killed_sweep_goes_on_where_it_stopped_with_no_row_lost_or_doubled(tmp_path):
     file = study(tmp_path, LONG)
     process = subprocess.Popen(sweep(file, tmp_path / "out"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 300.0
     while len(list((tmp_path / "out").glob("chunks/*.csv"))) < 2:
         assert time.monotonic() < until
         assert process.poll() is None
@@ -118,7 +118,7 @@ def test_a_killed_sweep_goes_on_where_it_stopped_with_no_row_lost_or_doubled(tmp
     assert workers
     process.kill()
     process.wait()
-    until = time.monotonic() + 20.0
+    until = time.monotonic() + 300.0
     while any(Path(f"/proc/{pid}").exists() for pid in workers):  # nobody else would end them
         assert time.monotonic() < until
         time.sleep(0.1)
@@ -133,12 +133,12 @@ def test_a_killed_sweep_goes_on_where_it_stopped_with_no_row_lost_or_doubled(tmp
 def test_a_killed_worker_costs_no_row(tmp_path):
     file = study(tmp_path, LONG)
     process = subprocess.Popen(sweep(file, tmp_path / "out", "--workers", "2"), stdout=subprocess.DEVNULL)
-    until = time.monotonic() + 60.0
+    until = time.monotonic() + 300.0
     while not list((tmp_path / "out").glob("chunks/*.csv")):
         assert time.monotonic() < until
         time.sleep(0.01)
     os.kill(children(process.pid)[0], signal.SIGKILL)
-    assert process.wait(timeout=120) == 0
+    assert process.wait(timeout=300) == 0
     rows = table(tmp_path / "out" / "results.csv")
     assert len(rows) == 1200
     assert not any(row["reason"] for row in rows)
@@ -146,7 +146,7 @@ def test_a_killed_worker_costs_no_row(tmp_path):
 
 def test_the_rows_of_another_study_are_not_mixed_in(tmp_path):
     run(read_design(study(tmp_path, SMALL)), tmp_path / "out", workers=1)
-    with pytest.raises(InputError, match="another study"):
+    with pytest.raises(InputError, match="a study other than"):
         run(read_design(study(tmp_path, SMALL.replace("0.33", "0.34"))), tmp_path / "out", workers=1)
 
 
@@ -188,14 +188,14 @@ def test_a_cluster_gives_the_same_table_and_survives_the_loss_of_a_worker(tmp_pa
     processes = [subprocess.Popen([*dask[:2], *scheduler], **quiet)]
     try:
         processes += [subprocess.Popen([*dask[:2], *worker], **quiet) for _ in range(2)]
-        until = time.monotonic() + 60.0
+        until = time.monotonic() + 300.0
         from distributed import Client
 
         while not address.exists():
             assert time.monotonic() < until
             time.sleep(0.05)
         with Client(scheduler_file=str(address)) as client:
-            client.wait_for_workers(2, timeout=60)
+            client.wait_for_workers(2, timeout=300)
             tcp = client.scheduler.address
         file = study(tmp_path, LONG)
         driver = subprocess.Popen(sweep(file, tmp_path / "cluster", "--scheduler", tcp), **quiet)
@@ -204,7 +204,7 @@ def test_a_cluster_gives_the_same_table_and_survives_the_loss_of_a_worker(tmp_pa
             assert driver.poll() is None
             time.sleep(0.01)
         processes[1].kill()
-        assert driver.wait(timeout=120) == 0
+        assert driver.wait(timeout=300) == 0
     finally:
         for process in processes:
             process.kill()

@@ -7,9 +7,9 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from rft_ros.commands.view import moving_tool
 from rft_ros.report.tool_in_grains import draw_tool_in_grains
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
-from rft_ros.studies.view import moving_tool
 from rft_ros.tool import load_tool
 
 TOOL = load_tool("ellipsoid", scale=0.001)

@@ -6,7 +6,7 @@ import trimesh
 
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.studies.motions import OscillatingInsertion, sample
+from rft_ros.sweeps.motions import OscillatingInsertion, sample
 from rft_ros.tool import load_tool
 from rft_ros.tool.any_motion import random_motions
 from rft_ros.tool.merge import Merger

@@ -10,7 +10,7 @@ from recordings import moments, write_ros2
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.rft import rotation_matrix
-from rft_ros.studies.motions import Circumnutation, sample_every
+from rft_ros.sweeps.motions import Circumnutation, sample_every
 from rft_ros.tool import load_tool
 
 ORIGIN = ("--origin", "0", "0", "1.25")
@@ -145,7 +145,7 @@ def test_what_cannot_be_done_is_a_sentence(tmp_path, capsys, options, message):
 
 
 def broken(tmp_path, change):
-    file = reduce(tmp_path, "--plates", "40")
+    file = reduce(tmp_path, "--integration", "centroid", "--plates", "40")
     with np.load(file, allow_pickle=False) as arrays:
         content = dict(arrays)
     change(content)

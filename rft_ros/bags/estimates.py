@@ -1,0 +1,126 @@
+"""A replay's rows: estimates.csv, a row for each pose, and the same numbers on disk for statistics and figures."""
+
+import math
+import struct
+import tempfile
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+from types import TracebackType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.phases import Phase
+from rft_ros.estimator import Estimate, Measurement, NoEstimate, Wrench
+from rft_ros.estimator.quality import flag_names
+
+__all__ = ["AXES", "COLUMNS", "PHASES", "ROW", "Trace", "csv_row"]
+
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Components of a wrench: force [N], torque [N m]."""
+
+COLUMNS = (
+    "t",
+    "depth",
+    "speed",
+    *(f"{kind}_{axis}" for kind in ("predicted", "compensated", "residual") for axis in AXES),
+    "reason",
+    "generation",
+    "phase",
+    "quality_flags",
+)
+"""Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; speed of its fastest
+plate [m/s]; wrenches in the sensor frame [N], [N m]; or the reason for none; which model answered; `Phase`, empty where
+the pose or its velocity was not known; names of `QualityFlag`s, joined by +."""
+
+_SIX = ",%.9g" * 6
+_FULL = "%d.%09d,%.9g,%.9g" + 3 * _SIX + ",,%d%s"
+_WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + ",,%d%s"
+
+
+def csv_row(
+    depth: float | None, answer: Estimate | NoEstimate, measurement: Measurement | None, phase: Phase | None
+) -> str:
+    """One line of estimates.csv; `measurement`: that of an estimate."""
+    seconds, nanoseconds = divmod(answer.stamp, 1_000_000_000)
+    if isinstance(answer, NoEstimate):
+        place = "" if depth is None else f"{depth:.9g}"
+        return f"{seconds}.{nanoseconds:09d},{place}{20 * ','}{answer.reason.value},{_end(phase, 0)}"
+    head = (seconds, nanoseconds, depth, answer.speed, *answer.predicted)
+    tail = (answer.generation, _end(phase, answer.quality_flags))
+    if measurement is None or measurement.compensated is None or measurement.residual is None:
+        return _WITHOUT_WRENCH % (*head, *tail)
+    return _FULL % (*head, *measurement.compensated, *measurement.residual, *tail)
+
+
+@cache
+def _end(phase: Phase | None, quality_flags: int) -> str:
+    return f",{phase.value if phase else ''},{'+'.join(flag_names(quality_flags))}\n"
+
+
+PHASES = tuple(Phase)
+"""What a row's `phase` counts from 0; -1: none."""
+
+ROW = np.dtype(
+    [
+        ("stamp", "<i8"),
+        ("phase", "<i8"),
+        ("quality_flags", "<i8"),
+        ("depth", "<f8"),
+        ("predicted", "<f8", 6),
+        ("compensated", "<f8", 6),
+        ("state", "<f8", 13),
+    ]
+)
+"""A pose that tells where the tool is: stamp [ns], phase, an or of `QualityFlag`, depth [m], wrenches in the sensor
+frame [N, N m], NaN where there is none, and, with an estimate, the state (columns `rft_ros.rft.STATE`)."""
+
+_LAYOUT = struct.Struct("<3q13d")
+_CODE = {phase: code for code, phase in enumerate(PHASES)} | {None: -1}
+_NONE: Wrench = (math.nan,) * 6
+_BLOCK = 4096
+
+
+class Trace:
+    """A file of rows, deleted at the end of the `with` block, so that memory does not grow with the recording."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._rows = 0
+
+    def __enter__(self) -> "Trace":
+        self._file = tempfile.TemporaryFile(dir=self._folder)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._file.close()
+
+    def __len__(self) -> int:
+        return self._rows
+
+    def add(
+        self,
+        depth: float,
+        answer: Estimate | NoEstimate,
+        measurement: Measurement | None,
+        phase: Phase | None,
+        state: bytes,
+    ) -> None:
+        """Append a row; `state`: 13 float64."""
+        self._rows += 1
+        predicted, compensated, quality_flags = _NONE, _NONE, 0
+        if isinstance(answer, Estimate):
+            predicted, quality_flags = answer.predicted, answer.quality_flags
+            if measurement is not None and measurement.compensated is not None:
+                compensated = measurement.compensated
+        numbers = _LAYOUT.pack(answer.stamp, _CODE[phase], quality_flags, depth, *predicted, *compensated)
+        self._file.write(numbers + state)
+
+    def blocks(self, rows: int = _BLOCK) -> Iterator[NDArray[np.void]]:
+        """All rows in order, `rows` of them at a time, as `ROW` arrays."""
+        self._file.seek(0)
+        while data := self._file.read(rows * ROW.itemsize):
+            yield np.frombuffer(data, ROW)

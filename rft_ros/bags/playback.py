@@ -1,0 +1,125 @@
+"""A recording through an estimator: which topics and which part of a bag, and the one loop over its samples."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.reading import Recording
+from rft_ros.errors import InputError
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, TwistSample
+from rft_ros.estimator.messages import Role, Sample
+from rft_ros.estimator.parameters import Values, node_parameters, settings_of
+from rft_ros.progress import bar
+
+__all__ = ["ReplayOptions", "play", "read_replay_options", "states_of", "topics_of"]
+
+_TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured"}
+_SECTION = "rft_replay"
+_BAR_PERIOD = 512  # samples between updates of the progress bar
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayOptions:
+    """Which topics and which part of a bag.
+
+    `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: take the load cell's bias from this many seconds at the
+    beginning; 0 or None: no tare. `start`, `end`: use this part of the bag only [s]. Raises InputError for times that
+    are no part of a bag.
+    """
+
+    remap: tuple[str, ...] = ()
+    tare: float | None = None
+    start: float | None = None
+    end: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
+            if seconds is not None and not 0.0 <= seconds <= 1e9:
+                raise InputError(f"{name} is {seconds} s; it must be a number of seconds, 0 or more")
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")
+
+
+def read_replay_options(file: Path) -> ReplayOptions:
+    """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node ignores them."""
+    section = node_parameters(file, (_SECTION,))
+    remap = section.pop("remap", ())
+    if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
+        raise InputError(f"parameter file '{file}': {_SECTION} remap is {remap!r}; it must be a list of strings")
+    for name, value in section.items():
+        if name not in ("tare", "start", "end"):
+            raise InputError(f"parameter file '{file}': {_SECTION} has no '{name}'; it has remap, tare, start, end")
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise InputError(f"parameter file '{file}': {_SECTION} {name} is {value!r}; it must be a number [s]")
+    return ReplayOptions(remap=tuple(remap), **section)
+
+
+def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
+    """Topic of each role that the parameters need: /rft/pose and so on, unless remapped; later remaps win.
+
+    There is no twist topic where the velocity comes from the poses. InputError names a remap that cannot be used.
+    """
+    topics = {role: _resolved(name) for role, name in _TOPICS.items()}
+    roles = {topic: role for role, topic in topics.items()}
+    for rule in remap:
+        left, separator, right = (part.strip() for part in rule.partition(":="))
+        if not separator or not right:
+            raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
+        if left.startswith(f"{Path.home()}/"):  # a shell has expanded the ~ of an unquoted ~/pose:=/tool_pose
+            left = "~" + left.removeprefix(str(Path.home()))
+        role = roles.get(_resolved(left) if left.startswith(("/", "~")) else "")
+        if role is None:
+            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS.values())}")
+        topics[role] = _resolved(right)
+    if values["twist_source"] != "topic":
+        del topics["twist"]
+    return topics
+
+
+def _resolved(name: str) -> str:
+    """A topic's full name, as ROS resolves it for the node /rft."""
+    if name.startswith("~"):
+        return "/rft" + name[1:]
+    return name if name.startswith("/") else f"/{name}"
+
+
+def play(
+    recording: Recording, estimator: Estimator, label: str
+) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
+    """Push every sample of an open recording; yield it, with the answer if it is a pose.
+
+    At the end all measurements are final. `label`: what the progress bar says.
+    """
+    with bar(label, recording.last - recording.first) as update:
+        for number, sample in enumerate(recording):
+            if isinstance(sample, PoseSample):
+                yield sample, estimator.push_pose(sample)
+            else:
+                if isinstance(sample, TwistSample):
+                    estimator.push_twist(sample)
+                else:
+                    estimator.push_wrench(sample)
+                yield sample, None
+            if number % _BAR_PERIOD == 0:
+                update(recording.time - recording.first, label)
+    estimator.finish()
+
+
+def states_of(
+    bag: Path, values: Values, model: Model, options: ReplayOptions
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times since the first estimate [s], shape [n], and states, shape [n, 13], of the poses that have an estimate."""
+    estimator = Estimator(settings_of(values), model)
+    stamps, states = [], []
+    with Recording(bag, topics_of(values, options.remap), start=options.start, end=options.end) as recording:
+        for sample, answer in play(recording, estimator, bag.name):
+            if isinstance(answer, Estimate):
+                stamps.append(sample.stamp)
+                states.append(estimator.state.copy())
+    if not states:
+        reasons = ", ".join(estimator.counted())
+        raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons or 'no poses'})")
+    return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states)

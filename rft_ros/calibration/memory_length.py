@@ -1,0 +1,145 @@
+"""The mobilization length λ, from the force after the tool turns round, or starts from rest, in the grains.
+
+A stop alone does not identify λ: the force holds with any λ over 0. The path that follows does, and so does the
+build-up where a recording begins with the tool at rest in the grains.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, ProfileFit, fit_each, fit_profile, mean_of
+from rft_ros.calibration.segments import Turn, turns_in_grains
+from rft_ros.calibration.tool_weight import Sensor
+from rft_ros.calibration.track import Track
+from rft_ros.rft import Law, Memory, wrenches_in_time
+
+__all__ = ["fit_memory_length", "forces_in_time"]
+
+_SHORTEST, _LONGEST = 1e-4, 0.1
+"""Range of λ that is searched [m]."""
+
+_UNSURE = 0.5
+"""Greatest standard error of λ, relative to λ."""
+
+_UNLIKE = 0.15
+"""Greatest RMS residual over the greatest force at which the model still describes the turn."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _TurnFit:
+    """λ of one turn [m] with its standard `error`; RMS residual over the greatest force, with λ and without memory."""
+
+    bag: str
+    length: float
+    error: float
+    misfit: float
+    misfit_without: float
+
+
+def forces_in_time(
+    track: Track, law: Law, *, first: int, last: int, length: float, surface: float, rest_speed: float
+) -> NDArray[np.float64]:
+    """Predicted forces of rows `first` to `last` [N], world axes, shape [rows, 3], as the node computes them.
+
+    `length`: mobilization length λ [m]. The memory is empty at `first`.
+    """
+    states = track.states[first : last + 1].copy()
+    turning = np.linalg.norm(states[:, 10:13], axis=1) * track.tool.plates.reach
+    states[np.linalg.norm(states[:, 7:10], axis=1) + turning < rest_speed, 7:13] = 0.0
+    durations = np.diff(track.time[first : last + 1], prepend=track.time[first])
+    return wrenches_in_time(
+        track.tool.plates,
+        law,
+        states,
+        durations,
+        Memory.of(track.tool.plates),
+        mobilization_length=length,
+        surface_height=surface,
+    )[:, :3]
+
+
+def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: float, rest_speed: float) -> _TurnFit:
+    """λ of one turn by least squares of the force's three components, with a free scale.
+
+    Raises NotIdentifiable where the data do not determine λ.
+    """
+    rows = turn.rows - turn.first
+    measured = track.grain_forces(sensor.cell)[turn.rows]
+
+    def shape(logarithm: float) -> NDArray[np.float64]:
+        forces = forces_in_time(
+            track,
+            law,
+            first=turn.first,
+            last=int(turn.rows[-1]),
+            length=float(np.exp(logarithm)),
+            surface=surface,
+            rest_speed=rest_speed,
+        )
+        return forces[rows].T.ravel()
+
+    low, high = np.log(_SHORTEST), np.log(_LONGEST)
+
+    def fit(forces: NDArray[np.float64]) -> ProfileFit:
+        return fit_profile(forces.T.ravel(), shape, low=low, high=high, offset=False)
+
+    found = fit(measured)
+    peak = float(np.linalg.norm(measured, axis=1).max())
+    misfit = found.linear.rms / peak
+    relative = found.error
+    force_error = sensor.vertical_error(track, turn.at)
+    if force_error > 0.0:
+        moved = fit(measured + np.array([0.0, 0.0, force_error])).parameter - found.parameter
+        relative = float(np.hypot(relative, moved))
+    length = float(np.exp(found.parameter))
+    where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
+    edge = 0.02 * (high - low)
+    if found.parameter < low + edge:
+        raise NotIdentifiable(
+            f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
+        )
+    if found.parameter > high - edge or relative > _UNSURE:
+        raise NotIdentifiable(
+            f"{where}: λ comes out as {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
+            f" {100 * _UNSURE:.0f} % and less than {1e3 * _LONGEST:g} mm"
+        )
+    if misfit > _UNLIKE or found.linear.coefficients[0] <= 0.0:
+        raise NotIdentifiable(
+            f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
+        )
+    without = shape(low)
+    rest = measured.T.ravel() - without * float(without @ measured.T.ravel() / (without @ without))
+    return _TurnFit(
+        bag=track.name,
+        length=length,
+        error=length * relative,
+        misfit=misfit,
+        misfit_without=float(np.sqrt(np.mean(rest**2))) / peak,
+    )
+
+
+def fit_memory_length(
+    tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, rest_speed: float
+) -> FittedValue:
+    """`medium.mobilization_length`: the mean λ over turns; `law` at any ζ. Raises NotIdentifiable without one.
+
+    `surface`: its height [m].
+    """
+    turns = fit_each(
+        lambda track, turn: _fit_turn(track, turn, sensor, law, surface=surface, rest_speed=rest_speed),
+        [(track, turn) for track in tracks for turn in turns_in_grains(track, surface, rest_speed)],
+        none="in the grains the tool never turns round, nor starts from rest where a recording begins",
+    )
+    length, error = mean_of([t.length for t in turns], [t.error for t in turns])
+    misfit, without = (100 * float(np.mean(m)) for m in ([t.misfit for t in turns], [t.misfit_without for t in turns]))
+    return FittedValue(
+        name="medium.mobilization_length",
+        values=(length,),
+        errors=(error,),
+        unit="m",
+        goodness=f"RMS {misfit:.1f} % of the greatest force around turns; without memory {without:.1f} %",
+        source=", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns),
+    )

@@ -1,0 +1,159 @@
+"""Segments of a recording that identify something: still, straight down, level, turns. Found from pose and speed."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import find_peaks
+
+from rft_ros.calibration.track import Track
+
+__all__ = ["Stroke", "Turn", "down_strokes", "level_runs", "still_intervals", "turns_in_grains"]
+
+_GAP = 0.5
+"""A longer time between samples [s] ends a segment."""
+
+_SETTLING = 0.1
+"""This time [s] after a stop and before a start is left out: the arm vibrates and velocities lag."""
+
+_SHORTEST_STILL = 0.25
+"""Shortest time at rest, after settling [s]."""
+
+_TURN = 0.002
+"""A movement up must be this long [m] to end a stroke down."""
+
+_TILT = np.deg2rad(3.0)
+"""Orientations that differ by less than this count as one."""
+
+_STEEP = np.tan(np.deg2rad(15.0))
+_LEVEL = np.sin(np.deg2rad(5.0))
+_TURNING = 0.2
+"""Speed from rotation, as a share of that from translation, above which a motion is not straight."""
+
+_CHORD = 0.001
+"""Directions before and after a turn are taken over this path [m]."""
+
+_TURNED = 0.5
+"""Cosine of the least angle of a turn, 60°."""
+
+_BEFORE = 0.003
+_AFTER = 0.010
+"""Path used before and after a turn [m]: long enough for the force to settle, short enough to miss the next turn."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stroke:
+    """A way down in one orientation: `rows` of the track in time order, pauses included, to its deepest point.
+
+    `moving`: in which of the rows the tool goes straight down, shape [len(rows)].
+    """
+
+    rows: NDArray[np.int64]
+    moving: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Turn:
+    """A change of direction in the grains by 60° or more, or a start from rest where a recording begins in them.
+
+    `first`: row from which the memory of the grains is known. `at`: row of the turn, before its rest if it has one.
+    `rows`: those in motion from 3 mm of path before the turn to 10 mm after it, or to the next turn.
+    """
+
+    first: int
+    at: int
+    rows: NDArray[np.int64]
+
+
+def _segments(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArray[np.int64]]:
+    """Indices of each unbroken segment of the mask."""
+    rows = np.flatnonzero(mask)
+    broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > _GAP)
+    return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]
+
+
+def still_intervals(track: Track, rest_speed: float) -> list[NDArray[np.int64]]:
+    """Rows of each interval in which the tool is at rest, without the time that it takes to settle."""
+    found = []
+    for rows in _segments(track.speeds() < rest_speed, track.time):
+        begin, end = track.time[rows[[0, -1]]]
+        settled = rows[(track.time[rows] >= begin + _SETTLING) & (track.time[rows] <= end - _SETTLING)]
+        if len(settled) >= 8 and track.time[settled[-1]] - track.time[settled[0]] >= _SHORTEST_STILL:
+            found.append(settled)
+    return found
+
+
+def _ways_down(heights: NDArray[np.float64]) -> list[tuple[int, int]]:
+    """Highest and lowest row of each way down between movements up of more than `_TURN`."""
+    # the padding makes both ends candidates
+    bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_TURN)
+    found, begin = [], 0
+    for end in bottoms.tolist():  # a row after the bottom, which may be a rest
+        top = begin + int(np.argmax(heights[begin:end]))
+        begin = top + int(np.argmin(heights[top:end]))
+        found.append((top, begin))
+    return found
+
+
+def down_strokes(track: Track, rest_speed: float) -> list[Stroke]:
+    """Each way down that has at least 20 rows of straight motion in the orientation of its deepest point."""
+    heights, twists, rotations = track.heights(), track.smooth_twists(), track.rotations()
+    turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach
+    sinking = -twists[:, 2]
+    straight = (np.linalg.norm(twists[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
+    straight &= sinking >= rest_speed
+    found = []
+    for top, bottom in _ways_down(heights):
+        rows = np.arange(top, bottom + 1)
+        alike = np.einsum("nij,ij->n", rotations[rows], rotations[bottom]) > 1.0 + 2.0 * np.cos(_TILT)
+        rows = rows[alike]
+        if straight[rows].sum() >= 20:
+            found.append(Stroke(rows=rows, moving=straight[rows]))
+    return found
+
+
+def level_runs(track: Track, surface: float, rest_speed: float) -> list[NDArray[np.int64]]:
+    """Rows of each unbroken straight level motion with the tool's lowest point below the surface."""
+    twists = track.smooth_twists()
+    speed = np.linalg.norm(twists[:, :3], axis=1)
+    turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach
+    level = (speed >= rest_speed) & (np.abs(twists[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed)
+    return [rows for rows in _segments(level & (track.heights() < surface), track.time) if len(rows) >= 20]
+
+
+def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Turn]:
+    """Each turn or start that is followed by at least 2 mm of path and 20 rows in the grains."""
+    center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
+    places = track.states[:, :3] + track.rotations() @ center
+    moving, dry = track.speeds() >= rest_speed, track.heights() >= surface
+    found = []
+    for segment in _segments(~dry, track.time):
+        rows = segment[moving[segment]]
+        if len(rows) < 20:
+            continue
+        path = np.append(0.0, np.linalg.norm(np.diff(places[rows], axis=0), axis=1).cumsum())
+        turns = _turning(path, places[rows])
+        if segment[0] == 0 and not moving[0]:
+            turns.insert(0, 0)
+        for k, turn in enumerate(turns):
+            begin = path[turns[k - 1]] if k else 0.0
+            end = path[turns[k + 1]] if k + 1 < len(turns) else path[-1]
+            near = (path >= max(begin, path[turn] - _BEFORE)) & (path <= min(end, path[turn] + _AFTER))
+            if min(end, path[turn] + _AFTER) - path[turn] >= 2.0 * _CHORD and near.sum() >= 20:
+                found.append(Turn(first=max(int(segment[0]) - 1, 0), at=int(rows[turn]), rows=rows[near]))
+    return found
+
+
+def _turning(path: NDArray[np.float64], places: NDArray[np.float64]) -> list[int]:
+    """Indices at which the path [m] turns most sharply, among neighbours that turn by 60° or more."""
+
+    def at(s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.column_stack([np.interp(s, path, column) for column in places.T])
+
+    inner = np.flatnonzero((path >= _CHORD) & (path <= path[-1] - _CHORD))
+    behind, ahead = places[inner] - at(path[inner] - _CHORD), at(path[inner] + _CHORD) - places[inner]
+    lengths = np.linalg.norm(behind, axis=1) * np.linalg.norm(ahead, axis=1)
+    cosine = np.einsum("ni,ni->n", behind, ahead) / np.maximum(lengths, 1e-12)
+    turned = np.flatnonzero(cosine < _TURNED)
+    groups = np.split(turned, np.flatnonzero(np.diff(turned) > 1) + 1)
+    return [int(inner[group[np.argmin(cosine[group])]]) for group in groups if len(group)]

@@ -1,0 +1,157 @@
+"""The load cell's bias, the tool's mass and its centre of mass, from poses in which the tool is still in the air.
+
+A reading is bias + sign · (weight, centre of mass × weight): linear in bias, mass, and mass times centre of mass.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, error_of_mean, fit_measurements
+from rft_ros.calibration.segments import still_intervals
+from rft_ros.calibration.track import Track
+from rft_ros.errors import InputError
+from rft_ros.estimator import LoadCell
+from rft_ros.estimator.load_cell import GRAVITY
+
+__all__ = ["Sensor", "ToolWeightFit", "fit_tool_weight", "tared"]
+
+_WIDEST = 30.0
+"""Gravity must turn by this many degrees in the sensor frame to separate mass from bias."""
+
+_SPREAD = 0.15
+"""Directions of gravity must spread by this much (RMS, of a unit vector) in a second direction for the centre."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Sensor:
+    """The load cell as far as it is known, and how well its zero is known.
+
+    `force_covariance`: of bias fx, fy, fz [N] and mass [kg], shape [4, 4]; 0 where they are given, not fitted.
+    `tare_error`: standard error of the tare's mean force [N].
+    """
+
+    cell: LoadCell
+    force_covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
+    tare_error: float = 0.0
+
+    def level_error(self) -> float:
+        """Standard error of the compensated force's zero in its worst direction across gravity [N]."""
+        return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.force_covariance[:3, :3])[-1]), self.tare_error))
+
+    def vertical_error(self, track: Track, row: int) -> float:
+        """Standard error of the compensated vertical force's zero in the attitude of a row [N]."""
+        up = track.sensor_rotations(self.cell)[row, 2]
+        x = np.append(up, -self.cell.sign * GRAVITY)
+        return float(np.hypot(np.sqrt(x @ self.force_covariance @ x), self.tare_error))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolWeightFit:
+    """The load cell with the fitted values put in; what is not identifiable stays as given, with the reason by name."""
+
+    sensor: Sensor
+    fitted: tuple[FittedValue, ...]
+    not_identifiable: dict[str, str]
+
+
+def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest_speed: float) -> ToolWeightFit:
+    """Bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
+
+    Raises NotIdentifiable if the tool is never still in the air, or if the fitted mass is negative.
+    """
+    poses = [
+        (track.readings[rows], track.gravity_in_sensor(cell)[rows].mean(axis=0))
+        for track in tracks
+        for rows in still_intervals(track, rest_speed)
+        if track.heights()[rows].min() > air
+    ]
+    if not poses:
+        raise NotIdentifiable("the tool is never still in the air for 0.5 s; the bias needs one such pose")
+    gravity = np.array([g for _, g in poses])
+    readings = np.array([r.mean(axis=0) for r, _ in poses])
+    errors = np.array([[error_of_mean(column) for column in r.T] for r, _ in poses])
+    units = gravity / np.linalg.norm(gravity, axis=1)[:, None]
+    widest = float(np.degrees(np.arccos(np.clip((units @ units.T).min(), -1.0, 1.0))))
+    spreads = np.linalg.svd(units - units.mean(axis=0), compute_uv=False) / np.sqrt(len(units))
+    second = float(spreads[1]) if len(spreads) > 1 else 0.0
+    source = f"{len(poses)} poses in the air, gravity turned by up to {widest:.1f}°"
+
+    def value(name: str, values: NDArray[np.float64], own: NDArray[np.float64], unit: str, goodness: str) -> None:
+        pairs = tuple(values.tolist()), tuple(own.tolist())
+        fitted.append(
+            FittedValue(name=name, values=pairs[0], errors=pairs[1], unit=unit, goodness=goodness, source=source)
+        )
+
+    fitted: list[FittedValue] = []
+    reasons: dict[str, str] = {}
+    constant = np.tile(np.eye(3), (len(poses), 1))
+    cov = np.zeros((4, 4))
+    if widest >= _WIDEST:
+        design = np.column_stack([constant, cell.sign * gravity.ravel()])
+        forces, r2 = fit_measurements(design, readings[:, :3], errors[:, :3])
+        cov, mass, error = forces.covariance, float(forces.coefficients[3]), float(forces.errors[3])
+        if mass < -3.0 * error:
+            raise NotIdentifiable(
+                f"the mass comes out as {mass:.4f} ± {error:.4f} kg: sensor.sign or sensor.quaternion is wrong"
+            )
+        cell = replace(cell, mass=max(mass, 0.0))
+        value("sensor.mass", forces.coefficients[3:], forces.errors[3:], "kg", f"R² {r2:.5f}")
+    else:
+        reasons["sensor.mass"] = (
+            f"gravity turns by {widest:.1f}° in the sensor frame over {len(poses)} poses; it needs {_WIDEST:g}°"
+            f" (kept: {cell.mass:g} kg)"
+        )
+        forces, _ = fit_measurements(constant, readings[:, :3] - cell.sign * cell.mass * gravity, errors[:, :3])
+        cov[:3, :3] = forces.covariance
+
+    if widest >= _WIDEST and second >= _SPREAD:
+        # columns: e_k × gravity, the torque of each part of mass times centre
+        levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
+        torques, r2 = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
+        center = torques.coefficients[3:] / mass
+        own = np.sqrt(np.diag(torques.covariance)[3:] + (center * error) ** 2) / abs(mass)
+        cell = replace(cell, center_of_mass=(float(center[0]), float(center[1]), float(center[2])))
+        value("sensor.center_of_mass", center, own, "m", f"R² {r2:.5f}")
+    else:
+        spread = (
+            f"{len(poses)} directions of gravity spread by {second:.3f} in a second direction; it needs {_SPREAD:g}"
+        )
+        reasons["sensor.center_of_mass"] = "mass unknown" if widest < _WIDEST else spread
+        weight_torques = np.cross(np.array(cell.center_of_mass), cell.sign * cell.mass * gravity)
+        torques, _ = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
+
+    bias = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]])
+    rms = np.sqrt(np.mean((readings[:, :3] - bias[:3] - cell.sign * cell.mass * gravity) ** 2))
+    kept = "" if widest >= _WIDEST else f", with the mass of {cell.mass:g} kg as given"
+    own = np.concatenate([forces.errors[:3], torques.errors[:3]])
+    value("sensor.bias", bias, own, "N, N m", f"RMS {rms:.3f} N between poses{kept}")
+    fx, fy, fz, tx, ty, tz = bias.tolist()
+    cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
+    sensor = Sensor(cell=cell, force_covariance=cov)
+    return ToolWeightFit(sensor=sensor, fitted=(fitted[-1], *fitted[:-1]), not_identifiable=reasons)
+
+
+def tared(
+    tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float, rest_speed: float
+) -> tuple[list[Track], Sensor]:
+    """The tracks, each with its forces shifted so that the tool weighs what it should over its first `seconds`.
+
+    Also the sensor with the tare's error. Raises InputError unless the tool is still above z = `air` [m] then.
+    """
+    shifted, error, cell = [], 0.0, sensor.cell
+    for track in tracks:
+        rows = np.flatnonzero(track.time <= seconds)
+        fastest, lowest = float(track.speeds()[rows].max()), float(track.heights()[rows].min())
+        if fastest >= rest_speed or lowest <= air:
+            raise InputError(
+                f"tare refused: within the first {seconds:g} s of {track.name} the tool moves at {fastest:.4f} m/s"
+                f" and is as low as z = {lowest:.4f} m; it must be still above {air:.4f} m"
+            )
+        weight = np.array(cell.bias[:3]) + cell.sign * cell.mass * track.gravity_in_sensor(cell)[rows]
+        excess = track.readings[rows, :3] - weight
+        error = max(error, *(error_of_mean(column) for column in excess.T))
+        shifted.append(replace(track, readings=track.readings - np.append(excess.mean(axis=0), np.zeros(3))))
+    return shifted, replace(sensor, tare_error=error)

@@ -1,0 +1,176 @@
+"""ζ from vertical penetrations: measured over predicted vertical force (Treers et al. 2021, IV: the mean over five)."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, fit_series, mean_of
+from rft_ros.calibration.segments import Stroke, down_strokes
+from rft_ros.calibration.tool_weight import Sensor
+from rft_ros.calibration.track import Track
+from rft_ros.rft import Law, rotation_matrix, wrenches
+
+__all__ = ["Penetration", "ZetaFit", "fit_zeta"]
+
+_SHALLOWEST = 0.005
+"""The result of a penetration that ends above this depth [m] depends on the surface more than on ζ."""
+
+_NOTEWORTHY = 0.1
+"""Relative difference of ζ between tools of different size that is worth a note."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Penetration:
+    """One vertical penetration, n moments in time order.
+
+    `depth` of the tool's lowest point [m], `measured` vertical force of the grains and `predicted` at ζ = 1 [N], shape
+    [n]. `area`: of the faces that look down, projected on the horizontal [m²]. `zeta` and its standard `error`, which
+    includes those of the surface and of the load cell's zero.
+    """
+
+    bag: str
+    depth: NDArray[np.float64]
+    measured: NDArray[np.float64]
+    predicted: NDArray[np.float64]
+    area: float
+    zeta: float
+    error: float
+
+    def misfit(self, zeta: float) -> float:
+        """RMS residual with a ζ, over the greatest measured force."""
+        return float(np.sqrt(np.mean((self.measured - zeta * self.predicted) ** 2)) / np.abs(self.measured).max())
+
+    def pressure_slope(self) -> float:
+        """Growth of the mean vertical pressure with depth [N/cm³]: least squares through the origin."""
+        column = self.area * self.depth
+        return float(column @ self.measured / (column @ column)) * 1e-6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ZetaFit:
+    """ζ and its standard error; the penetrations behind it. `surface_error`: of the depths [m]."""
+
+    zeta: float
+    error: float
+    surface_error: float
+    penetrations: tuple[Penetration, ...]
+
+    def zeta_of_others(self, number: int) -> float:
+        """Mean ζ of all penetrations but one; needs two or more."""
+        return float(np.mean([p.zeta for k, p in enumerate(self.penetrations) if k != number]))
+
+    def values(self) -> tuple[FittedValue, ...]:
+        """`medium.zeta` and `medium.calibrated_depth`."""
+        found = self.penetrations
+        goodness = f"RMS {100 * max(p.misfit(self.zeta) for p in found):.1f} % of the peak at worst"
+        if len(found) > 1:
+            held_out = max(p.misfit(self.zeta_of_others(k)) for k, p in enumerate(found))
+            goodness += f"; each predicted by the others' ζ: {100 * held_out:.1f} %"
+        deepest = max(found, key=lambda p: float(p.depth.max()))
+        return (
+            FittedValue(
+                name="medium.zeta",
+                values=(self.zeta,),
+                errors=(self.error,),
+                unit="",
+                goodness=goodness,
+                source=", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found),
+            ),
+            FittedValue(
+                name="medium.calibrated_depth",
+                values=(float(deepest.depth.max()),),
+                errors=(self.surface_error,),
+                unit="m",
+                goodness="",
+                source=f"deepest penetration, {deepest.bag}",
+            ),
+        )
+
+    def notes(self) -> list[str]:
+        """A sentence if ζ differs between tools of different size."""
+        sizes: dict[float, list[Penetration]] = {}
+        for p in self.penetrations:
+            sizes.setdefault(round(p.area * 1e4, 1), []).append(p)
+        means = {a: mean_of([p.zeta for p in g], [p.error for p in g]) for a, g in sorted(sizes.items())}
+        (small, small_error), (large, large_error) = min(means.values()), max(means.values())
+        if large - small <= max(_NOTEWORTHY * small, 3.0 * np.hypot(small_error, large_error)):
+            return []
+        each = ", ".join(
+            f"{np.mean([p.pressure_slope() for p in sizes[area]]):.2f} N/cm³ under {area:g} cm² (ζ {zeta:.2f})"
+            for area, (zeta, _) in means.items()
+        )
+        return [f"The pressure depends on the tool's size: it grows by {each}. One ζ cannot fit both."]
+
+
+def _penetration(
+    track: Track, stroke: Stroke, sensor: Sensor, law: Law, *, surface: float, surface_error: float
+) -> Penetration:
+    """The part of a stroke below the surface in which the tool goes down, with its ζ.
+
+    Raises NotIdentifiable where it is too short or shallow, or the grains pull the tool down.
+    """
+    bag, plates = track.name, track.tool.plates
+    depths = surface - track.heights()[stroke.rows]
+    used = stroke.moving & (depths > 0.0)
+    rows, depth = stroke.rows[used], depths[used]
+    if len(depth) < 20 or depth.max() < _SHALLOWEST:
+        deepest = 1e3 * float(depth.max(initial=0.0))
+        raise NotIdentifiable(
+            f"{bag}: a penetration of {deepest:.1f} mm in {len(depth)} samples is too shallow; ζ needs"
+            f" {1e3 * _SHALLOWEST:g} mm and 20 samples"
+        )
+    states, measured = track.smooth_states()[rows], track.grain_forces(sensor.cell)[rows, 2]
+
+    def predicted(surface: float) -> NDArray[np.float64]:
+        return wrenches(plates, law, states, surface_height=surface, threads=1)[:, 2]
+
+    g = predicted(surface)
+    if not g @ g > 0.0:
+        raise NotIdentifiable(f"{bag}: the model predicts no vertical force for this penetration; check mesh.file")
+    fit = fit_series(g[:, None], measured)
+    zeta = float(fit.coefficients[0])
+    step = max(surface_error, 1e-5)
+    high, low = predicted(surface + step), predicted(surface - step)
+    per_metre = float(high @ measured / (high @ high) - low @ measured / (low @ low)) / (2.0 * step)
+    per_newton = float(g.sum() / (g @ g))
+    force_error = sensor.vertical_error(track, int(stroke.rows[-1]))
+    error = float(np.sqrt(fit.covariance[0, 0] + (per_metre * surface_error) ** 2 + (per_newton * force_error) ** 2))
+    if zeta <= 0.0:
+        raise NotIdentifiable(
+            f"{bag}: ζ comes out as {zeta:.3f} ± {error:.3f}; the grains push a sinking tool up: check sensor.sign and"
+            " sensor.quaternion"
+        )
+    down = np.maximum(-rotation_matrix(states[-1, 3:7])[2] @ plates.packed[3:6], 0.0)
+    return Penetration(
+        bag=bag,
+        depth=depth,
+        measured=measured,
+        predicted=g,
+        area=float(plates.packed[6] @ down),
+        zeta=zeta,
+        error=error,
+    )
+
+
+def fit_zeta(
+    tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float, rest_speed: float
+) -> ZetaFit:
+    """The mean ζ over the penetrations of the tracks; `law` at ζ = 1. Raises NotIdentifiable without one.
+
+    `surface`: its height and that height's standard error [m].
+    """
+    strokes = [
+        (track, stroke)
+        for track in tracks
+        for stroke in down_strokes(track, rest_speed)
+        if track.heights()[stroke.rows].min() < surface
+    ]
+    found = fit_each(
+        lambda track, stroke: _penetration(track, stroke, sensor, law, surface=surface, surface_error=surface_error),
+        strokes,
+        none="no vertical penetration in the grains",
+    )
+    zeta, error = mean_of([p.zeta for p in found], [p.error for p in found])
+    return ZetaFit(zeta=zeta, error=error, surface_error=surface_error, penetrations=tuple(found))

@@ -1,0 +1,66 @@
+"""Tool swaps: which tool is in force, which one is wanted, and what a failed swap goes back to."""
+
+from dataclasses import dataclass
+
+from rft_ros.node.tool_worker import ToolWorker
+from rft_ros.tool import Tool, ToolRequest
+
+__all__ = ["FailedSwap", "ToolSwap"]
+
+
+@dataclass(frozen=True, slots=True)
+class FailedSwap:
+    """A tool that cannot be used, and why, in a sentence."""
+
+    request: ToolRequest
+    why: str
+
+
+class ToolSwap:
+    """One tool in force and a stack of wanted ones; the newest is being loaded.
+
+    If it loads, it comes into force and the stack is cleared. If it fails, the one wanted before it is wanted again.
+    """
+
+    def __init__(self, in_force: ToolRequest, worker: ToolWorker) -> None:
+        self._worker = worker
+        self._in_force = in_force
+        self._stack: list[ToolRequest] = []
+        self.last_failure = ""
+        """Why the last swap failed; empty once one has succeeded."""
+
+    @property
+    def wanted(self) -> ToolRequest:
+        """What the parameters should say."""
+        return self._stack[-1] if self._stack else self._in_force
+
+    @property
+    def preparing(self) -> str:
+        """`mesh.file` of the tool that is being loaded; empty if none is."""
+        return self._worker.loading.file if self._worker.loading else ""
+
+    def knows(self, request: ToolRequest) -> bool:
+        """Whether this tool is in force or has been wanted since."""
+        return request == self._in_force or request in self._stack
+
+    def want(self, request: ToolRequest) -> None:
+        """Load a tool, unless it is in force or being loaded already."""
+        if request == self._in_force:
+            self._stack.clear()
+            self._worker.cancel()
+        elif request != self._worker.loading:
+            self._stack = [r for r in self._stack if r != request] + [request]
+            self._worker.load(request)
+
+    def poll(self) -> Tool | FailedSwap | None:
+        """A tool that came into force, or a swap that failed, or None: nothing new."""
+        answer = self._worker.poll()
+        if answer is None:
+            return None
+        if isinstance(answer, Tool):
+            self._in_force = self._stack[-1]
+            self._stack.clear()
+            self.last_failure = ""
+            return answer
+        self.last_failure = answer
+        return FailedSwap(self._stack.pop(), answer)

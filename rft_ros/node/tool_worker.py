@@ -1,0 +1,144 @@
+"""A process beside the node that loads tools. A busy thread in the node would cost one tick in six."""
+
+import mmap
+import os
+import pickle
+import time
+from contextlib import suppress
+from multiprocessing.connection import Connection, Pipe
+from multiprocessing.reduction import recv_handle, send_handle
+
+from rft_ros.child_process import start_child
+from rft_ros.errors import InputError
+from rft_ros.tool import Tool, ToolRequest
+
+__all__ = ["ToolWorker", "receive_tool", "send_tool", "serve"]
+
+_DEADLINE = 120.0  # s
+_NICENESS = 10  # a tenth of a core beside a busy process, all of an idle one
+_ALIGNMENT = 64
+
+
+class ToolWorker:
+    """Loads one tool at a time in a niced process, started at once so that no swap waits for its imports.
+
+    The process is replaced if it dies, exceeds the deadline [s], or is asked for another tool before it is done.
+    """
+
+    def __init__(self, *, deadline: float = _DEADLINE) -> None:
+        self._deadline = deadline
+        self.loading: ToolRequest | None = None
+        self._start()
+
+    def _start(self) -> None:
+        self._connection, theirs = Pipe()
+        self._process = start_child(serve, theirs.fileno(), pass_fds=[theirs.fileno()])
+        theirs.close()
+
+    @property
+    def pid(self) -> int:
+        """Process id of the worker."""
+        return self._process.pid
+
+    def load(self, request: ToolRequest) -> None:
+        """Begin to load a tool; `poll` answers."""
+        self.cancel()
+        if self._process.poll() is not None:
+            self._replace()
+        with suppress(BrokenPipeError):  # `poll` reports it
+            self._connection.send(request)
+        self.loading = request
+        self._expires = time.monotonic() + self._deadline
+
+    def cancel(self) -> None:
+        """Abandon the tool that is being loaded, if any."""
+        if self.loading is not None:
+            self._replace()
+
+    def poll(self) -> Tool | str | None:
+        """The tool, or a sentence that says why there is none, or None while there is nothing to report."""
+        if self.loading is None:
+            return None
+        answer: Tool | str
+        try:
+            if self._connection.poll():
+                answer = receive_tool(self._connection)
+            elif time.monotonic() < self._expires:
+                return None
+            else:
+                answer = f"mesh.file '{self.loading.file}' took over {self._deadline:g} s to load"
+                self._replace()
+        except (EOFError, OSError):
+            status = self._process.wait()
+            answer = f"the process that loads meshes ended with status {status}; a new one is ready, set mesh.file again"
+            self._replace()
+        self.loading = None
+        return answer
+
+    def _replace(self) -> None:
+        self.close()
+        self._start()
+
+    def close(self) -> None:
+        """End the process."""
+        self._process.kill()
+        self._process.wait()
+        if self._process.stdin:
+            self._process.stdin.close()
+        self._connection.close()
+        self.loading = None
+
+
+def send_tool(connection: Connection, answer: Tool | str) -> None:
+    """Send a tool or a sentence; a tool's arrays go into anonymous memory, which the receiver maps instead of reading.
+
+    Reading 9 MB would delay a tick by 5 ms.
+    """
+    spans: list[tuple[int, int]] = []
+    with open(os.memfd_create("rft_tool"), "wb") as memory:
+
+        def keep(buffer: pickle.PickleBuffer) -> None:
+            memory.write(b"\0" * (-memory.tell() % _ALIGNMENT))
+            start = memory.tell()
+            memory.write(buffer.raw())
+            spans.append((start, memory.tell()))
+
+        head = pickle.dumps(answer, protocol=5, buffer_callback=keep)
+        memory.flush()
+        connection.send((head, spans))
+        if spans:
+            send_handle(connection, memory.fileno(), None)
+
+
+def receive_tool(connection: Connection) -> Tool | str:
+    """What `send_tool` sent; a tool's arrays are read-only views of the mapped memory."""
+    head, spans = connection.recv()
+    buffers: list[memoryview] = []
+    if spans:
+        with open(recv_handle(connection), "rb") as memory:
+            view = memoryview(mmap.mmap(memory.fileno(), 0, access=mmap.ACCESS_READ))
+        buffers = [view[start:end] for start, end in spans]
+    answer: Tool | str = pickle.loads(head, buffers=buffers)
+    return answer
+
+
+def serve(descriptor: int) -> None:
+    """In the worker: answer requests on a connection until the node closes it."""
+    connection = Connection(descriptor)
+    os.nice(_NICENESS)
+    import scipy.spatial  # noqa: F401
+    import trimesh  # noqa: F401
+
+    with suppress(EOFError, OSError):
+        while True:
+            request: ToolRequest = connection.recv()
+            send_tool(connection, _load(request))
+
+
+def _load(request: ToolRequest) -> Tool | str:
+    try:
+        return request.load()
+    except InputError as error:
+        return str(error)
+    except Exception as error:  # whatever a mesh library raises at a damaged file
+        return f"mesh.file '{request.file}' cannot be loaded: {type(error).__name__}: {error}"

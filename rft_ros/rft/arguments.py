@@ -1,0 +1,49 @@
+"""Arguments of public functions: coerced to what the compiled loops take, or refused with a sentence."""
+
+from math import isfinite
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["FLOAT", "number", "numbers"]
+
+FLOAT = np.dtype(np.float64)
+"""The type of all numbers that enter the loops, in the machine's byte order."""
+
+
+def number(name: str, value: float, *, positive: bool = False) -> float:
+    """A finite number as float, in the unit of `value`. Raises ValueError that names the argument."""
+    if value.__class__ is float and (value > 0.0 if positive else True) and isfinite(value):
+        return value
+    try:
+        x = float(value)
+    except (TypeError, ValueError, OverflowError):
+        x = float("nan")
+    if not isfinite(x) or (positive and x <= 0.0):
+        raise ValueError(f"{name} is {value!r}; it must be a {'positive' if positive else 'finite'} number")
+    return x
+
+
+def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None) -> NDArray[np.float64]:
+    """Values as a float64 array, shape [n, *row], C-contiguous, in the unit of `values`: themselves where they are.
+
+    One row, of shape `row`, becomes an array of one; n must be `rows` where that is given. Raises ValueError that names
+    the argument.
+    """
+    if (
+        values.__class__ is np.ndarray
+        and values.dtype is FLOAT
+        and values.flags.carray
+        and values.ndim == 1 + len(row)
+        and values.shape[1:] == row
+        and (rows is None or len(values) == rows)
+    ):
+        return values
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiub":
+        raise ValueError(f"{name} has values of type {given.dtype}; they must be real numbers")
+    array = np.array(given, dtype=FLOAT, order="C", ndmin=1 + len(row))
+    if array.shape[1:] != row or (rows is not None and len(array) != rows):
+        wanted = ", ".join(str(size) for size in ("n" if rows is None else rows, *row))
+        raise ValueError(f"{name} has shape {list(given.shape)}; it must be [{wanted}]")
+    return array

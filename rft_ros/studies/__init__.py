@@ -1,1 +1,0 @@
-"""The paper's experiments, computed again: motions, work, one module for each study."""

@@ -1,0 +1,241 @@
+"""The paper's families of motion: poses in closed form, with their exact derivative as twist.
+
+A family is a dataclass of typed parameters; ``at(times)`` gives states, `sample` and `sample_every` times and states:
+
+>>> from rft_ros.sweeps.motions import Circumnutation, sample_every
+>>> times, states = sample_every(Circumnutation(pitch=0.04), step=0.25)
+>>> states.shape  # 21 s, columns rft_ros.rft.STATE
+(85, 13)
+
+Lengths in m, speeds in m/s, times in s; angles in degrees (fields with ``_deg``). World axes, z up, surface at z = 0
+unless the caller says otherwise. Positions are those of the tool frame's origin.
+"""
+
+import math
+from dataclasses import dataclass, fields
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.rft import STATE
+
+__all__ = ["FAMILIES", "Circumnutation", "Motion", "OscillatingInsertion", "PlateDrag", "Straight"]
+__all__ += ["sample", "sample_every"]
+
+Array = NDArray[np.float64]
+
+
+class Motion(Protocol):
+    """The interface of every family: its duration [s], and its states at any times."""
+
+    @property
+    def duration(self) -> float:
+        """Time from the first pose to the last [s]."""
+        ...
+
+    def at(self, times: ArrayLike) -> Array:
+        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Steady:
+    """Motion at constant speed along a path; the fields that such families share."""
+
+    speed: float = 0.01
+    travel: float = 0.05
+
+    def __post_init__(self) -> None:
+        _check(self, positive=("speed", "travel"))
+
+    @property
+    def duration(self) -> float:
+        """Time from the first pose to the last [s]."""
+        return self.travel / self.speed
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Straight(_Steady):
+    """Insertion, penetration or withdrawal along a line, without turning.
+
+    `start_height`: z of the origin at t = 0 [m]. `speed` [m/s]. `travel`: length of the path [m]. `descent_deg`: angle
+    of the path below the horizontal [deg]; 90 straight down, -90 straight up. `heading_deg`: its horizontal direction,
+    from +x towards +y [deg]. `tilt_deg`, then `yaw_deg`: the tool's attitude, Rz(yaw) Ry(tilt) [deg].
+    """
+
+    start_height: float = 0.0
+    descent_deg: float = 90.0
+    heading_deg: float = 0.0
+    tilt_deg: float = 0.0
+    yaw_deg: float = 0.0
+
+    def at(self, times: ArrayLike) -> Array:
+        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+        return _line(
+            times,
+            start=(0.0, 0.0, self.start_height),
+            velocity=_velocity(self.speed, self.descent_deg, self.heading_deg),
+            yaw=math.radians(self.yaw_deg),
+            tilt=math.radians(self.tilt_deg),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlateDrag(_Steady):
+    """A plate dragged along +x without turning (paper Figs. 2 and 3; with `phi_deg`, Figs. 5 and 6).
+
+    The plate's face is the tool's -z: it faces down at `beta_deg` = 0 and forwards at 90 [deg]. `psi_deg`: angle from
+    the horizontal direction of motion to the face's e2 [deg]; 90 moves a vertical plate along itself. `phi_deg`: how
+    far below the horizontal the plate moves [deg]; 0 in Fig. 3. `depth`: of the origin below z = 0 at the start [m].
+    `speed` [m/s], `travel`: length of the path [m].
+    """
+
+    psi_deg: float = 0.0
+    beta_deg: float = 90.0
+    phi_deg: float = 0.0
+    depth: float = 0.0255
+
+    def at(self, times: ArrayLike) -> Array:
+        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+        return _line(
+            times,
+            start=(0.0, 0.0, -self.depth),
+            velocity=_velocity(self.speed, self.phi_deg),
+            yaw=math.radians(self.psi_deg),
+            tilt=-math.radians(self.beta_deg),
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OscillatingInsertion(_Steady):
+    """Straight down while pitching about y as amplitude * sin(2π frequency t) (paper Fig. 7; its ellipsoid).
+
+    `frequency`: of the pitch [Hz]; 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text.
+    `amplitude_deg` [deg]; 0 for an insertion without oscillation. `start_height`: z of the origin at t = 0 [m]; 18 mm
+    puts the ellipsoid's tip on the surface. `speed` [m/s], `travel`: depth gained [m].
+    """
+
+    frequency: float = 0.625
+    amplitude_deg: float = 9.0
+    speed: float = 0.005
+    travel: float = 0.06
+    start_height: float = 0.018
+
+    def at(self, times: ArrayLike) -> Array:
+        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        omega = 2.0 * math.pi * self.frequency
+        amplitude = math.radians(self.amplitude_deg)
+        tilt = amplitude * np.sin(omega * t)
+        states = _line(t, start=(0.0, 0.0, self.start_height), velocity=(0.0, 0.0, -self.speed), yaw=0.0, tilt=tilt)
+        states[:, 11] = amplitude * omega * np.cos(omega * t)
+        return states
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Circumnutation:
+    """A tilted root tip that descends a helix, turning about the vertical (paper Fig. 8).
+
+    `tilt_deg`: η, the root's axis from the vertical [deg]. `pitch`: P, depth gained per turn [m]. `rate_deg_s`: turning
+    about the vertical [deg/s], negative for clockwise from above. `travel`: depth gained [m]. `start_height`: z of the
+    origin, which lies on the axis of turning, at t = 0 [m]; 0 has the root's base at the surface, as the released code.
+    """
+
+    tilt_deg: float = 10.0
+    pitch: float = 0.04
+    rate_deg_s: float = 15.0
+    travel: float = 0.035
+    start_height: float = 0.0
+
+    def __post_init__(self) -> None:
+        _check(self, positive=("pitch", "travel"))
+        if self.rate_deg_s == 0.0:
+            raise InputError("Circumnutation.rate_deg_s is 0.0; it must not be 0, which has no pitch: use Straight")
+
+    @property
+    def speed(self) -> float:
+        """Of the descent [m/s]."""
+        return self.pitch * abs(self.rate_deg_s) / 360.0
+
+    @property
+    def duration(self) -> float:
+        """Time from the first pose to the last [s]."""
+        return self.travel / self.speed
+
+    def at(self, times: ArrayLike) -> Array:
+        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        rate = math.radians(self.rate_deg_s)
+        states = _line(
+            t,
+            start=(0.0, 0.0, self.start_height),
+            velocity=(0.0, 0.0, -self.speed),
+            yaw=rate * t,
+            tilt=math.radians(self.tilt_deg),
+        )
+        states[:, 12] = rate
+        return states
+
+    def straight_limit(self) -> Straight:
+        """The same root pushed down without turning: the limit of infinite pitch (forces are rate-independent)."""
+        return Straight(start_height=self.start_height, speed=self.speed, travel=self.travel, tilt_deg=self.tilt_deg)
+
+
+FAMILIES: dict[str, type[Motion]] = {
+    "straight": Straight,
+    "plate_drag": PlateDrag,
+    "oscillating_insertion": OscillatingInsertion,
+    "circumnutation": Circumnutation,
+}
+"""The families by their name in files and commands."""
+
+
+def sample(motion: Motion, count: int) -> tuple[Array, Array]:
+    """Times, shape [count], evenly spaced from the start to the end, and states, shape [count, 13]; count >= 2."""
+    if count < 2:
+        raise InputError(f"a motion sampled {count} times has no path; it needs at least 2 samples")
+    times = np.linspace(0.0, motion.duration, count)
+    return times, motion.at(times)
+
+
+def sample_every(motion: Motion, step: float) -> tuple[Array, Array]:
+    """Times 0, step, 2 step .. up to the end, shape [n], and states, shape [n, 13]."""
+    if not 0.0 < step <= motion.duration:
+        raise InputError(f"step is {step} s; it must be positive and at most the motion's {motion.duration:g} s")
+    times = np.arange(math.floor(motion.duration / step + 1e-9) + 1, dtype=np.float64) * step
+    return times, motion.at(times)
+
+
+def _check(motion: Any, *, positive: tuple[str, ...]) -> None:
+    for field in fields(motion):
+        name, value = field.name, getattr(motion, field.name)
+        if not math.isfinite(value) or (name in positive and value <= 0.0):
+            kind = "positive" if name in positive else "finite"
+            raise InputError(f"{type(motion).__name__}.{name} is {value}; it must be a {kind} number")
+
+
+def _velocity(speed: float, descent_deg: float, heading_deg: float = 0.0) -> tuple[float, float, float]:
+    descent, heading = math.radians(descent_deg), math.radians(heading_deg)
+    forward = speed * math.cos(descent)
+    return forward * math.cos(heading), forward * math.sin(heading), -speed * math.sin(descent)
+
+
+def _line(
+    times: ArrayLike,
+    *,
+    start: tuple[float, float, float],
+    velocity: tuple[float, float, float],
+    yaw: float | Array,
+    tilt: float | Array,
+) -> Array:
+    """States on a straight path at constant speed with attitude Rz(yaw) Ry(tilt) [rad] and no angular velocity."""
+    t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    states = np.zeros((len(t), len(STATE)))
+    states[:, 0:3] = np.asarray(start) + np.outer(t, velocity)
+    sin_y, cos_y, sin_t, cos_t = np.sin(yaw / 2.0), np.cos(yaw / 2.0), np.sin(tilt / 2.0), np.cos(tilt / 2.0)
+    for column, part in zip(range(3, 7), (-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t), strict=True):
+        states[:, column] = part
+    states[:, 7:10] = velocity
+    return states

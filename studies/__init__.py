@@ -1,0 +1,1 @@
+"""The evidence: the paper's studies, simulated runs, where the method fails, accuracy against time. Not installed."""

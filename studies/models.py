@@ -1,0 +1,285 @@
+"""Which modelling choice improves accuracy against simulated grains, and which only costs time."""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from statistics import mean
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from rft_ros.rft import Integration
+from rft_ros.tool import Tool, load_tool
+from studies.chart import median_seconds
+from studies.dem import ALONG_ITSELF, CALIBRATION, DATA, RUNS, DemRun, fitted_zeta, median_error, read_run
+from studies.paper import law
+from studies.result import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    StudyResult,
+    TextTable,
+    interactive_page,
+    label_axes,
+    new_figure,
+)
+
+__all__ = ["CHOICES", "GROUPS", "Choice", "Judged", "judged_choices", "study", "wall_seconds"]
+
+Array = NDArray[np.float64]
+
+GROUPS: dict[str, Callable[[str], bool]] = {
+    "plates (5 runs)": lambda name: name.startswith("plate") and name != ALONG_ITSELF,
+    "plate moving along itself": lambda name: name == ALONG_ITSELF,
+    "ellipsoid (straight, pitching)": lambda name: name.startswith("ellipsoid"),
+    "root tip (straight, helix)": lambda name: name.startswith("root"),
+}
+"""Groups of runs whose errors are averaged. None contains the penetration that ζ is fitted to."""
+
+PACKINGS = (0.10, 0.15)
+"""Difference between two packings of the same grains (README of the runs): smaller errors cannot be resolved."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """One way to model: rule, α_y model, tolerance of the reduced tool (0: full), mobilization length [m] (0: none)."""
+
+    name: str
+    integration: Integration = "centroid"
+    alpha_y: str = "constant"
+    tolerance: float = 0.0
+    mobilization_length: float = 0.0
+
+
+CHOICES = (
+    Choice(name="published"),
+    Choice(name="published, α_y linear", alpha_y="linear"),
+    Choice(name="published, reduced to 5 %", tolerance=0.05),
+    Choice(name="refined", integration="refined"),
+    Choice(name="refined, α_y linear", integration="refined", alpha_y="linear"),
+    Choice(name="refined, reduced to 5 %", integration="refined", tolerance=0.05),
+    Choice(name="refined, memory 3 mm", integration="refined", mobilization_length=0.003),
+    Choice(name="refined, α_y linear, memory 3 mm", integration="refined", alpha_y="linear", mobilization_length=0.003),
+)
+"""The choices compared."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judged:
+    """A choice in one run. `time`: of an evaluation [s]. `states`: their number. `zeta`: fitted for the choice."""
+
+    run: str
+    choice: Choice
+    plates: int
+    error: float
+    time: float
+    states: int
+    zeta: float
+
+
+def judged_choices() -> list[Judged]:
+    """Every choice in every run; ζ is fitted for each choice."""
+    runs = [read_run(name) for name in RUNS]
+    cases: list[tuple[Choice, DemRun, float]] = []
+    for choice in CHOICES:
+        own = [replace(run, tool=_tool(run, choice)) for run in runs]
+        calibration = next(run for run in own if run.name == CALIBRATION)
+        zeta = fitted_zeta(calibration, law(choice.alpha_y, zeta=1.0))
+        cases += [(choice, run, zeta) for run in own]
+    calls = [
+        partial(
+            run.predicted,
+            law(choice.alpha_y, zeta=zeta),
+            mobilization_length=choice.mobilization_length,
+            threads=1,
+        )
+        for choice, run, zeta in cases
+    ]
+    return [
+        Judged(
+            run=run.name,
+            choice=choice,
+            plates=len(run.tool.plates),
+            error=median_error(run.forces, call()),
+            time=seconds / len(run.states),
+            states=len(run.states),
+            zeta=zeta,
+        )
+        for (choice, run, zeta), call, seconds in zip(cases, calls, median_seconds(calls), strict=True)
+    ]
+
+
+def _tool(run: DemRun, choice: Choice) -> Tool:
+    return load_tool(run.tool.file, scale=1.0, integration=choice.integration, tolerance=choice.tolerance)
+
+
+_ROW = re.compile(r"^\|(?P<names>[^|]*`[^|]*)\|[^|]*\|(?P<times>[^|]*\d) s \|\s*$", re.MULTILINE)
+
+
+def wall_seconds() -> dict[str, tuple[float, float]]:
+    """Shortest and longest wall time of each run's simulation [s], from the README of the runs."""
+    text = (DATA / "README.md").read_text(encoding="utf-8")
+    found: dict[str, tuple[float, float]] = {}
+    for row in _ROW.finditer(text):
+        names = re.findall(r"`([^`]+)`", row["names"])
+        spans = [[float(t) for t in re.findall(r"\d+", part)] for part in row["times"].split(",")]
+        for name, span in zip(names, spans if len(spans) == len(names) else spans[:1] * len(names), strict=True):
+            # of a family, capitals stand for angles: plate_bB_psiP_phiF
+            like = re.sub(r"(?<=[a-z])[A-Z](?=_|$)", r"\\d+", name)
+            found |= {run: (min(span), max(span)) for run in RUNS if run == name or re.fullmatch(like, run)}
+    return found
+
+
+Walls = Mapping[str, tuple[float, float]]
+
+
+def _averaged(judged: Sequence[Judged], group: str) -> dict[Choice, tuple[float, float]]:
+    """Mean time of a run [s] and mean error of each choice over a group of runs."""
+    mine = [j for j in judged if GROUPS[group](j.run)]
+    return {
+        choice: (
+            mean(j.time * j.states for j in mine if j.choice == choice),
+            mean(j.error for j in mine if j.choice == choice),
+        )
+        for choice in dict.fromkeys(j.choice for j in mine)
+    }
+
+
+def _simulated_seconds(walls: Walls, group: str) -> tuple[float, float] | None:
+    """Shortest and longest wall time of a group's simulations [s]; None if unknown."""
+    spans = [span for name, span in walls.items() if GROUPS[group](name)]
+    return (min(low for low, _ in spans), max(high for _, high in spans)) if spans else None
+
+
+def _colour_of(choice: Choice) -> str:
+    """Orange: published; blue: refined; green: with memory."""
+    if choice.mobilization_length:
+        return GREEN
+    return ORANGE if choice.integration == "centroid" else BLUE
+
+
+def study() -> StudyResult:
+    """Figure, page, numbers, and a table of errors by choice and group."""
+    judged, walls = judged_choices(), wall_seconds()
+    groups = {group: _averaged(judged, group) for group in GROUPS}
+    choices = list(dict.fromkeys(j.choice for j in judged))
+    rows = tuple(
+        (
+            choice.name,
+            *(f"{100.0 * groups[group][choice][1]:.1f} %" for group in GROUPS),
+            f"{1e6 * mean(j.time for j in judged if j.choice == choice):.1f} µs",
+        )
+        for choice in choices
+    )
+    return StudyResult(
+        name="models",
+        title="Accuracy of the modelling choices against simulated grains",
+        figure=_draw(groups, walls),
+        numbers={
+            "models": {
+                "run": [j.run for j in judged],
+                "choice": [j.choice.name for j in judged],
+                "integration": [j.choice.integration for j in judged],
+                "alpha_y": [j.choice.alpha_y for j in judged],
+                "tolerance": [j.choice.tolerance for j in judged],
+                "mobilization_length": [j.choice.mobilization_length for j in judged],
+                "plates": [j.plates for j in judged],
+                "zeta": [j.zeta for j in judged],
+                "time_us": [1e6 * j.time for j in judged],
+                "median_error": [j.error for j in judged],
+            }
+        },
+        table=TextTable(header=("choice", *GROUPS, "an evaluation"), rows=rows),
+        page=_page(judged, walls),
+    )
+
+
+def _draw(groups: dict[str, dict[Choice, tuple[float, float]]], walls: Walls) -> Figure:
+    figure = new_figure(14.0, 9.0)
+    for axes, (group, found) in zip(figure.subplots(2, 2).ravel(), groups.items(), strict=True):
+        _draw_group(axes, found, _simulated_seconds(walls, group))
+        label_axes(axes, x="Time for a run [s]", y="Median error of the force [%]", title=group)
+    figure.suptitle("Force against simulated grains (discrete elements): accuracy and time of each choice")
+    return figure
+
+
+def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float] | None) -> None:
+    axes.set_xscale("log")
+    low, high = (100.0 * p for p in PACKINGS)
+    axes.axhspan(low, high, color="0.92", zorder=0)
+    ranked = sorted(found.items(), key=lambda item: -item[1][1])
+    top = max(100.0 * error for _, error in found.values())
+    fastest = min(seconds for seconds, _ in found.values())
+    for place, (choice, (seconds, error)) in enumerate(ranked):
+        marker = "s" if choice.tolerance else "o"
+        hollow = choice.alpha_y == "linear"
+        colour = _colour_of(choice)
+        axes.plot(seconds, 100.0 * error, marker, color=colour, mfc="none" if hollow else colour, ms=8)
+        axes.annotate(
+            f"{choice.name}: {100.0 * error:.1f} %",
+            (seconds, 100.0 * error),
+            xytext=(0.34, 0.95 - 0.07 * place),
+            textcoords="axes fraction",
+            fontsize=8,
+            va="center",
+            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "alpha": 0.6},
+        )
+    if simulated:
+        x = (simulated[0] * simulated[1]) ** 0.5
+        axes.errorbar(
+            x,
+            0.5 * (low + high),
+            yerr=0.5 * (high - low),
+            xerr=[[x - simulated[0]], [simulated[1] - x]],
+            fmt="D",
+            color=BLACK,
+            capsize=3,
+        )
+        text = f"discrete elements,\n{simulated[0]:.0f}–{simulated[1]:.0f} s;\ntwo packings"
+        axes.annotate(text, (x, high), xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
+    axes.text(
+        0.01,
+        0.5 * (low + high),
+        " two packings differ",
+        transform=axes.get_yaxis_transform(),
+        fontsize=7,
+        color=GREY,
+        va="center",
+    )
+    axes.set_xlim(0.3 * fastest, 3e3)
+    axes.set_ylim(0.0, 1.18 * max(top, high))
+
+
+def _page(judged: Sequence[Judged], walls: Walls) -> str:
+    import plotly.graph_objects as go
+    from plotly.subplots import make_subplots
+
+    figure = make_subplots(rows=2, cols=2, subplot_titles=list(GROUPS), vertical_spacing=0.12)
+    for k, group in enumerate(GROUPS):
+        row, column = k // 2 + 1, k % 2 + 1
+        for choice, (seconds, error) in _averaged(judged, group).items():
+            symbol = ("square" if choice.tolerance else "circle") + ("-open" if choice.alpha_y == "linear" else "")
+            figure.add_trace(
+                go.Scatter(x=[seconds], y=[100.0 * error], name=choice.name, legendgroup=choice.name, mode="markers",
+                           showlegend=k == 0, hovertemplate="%{y:.1f} %, %{x:.2g} s",
+                           marker={"color": _colour_of(choice), "symbol": symbol, "size": 11}),
+                row=row, col=column,
+            )  # fmt: skip
+        if span := _simulated_seconds(walls, group):
+            figure.add_trace(
+                go.Scatter(x=list(span), y=[50.0 * sum(PACKINGS)] * 2, name="discrete elements (two packings)",
+                           legendgroup="dem", showlegend=k == 0, mode="lines+markers",
+                           line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
+                           error_y={"array": [50.0 * (PACKINGS[1] - PACKINGS[0])] * 2}),
+                row=row, col=column,
+            )  # fmt: skip
+        figure.update_yaxes(rangemode="tozero", row=row, col=column)
+    figure.update_xaxes(type="log", title_text="Time for a run [s]", dtick=1, exponentformat="power")
+    figure.update_yaxes(title_text="Median error of the force [%]")
+    title = "Force against simulated grains: accuracy and time of each modelling choice"
+    return interactive_page(figure, name="models", title=title, height=850)

@@ -1,0 +1,183 @@
+"""The result of a study: a figure, its numbers as CSV, and a table that the docs show."""
+
+import csv
+import io
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from PIL import Image
+
+from rft_ros.errors import InputError
+from rft_ros.report.figure_page import figure_page
+
+__all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION"]
+__all__ += [
+    "Columns",
+    "StudyResult",
+    "TextTable",
+    "label_axes",
+    "new_figure",
+    "picture",
+    "published_against_ours",
+    "result_of_rows",
+]
+__all__ += ["interactive_page", "table_in", "write_tables"]
+
+# Okabe and Ito's palette, distinguishable with every kind of colour vision. Line styles and markers repeat the colour.
+BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
+BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#8C8C8C"
+
+_DPI = 100
+
+Columns = Mapping[str, Sequence[object]]
+"""A table of numbers by column, all of one length; names carry the unit."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TextTable:
+    """A table of rounded text."""
+
+    header: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+    def markdown(self) -> str:
+        """The table in Markdown; every line ends in a newline."""
+        lines = [self.header, tuple("---" for _ in self.header), *self.rows]
+        return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def published_against_ours(*rows: tuple[str, str, str]) -> TextTable:
+    """A table of quantity, published value and ours; "not stated here" marks an unknown value."""
+    return TextTable(header=("quantity", "published", "ours"), rows=rows)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StudyResult:
+    """A figure with its numbers: CSV tables by file stem, and a text table. `page`: HTML of an interactive figure."""
+
+    name: str
+    title: str
+    figure: Figure
+    numbers: Mapping[str, Columns]
+    table: TextTable
+    page: str | None = None
+
+    def write(self, folder: Path) -> list[Path]:
+        """Write NAME.png, NAME.svg, NAME.md, the CSV tables and, if there is one, NAME.html; returns the files.
+
+        The same result gives the same bytes.
+        """
+        contents = {f"{self.name}.{kind}": picture(self.figure, kind) for kind in ("png", "svg")}
+        contents[f"{self.name}.md"] = f"# {self.title}\n\n{self.table.markdown()}".encode()
+        contents |= {f"{stem}.csv": _csv(columns) for stem, columns in self.numbers.items()}
+        if self.page is not None:
+            contents[f"{self.name}.html"] = self.page.encode()
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, data in contents.items():
+            (folder / name).write_bytes(data)
+        return [folder / name for name in contents]
+
+
+def result_of_rows(
+    name: str,
+    title: str,
+    figure: Figure,
+    rows: Sequence[Sequence[Any]],
+    *columns: tuple[str, str, str] | tuple[str, str, str, float],
+) -> StudyResult:
+    """A result whose CSV and text table hold the same rows.
+
+    `columns`: heading in the text table, name in the CSV, format of the text, and the factor from the CSV's unit.
+    """
+
+    def text(value: Any, form: str, *factor: float) -> str:
+        return form.format(value * factor[0] if factor else value)
+
+    return StudyResult(
+        name=name,
+        title=title,
+        figure=figure,
+        numbers={name: {column[1]: [row[k] for row in rows] for k, column in enumerate(columns)}},
+        table=TextTable(
+            header=tuple(column[0] for column in columns),
+            rows=tuple(tuple(text(row[k], *column[2:]) for k, column in enumerate(columns)) for row in rows),
+        ),
+    )
+
+
+def _csv(columns: Columns) -> bytes:
+    text = io.StringIO(newline="")
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    for row in zip(*columns.values(), strict=True):
+        writer.writerow([repr(float(v)) if isinstance(v, float) else v for v in row])
+    return text.getvalue().encode()
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """An empty figure of this width and height [inches] with a constrained layout."""
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def label_axes(axes: Axes, *, x: str, y: str, title: str = "", legend: dict[str, Any] | None = None) -> None:
+    """Label both axes, add a light grid, and a legend if its options are given."""
+    axes.set_xlabel(x)
+    axes.set_ylabel(y)
+    if title:
+        axes.set_title(title, fontsize=10)
+    axes.grid(alpha=0.3)
+    if legend is not None:
+        axes.legend(fontsize=8, **legend)
+
+
+def picture(figure: Figure, kind: str) -> bytes:
+    """The figure as "png" (256 colours, to keep the docs small) or "svg", without dates, versions or random names."""
+    out = io.BytesIO()
+    with mpl.rc_context({"svg.hashsalt": "rft_ros", "svg.fonttype": "path"}):
+        metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
+        figure.savefig(out, format=kind, dpi=_DPI, metadata=metadata)
+    if kind != "png":
+        return out.getvalue()
+    small = io.BytesIO()
+    with Image.open(out) as image:
+        image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(small, format="png", optimize=True)
+    return small.getvalue()
+
+
+def interactive_page(figure: Any, *, name: str, title: str, height: int) -> str:
+    """The HTML page of a plotly figure, which needs no network."""
+    figure.update_layout(template="plotly_white", title=title, height=height)
+    return figure_page(figure, title=title.partition(";")[0], name=name)
+
+
+def _markers(name: str) -> tuple[str, str]:
+    return f"<!-- study {name}: begin -->\n", f"<!-- study {name}: end -->"
+
+
+def table_in(text: str, name: str) -> str | None:
+    """The text between a study's markers in a page of the docs; None without markers."""
+    begin, end = _markers(name)
+    found = re.search(f"{re.escape(begin)}(.*?){re.escape(end)}", text, re.DOTALL)
+    return found.group(1) if found else None
+
+
+def write_tables(file: Path, results: Sequence[StudyResult]) -> list[str]:
+    """Write each result's table between its markers in a page of the docs; returns the names found there."""
+    text = file.read_text(encoding="utf-8")
+    written = []
+    for result in results:
+        begin, end = _markers(result.name)
+        if (old := table_in(text, result.name)) is not None:
+            text = text.replace(f"{begin}{old}{end}", f"{begin}{result.table.markdown()}{end}")
+            written.append(result.name)
+    if not written:
+        names = ", ".join(result.name for result in results)
+        raise InputError(f"'{file}' has no marker '<!-- study NAME: begin -->' for any of {names}")
+    file.write_text(text, encoding="utf-8")
+    return written

@@ -1,0 +1,182 @@
+"""What the data do not determine is not identifiable, by name, in a sentence with the numbers that say so."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from synthetic_track import (
+    GENERIC,
+    HANGING,
+    ORIENTATIONS,
+    Path,
+    dragged,
+    grain_wrenches,
+    hanging,
+    known,
+    law,
+    read_by,
+    track_of,
+    unknown,
+)
+
+from rft_ros.calibration import NotIdentifiable, Options, calibrate
+from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y, sheet_of
+from rft_ros.errors import InputError
+from rft_ros.tool import load_tool
+
+
+def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=None, tare=None, cell=HANGING):
+    """Calibrate to a recording of the path, with 0.1 N of noise."""
+    time, states = path.states()
+    grains = grain_wrenches(time, states, law(0.8), surface=surface, length=length) if force is None else force(states)
+    readings = read_by(cell, states, grains, np.random.default_rng(5), noise=(0.1, 0.002))
+    options = Options(tare=tare) if parts is None else Options(parts=parts, tare=tare)
+    return calibrate([track_of(time, states, readings)], values or known(), options)
+
+
+def fitted(result):
+    """The fitted values by name."""
+    return {f.name: f.values for f in result.fitted}
+
+
+def why(result, name):
+    """The reason why `name` is not identifiable; no value was fitted to it."""
+    assert name not in fitted(result)
+    return result.not_identifiable[name]
+
+
+def down(millimetres, *, start=0.03):
+    return Path((0.0, 0.0, start)).wait(1.0).move((0.0, 0.0, -start - 1e-3 * millimetres), 0.01)
+
+
+def test_too_shallow_a_penetration():
+    sentence = why(calibrated(down(1.0)), "medium.zeta")
+    assert "too shallow" in sentence
+    assert "5 mm" in sentence
+
+
+def test_a_recording_that_never_reaches_the_grains():
+    result = calibrated(Path((0.0, 0.0, 0.08)).wait(1.0).move((0.0, 0.0, -0.05), 0.01))
+    assert "must rise by 6 times" in why(result, "surface_height")
+    assert "no vertical penetration" in why(result, "medium.zeta")
+    assert "medium.calibrated_depth" not in fitted(result)
+
+
+def test_a_recording_that_never_goes_straight_down():
+    result = calibrated(Path((0.0, 0.0, 0.05)).wait(1.0).move((0.03, 0.0, 0.0), 0.01))
+    assert "never goes straight down" in why(result, "surface_height")
+
+
+def test_grains_that_pull_a_sinking_tool_down_mean_a_wrong_sign():
+    time, states = down(30.0).states()
+    readings = read_by(replace(HANGING, sign=1.0), states, -grain_wrenches(time, states, law(0.8), surface=0.0))
+    cell = {"sensor.sign": 1.0, "surface_height": 0.0}
+    result = calibrate([track_of(time, states, readings)], {**known(), **cell}, Options(parts=("zeta",)))
+    assert "check sensor.sign" in why(result, "medium.zeta")
+
+
+def test_no_pose_at_rest_in_the_air_leaves_the_bias_unidentified():
+    result = calibrated(Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01), values=unknown())
+    assert "never still" in why(result, "sensor.bias")
+
+
+def test_one_orientation_identifies_the_bias_but_not_the_mass():
+    result = calibrated(down(30.0), values=unknown())
+    assert "turns by 0.0°" in why(result, "sensor.mass")
+    assert "mass unknown" in why(result, "sensor.center_of_mass")
+    assert "sensor.bias" in fitted(result)
+
+
+def test_orientations_about_one_axis_identify_the_mass():
+    """Turns about one axis move gravity in a plane, which identifies the mass and all of the centre."""
+    result = calibrated(hanging(Path((0.0, 0.0, 0.06)), ((40, 0, 0), (80, 0, 0), (-40, 0, 0))), values=unknown())
+    assert fitted(result)["sensor.mass"] == pytest.approx((0.42,), abs=0.02)
+
+
+def test_collinear_orientations_do_not_identify_the_centre_of_mass():
+    """Two poses give one difference of gravity; the part of the centre along it has no effect."""
+    result = calibrated(hanging(Path((0.0, 0.0, 0.06)), ((60, 0, 0),)), values=unknown())
+    assert "second direction" in why(result, "sensor.center_of_mass")
+    assert "sensor.mass" in fitted(result)
+
+
+def test_a_negative_mass_means_a_wrong_sign():
+    values = {**unknown(), "sensor.sign": 1.0}
+    result = calibrated(hanging(Path((0.0, 0.0, 0.06)), ORIENTATIONS), values=values)
+    assert "the mass comes out as -0.4" in why(result, "sensor.bias")
+
+
+def test_a_tare_with_the_tool_in_motion():
+    with pytest.raises(InputError, match="tare refused"):
+        calibrated(Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01), tare=1.0)
+
+
+def test_a_stop_alone_does_not_identify_the_mobilization_length():
+    result = calibrated(down(40.0).wait(2.0), length=0.003)
+    assert "never turns round" in why(result, "medium.mobilization_length")
+
+
+def test_a_force_that_follows_at_once_has_no_mobilization_length():
+    result = calibrated(down(40.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01), parts=("mobilization",))
+    assert "at once" in why(result, "medium.mobilization_length")
+
+
+def test_a_force_unrelated_to_the_path_does_not_identify_the_mobilization_length():
+    def waves(states):
+        up = 30.0 * np.sin(900.0 * states[:, 2]) * (states[:, 2] < 0.0)
+        return np.column_stack([up, np.zeros((len(states), 5))])
+
+    path = down(40.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01)
+    sentence = why(calibrated(path, force=waves, parts=("mobilization",)), "medium.mobilization_length")
+    assert "it needs 50 % and less than 100 mm" in sentence
+
+
+def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length():
+    """Neither face leads in the model: the force that it misses must not be taken for memory."""
+    time, states, grains = dragged((90.0,), lambda beta: 0.1 + 0.0 * beta, zeta=0.8)
+    track = track_of(time, states, read_by(HANGING, states, grains))
+    sentence = why(calibrate([track], known(), Options(parts=("mobilization",))), "medium.mobilization_length")
+    assert "after" in sentence
+    assert "λ" in sentence
+
+
+def test_no_level_run():
+    result = calibrated(down(40.0))
+    assert "ψ of the runs: none" in why(result, "alpha_y")
+
+
+def test_a_horizontal_plate_has_no_e1():
+    result = calibrated(down(40.0).move((0.04, 0.0, 0.0), 0.01))
+    assert "has no e1" in why(result, "alpha_y")
+
+
+def test_a_level_run_that_is_too_short():
+    upright = Path((0.0, 0.0, -0.05), Rotation.from_euler("x", 90, degrees=True)).wait(0.5).move((0.006, 0, 0), 0.01)
+    assert "it needs 10 mm" in why(calibrated(upright), "alpha_y")
+
+
+def test_a_ball_is_no_plate():
+    ball = load_tool("sphere", scale=0.001)
+    with pytest.raises(NotIdentifiable, match="sphere is no plate"):
+        sheet_of(ball.plates, "sphere")
+
+
+def run_at(psi, beta=90.0, along=7.0):
+    return PlateRun(beta=beta, psi=psi, depth=0.05, load=7e-5, along=along, error=0.1)
+
+
+@pytest.mark.parametrize("model", ["linear", "table"])
+def test_one_beta_does_not_identify_alpha_y_over_beta(model):
+    with pytest.raises(NotIdentifiable, match="span 2° of β in 1 steps"):
+        fit_alpha_y([run_at(90.0, 88.0), run_at(90.0, 90.0)], GENERIC, zeta=0.8, model=model)
+
+
+def test_runs_across_do_not_identify_alpha_y():
+    with pytest.raises(NotIdentifiable, match="ψ of the runs: 30°, 60°"):
+        fit_alpha_y([run_at(30.0), run_at(60.0)], GENERIC, zeta=0.8)
+
+
+def test_faces_that_are_pushed_along_do_not_identify_alpha_y():
+    with pytest.raises(NotIdentifiable, match="comes out as -0"):
+        fit_alpha_y([run_at(90.0, along=-7.0)], GENERIC, zeta=0.8)

@@ -1,0 +1,152 @@
+"""Compensated and residual wrenches depend on stamps and values of the samples, not on the order of their arrival."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from one_plate import SECOND, START, estimator, pose, twist, wrench
+
+from rft_ros.estimator import Estimate, LoadCell, Reason
+
+MS = SECOND // 1000
+AGE = 100 * MS  # the default max_input_age
+
+
+def push(e, sample):
+    pushes = {"PoseSample": e.push_pose, "TwistSample": e.push_twist, "WrenchSample": e.push_wrench}
+    return pushes[type(sample).__name__](sample)
+
+
+def ramp(stamp):
+    """A load cell whose reading grows by 1 N a millisecond."""
+    return wrench(stamp, (0.0, 0.0, (stamp - START) / MS, 0.0, 0.0, 0.0))
+
+
+def waiting(*before, load_cell=None):
+    """An estimator with these samples and an estimate at START."""
+    e = estimator(load_cell=load_cell)
+    for sample in (twist(), *before, pose()):
+        push(e, sample)
+    return e
+
+
+def test_the_reading_is_interpolated_between_the_samples_on_both_sides_of_the_stamp():
+    e = waiting(ramp(START - 3 * MS))
+    assert e.measurements() == []
+    push(e, wrench(START + MS, (4.0, 0.0, 1.0, 0.0, 0.0, 8.0)))
+    (measured,) = e.measurements()
+    assert measured.compensated == pytest.approx((3.0, 0.0, 0.0, 0.0, 0.0, 6.0))
+    assert measured.residual[2] == pytest.approx(-4.0, rel=1e-6)
+    assert e.measurements() == []
+
+
+def test_a_sample_at_the_stamp_is_the_reading_whether_it_comes_before_the_pose_or_after():
+    exact = wrench(START, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    early, late = waiting(ramp(START - MS), exact), waiting(ramp(START - MS))
+    push(late, exact)
+    for e in (early, late):
+        assert [m.compensated for m in e.measurements()] == [exact.wrench]
+
+
+@pytest.mark.parametrize("last", [pose(START + AGE + 1), twist(START + AGE + 1), ramp(START + AGE + 1)])
+def test_without_a_sample_after_the_stamp_the_last_one_before_counts_after_max_input_age(last):
+    e = waiting(ramp(START - 2 * MS))
+    push(e, twist(START + AGE))
+    assert e.measurements() == []
+    push(e, last)
+    assert e.measurements()[0].compensated[2] == -2.0
+
+
+def test_at_the_end_of_a_recording_the_last_sample_before_the_stamp_counts():
+    e = waiting(ramp(START - 2 * MS))
+    e.finish()
+    assert e.measurements()[0].compensated[2] == -2.0
+
+
+@pytest.mark.parametrize(
+    ("before", "reason"), [((), Reason.WRENCH_MISSING), ((ramp(START - AGE - 1),), Reason.WRENCH_STALE)]
+)
+def test_without_a_usable_sample_before_the_stamp_there_is_a_reason(before, reason):
+    e = waiting(*before)
+    assert e.counts[reason] == 0
+    push(e, ramp(START + MS))
+    assert e.measurements() == [(START, None, None, reason)]
+    assert e.counts[reason] == 1
+
+
+def test_bias_sign_and_weight_are_those_in_force_at_the_pose():
+    e = waiting(ramp(START - MS), load_cell=LoadCell(sign=-1.0, bias=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0)))
+    e.use(settings=estimator().settings)
+    push(e, ramp(START + MS))
+    assert e.measurements()[0].compensated[2] == pytest.approx(5.0)
+
+
+def test_a_new_sensor_frame_does_not_mix_samples_of_two_frames():
+    e = waiting(ramp(START - MS))
+    e.use(settings=estimator(sensor_frame="wrist").settings)
+    assert e.measurements()[0].compensated[2] == -1.0
+    push(e, pose(START + MS))
+    push(e, wrench(START + 2 * MS, frame="wrist"))
+    assert e.measurements()[0].reason is Reason.WRENCH_MISSING
+
+
+def test_an_estimate_before_a_jump_back_in_time_is_compared_with_the_samples_before_it():
+    for jump in (pose(START - 5 * SECOND), wrench(START - 5 * SECOND)):
+        e = waiting(ramp(START - MS))
+        push(e, jump)
+        assert e.measurements()[0].compensated[2] == -1.0
+
+
+def test_estimates_that_nothing_answers_do_not_pile_up():
+    e = estimator(max_input_age=1e6, twist_source="pose_difference")
+    for k in range(10_000):
+        push(e, pose(START + k * MS, (0.0, 0.0, -0.01 - 1e-6 * k)))
+    e.finish()
+    assert len(e.measurements()) == e.counts["estimates"] == e.counts[Reason.WRENCH_MISSING] == 9998
+
+
+def streams(seed, wrench_period, gaps):
+    """One second of poses at 250 Hz and of a noisy load cell, with stamps that jitter; `gaps`: shares left out."""
+    random = np.random.default_rng(seed)
+    poses = [pose(START + k * 4 * MS + int(random.integers(0, MS)), (0.0, 0.0, -0.01 - 4e-5 * k)) for k in range(250)]
+    stamps = [
+        START + k * wrench_period + int(random.integers(0, wrench_period)) for k in range(SECOND // wrench_period)
+    ]
+    readings = [wrench(t, random.normal(0.0, 5.0, 6).tolist()) for t in stamps if random.random() >= gaps]
+    return poses, readings
+
+
+def replayed(samples):
+    e = estimator(twist_source="pose_difference", load_cell=LoadCell(bias=(0.1,) * 6, mass=0.3))
+    answers = []
+    final = []
+    for sample in samples:
+        if isinstance(answer := push(e, sample), Estimate):
+            answers.append(answer)
+        final += e.measurements()
+    e.finish()
+    return answers, final + e.measurements(), e.counts
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    wrench_period=st.sampled_from([MS, 2 * MS, 8 * MS]),
+    gaps=st.sampled_from([0.0, 0.2]),
+    delay=st.floats(0.0, 5.0),
+)
+def test_arrival_shuffled_by_up_to_5_ms_changes_no_estimate_and_no_measurement(seed, wrench_period, gaps, delay):
+    poses, readings = streams(seed, wrench_period, gaps)
+    random = np.random.default_rng(seed + 1)
+
+    def arrivals(samples):
+        """Each topic keeps its own order, as a ROS publisher's messages do."""
+        times = [s.stamp + random.uniform(0.0, delay * MS) for s in samples]
+        return zip(np.maximum.accumulate(times), samples, strict=True)
+
+    in_order = sorted([*readings, *poses], key=lambda s: s.stamp)
+    shuffled = [s for _, s in sorted([*arrivals(poses), *arrivals(readings)], key=lambda row: row[0])]
+    expected, got = replayed(in_order), replayed(shuffled)
+    assert got == expected
+    answers, measurements, _ = got
+    assert [m.stamp for m in measurements] == [a.stamp for a in answers]

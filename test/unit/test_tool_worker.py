@@ -1,0 +1,157 @@
+"""The tool worker returns the tool, ready for the kernel, or a sentence; and a swap that fails undoes itself alone."""
+
+import multiprocessing
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from rft_ros.node.swap import FailedSwap, ToolSwap
+from rft_ros.node.tool_worker import ToolWorker, receive_tool, send_tool
+from rft_ros.tool import Tool, ToolRequest, load_tool
+
+
+@pytest.fixture
+def worker():
+    started = ToolWorker()
+    yield started
+    started.close()
+
+
+def answer(polled):
+    """The first answer of a worker or of a swap."""
+    until = time.monotonic() + 180.0
+    while (found := polled.poll()) is None:
+        assert time.monotonic() < until, "no answer"
+        time.sleep(0.01)
+    return found
+
+
+def loaded(worker, request):
+    worker.load(request)
+    return answer(worker)
+
+
+def test_a_tool_arrives_unchanged_with_aligned_read_only_arrays():
+    tool = load_tool("ellipsoid")
+    here, there = multiprocessing.Pipe()
+    send_tool(there, tool)
+    back = receive_tool(here)
+    there.close()
+    np.testing.assert_array_equal(back.plates.packed, tool.plates.packed)
+    np.testing.assert_array_equal(back.vertices, tool.vertices)
+    np.testing.assert_array_equal(back.faces, tool.faces)
+    assert back.lowest_point(np.eye(3)) == tool.lowest_point(np.eye(3))
+    assert (back.name, back.issues, back.plates.reach) == (tool.name, tool.issues, tool.plates.reach)
+    assert not back.plates.packed.flags.writeable
+    assert back.plates.packed.flags.aligned
+
+
+def test_tools_load_one_after_the_other_and_a_bad_one_in_between_is_a_sentence(worker):
+    for name in ("plate", "sphere"):
+        tool = loaded(worker, ToolRequest(name))
+        assert isinstance(tool, Tool)
+        assert len(tool.plates) == len(load_tool(name).plates)
+        assert "gone.stl" in loaded(worker, ToolRequest("gone.stl"))
+
+
+def test_a_later_request_replaces_one_that_is_being_loaded(worker):
+    worker.load(ToolRequest("wheel"))
+    tool = loaded(worker, ToolRequest("plate"))
+    assert isinstance(tool, Tool)
+    assert tool.name == "plate"
+    assert worker.poll() is None
+
+
+def test_a_request_that_raises_the_unforeseen_is_a_sentence_and_the_worker_goes_on(worker):
+    pid = worker.pid
+    assert "mesh.file 'plate' cannot be loaded" in loaded(worker, ToolRequest("plate", origin="nowhere"))
+    assert isinstance(loaded(worker, ToolRequest("plate")), Tool)
+    assert worker.pid == pid
+
+
+def test_a_killed_worker_fails_its_swap_and_is_replaced(worker):
+    worker.load(ToolRequest("wheel"))
+    os.kill(worker.pid, signal.SIGKILL)
+    assert "ended with status -9" in answer(worker)
+    assert isinstance(loaded(worker, ToolRequest("plate")), Tool)
+
+
+def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap(worker):
+    assert isinstance(loaded(worker, ToolRequest("plate")), Tool)
+    os.kill(worker.pid, signal.SIGKILL)
+    os.waitid(os.P_PID, worker.pid, os.WEXITED | os.WNOWAIT)
+    assert isinstance(loaded(worker, ToolRequest("sphere")), Tool)
+
+
+def test_a_tool_that_takes_too_long_fails_with_a_sentence_and_the_worker_is_replaced(tmp_path):
+    endless = tmp_path / "endless.stl"
+    os.mkfifo(endless)  # a file that never ends, as on a drive that does not answer
+    worker = ToolWorker(deadline=2.0)
+    try:
+        pid = worker.pid
+        assert "endless.stl' took over 2 s to load" in loaded(worker, ToolRequest(str(endless)))
+        assert worker.pid != pid
+    finally:
+        worker.close()
+
+
+class Loads:
+    """A worker that answers when a test says so."""
+
+    def __init__(self):
+        self.loading, self.answer = None, None
+
+    def load(self, request):
+        self.loading, self.answer = request, None
+
+    def cancel(self):
+        self.loading = None
+
+    def poll(self):
+        found, self.answer = self.answer, None
+        if found is not None:
+            self.loading = None
+        return found
+
+
+PLATE, BIG, BAD = ToolRequest("plate"), ToolRequest("big.stl", 0.0005), ToolRequest("bad.stl", 0.0005)
+
+
+def test_a_failed_swap_undoes_itself_and_resumes_the_one_before():
+    worker = Loads()
+    swap = ToolSwap(PLATE, worker)
+    swap.want(BIG)
+    swap.want(BAD)
+    worker.answer = "bad.stl holds no triangles"
+    assert swap.poll() == FailedSwap(BAD, "bad.stl holds no triangles")
+    assert swap.wanted == BIG
+    swap.want(swap.wanted)
+    assert worker.loading == BIG
+    worker.answer = load_tool("plate")
+    assert swap.poll() is not None
+    assert (swap.wanted, swap.last_failure, swap.preparing) == (BIG, "", "")
+
+
+def test_when_all_fail_the_tool_in_force_is_wanted_again():
+    worker = Loads()
+    swap = ToolSwap(PLATE, worker)
+    for request in (BIG, BAD):
+        swap.want(request)
+    for _ in range(2):
+        worker.answer = "no"
+        assert isinstance(swap.poll(), FailedSwap)
+        swap.want(swap.wanted)
+    assert swap.wanted == PLATE
+    assert worker.loading is None
+    assert swap.last_failure == "no"
+
+
+def test_wanting_the_tool_in_force_abandons_the_one_that_is_being_loaded():
+    worker = Loads()
+    swap = ToolSwap(PLATE, worker)
+    swap.want(BIG)
+    swap.want(PLATE)
+    assert (worker.loading, swap.wanted) == (None, PLATE)
