@@ -5,8 +5,17 @@ import pytest
 
 from rft_ros.estimator.learning import Surprise
 from studies.dem import RUNS
-from studies.learning import CHOICES, bag_series, coverage, dem_series, learned, pass_errors, peak_error, vector_error
-from studies.learning import with_layer
+from studies.learning import (
+    CHOICES,
+    bag_series,
+    coverage,
+    dem_series,
+    learned,
+    pass_errors,
+    peak_error,
+    vector_error,
+    with_layer,
+)
 
 PUBLISHED, REFINED = CHOICES
 FRESH = (*RUNS, "drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
@@ -33,8 +42,9 @@ def test_simulated_grains(grains, choice, lag, limit):
     assert is_covered(series, outs)
 
 
+@pytest.mark.usefixtures("shared_data")
 @pytest.mark.parametrize(("group", "limits"), [("abb", (0.035, 0.043)), ("cmu", (0.055, 0.09))])
-def test_recordings(shared_data, group, limits):
+def test_recordings(group, limits):
     """At 2 and 5 mm; the coverage is held at 2 mm (at 5 mm 90 % of the CMU components lie within two deviations)."""
     series = bag_series(group, REFINED)
     for lag, limit in zip((0.002, 0.005), limits, strict=True):
