@@ -1,5 +1,7 @@
 """``make bench-node``: rft_node beside a bare echo node, in turn, over loopback DDS, at several rates and tool sizes.
 
+`--busy 2` measures beside two processes that keep two cores busy; `--executor single` the other executor.
+
 A driver process publishes wrench, twist and pose at the rate and times each answer by its stamp. Figures of each node:
 ticks lost, round trip (median, 99th percentile), CPU seconds per second, resident memory.
 """
@@ -154,6 +156,18 @@ def running_node(*command: str) -> Iterator[int]:
         process.wait(20.0)
 
 
+@contextlib.contextmanager
+def busy_processes(count: int) -> Iterator[None]:
+    """Processes that compute all the time, as other work beside the node does."""
+    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.wait()
+
+
 def sphere(folder: Path, elements: int) -> Path:
     """A UV sphere of 50 mm with about as many facets."""
     n = max(4, round((elements / 7) ** 0.5))
@@ -169,7 +183,8 @@ def main() -> None:
     parser.add_argument("--elements", type=int, nargs="+", default=[1000, 10_000, 50_000])
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--executor", choices=("single", "events"), default="single")
+    parser.add_argument("--executor", choices=("events", "single"), default="events")
+    parser.add_argument("--busy", type=int, default=0, metavar="N", help="processes that keep a core busy meanwhile")
     parser.add_argument("--parameter", action="append", default=[], metavar="NAME:=VALUE", help="of rft_node")
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
@@ -179,7 +194,8 @@ def main() -> None:
     executor = ["-p", f"executor:={arguments.executor}"]
     echo = [str(Path(__file__).with_name("echo_node.py")), "--ros-args", *executor]
     table = Table(
-        title=f"executor {arguments.executor}, {arguments.seconds:g} s a run, median of {arguments.repeat} runs"
+        title=f"executor {arguments.executor}, {arguments.busy} busy processes, {arguments.seconds:g} s a run, "
+        f"median of {arguments.repeat} runs"
     )
     for column in (
         "rate Hz",
@@ -194,7 +210,7 @@ def main() -> None:
         "x CPU",
     ):
         table.add_column(column, justify="right")
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, busy_processes(arguments.busy):
         for rate in arguments.rates:
             nodes = {"echo": echo}
             for elements in arguments.elements:

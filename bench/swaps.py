@@ -22,7 +22,7 @@ RATE = 500.0
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--executor", choices=("single", "events"), default="single")
+    parser.add_argument("--executor", choices=("events", "single"), default="events")
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

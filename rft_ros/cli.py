@@ -19,7 +19,7 @@ from rft_ros.installation import program
 __all__ = ["main", "parser"]
 
 # The modules import what they need when they run, so that `rft --help` answers at once.
-_MODULES: tuple[ModuleType, ...] = (*(predict, check_mesh, reduce, replay, calibrate, sweep, view, demo, warm_up),)
+_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, sweep, view, demo, warm_up)
 _COMMANDS = {module.__name__.rpartition(".")[2].replace("_", "-"): module for module in _MODULES}
 
 

@@ -1,4 +1,4 @@
-"""The bodies and motions over which the chart sets accuracy against time, each body at several finenesses."""
+"""The scenes of the accuracy chart: bodies in motion, each body meshed at several levels."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -29,9 +29,9 @@ _WALL, _BUCKET_RADIUS, _BUCKET_HEIGHT = 0.003, 0.05, 0.08
 class Scene:
     """A body in motion.
 
-    `mesh(level)`: the body, finer with each level. `levels`: how many are on the chart; `reference`: the converged one;
-    `delivered`: the one that reductions begin with. `states`: shape [n, 13], the surface at z = 0. `known`: they are a
-    motion, for which plates can be chosen, and not examples of any.
+    `mesh(level)`: the body, finer with each level. `levels`: how many the chart shows. `reference`: the converged
+    level. `delivered`: the level that reductions start from. `states`: shape [n, 13], surface at z = 0. `known`: the
+    states are one motion, for which plates can be chosen; otherwise they are samples of any motion.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Scene:
 
 
 def scenes() -> Iterator[Scene]:
-    """All of them, in the order in which they are drawn."""
+    """All scenes in the order of the chart."""
     ball = {"mesh": _ball, "levels": 5, "reference": 6, "delivered": 3, "known": False}
     yield Scene(name="half-buried sphere", states=_attitudes(0.0), **ball)  # type: ignore[arg-type]
     yield Scene(name="deep sphere", states=_attitudes(-3.0 * _RADIUS), **ball)  # type: ignore[arg-type]
@@ -92,7 +92,7 @@ def scenes() -> Iterator[Scene]:
 def lathe(profile: Array, sections: int) -> Mesh:
     """The body of revolution about z of a profile of radius and z [m], shape [k, 2], its outside to the right.
 
-    Ends on the axis close it; facets there without area are left out.
+    A profile that ends on the axis gives a closed body; facets without area on the axis are left out.
     """
     k = len(profile)
     turn = 2.0 * np.pi * np.arange(sections) / sections
@@ -141,7 +141,7 @@ def _bucket(pieces: int) -> Array:
 
 
 def _along(corners: list[tuple[float, float]], pieces: int) -> Array:
-    """Points along a broken line, at its corners and about evenly between them."""
+    """Points along a polyline: its corners, and nearly even points between them."""
     points = np.array(corners)
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     parts = np.maximum(1, np.round(pieces * lengths / lengths.sum()).astype(int))

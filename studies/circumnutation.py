@@ -1,14 +1,12 @@
 """A root tip on a helix: forces, and work over the pitch of the helix (paper Fig. 8)."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, wrenches
-from rft_ros.sweeps.motions import Circumnutation, Motion, sample
-from rft_ros.sweeps.outcomes import Work, work
+from rft_ros.sweeps.motions import Circumnutation, sample
+from rft_ros.sweeps.outcomes import Work
 from rft_ros.tool import Tool, load_tool
 from studies.paper import NOT_STATED, law, root_tip
 from studies.result import (
@@ -23,8 +21,9 @@ from studies.result import (
     new_figure,
     published_against_ours,
 )
+from studies.sampling import WorkConvergence, work_convergence, work_of
 
-__all__ = ["PITCHES", "RE_INTERACTION", "SHOWN", "TILTS", "Steps", "step_errors", "study", "work_of"]
+__all__ = ["PITCHES", "RE_INTERACTION", "SHOWN", "TILTS", "step_errors", "study"]
 
 Array = NDArray[np.float64]
 
@@ -42,45 +41,28 @@ RE_INTERACTION = 0.040
 
 _COUNT = 401  # states of a stroke
 _LENGTH = 0.0345  # of the root below its base [m]
-_INTERVALS = tuple(20 * 2**k for k in range(8))
-_FINEST = 20 * 2**11
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Steps:
-    """Error of the total work against the time step [s], relative to the finest step's, and its observed order."""
-
-    steps: Array
-    errors: Array
-    order: float
-
-
-def work_of(tool: Tool, motion: Motion, count: int = _COUNT) -> Work:
-    """Work of a stroke, sampled `count` times; α_y constant."""
-    times, states = sample(motion, count)
-    return work(times, states, wrenches(tool.plates, law("constant"), states))
-
-
-def step_errors(integration: Integration) -> Steps:
-    """Work from the surface to 35 mm against the time step, for the shipped root tip at η = 10°, P = 40 mm.
+def step_errors(integration: Integration) -> WorkConvergence:
+    """Work from the surface to 35 mm over the time step, for the shipped root tip at η = 10°, P = 40 mm.
 
     The root starts with its tip at the surface: once it is submerged, the power is linear in time and any step exact.
     """
     tool = load_tool("root_tip", origin=(0.0, 0.0, 1.25), integration=integration)
-    motion = Circumnutation(start_height=_LENGTH)
-    exact = work_of(tool, motion, _FINEST + 1).total
-    totals = np.array([work_of(tool, motion, n + 1).total for n in _INTERVALS])
-    steps, errors = motion.duration / np.array(_INTERVALS), np.abs(totals / exact - 1.0)
-    order = float(np.polyfit(np.log(steps), np.log(errors), 1)[0])
-    return Steps(steps=steps, errors=errors, order=order)
+    return work_convergence(tool.plates, Circumnutation(start_height=_LENGTH), [20 * 2**k for k in range(8)])
 
 
 def study() -> StudyResult:
     """Forces and work over the pitch, and convergence of the work in the time step."""
     tool = root_tip()
-    works = {tilt: [work_of(tool, Circumnutation(tilt_deg=tilt, pitch=p)) for p in PITCHES] for tilt in TILTS}
-    limits = {tilt: work_of(tool, Circumnutation(tilt_deg=tilt).straight_limit()) for tilt in TILTS}
-    converging: dict[Integration, Steps] = {"centroid": step_errors("centroid"), "refined": step_errors("refined")}
+    works = {
+        tilt: [work_of(tool.plates, Circumnutation(tilt_deg=tilt, pitch=p), _COUNT) for p in PITCHES] for tilt in TILTS
+    }
+    limits = {tilt: work_of(tool.plates, Circumnutation(tilt_deg=tilt).straight_limit(), _COUNT) for tilt in TILTS}
+    converging: dict[Integration, WorkConvergence] = {
+        "centroid": step_errors("centroid"),
+        "refined": step_errors("refined"),
+    }
     rows = [row for tilt in TILTS for row in _rows_of_tilt(tilt, works[tilt], limits[tilt])]
     figure = new_figure(12.5, 9.0)
     panels = figure.subplots(2, 2)
@@ -171,7 +153,7 @@ def _draw_work(axes: Axes, works: dict[float, list[Work]], limits: dict[float, W
     label_axes(axes, x="Pitch P [mm]", y="Work over 35 mm [mJ]", title="Work", legend={"loc": "upper right"})
 
 
-def _draw_steps(axes: Axes, converging: dict[Integration, Steps]) -> None:
+def _draw_steps(axes: Axes, converging: dict[Integration, WorkConvergence]) -> None:
     for (rule, found), colour, marker in zip(converging.items(), (BLACK, GREEN), ("o", "s"), strict=True):
         axes.loglog(
             found.steps, found.errors, marker=marker, color=colour, label=f"{rule}: observed order {found.order:.2f}"

@@ -84,7 +84,7 @@ def _forces(plates: Plates, states: Array) -> Array:
 
 
 def _seconds(plates: Plates, states: Array) -> float:
-    """For one wrench on one core, the best of several rounds."""
+    """Time of one wrench on one core, best of several rounds."""
     model, best, began = law("constant"), np.inf, perf_counter()
     while perf_counter() - began < _LEAST_SECONDS or not np.isfinite(best):
         start = perf_counter()

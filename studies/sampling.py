@@ -1,5 +1,6 @@
 """Errors from sampling a motion: noise and lag of differenced poses, and work over the time step."""
 
+from collections.abc import Sequence
 from dataclasses import astuple, dataclass
 
 import numpy as np
@@ -10,13 +11,13 @@ from rft_ros.estimator.settings import Settings
 from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample, sample_every
-from rft_ros.sweeps.outcomes import work
+from rft_ros.sweeps.outcomes import Work, work
 from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, shipped
 from studies.result import BLACK, BLUE, GREY, ORANGE, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
 
-__all__ = ["NOISE", "RATES", "STROKES", "WINDOWS", "Error"]
-__all__ += ["differenced", "errors_of_work", "measured_errors", "order", "time_step", "window"]
+__all__ = ["NOISE", "RATES", "STROKES", "WINDOWS", "Error", "WorkConvergence", "differenced", "measured_errors"]
+__all__ += ["stroke_convergence", "time_step", "window", "work_convergence", "work_of"]
 
 NOISE = 1e-5
 """Noise of each coordinate of a pose [m]; its attitude has this at 100 mm from the flange: 1e-4 rad."""
@@ -179,27 +180,35 @@ STROKES: dict[str, tuple[str, Motion]] = {
 }
 """A shipped mesh and a motion, by name."""
 
-_STEPS = (50, 100, 200, 400, 800, 1600)
-_FINEST = 12_800
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class WorkConvergence:
+    """Relative errors of the total work over time steps [s], shape [n] both, and the order of convergence."""
+
+    steps: Array
+    errors: Array
+    order: float
 
 
-def errors_of_work(name: str, rule: Integration) -> tuple[Array, Array]:
-    """Time steps [s] and relative errors of the total work of a stroke, shape [n] both, against 12,800 steps."""
+def work_of(plates: Plates, motion: Motion, samples: int) -> Work:
+    """Work of a motion; α_y constant."""
+    times, states = sample(motion, samples)
+    return work(times, states, wrenches(plates, law("constant"), states))
+
+
+def work_convergence(plates: Plates, motion: Motion, intervals: Sequence[int]) -> WorkConvergence:
+    """Errors of the work with numbers of time steps, against eight times the last of them."""
+    exact = work_of(plates, motion, 8 * intervals[-1] + 1).total
+    errors = np.array([abs(work_of(plates, motion, n + 1).total / exact - 1.0) for n in intervals])
+    steps = motion.duration / np.array(intervals)
+    order = float(np.polyfit(np.log(steps), np.log(np.maximum(errors, 1e-16)), 1)[0])
+    return WorkConvergence(steps=steps, errors=errors, order=order)
+
+
+def stroke_convergence(name: str, rule: Integration) -> WorkConvergence:
+    """Convergence of the work of one of `STROKES`, over 50 to 1,600 time steps."""
     mesh, motion = STROKES[name]
-    plates = shipped(mesh)[rule]
-
-    def total(steps: int) -> float:
-        times, states = sample(motion, steps + 1)
-        return work(times, states, wrenches(plates, law("constant"), states)).total
-
-    exact = total(_FINEST)
-    errors = np.array([abs(total(steps) / exact - 1.0) for steps in _STEPS])
-    return motion.duration / np.array(_STEPS), errors
-
-
-def order(steps: Array, errors: Array) -> float:
-    """Slope of log error over log step."""
-    return float(np.polyfit(np.log(steps), np.log(np.maximum(errors, 1e-16)), 1)[0])
+    return work_convergence(shipped(mesh)[rule], motion, [50 * 2**k for k in range(6)])
 
 
 def time_step() -> StudyResult:
@@ -208,10 +217,11 @@ def time_step() -> StudyResult:
     rows: list[tuple[str, str, float, float, float]] = []
     for axes, name in zip(figure.subplots(1, 2), STROKES, strict=True):
         for rule in INTEGRATIONS:
-            steps, errors = errors_of_work(name, rule)
-            rows += [(name, rule, dt, e, order(steps, errors)) for dt, e in zip(steps, errors, strict=True)]
+            found = stroke_convergence(name, rule)
+            steps, errors = found.steps, found.errors
+            rows += [(name, rule, dt, e, found.order) for dt, e in zip(steps, errors, strict=True)]
             marker = "o-" if rule == "centroid" else "s--"
-            label = f"{rule}: order {order(steps, errors):.1f}"
+            label = f"{rule}: order {found.order:.1f}"
             axes.loglog(1e3 * steps, 100.0 * errors, marker, ms=4, color=RULE_COLOUR[rule], label=label)
         axes.loglog(1e3 * steps, 100.0 * errors[0] * (steps / steps[0]) ** 2, ":", color=BLACK, lw=1, label="order 2")
         axes.minorticks_off()

@@ -9,6 +9,8 @@ import numpy as np
 
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.rft import rotation_matrix
+from rft_ros.rft.compilation import compiled
+from rft_ros.rft.frames import from_frame, rotation
 
 __all__ = ["Moment", "Motion", "Phase", "Phases"]
 
@@ -56,6 +58,21 @@ _UNPLACED = {
 """Reasons for which a pose does not tell where the tool is."""
 
 
+@compiled
+def _lowest_point(corners, state, out):  # type: ignore[no-untyped-def]
+    """Write the lowest corner's world z [m], its velocity [m/s] and the world's z axis in the tool frame to `out`."""
+    axes = rotation(state[3], state[4], state[5], state[6])
+    x = y = z = math.inf
+    for corner in corners:
+        cx, cy, cz = from_frame(axes, corner[0], corner[1], corner[2])
+        if cz < z:
+            x, y, z = cx, cy, cz
+    wx, wy, wz = state[10], state[11], state[12]
+    out[0] = state[2] + z
+    out[1], out[2], out[3] = state[7] + wy * z - wz * y, state[8] + wz * x - wx * z, state[9] + wx * y - wy * x
+    out[4], out[5], out[6] = axes[6], axes[7], axes[8]
+
+
 class Motion:
     """The motion of an estimator's tool, pose by pose."""
 
@@ -63,6 +80,7 @@ class Motion:
         self._estimator = estimator
         self._corners = estimator.model.tool.corners
         self._settings = estimator.settings
+        self._out = np.zeros(7)
         self._deepest = -math.inf
         self._up = np.array([0.0, 0.0, 1.0])
 
@@ -73,14 +91,11 @@ class Motion:
         """
         if isinstance(answer, NoEstimate) and answer.reason is not Reason.AT_REST:
             return None if answer.reason in _UNPLACED else self._estimator.depth(), None
-        state = self._estimator.state
-        rotation = rotation_matrix(state[3:7])
-        x, y, z = (rotation @ self._corners[(self._corners @ rotation[2]).argmin()]).tolist()
-        depth = self._settings.surface_height - float(state[2]) - z
+        _lowest_point(self._corners, self._estimator.state, self._out)
+        height, vx, vy, vz, *up = self._out.tolist()
+        depth = self._settings.surface_height - height
         if depth > self._deepest:
-            self._deepest, self._up = depth, rotation[2]
-        vx, vy, vz, wx, wy, wz = state[7:13].tolist()
-        vx, vy, vz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+            self._deepest, self._up = depth, np.array(up)
         speed = answer.speed if isinstance(answer, Estimate) else 0.0
         return depth, Moment(answer.stamp, depth, -vz, math.hypot(vx, vy, vz), speed)
 

@@ -101,10 +101,10 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
         raise NotIdentifiable(
             f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
-    if found.parameter > high - edge or relative > _UNSURE:
+    if length > turn.after or relative > _UNSURE:
         raise NotIdentifiable(
             f"{where}: λ comes out as {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
-            f" {100 * _UNSURE:.0f} % and less than {1e3 * _LONGEST:g} mm"
+            f" {100 * _UNSURE:.0f} % and less than the {1e3 * turn.after:.3g} mm of path after the turn"
         )
     if misfit > _UNLIKE or found.linear.coefficients[0] <= 0.0:
         raise NotIdentifiable(

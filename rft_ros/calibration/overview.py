@@ -10,13 +10,13 @@ from rich.text import Text
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.zeta import ZetaFit
 from rft_ros.errors import InputError, reason_of
+from rft_ros.report.charts import Chart, Line, Panel
+from rft_ros.report.pictures import draw_chart
 
 __all__ = ["draw_penetrations", "print_overview"]
 
 _WIDE = 120
 """Columns of a terminal from which goodness and source stand side by side."""
-
-_ACROSS = 3
 
 
 def _number(value: float, error: float) -> str:
@@ -51,33 +51,34 @@ def print_overview(result: Calibration, console: Console) -> None:
 
 def draw_penetrations(fit: ZetaFit, file: Path) -> None:
     """Draw to a PNG: force over depth, measured and predicted with each ζ; one panel a penetration."""
-    from matplotlib.figure import Figure
-
-    count = len(fit.penetrations)
-    across = min(count, _ACROSS)
-    down = -(-count // across)
-    figure = Figure(figsize=(5.2 * across, 4.6 * down), layout="constrained")
+    rows = []
     for number, p in enumerate(fit.penetrations):
-        axes = figure.add_subplot(down, across, number + 1)
-        depth = 1e3 * p.depth
-        axes.plot(depth, p.measured, color="0.25", lw=1.6, label="measured, less bias and tool weight")
-        own = f"RFT, its own ζ = {p.zeta:.2f}"
-        axes.plot(depth, p.zeta * p.predicted, color="tab:green", lw=1.1, ls="--", label=own)
-        if count > 1:
-            zeta = fit.zeta_of_others(number)
-            label = f"RFT, ζ = {zeta:.2f} from the other{'s' if count > 2 else ''}"
-            axes.plot(depth, zeta * p.predicted, color="tab:red", lw=1.4, label=label)
-            rest = f"residual of that: RMS {100 * p.misfit(zeta):.1f} % of the peak"
-            axes.plot(depth, p.measured - zeta * p.predicted, color="tab:blue", lw=0.9, label=rest)
-        axes.axhline(0.0, color="0.6", lw=0.6)
-        axes.set(title=p.bag, xlabel="Depth of the tool's lowest point below the surface [mm]")
-        axes.set_ylabel("Vertical force on the tool, up [N]")
-        axes.grid(alpha=0.3)
-        axes.legend(loc="upper left", fontsize=8)
-    plural = "s" if count > 1 else ""
-    figure.suptitle(f"Vertical penetration: ζ = {fit.zeta:.3f} ± {fit.error:.3f} over {count} penetration{plural}")
+        lines = {
+            "measured, less bias and tool weight": ("measured", p.measured),
+            "RFT with its own ζ": ("z", p.zeta * p.predicted),
+        }
+        name = f"{p.bag}: own ζ {p.zeta:.2f}"
+        if len(fit.penetrations) > 1:
+            others = fit.zeta_of_others(number)
+            lines["RFT with the mean ζ of the others"] = ("predicted", others * p.predicted)
+            lines["residual of that"] = ("residual", p.measured - others * p.predicted)
+            name += f", ζ of the others {others:.2f} (RMS {100 * p.misfit(others):.1f} % of the peak)"
+        panel = Panel(
+            x_label=f"Depth of the lowest point [mm]; {name}",
+            y_label="Vertical force [N]",
+            lines=tuple(Line(label=k, colour=c, x=1e3 * p.depth, y=y) for k, (c, y) in lines.items()),
+        )
+        rows.append((panel,))
+    chart = Chart(
+        name="penetrations",
+        title="Vertical penetration",
+        sentence="",
+        panels=tuple(rows),
+        same_x=False,
+        height=330 * len(rows),
+    )
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(file, dpi=110, metadata={"Software": None})
+        draw_chart(chart, file, title=f"ζ = {fit.zeta:.3f} ± {fit.error:.3f}")
     except (OSError, ValueError) as error:
         raise InputError(f"figure '{file}' cannot be written: {reason_of(error)}") from None

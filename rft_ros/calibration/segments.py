@@ -57,12 +57,14 @@ class Turn:
     """A change of direction in the grains by 60° or more, or a start from rest where a recording begins in them.
 
     `first`: row from which the memory of the grains is known. `at`: row of the turn, before its rest if it has one.
-    `rows`: those in motion from 3 mm of path before the turn to 10 mm after it, or to the next turn.
+    `rows`: those in motion from 3 mm of path before the turn to 10 mm after it, or to the next turn. `after`: path from
+    the turn to the last of them [m].
     """
 
     first: int
     at: int
     rows: NDArray[np.int64]
+    after: float
 
 
 def _segments(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArray[np.int64]]:
@@ -137,10 +139,11 @@ def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Tur
             turns.insert(0, 0)
         for k, turn in enumerate(turns):
             begin = path[turns[k - 1]] if k else 0.0
-            end = path[turns[k + 1]] if k + 1 < len(turns) else path[-1]
-            near = (path >= max(begin, path[turn] - _BEFORE)) & (path <= min(end, path[turn] + _AFTER))
-            if min(end, path[turn] + _AFTER) - path[turn] >= 2.0 * _CHORD and near.sum() >= 20:
-                found.append(Turn(first=max(int(segment[0]) - 1, 0), at=int(rows[turn]), rows=rows[near]))
+            end = min(path[turns[k + 1]] if k + 1 < len(turns) else path[-1], path[turn] + _AFTER)
+            near = (path >= max(begin, path[turn] - _BEFORE)) & (path <= end)
+            first, after = max(int(segment[0]) - 1, 0), float(end - path[turn])
+            if after >= 2.0 * _CHORD and near.sum() >= 20:
+                found.append(Turn(first=first, at=int(rows[turn]), rows=rows[near], after=after))
     return found
 
 

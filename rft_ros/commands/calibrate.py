@@ -17,7 +17,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=BAG)
     recording_options(command, required=True)
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="what to write")
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="file to write")
     command.add_argument(
         "--fit",
         action="append",

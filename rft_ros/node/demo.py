@@ -1,12 +1,12 @@
-"""``rft demo``: a real node, a virtual arm, and what a user would do beside them: watch, tare, swap, record."""
+"""``rft demo``: a real node and a virtual arm; the demo itself watches, tares, swaps and records, as a user would."""
 
 import os
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -43,12 +43,12 @@ _TOPICS: dict[str, tuple[type, str]] = {
     "/rft/wrench_residual": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
 }
 _SHOWN = ("predicted", "compensated", "residual")
-_WAIT = 60.0  # s, for a process that has to compile first
+_WAIT = 120.0  # s, for a node that compiles first
 _NODE, _ARM = "the node", "the virtual arm"
 
 
 class Watcher:
-    """What `ros2 bag record`, `ros2 topic echo`, `ros2 service call` and `ros2 param set` would do."""
+    """Records and shows topics and calls services, as `ros2 bag record`, `topic echo` and `service call` would."""
 
     def __init__(self, bag: BagWriter) -> None:
         self.node = rclpy.create_node("rft_demo")
@@ -87,22 +87,22 @@ class Watcher:
         return record
 
     def spin(self, seconds: float) -> None:
-        """Take what comes for a while."""
+        """Receive messages for a while [s]."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(self.node, timeout_sec=min(left, 0.02))
 
     def check_children(self) -> None:
-        """InputError if a child ended that should not have; the arm may, once its time is up."""
+        """Raise InputError if a child ended early; the arm may end once its time is up."""
         for name, child in self.children.items():
             status = child.poll()
             if status is None or (status == 0 and name == _ARM):
                 continue
             how = f"was ended by signal {-status}" if status < 0 else f"ended with exit status {status}"
-            raise InputError(f"{name} {how} before the demo was over; what it printed stands above")
+            raise InputError(f"{name} {how} before the demo was over; see its messages above")
 
     def call(self, service_type: type, name: str, request: Any) -> Any:
-        """The service's answer; InputError if there is none in time, or nobody left to give one."""
+        """The service's answer; InputError if none comes in time or the node has ended."""
         client = self.node.create_client(service_type, name)
         future = None
         end = time.monotonic() + _WAIT
@@ -134,25 +134,22 @@ class Watcher:
 
 
 @contextmanager
-def _process(module: str, *arguments: str, end: Callable[[], signal.Signals]) -> Iterator[subprocess.Popen[bytes]]:
-    """A child that is told to stop, by the signal that `end` chooses, and made to, however this block ends."""
+def _process(module: str, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
+    """A child that is told to end, and made to, however this block ends."""
     process = subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True)
     try:
         yield process
     finally:
-        if process.poll() is None:
-            process.send_signal(end())
-            try:
-                process.wait(10.0)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        with suppress(ProcessLookupError):  # what it forked and could not end, if it was killed
-            os.killpg(process.pid, signal.SIGKILL)
+        process.terminate()
+        try:
+            process.wait(10.0)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
 
 def _terminated(number: int, _: FrameType | None) -> NoReturn:
-    """Leave all blocks, which end the children and close the bag; the exit status is a shell's for this signal."""
+    """Leave all blocks, which end the children and close the bag; exit status as a shell reports this signal."""
     raise SystemExit(128 + number)
 
 
@@ -189,23 +186,24 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger")
     console.print("  ros2 param set /rft alpha_y.model linear\n", highlight=False)
     signal.signal(signal.SIGTERM, _terminated)
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # they would shut ROS down under what still runs
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the children
     try:
         with BagWriter(output / "bag") as bag:
             watcher = Watcher(bag)
-            node_arguments = ("--ros-args", "--params-file", str(parameters))
-            with _process("rft_ros.node.main", *node_arguments, end=lambda: signal.SIGTERM) as node:
+            with _process("rft_ros.node.main", "--ros-args", "--params-file", str(parameters)) as node:
                 watcher.children[_NODE] = node
-                console.print("waiting for the node (its first start compiles, about 15 s) ...")
+                console.print("waiting for the node ...")
                 watcher.call(GetParameters, "/rft/get_parameters", GetParameters.Request(names=["mesh.file"]))
-                _move(watcher, console, seconds)
+                with _process("rft_ros.node.virtual_arm", "--seconds", str(seconds), "--listeners", "2") as arm:
+                    watcher.children[_ARM] = arm
+                    _watch(watcher, console, arm, seconds)
             watcher.spin(0.2)
             trace = watcher.trace()
             watcher.node.destroy_node()
     finally:
         rclpy.try_shutdown()
     if not trace.predicted or not trace.measured:
-        console.print("[red]no estimates came[/red]; what the node said stands above")
+        console.print("[red]no estimates came[/red]; see the node's messages above")
         return None
     for topic, count in watcher.counts.items():
         console.print(f"recorded {count:5d} {topic}", highlight=False)
@@ -213,18 +211,6 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     again = f"{program('rft')} replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
     console.print(f"the same offline: {again}", soft_wrap=True, highlight=False)
     return trace
-
-
-def _move(watcher: Watcher, console: Console, seconds: float) -> None:
-    """Let the arm move, and watch."""
-
-    def end() -> signal.Signals:
-        return signal.SIGINT if watcher.counts["/rft/pose"] else signal.SIGKILL  # it does not listen yet
-
-    arguments = ("--seconds", str(seconds), "--listeners", "2")
-    with _process("rft_ros.node.virtual_arm", *arguments, end=end) as arm:
-        watcher.children[_ARM] = arm
-        _watch(watcher, console, arm, seconds)
 
 
 def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", seconds: float) -> None:

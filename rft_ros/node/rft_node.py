@@ -212,7 +212,6 @@ class RftNode(Node):
         self._table.set_all({"sensor.bias": bias}, why="tare")
         response.success = True
         response.message = "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
-        self.get_logger().info(f"tare: {response.message}")
         return response
 
     def _on_status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -223,5 +222,7 @@ class RftNode(Node):
         message, lines = self._diagnostics.report(self.get_clock().now().nanoseconds, _DIAGNOSTICS_PERIOD)
         self._diagnostics_publisher.publish(message)
         for line in lines:
-            log = self.get_logger().warning if line.warning else self.get_logger().info
-            log(line.text)
+            if line.warning:  # rclpy wants one severity for each place in the code
+                self.get_logger().warning(line.text)
+            else:
+                self.get_logger().info(line.text)

@@ -1,9 +1,8 @@
-"""A virtual arm for the demo: 125 Hz pose, twist and load cell of the ellipsoid that pitches its way into the grains.
+"""A virtual arm for the demo: 125 Hz pose, twist and load cell of an ellipsoid that pitches on its way into the grains.
 
 The motion is the paper's (Treers et al. 2021, V-A): straight down at 5 mm/s, pitching ±9° at 0.625 Hz, after a pause in
-the air for a tare. Its grains are this package's own model (generic, ζ = 0.33, α_y linear): the demo shows the wiring,
-the frames and the load cell's arithmetic, not how true the model is. The load cell adds a bias, the tool's weight,
-noise and a frame of its own.
+the air for a tare. Forces come from this package's own model (generic, ζ = 0.33, α_y linear): the demo shows wiring,
+frames and the load cell's arithmetic, not accuracy. The load cell adds a bias, the tool's weight, noise and its frame.
 """
 
 import argparse
@@ -63,7 +62,7 @@ class PitchingDescent:
 def raw_reading(
     frame: LoadCellFrame, quaternion: NDArray[np.float64], on_tool: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> Wrench:
-    """What the load cell reports: the grains' wrench and the weight in its frame, its bias, and noise."""
+    """What the load cell reports: wrench of the grains, weight, bias and noise, in its own frame."""
     numbers = frame.into_sensor(quaternion, on_tool)
     fx, fy, fz, tx, ty, tz = (frame.sign * (numbers[k] + numbers[k + 6]) + frame.bias[k] + noise[k] for k in range(6))
     return fx, fy, fz, tx, ty, tz

@@ -1,1 +1,1 @@
-"""Design studies: tools x motions x media x models, on one machine or many."""
+"""Design studies: tools x motions x media, on one machine or a cluster."""

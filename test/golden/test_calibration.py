@@ -192,5 +192,5 @@ def test_pressure_that_depends_on_the_plate_is_noted_with_numbers(round_plates):
 
 def test_one_zeta_for_three_plates_has_a_large_error(round_plates):
     zeta = record(round_plates)["fitted"]["medium_zeta"]
-    assert zeta["value"] == [pytest.approx(1.58, abs=0.01)]
+    assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1

@@ -7,6 +7,7 @@ from rft_ros.rft.velocity_weights import exact_f1, exact_f23
 from rft_ros.sweeps.motions import Circumnutation
 from studies import circumnutation, convergence, horizontal, oscillation, plates
 from studies.paper import ALPHA_Y, ellipsoid, leading_face, plate, root_tip
+from studies.sampling import work_of
 
 
 @pytest.fixture(scope="module")
@@ -102,8 +103,8 @@ class TestCircumnutation:
         """Beyond 100 mm the total falls to within 0.5 % of the straight insertion."""
         tool = root_tip()
         pitches = circumnutation.PITCHES
-        works = [circumnutation.work_of(tool, Circumnutation(tilt_deg=tilt, pitch=p)) for p in pitches]
-        straight = circumnutation.work_of(tool, Circumnutation(tilt_deg=tilt).straight_limit())
+        works = [work_of(tool.plates, Circumnutation(tilt_deg=tilt, pitch=p), 401) for p in pitches]
+        straight = work_of(tool.plates, Circumnutation(tilt_deg=tilt).straight_limit(), 401)
         assert (np.diff([w.vertical for w in (*works, straight)]) > 0.0).all()
         total = np.array([w.total for w in works])
         assert (np.diff(total[pitches <= 0.1]) < 0.0).all()
@@ -113,13 +114,13 @@ class TestCircumnutation:
 
     def test_at_40_mm_vertical_work_is_a_third_lower_than_straight(self):
         motion = Circumnutation(pitch=0.04)
-        turning, straight = (circumnutation.work_of(root_tip(), m) for m in (motion, motion.straight_limit()))
+        turning, straight = (work_of(root_tip().plates, m, 401) for m in (motion, motion.straight_limit()))
         assert turning.vertical / straight.vertical == pytest.approx(0.64, abs=0.02)
         assert turning.total / straight.total == pytest.approx(1.24, abs=0.03)
 
     def test_a_long_pitch_is_the_straight_limit(self):
         motion = Circumnutation(pitch=100.0)
-        turning, straight = (circumnutation.work_of(root_tip(), m) for m in (motion, motion.straight_limit()))
+        turning, straight = (work_of(root_tip().plates, m, 401) for m in (motion, motion.straight_limit()))
         assert turning.vertical == pytest.approx(straight.vertical, rel=1e-3)
 
     @pytest.mark.parametrize("rule", ["centroid", "refined"])

@@ -8,7 +8,7 @@ import trimesh
 
 from studies.concave_tools import blocked, bowl, concavity, fork, resistance
 from studies.force_jumps import knife_edge
-from studies.sampling import NOISE, STROKES, differenced, errors_of_work, order
+from studies.sampling import NOISE, STROKES, differenced, stroke_convergence
 from studies.stability import CASES
 from studies.validity_limits import inertia_over_weight, share_in_wake
 
@@ -59,7 +59,7 @@ def test_the_scatter_of_a_differenced_pose_is_that_of_a_fitted_slope(width):
 
 def test_work_converges_at_second_order_under_the_refined_rule():
     for name in STROKES:
-        assert 1.8 < order(*errors_of_work(name, "refined")) < 2.4
+        assert 1.8 < stroke_convergence(name, "refined").order < 2.4
 
 
 def test_inertia_grows_with_the_square_of_speed_and_is_small_where_the_paper_measured():

@@ -78,7 +78,7 @@ def soak(rft: Harness, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
     """Send at the rate; one message in ten is bad in a random way, one call in every half second of ticks."""
     random = np.random.default_rng(seed)
     client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
-    assert client.wait_for_service(timeout_sec=30.0)
+    assert client.wait_for_service(timeout_sec=240.0)
     count, calls, stamp = round(seconds * rate), 0, time.time_ns()
     pending: list[object] = []
     memory: list[float] = []
@@ -147,12 +147,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--rate", type=float, default=500.0)
+    parser.add_argument("--executor", choices=("events", "single"), default="events")
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()
     own_domain()
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
-        rft = Harness("-p", "mesh.file:=plate", log=Path(folder) / "node.log").wait_ready()
+        executor = f"executor:={arguments.executor}"
+        rft = Harness("-p", "mesh.file:=plate", "-p", executor, log=Path(folder) / "node.log").wait_ready()
         result = soak(rft, seconds=arguments.seconds, rate=arguments.rate, seed=arguments.seed)
         status = rft.stop()
         print(result)

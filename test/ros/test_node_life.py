@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from harness import numbers, predicted_by_the_core, stamp_of
+from harness import WAIT, numbers, predicted_by_the_core, stamp_of
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 
@@ -158,16 +158,16 @@ def start_demo(tmp_path):
     yield start
     for demo in demos:
         demo.terminate()
-        demo.communicate(timeout=30.0)
+        demo.communicate(timeout=WAIT)
 
 
 def test_a_demo_whose_node_dies_at_the_start_says_how_at_once(start_demo):
     demo, node = start_demo()
     os.kill(node, signal.SIGKILL)
-    _, said = demo.communicate(timeout=20.0)  # a third of the time that it gives a node that lives
+    _, said = demo.communicate(timeout=WAIT)
     assert demo.returncode == 2
     assert said.splitlines()[-1] == (
-        "rft demo: the node was ended by signal 9 before the demo was over; what it printed stands above"
+        "rft demo: the node was ended by signal 9 before the demo was over; see its messages above"
     )
     assert "Traceback" not in said
 
@@ -175,7 +175,7 @@ def test_a_demo_whose_node_dies_at_the_start_says_how_at_once(start_demo):
 def test_a_demo_that_is_terminated_ends_its_node_and_says_nothing(start_demo):
     demo, node = start_demo()
     demo.terminate()
-    _, said = demo.communicate(timeout=20.0)
+    _, said = demo.communicate(timeout=WAIT)
     assert demo.returncode == 128 + signal.SIGTERM
     assert "Traceback" not in said
     assert not Path(f"/proc/{node}").exists()

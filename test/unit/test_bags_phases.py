@@ -82,7 +82,7 @@ def test_a_blip_shorter_than_a_tenth_of_a_second_is_no_phase():
     [(90.0, Phase.PENETRATION), (20.0, Phase.PENETRATION), (3.0, Phase.PLOUGHING), (0.0, Phase.PLOUGHING),
      (-3.0, Phase.PLOUGHING), (-20.0, Phase.WITHDRAWAL), (-90.0, Phase.WITHDRAWAL)],
 )  # fmt: skip
-def test_the_slope_tells_ploughing_from_going_down_or_up(degrees, phase):
+def test_the_slope_separates_ploughing_from_going_down_or_up(degrees, phase):
     angle = np.deg2rad(degrees)
     leg = ((60, (0.02 * float(np.cos(angle)), -0.02 * float(np.sin(angle)))),)
     assert set(phases_of(run(leg, depth=0.02))) == {phase}

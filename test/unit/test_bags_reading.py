@@ -113,7 +113,7 @@ def refused(path, *words, topics=NAMES):
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_no_bag_is_refused_with_its_name(tmp_path):
+def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
     refused(tmp_path / "gone", "does not exist")
     (tmp_path / "empty").mkdir()
     refused(tmp_path / "empty", "no metadata.yaml")

@@ -99,7 +99,7 @@ def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
         replay(bag, tmp_path / "out", values(), tare=0.5)
 
 
-def test_penetration_is_told_apart_from_the_rest(tmp_path):
+def test_penetration_has_statistics_of_its_own(tmp_path):
     summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
     rows = rows_of(tmp_path / "out")
     sinking = [r for r in rows if float(r["depth"]) > 0.0 and float(r["speed"]) > 0.0]
@@ -155,7 +155,7 @@ def test_a_tare_that_fails_for_a_wrong_frame_names_it(tmp_path):
         replay(bag, tmp_path / "out", values(), tare=0.2)
 
 
-def test_two_publishers_on_one_topic_are_told_by_their_stamps(tmp_path):
+def test_a_second_publisher_that_lags_is_out_of_order(tmp_path):
     rows = list(moments())
     late = [(role, time + 1, stamp - 5 * STEP, v) for role, time, stamp, v in rows if role == "pose"]
     summary = replay(write_ros2(tmp_path / "bag", sorted(rows + late, key=lambda r: r[1])), tmp_path / "out", values())

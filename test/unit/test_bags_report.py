@@ -20,7 +20,8 @@ def replays(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     bag = write_ros2(folder / "plunge", plunge(noise=3e-5))
     outs = [folder / "one", folder / "two"]
-    summaries = [replay(bag, out, values(), report=True, figures=True) for out in outs]
+    params = values(integration="centroid")  # which flags a horizontal plate
+    summaries = [replay(bag, out, params, report=True, figures=True) for out in outs]
     return summaries[0], outs
 
 
@@ -108,7 +109,7 @@ def test_without_a_browser_the_test_says_what_is_missing(tmp_path, monkeypatch):
         show(tmp_path / "page.html", tmp_path)
 
 
-def test_doubts_are_in_the_table_the_summary_and_the_page(replays, page):
+def test_quality_flags_are_in_the_table_the_summary_and_the_page(replays, page):
     summary, (out, _) = replays
     rows = rows_of(out)
     counted = {name: sum(name in r["quality_flags"].split("+") for r in rows) for name in summary.quality_flags}
@@ -124,7 +125,7 @@ def test_doubts_are_in_the_table_the_summary_and_the_page(replays, page):
         assert (f"<td>{name}</td><td>{count:,}</td>" in page) == (count > 0)
 
 
-def test_without_doubts_or_wrench_there_is_a_page_too(tmp_path):
+def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     bag = write_ros2(tmp_path / "air", list(plunge())[:120], topics={r: TOPICS[r] for r in ("pose", "twist")})
     summary = replay(bag, tmp_path / "out", values(), report=True)
     assert summary.estimates == summary.trust["OK"] == 40

@@ -76,7 +76,7 @@ def test_a_depth_bins_statistics_are_those_of_its_rows(plunged):
     assert sum(g.estimates for g in bins.values()) == summary.phases["penetration"].estimates
 
 
-def test_the_whole_is_not_flattered_into_the_phases(plunged):
+def test_the_phases_add_up_to_the_whole(plunged):
     """The air, where all is zero, makes the mean over everything small; penetration alone does not."""
     summary, _ = plunged
     assert summary.wrench["force"].residual.rms < summary.phases["penetration"].wrench["force"].residual.rms

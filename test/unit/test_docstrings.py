@@ -11,7 +11,7 @@ from pathlib import Path
 import rft_ros
 import rft_ros.rft
 
-ROS = ("rft_ros.node.", "rft_ros.prepare_tool")
+ROS = ("rft_ros.node.",)
 MODULES = sorted(
     m.name
     for m in pkgutil.walk_packages(rft_ros.__path__, "rft_ros.")

@@ -59,7 +59,7 @@ def far_plate(distance) -> Tool:
     )
 
 
-def test_the_speed_told_is_an_upper_bound_of_the_fastest_plates_speed():
+def test_the_speed_is_an_upper_bound_of_the_fastest_plates_speed():
     """20 cm from the origin, turning at 0.5 rad/s about x and sinking at 1 cm/s: at most 1 + 10 cm/s."""
     e = estimator(model=plate_model(tool=far_plate(0.2)))
     e.push_twist(twist(angular=(0.5, 0.0, 0.0)))

@@ -61,7 +61,7 @@ def test_every_reason_has_a_scene_here():
 
 
 @pytest.mark.parametrize("reason", SCENES, ids=str)
-def test_the_last_sample_is_turned_away_with_its_reason_and_counted(reason):
+def test_the_last_sample_is_refused_with_its_reason_and_counted(reason):
     e, answer = pushed(*SCENES[reason], **SETTINGS.get(reason, {}))
     sample = SCENES[reason][-1]
     if type(sample).__name__ == "PoseSample":
@@ -135,13 +135,13 @@ def test_older_inputs_are_stale_and_those_after_the_pose_are_missing():
 
 
 @pytest.mark.parametrize("quaternion", [(0, 0, 0, 0.98), (0, 0, 0, 1.02), (0, 0, 0, 0)])
-def test_a_quaternion_more_than_a_hundredth_from_unit_length_is_turned_away(quaternion):
+def test_a_quaternion_more_than_a_hundredth_from_unit_length_is_refused(quaternion):
     _, answer = pushed(twist(), pose(quaternion=quaternion))
     assert answer.reason is Reason.POSE_QUATERNION_NOT_UNIT
 
 
 @pytest.mark.parametrize("bad", [pose(START + 1, frame="camera"), pose(START + 1, position=(math.inf, 0.0, 0.0))])
-def test_a_pose_that_was_turned_away_does_not_count_as_the_last_one(bad):
+def test_a_refused_pose_does_not_count_as_the_last_one(bad):
     _, answer = pushed(twist(), bad, pose())
     assert isinstance(answer, Estimate)
 
@@ -187,7 +187,7 @@ def test_max_rate_bounds_how_many_poses_are_answered_in_ten_seconds(rate, period
     assert e.counts["estimates"] + e.counts[Reason.POSE_RATE_LIMITED.value] == poses
 
 
-def test_a_limit_at_the_streams_own_rate_thins_nothing_though_its_stamps_jitter():
+def test_a_limit_at_the_streams_own_rate_drops_no_pose_though_its_stamps_jitter():
     """Jitter within a tenth of the period."""
     e = estimator(max_rate=125.0)
     for k in range(1000):
@@ -205,13 +205,13 @@ def test_a_new_max_rate_counts_from_the_next_pose():
     assert e.counts["estimates"] == 2
 
 
-def test_the_first_pose_is_never_thinned_even_when_the_clock_starts_at_zero():
+def test_the_first_pose_is_answered_even_when_the_clock_starts_at_zero():
     _, answer = pushed(twist(1), pose(1), max_rate=1.0)
     assert isinstance(answer, Estimate)
 
 
 @pytest.mark.parametrize("angular", [(0.0, 0.0, 0.0), (0.0, 0.0, 1e-9)])
-def test_a_tool_at_rest_is_told_apart_in_the_grains_only(angular):
+def test_rest_is_a_reason_in_the_grains_only(angular):
     """In the grains the force of a tool that stopped is not what RFT gives; in the air it is zero."""
     still = twist(linear=(0.0, 0.0, -1e-4), angular=angular)
     _, inside = pushed(still, pose())

@@ -55,7 +55,7 @@ def test_what_a_file_does_not_say_stays_at_its_default(read):
     assert read("/**:\n  ros__parameters:\n    max_rate: 1.0\n") == {**defaults(), "max_rate": 1.0}
 
 
-def test_parameters_that_every_ros_node_has_are_passed_over(read):
+def test_parameters_that_every_ros_node_has_are_ignored(read):
     text = "/**:\n  ros__parameters:\n    use_sim_time: true\n    qos_overrides./tf.depth: 3\n    max_rate: 2.0\n"
     assert read(text)["max_rate"] == 2.0
 

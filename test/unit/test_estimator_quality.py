@@ -17,7 +17,7 @@ def model(tool):
     return Model(tool=tool, law=LAW, medium="generic", zeta=1.0, alpha_y="constant")
 
 
-def last_doubts(tool, positions, *, velocity=None, quaternion=(0.0, 0.0, 0.0, 1.0), step=0.01, **settings):
+def last_flags(tool, positions, *, velocity=None, quaternion=(0.0, 0.0, 0.0, 1.0), step=0.01, **settings):
     """The quality_flags after these positions, a step of time apart."""
     estimator = Estimator(Settings(rest_speed=1e-6, **settings), model(tool))
     positions = np.asarray(positions, dtype=float)
@@ -46,13 +46,13 @@ def helix(pitch, radius, depth=0.05, n=600):
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), -0.04 - np.linspace(0.0, depth, n)])
 
 
-def test_slow_straight_motion_of_a_convex_tool_is_beyond_doubt(root):
-    assert last_doubts(root, straight(0.15)) == QualityFlag.NONE
+def test_slow_straight_motion_of_a_convex_tool_has_no_flag(root):
+    assert last_flags(root, straight(0.15)) == QualityFlag.NONE
     assert trust(QualityFlag.NONE) is Trust.OK
 
 
-def test_a_tool_above_the_grains_is_beyond_doubt_however_fast(root):
-    assert last_doubts(root, straight(0.1, speed=1.0, start=(0, 0, 1.0), direction=(1, 0, 0))) == QualityFlag.NONE
+def test_a_tool_above_the_grains_has_no_flag_however_fast(root):
+    assert last_flags(root, straight(0.1, speed=1.0, start=(0, 0, 1.0), direction=(1, 0, 0))) == QualityFlag.NONE
 
 
 @pytest.mark.parametrize(
@@ -64,63 +64,63 @@ def test_a_tool_above_the_grains_is_beyond_doubt_however_fast(root):
         (4e-6, QualityFlag.NEAR_REST, Trust.CAUTION),
     ],
 )
-def test_speed_outside_of_what_was_tested_is_doubtful(root, speed, quality_flags, how_far):
-    found = last_doubts(root, np.tile([0.0, 0.0, -0.05], (20, 1)), velocity=(0.3 * speed, 0.1 * speed, -0.94 * speed))
+def test_speed_beyond_what_was_measured_is_flagged(root, speed, quality_flags, how_far):
+    found = last_flags(root, np.tile([0.0, 0.0, -0.05], (20, 1)), velocity=(0.3 * speed, 0.1 * speed, -0.94 * speed))
     assert found == quality_flags
     assert trust(found) is how_far
 
 
 def test_a_helix_of_small_pitch_passes_its_own_wake(root):
-    assert QualityFlag.WAKE in last_doubts(root, helix(0.012, 0.006))
-    assert QualityFlag.WAKE not in last_doubts(root, helix(0.04, 0.003))
-    assert QualityFlag.WAKE not in last_doubts(root, helix(0.167, 0.003))
+    assert QualityFlag.WAKE in last_flags(root, helix(0.012, 0.006))
+    assert QualityFlag.WAKE not in last_flags(root, helix(0.04, 0.003))
+    assert QualityFlag.WAKE not in last_flags(root, helix(0.167, 0.003))
 
 
 def test_turning_back_passes_the_wake_until_the_tool_is_out(root):
     down = straight(0.08, direction=(0, 0, -1))
-    assert QualityFlag.WAKE in last_doubts(root, np.concatenate([down, down[::-1]])[:-20])
+    assert QualityFlag.WAKE in last_flags(root, np.concatenate([down, down[::-1]])[:-20])
     out_and_aside = np.concatenate([down, down[::-1], [[0, 0, 0.2]], straight(0.05, start=(0, 0, -0.03))])
-    assert QualityFlag.WAKE not in last_doubts(root, out_and_aside)
+    assert QualityFlag.WAKE not in last_flags(root, out_and_aside)
 
 
-def test_the_published_rule_doubts_what_moves_along_itself_and_the_refined_rule_does_not():
+def test_the_published_rule_flags_faces_that_move_along_themselves_and_the_refined_rule_does_not():
     along = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.01, 0.0, 0.0)}
-    assert last_doubts(load_tool("plate", integration="centroid"), **along) == QualityFlag.KNIFE_EDGE
+    assert last_flags(load_tool("plate", integration="centroid"), **along) == QualityFlag.KNIFE_EDGE
     assert trust(QualityFlag.KNIFE_EDGE) is Trust.NO
-    assert last_doubts(load_tool("plate", integration="refined"), **along) == QualityFlag.NONE
+    assert last_flags(load_tool("plate", integration="refined"), **along) == QualityFlag.NONE
 
 
-def test_the_narrow_sides_of_a_plate_that_goes_straight_down_are_no_reason_for_doubt():
+def test_the_narrow_sides_of_a_plate_that_goes_straight_down_are_not_flagged():
     down = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.0, 0.0, -0.01)}
-    assert last_doubts(load_tool("plate"), **down) == QualityFlag.NONE
+    assert last_flags(load_tool("plate"), **down) == QualityFlag.NONE
 
 
-def test_the_published_rule_doubts_a_plate_that_is_nearly_horizontal():
+def test_the_published_rule_flags_a_nearly_horizontal_plate():
     tilt = np.deg2rad(2.0)
     tilted = (np.sin(tilt / 2), 0.0, 0.0, np.cos(tilt / 2))
     moving = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.006, 0.0, -0.008), "quaternion": tilted}
-    assert QualityFlag.NEAR_FLAT in last_doubts(load_tool("plate", integration="centroid"), **moving)
-    assert last_doubts(load_tool("plate", integration="refined"), **moving) == QualityFlag.NONE
+    assert QualityFlag.NEAR_FLAT in last_flags(load_tool("plate", integration="centroid"), **moving)
+    assert last_flags(load_tool("plate", integration="refined"), **moving) == QualityFlag.NONE
 
 
-def test_a_tool_that_is_hollow_is_doubtful(tmp_path):
+def test_a_hollow_tool_is_flagged(tmp_path):
     trimesh.creation.annulus(0.01, 0.02, 0.03).export(tmp_path / "ring.stl")
     tool = load_tool(str(tmp_path / "ring.stl"), scale=1.0)
     assert any("hollows" in f.message for f in tool.issues)
-    assert QualityFlag.CONCAVE in last_doubts(tool, straight(0.05))
+    assert QualityFlag.CONCAVE in last_flags(tool, straight(0.05))
 
 
-def test_depth_beyond_the_calibration_is_doubtful(root):
+def test_depth_beyond_the_calibration_is_flagged(root):
     down = straight(0.05, direction=(0, 0, -1))
-    assert last_doubts(root, down, calibrated_depth=0.05) == QualityFlag.DEEP
-    assert last_doubts(root, down, calibrated_depth=0.5) == QualityFlag.NONE
+    assert last_flags(root, down, calibrated_depth=0.05) == QualityFlag.DEEP
+    assert last_flags(root, down, calibrated_depth=0.5) == QualityFlag.NONE
 
 
 def test_the_calibrations_own_depth_give_or_take_its_rounding_is_not_beyond_it(root):
     positions = np.tile([0.0, 0.0, -0.1], (20, 1))
     lowest = 0.1 - root.lowest_point(np.eye(3))
     for times, flag in ((1.0, QualityFlag.NONE), (1.01, QualityFlag.NONE), (1.03, QualityFlag.DEEP)):
-        found = last_doubts(root, positions, velocity=(0.0, 0.0, -0.01), calibrated_depth=lowest / times)
+        found = last_flags(root, positions, velocity=(0.0, 0.0, -0.01), calibrated_depth=lowest / times)
         assert found == flag
 
 

@@ -148,7 +148,7 @@ def test_the_estimator_predicts_from_poses_what_it_predicts_from_the_twist_topic
         assert answer.predicted == pytest.approx(by_topic.push_pose(p).predicted, rel=1e-6, abs=1e-9)
 
 
-def test_thinned_poses_still_count_as_history():
+def test_rate_limited_poses_still_count_as_history():
     e = estimator(twist_source="pose_difference", max_rate=50.0)
     answers = [
         e.push_pose(p) for p in screw((0, 0, -0.02), (0, 0, 0), times=np.arange(0, 0.05, 0.005), start=(0, 0, -0.01))
