@@ -1,4 +1,4 @@
-"""Run a design study: every combination of tools, motions and media, on all cores or a cluster.
+"""Run a design study: tools × motions × media, on all cores or a cluster.
 
 rft sweep config/sweep_example.yaml -o out/sweep
 """

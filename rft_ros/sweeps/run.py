@@ -20,10 +20,8 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Literal
 
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
 from rft_ros.errors import InputError, reason_of
+from rft_ros.progress import bar
 from rft_ros.sweeps.design import Design, Variant
 from rft_ros.sweeps.outcomes import RESULTS, row_of
 
@@ -93,13 +91,19 @@ def run(
         start, busy, computed, used = time.perf_counter(), 0.0, 0, 0
         if missing:
             tasks = {k: [design.variant(i) for i in chunks[k]] for k in missing}
-            with _workers(scheduler, workers or os.cpu_count() or 1) as (used, answers), _progress() as progress:
-                bar = progress.add_task(design.file.stem, total=len(design), rate=0.0)
-                progress.update(bar, advance=len(design) - sum(map(len, tasks.values())))
+            done = len(design) - sum(map(len, tasks.values()))
+            with (
+                _workers(scheduler, workers or os.cpu_count() or 1) as (used, answers),
+                bar(design.file.stem, len(design), delay=0.0) as update,
+            ):
+                update(done, design.file.stem)
                 for k, (rows, seconds) in answers(tasks, columns):
                     _write(_file(out, k), rows)
                     computed, busy = computed + len(rows), busy + seconds
-                    progress.update(bar, advance=len(rows), rate=computed / (time.perf_counter() - start))
+                    rate = computed / (time.perf_counter() - start)
+                    update(
+                        done + computed, f"{design.file.stem}: {done + computed:,} of {len(design):,}, {rate:,.0f}/s"
+                    )
         seconds = time.perf_counter() - start
         rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
         file = _table(out, columns, rows, form)
@@ -209,18 +213,6 @@ def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[in
                 raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
         finally:
             pool.shutdown(cancel_futures=True)
-
-
-def _progress() -> Progress:
-    return Progress(
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TextColumn("{task.fields[rate]:,.0f}/s"),
-        TimeRemainingColumn(),
-        console=Console(stderr=True),
-        transient=True,
-    )
 
 
 def _file(out: Path, chunk: int) -> Path:

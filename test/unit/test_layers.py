@@ -20,7 +20,7 @@ ALLOWED = {
     "bags": {"estimator", "tool", "rft", "report", "errors", "progress", "yaml_file"},
     "node": {"installation", "child_process", "bags", "estimator", "tool", "rft", "report", "errors"},
     "calibration": {"bags", "estimator", "tool", "rft", "report", "errors"},
-    "sweeps": {"tool", "rft", "states_file", "errors", "yaml_file"},
+    "sweeps": {"tool", "rft", "states_file", "progress", "errors", "yaml_file"},
     "commands": {
         *("node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"),
         *("calibration", "sweeps", "progress"),
