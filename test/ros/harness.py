@@ -199,11 +199,22 @@ class Harness:
         self.pose.publish(p)
 
     def ask(self, stamp: int, **inputs: object) -> WrenchStamped:
-        """Send a moment and wait for its prediction."""
-        predicted = self.received["wrench_predicted"]
-        self.send(stamp, **inputs)
-        self.until(lambda: any(stamp_of(m) == stamp for m in predicted))
-        return next(m for m in predicted if stamp_of(m) == stamp)
+        """Send a moment and wait for its prediction.
+
+        It is sent again every few seconds: the first may be lost, since a publisher can find its match before the match
+        finds the publisher. The node does not answer a stamp twice.
+        """
+        again = 0.0
+
+        def answer() -> WrenchStamped | None:
+            nonlocal again
+            if time.monotonic() > again:
+                again = time.monotonic() + 3.0
+                self.send(stamp, **inputs)
+            return next((m for m in self.received["wrench_predicted"] if stamp_of(m) == stamp), None)
+
+        self.until(answer)
+        return answer()
 
     def diagnostic(self, component: str) -> tuple[bytes, str, dict[str, str]]:
         """The next report of a component: level, message, values."""
