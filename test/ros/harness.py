@@ -1,5 +1,6 @@
 """A real ``rft_node`` process, and a peer that feeds it and collects its answers."""
 
+import ctypes
 import fcntl
 import os
 import signal
@@ -57,6 +58,7 @@ class Harness:
             stderr=self._log_file,
             stdout=self._log_file,
             env={**os.environ, **(environment or {})},
+            preexec_fn=_end_with_tests,
         )
         self.node = rclpy.create_node("peer")
         qos = QoSProfile(depth=1000)
@@ -225,6 +227,11 @@ class Harness:
     def last_status(self, component: str) -> tuple[bytes, str, dict[str, str]]:
         status = next(s for s in self.diagnostics[-1].status if s.name == f"{self.name}: {component}")
         return status.level, status.message, {v.key: v.value for v in status.values}
+
+
+def _end_with_tests() -> None:
+    """In the child: be killed when the test process dies, so that no node of a broken run answers the next one."""
+    ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
 
 
 def predicted_by_the_core(
