@@ -19,8 +19,10 @@ from rich.console import Console
 from rich.table import Table
 
 from rft_ros.rft import (
+    COLUMNS,
     INTEGRATIONS,
     MEDIA,
+    SENSITIVITIES,
     Law,
     Memory,
     Plates,
@@ -30,6 +32,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
+from rft_ros.rft import Table as AlphaYTable
 from rft_ros.tool import load_tool
 from studies import numpy_rft
 
@@ -39,6 +42,8 @@ STATE = (0, 0, -0.05, 0, 0, 0, 1, 0.001, 0.002, -0.005, 0, 0.3, 0)
 TURNS = 15
 TURN_SECONDS = 0.02
 BATCH_ELEMENTS = 4_000_000
+BETA, GAMMA = np.deg2rad(np.arange(-90.0, 271.0, 15.0)), np.deg2rad(np.arange(-180.0, 181.0, 30.0))
+TABLE = AlphaYTable.sampled(BETA, GAMMA, 0.1 + 0.02 * np.cos(BETA)[:, None] + 0.01 * np.sin(GAMMA))
 TARGET = 40.0  # times NumPy, at the ellipsoid's 2,352 elements, one state on one core
 
 Array = NDArray[np.float64]
@@ -126,16 +131,16 @@ def measured(plates: Plates, law: Law, alpha_y: numpy_rft.AlphaY, cores: set[int
 
 
 def rules(cores: set[int]) -> Table:
-    """The rules of integration, with and without memory, on the ellipsoid: deep, and cut in half by the surface."""
+    """The rules of integration, plain, with sensitivities and with memory: the ellipsoid deep, and half buried."""
     table = Table(
         title="Rules, 2,352 elements, one state on one core: ns per plate element, and over the published rule"
     )
-    for heading in ("α_y", "scene", "rule", "no memory", "x published", "with memory", "x no memory"):
+    for heading in ("α_y", "scene", "rule", "plain", "x published", "sensitivities x plain", "memory", "x plain"):
         table.add_column(heading, justify="right", no_wrap=True)
     pin({min(cores)} if cores else None)
     tools = {rule: load_tool("ellipsoid", integration=rule).plates for rule in INTEGRATIONS}
-    for name in ("constant", "linear"):
-        law = treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=ZETA)
+    for name in ("constant", "linear", "table"):
+        law = treers2021(GENERIC, alpha_y_model(name, GENERIC, TABLE), zeta=ZETA)
         for scene, height in (("deep", -0.05), ("half buried", 0.0)):
             state = checked_states(STATE)
             state[0, 2] = height
@@ -143,11 +148,17 @@ def rules(cores: set[int]) -> Table:
             for plates in tools.values():
                 memory = Memory.of(plates)
                 duration, out = np.array([1e-3]), np.empty((1, 7))
+                wide = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
 
                 def forgetful(
                     plates: Plates = plates, state: Array = state, law: Law = law, out: Array = out
                 ) -> object:
                     return wrenches(plates, law, state, threads=1, out=out)
+
+                def sensitive(
+                    plates: Plates = plates, state: Array = state, law: Law = law, wide: Array = wide
+                ) -> object:
+                    return wrenches(plates, law, state, threads=1, sensitivities=True, out=wide)
 
                 def remembering(
                     plates: Plates = plates,
@@ -159,10 +170,10 @@ def rules(cores: set[int]) -> Table:
                 ) -> object:
                     return wrenches_in_time(plates, law, state, duration, memory, mobilization_length=3e-3, out=out)
 
-                calls += [forgetful, remembering]
+                calls += [forgetful, sensitive, remembering]
             turns = in_turns(calls)
             for k, (rule, plates) in enumerate(tools.items()):
-                without, with_memory = turns[2 * k : 2 * k + 2]
+                without, with_more, with_memory = turns[3 * k : 3 * k + 3]
                 table.add_row(
                     *(
                         name,
@@ -171,6 +182,7 @@ def rules(cores: set[int]) -> Table:
                         f"{median(without) / len(plates) * 1e9:.1f}",
                         f"{ratio(without, turns[0]):.2f}",
                     ),
+                    f"{ratio(with_more, without):.2f}",
                     *(f"{median(with_memory) / len(plates) * 1e9:.1f}", f"{ratio(with_memory, without):.2f}"),
                 )
     pin(cores)

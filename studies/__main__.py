@@ -13,8 +13,8 @@ __all__ = ["CHARTS", "STUDIES", "main", "run_study"]
 STUDIES = ("horizontal", "plates", "oscillation", "circumnutation", "convergence", "dem", "stability")
 """The studies that `all` runs. A study is a module with ``study()``, which returns a `StudyResult` or several."""
 
-CHARTS = ("chart", "models")
-"""Studies that measure time, which takes minutes."""
+CHARTS = ("chart", "models", "learning")
+"""Studies that take minutes; `all` leaves them out."""
 
 
 def run_study(name: str) -> tuple[StudyResult, ...]:

@@ -1,4 +1,4 @@
-"""Compile, or load from numba's cache, every kernel that a tick can reach."""
+"""Compile, or load from the cache on disk, every function that a pose can reach."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -17,7 +17,7 @@ __all__ = ["compile_kernels", "warm_up", "warm_up_all"]
 
 
 def warm_up(model: Model) -> None:
-    """Answer a few poses with a model, so that nothing compiles once samples come."""
+    """Answer a few poses with a model, so that nothing compiles when samples come."""
     estimator = Estimator(Settings(twist_source="pose_difference"), model)
     for k in range(1, 5):
         height = 1e3 - 0.001 * k  # in the air, where the kernel is the same

@@ -12,14 +12,14 @@ normal n and area dA [m²]. A state (`STATE`, `checked_states`) places the tool 
 
     d = surface_height - z,   v = v_o + ω × r                                                    Eq. (1)
 
-It is loaded where it is below the surface, d > 0, and leads, v·n > 0; elsewhere it carries nothing.
+It is loaded where it is below the surface, d > 0, and leads, v·n > 0; elsewhere its force is 0.
 
 Directions. Of the velocity, v1 lies along the plate's horizontal, v23 in the vertical plane of its normal:
 
     e2 = n's horizontal projection at unit length,   e1 = e2 × E3
     v1 = (v·e1) e1,   v23 = v - v1                                                               Eq. (2)
 
-Angles, as in 2D: attack β, 0 for a plate that faces down and 90° for an upright one; intrusion γ, positive downwards:
+Angles, as in 2D: attack β, 0 for a plate that faces down and 90° for a vertical one; intrusion γ, positive downwards:
 
     β = atan2(n·E3, n·e2) + 90°,   γ = -atan2(v23·E3, v23·e2)                                    Eq. (3)
 
@@ -42,21 +42,22 @@ the medium's scale factor ζ and 1 N/cm³ = 1e6 N/m³:
 
     t = ζ { -f1 α_y sign(v·e1) e1 + f23 (-α_x e2 + α_z E3) }                                     Eq. (8)
 
-Wrench (`wrenches`; plate by plate, `plate_forces`), a superposition of plates that know nothing of each other:
+Wrench (`wrenches`; plate by plate, `plate_forces`), a superposition: plates do not influence each other:
 
     F = Σ t d dA  [N],   T = Σ r × t d dA  [N m]                                                 Eq. (9)
 
 Horizontal plates have no e2 of their own and take the velocity's horizontal direction, where 2D RFT holds.
 `edge_shares` says how much of a tool is near that switch, or near v·n = 0.
 
-Ours, not the paper's. `Plates.integration` "refined" integrates d over the wet part of each triangle and fades both
-switches (`Plates.from_triangles`). With a `Memory`, `wrenches_in_time` puts into Eq. (9), for t, a τ that follows it
-over the plate's own path s: forces build up over a mobilization length λ, and hold at rest:
+Beyond the paper. `Plates.integration` "refined" integrates d over the wet part of each triangle and fades both
+switches (`Plates.from_triangles`). A result can also have `SENSITIVITIES`: dF/dh, and the sums of r_j f_l. With a
+`Memory`, `wrenches_in_time` puts into Eq. (9), for t, a τ that follows it over the plate's own path s: forces build up
+over a mobilization length λ, and hold at rest:
 
     dτ/ds = (t - τ) / λ(d),   λ(d) = λ (d / 30 mm)²                                             Eq. (10)
 
 Read beside the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `plates`, `kernel`, `wrench`, and
-ours in `memory`; `compilation` and `arguments` make it fast and safe to call.
+for Eq. (10) `memory`; `compilation` and `arguments` make it fast and safe to call.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 

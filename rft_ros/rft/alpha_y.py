@@ -94,15 +94,10 @@ def _uniform(knots: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[f
         return 0.0, np.repeat(values, 2, axis=0)
     span = knots[-1] - knots[0]
     place = (knots - knots[0]) / span
-    for steps in range(len(knots) - 1, FINEST + 1):
-        if np.abs(place * steps - np.round(place * steps)).max() < 1e-9 * steps:
-            break
-    else:
-        steps = FINEST
+    on_nodes = (n for n in range(len(knots) - 1, FINEST) if np.abs(place - np.round(place * n) / n).max() < 1e-9)
+    steps = next(on_nodes, FINEST)
     nodes = np.linspace(0.0, 1.0, steps + 1)
-    at = np.clip(np.searchsorted(place, nodes, side="right") - 1, 0, len(knots) - 2)
-    share = ((nodes - place[at]) / (place[at + 1] - place[at]))[:, None]
-    return float(steps / span), (1.0 - share) * values[at] + share * values[at + 1]
+    return float(steps / span), np.column_stack([np.interp(nodes, place, column) for column in values.T])
 
 
 _DEGREES = 180.0 / math.pi

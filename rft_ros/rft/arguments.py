@@ -39,7 +39,10 @@ def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: in
         and (rows is None or len(values) == rows)
     ):
         return values
-    given = np.asarray(values)
+    try:
+        given = np.asarray(values)
+    except ValueError:
+        raise ValueError(f"{name} has rows of different lengths; it must be an array of numbers") from None
     if given.dtype.kind not in "fiub":
         raise ValueError(f"{name} has values of type {given.dtype}; they must be real numbers")
     array = np.array(given, dtype=FLOAT, order="C", ndmin=1 + len(row))

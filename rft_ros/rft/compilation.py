@@ -98,18 +98,11 @@ class _Cache(FunctionCache):
             self._impl.locator.ensure_cache_path()
             part.write_bytes(hashlib.sha256(content).digest() + content)
             part.replace(file)  # at once, so that no process reads half of it
-            self._remove(but=_digest(self._key))
+            for other in file.parent.glob(f"{self._impl.filename_base}.*.nbc"):
+                if _digest(self._key) not in other.name:
+                    other.unlink(missing_ok=True)  # of former sources
         except OSError:
             part.unlink(missing_ok=True)
-
-    def flush(self) -> None:
-        self._remove(but="")
-
-    def _remove(self, *, but: str) -> None:
-        """Remove this loop's files, except those of one generation of the sources."""
-        for file in Path(self.cache_path).glob(f"{self._impl.filename_base}.*.nbc"):
-            if not but or f".{but}." not in file.name:
-                file.unlink(missing_ok=True)
 
 
 def _digest(key: object) -> str:

@@ -1,8 +1,7 @@
-"""The compiled loops: where each plate is, how much of it is loaded, its traction, and the sums of Eq. (9).
+"""The compiled loops: position and velocity of each plate, Eq. (1), its loaded part, and the sums of Eq. (9).
 
-One plate at a time in the source; LLVM makes vector code of the loop over plates, for which branches on data would be
-fatal. What is known of a whole block of plates (dry, trailing, submerged, nowhere horizontal) selects a loop that does
-less.
+LLVM makes vector code of the loop over plates, so it has selects and no branches on data. What is known of a whole
+block of plates (dry, trailing, submerged, none horizontal) selects a shorter loop.
 """
 
 from math import cos, radians, sin, sqrt
@@ -19,8 +18,8 @@ from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED
 __all__ = ["EDGE_AREAS", "PLATE_FORCES", "SUMS"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
-"""What a block needs: nothing; its area counted; the quick loop (submerged, none horizontal); one that looks where the
-surface cuts the plates; one that also looks which are horizontal; that none leads, but all remember."""
+"""Kinds of blocks: dry (skip it); submerged and trailing (add its area); submerged with no horizontal plate; possibly
+cut by the surface; possibly with horizontal plates; submerged and trailing, with tractions in memory."""
 
 _LEVEL = cos(radians(FLAT_BLEND))
 _ALONG = sin(radians(1.0)) ** 2
@@ -47,7 +46,7 @@ def _length(v):  # type: ignore[no-untyped-def]
 
 @inlined
 def _seen_from_tool(axes, twist, reach):  # type: ignore[no-untyped-def]
-    """Linear and angular velocity in tool axes, a speed that no point exceeds, E3 in tool axes, and the reach again."""
+    """Linear and angular velocity in tool axes, a bound of all points' speeds, E3 in tool axes, and the reach."""
     linear = into_frame(axes, twist[0], twist[1], twist[2])
     angular = into_frame(axes, twist[3], twist[4], twist[5])
     return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach
@@ -67,7 +66,7 @@ def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
 
 @inlined
 def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def]
-    """Which kind a block is, for certain; in doubt the more laborious. `bounds`: as in `plates.Blocks`."""
+    """The kind of a block; where the bounds do not decide, the one that needs more work. `bounds`: of `Blocks`."""
     linear, angular, fastest, up, reach = seen
     depth, spread = below - _middle(bounds, b, 2, up), _spread(bounds, b, 2, up) + ROUNDING * (reach + abs(below))
     if depth + spread <= 0.0:
@@ -116,7 +115,7 @@ def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
 
 @inlined
 def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-untyped-def]
-    """One plate in world axes: where it is loaded, its normal and scaled velocity; load, share, and submerged area.
+    """One plate in world axes, Eq. (1): where it is loaded, its normal, scaled velocity, load, share, submerged area.
 
     The place is from the tool frame's origin. The load is depth integrated over the area below the surface [m³], the
     share is how much of the plate leads. `below`: depth of the tool frame's origin. `careful` False: the plate is all

@@ -138,23 +138,12 @@ def junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
     plates = PLATES[integration]
     law = rft.treers2021(GENERIC, Constant(0.1))
     memory = Memory.of(plates)
-    use = {
-        "plates": plates, "law": law, "states": [WHOLE], "height": 0.0, "durations": [0.1], "memory": memory,
-        "length": 0.003, "threads": None, "out": None, name: junk,
-    }  # fmt: skip
+    use = {"plates": plates, "law": law, "states": [WHOLE], "height": 0.0, "durations": [0.1], "memory": memory}
+    use |= {"length": 0.003, "threads": None, "out": None, name: junk}
     keywords = {"surface_height": use["height"], "sensitivities": wide, "out": use["out"]}
     one = refused(lambda: wrenches(use["plates"], use["law"], use["states"], threads=use["threads"], **keywords))
-    in_time = refused(
-        lambda: wrenches_in_time(
-            use["plates"],
-            use["law"],
-            use["states"],
-            use["durations"],
-            use["memory"],
-            mobilization_length=use["length"],
-            **keywords,
-        )
-    )
+    scene = use["plates"], use["law"], use["states"], use["durations"], use["memory"]
+    in_time = refused(lambda: wrenches_in_time(*scene, mobilization_length=use["length"], **keywords))
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.edge_shares(use["plates"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.treers2021(GENERIC, junk))
@@ -218,7 +207,6 @@ def main() -> int:
         arrays_of_other_shapes_are_refused,
         states_that_were_not_checked_stay_within_the_arrays,
     ):
-        settings.get_profile("hostile")
         settings(settings.get_profile("hostile"))(check)()
         print(check.__name__, flush=True)
     return 0

@@ -1,4 +1,4 @@
-"""The published rule in plain Python, as docs/method.md states it: angles by atan2, weights by tanh and atanh.
+"""The published rule in plain Python, as in docs/method.md: angles by atan2, weights by tanh and atanh.
 
 Slow on purpose and independent of rft_ros: it computes angles, the kernel avoids them.
 """

@@ -1,4 +1,4 @@
-"""Models of α_y, the stress per depth along e1 (docs/method.md)."""
+"""Models of α_y, the stress per depth along e1, Eq. (7)."""
 
 import math
 
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Table, alpha_y_model, treers2021, wrenches
-from rft_ros.rft.alpha_y import alpha_y
+from rft_ros.rft.alpha_y import FINEST, alpha_y
 
 attack = st.floats(0.0, 180.0)
 intrusion = st.floats(-179.999, 179.999)
@@ -77,6 +77,34 @@ def test_a_table_is_held_beyond_its_edges(beta, beyond):
     narrow = Table.sampled(np.deg2rad([60.0, 120.0]), np.array([0.0]), np.array([[0.3], [0.1]]))
     expected = 0.3 - 0.2 * (min(max(beta, 60.0), 120.0) - 60.0) / 60.0
     assert at(narrow, beta, beyond) == pytest.approx(expected, abs=1e-11)
+
+
+@given(
+    knots=st.lists(st.floats(-89.0, 269.0), min_size=2, max_size=6, unique_by=lambda b: round(b, 1)),
+    seed=st.integers(0, 2**32 - 1),
+    beta=attack,
+)
+def test_a_table_of_uneven_steps_is_off_by_at_most_a_quarter_of_a_grid_step_times_its_change_of_slope(
+    knots, seed, beta
+):
+    """The greatest deviation that `Table.sampled` states, and none where the grid has a node at each value given."""
+    knots = np.sort(knots)
+    values = np.random.default_rng(seed).uniform(0.0, 0.3, len(knots))
+    step = (knots[-1] - knots[0]) / FINEST
+    slopes = np.concatenate([[0.0], np.diff(values) / np.diff(knots), [0.0]])
+    bound = 0.25 * step * np.abs(np.diff(slopes)).max() if np.diff(knots).min() > step else np.ptp(values)
+    table = Table.sampled(np.deg2rad(knots), [0.0], values[:, None])
+    assert at(table, beta) == pytest.approx(float(np.interp(beta, knots, values)), abs=bound + 1e-11)
+
+
+def test_a_table_in_steps_that_the_grid_divides_is_exact():
+    knots, values = (
+        np.array([-90.0, -45.0, 0.0, 1.0, 37.5, 90.0, 270.0]),
+        np.array([0.3, 0.1, 0.2, 0.05, 0.3, 0.0, 0.1]),
+    )
+    table = Table.sampled(np.deg2rad(knots), [0.0], values[:, None])
+    for beta in np.linspace(-89.9, 269.9, 1001):
+        assert at(table, beta) == pytest.approx(float(np.interp(beta, knots, values)), abs=1e-11)
 
 
 def test_a_table_of_one_value_is_that_value_everywhere():

@@ -1,4 +1,4 @@
-"""How much of the speed along and across a plate becomes force (docs/method.md, Treers et al. 2021 eqs. 5-6)."""
+"""How much of the speed along and across a plate becomes force (Treers et al. 2021, eqs. 5 and 6)."""
 
 import math
 
@@ -51,7 +51,7 @@ def test_rounding_of_the_share_above_one_does_not_raise_the_weight(name, excess)
 
 
 def test_the_normalisers_are_the_brackets_at_one():
-    """N1 and N23 as docs/method.md gives them, with the leading A1 and B1."""
+    """N1 and N23 as docs/method.md prints them, with the leading A1 and B1."""
     assert vw.A1 * (math.tanh(vw.A2 - vw.A3) + math.tanh(vw.A3)) == pytest.approx(0.832324700111401, rel=1e-14)
     assert vw.B1 * (math.atanh(vw.B2 - vw.B3) + math.atanh(vw.B3)) == pytest.approx(5.81083560370960, rel=1e-14)
 

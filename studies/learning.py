@@ -1,0 +1,365 @@
+"""The medium learned from the measured force: simulated grains, a plate on a robot arm, round plates, repeated passes.
+
+Every prediction uses what was learned at least `lag` of path before. The recordings lie outside of the project, in
+``../shared/data``; without them the study has the simulated runs only.
+"""
+
+import io
+from collections.abc import Callable
+from contextlib import redirect_stdout
+from dataclasses import dataclass, replace
+from functools import cache
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+import trimesh
+import yaml
+from numpy.typing import NDArray
+
+from rft_ros.bags.playback import read_replay_options
+from rft_ros.calibration.track import read_track
+from rft_ros.cli import main
+from rft_ros.estimator.learning import Learning, LearningSettings, Surprise
+from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
+from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
+from rft_ros.tool import Tool, load_tool
+from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run
+from studies.paper import law
+from studies.result import BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
+
+__all__ = ["CHOICES", "LAGS", "Choice", "Learned", "Series", "bag_series", "dem_series", "learned", "study"]
+
+Array = NDArray[np.float64]
+
+LAGS = (0.002, 0.005)
+"""Path [m] between the last sample that a prediction knows and the prediction."""
+
+_ROOT = Path(__file__).resolve().parents[1]
+_RECORDINGS = _ROOT.parent / "shared" / "data"
+_ROUND_PLATES = {"cmu_plate_large_60mm_1": 60, "cmu_plate_large_80mm_7": 80, "cmu_plate_large_100mm_4": 100}
+_PASSES = "multipass_plate_b90_d15"
+_FRESH = ("drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
+_BLOCK = "buried_block"
+_INERTIAL = 0.2  # m/s, of the tool frame's origin
+_WITHDRAWS = 0.5  # upward velocity over speed
+_Error = Callable[["Series", Array], float]
+_WINDOW = 9  # samples of the centred mean
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Choice:
+    """One way to model: rule, α_y model, mobilization length [m] (0: no memory)."""
+
+    name: str
+    integration: Integration
+    alpha_y: str
+    mobilization_length: float
+
+
+CHOICES = (
+    Choice(name="published", integration="centroid", alpha_y="constant", mobilization_length=0.0),
+    Choice(name="refined, memory", integration="refined", alpha_y="linear", mobilization_length=0.003),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Series:
+    """The model and the measured force along one run of n samples.
+
+    `stamps` [ns]; `speeds` of the tool's fastest point [m/s]; `passing`: withdrawn, or so fast that inertia matters;
+    `rows`: the model, shape [n, 19], columns of `wrenches` with sensitivities; `forces`: measured, world axes [N],
+    shape [n, 3]; `judged`: the samples that count; `expected`: what they are compared with [N], shape [n, 3].
+    """
+
+    name: str
+    reach: float
+    stamps: NDArray[np.int64]
+    speeds: Array
+    velocities: Array
+    passing: NDArray[np.bool_]
+    rows: Array
+    forces: Array
+    judged: NDArray[np.int64]
+    expected: Array
+
+    @property
+    def path(self) -> Array:
+        """Path of the fastest point in the grains [m], shape [n]."""
+        steps = 0.5 * (self.speeds[1:] + self.speeds[:-1]) * np.diff(self.stamps) * 1e-9
+        return np.concatenate([[0.0], np.cumsum(steps * (self.rows[1:, 6] > 0.0))])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Learned:
+    """Predictions and standard deviations, shape [n, 12]; surprise at each sample, shape [n]; the filter at the end."""
+
+    out: Array
+    surprise: NDArray[np.int64]
+    learning: Learning
+
+    def reports(self) -> NDArray[np.int64]:
+        """Samples at which a surprise begins."""
+        return np.flatnonzero((self.surprise != 0) & (np.diff(self.surprise, prepend=0) != 0))
+
+
+def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learned:
+    """A series through the filter, with its own measured forces [N] or others, shape [n, 3]."""
+    learning = Learning(LearningSettings(lag=lag), reach=series.reach)
+    measured = series.forces if forces is None else forces
+    out, surprise = np.empty((len(series.stamps), 12)), np.zeros(len(series.stamps), dtype=np.int64)
+    for k, stamp in enumerate(series.stamps.tolist()):
+        row, speed, passing = series.rows[k], float(series.speeds[k]), bool(series.passing[k])
+        out[k] = learning.predict(stamp, row, speed=speed, passing=passing)
+        learning.learn(stamp, measured[k])
+        surprise[k] = learning.surprise
+    return Learned(out=out, surprise=surprise, learning=learning)
+
+
+def _rows(plates: Plates, law: Law, states: Array, times: Array, length: float, surface: float = 0.0) -> Array:
+    """What the filter needs of the model at each state, shape [n, 19]."""
+    if length == 0.0:
+        return wrenches(plates, law, states, surface_height=surface, sensitivities=True)
+    return wrenches_in_time(
+        plates,
+        law,
+        states,
+        np.diff(times, prepend=times[0]),
+        Memory.of(plates),
+        mobilization_length=length,
+        surface_height=surface,
+        sensitivities=True,
+    )
+
+
+def _series(
+    name: str, plates: Plates, states: Array, times: Array, rows: Array, forces: Array, *, rest: float
+) -> Series:
+    velocities = states[:, 7:10]
+    speeds = np.linalg.norm(velocities, axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
+    passing = (velocities[:, 2] > _WITHDRAWS * speeds) | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
+    return Series(
+        name=name,
+        reach=plates.reach,
+        stamps=(1e9 + np.round((times - times[0]) * 1e9)).astype(np.int64),
+        speeds=np.where(speeds < rest, 0.0, speeds),
+        velocities=velocities,
+        passing=passing,
+        rows=rows,
+        forces=forces,
+        judged=np.arange(len(times)),
+        expected=forces,
+    )
+
+
+def _smoothed(forces: Array) -> Array:
+    return np.apply_along_axis(np.convolve, 0, forces, np.full(_WINDOW, 1.0 / _WINDOW), "same")
+
+
+def dem_series(name: str, choice: Choice) -> Series:
+    """A simulated run with ζ from the calibration run; the samples that count are those of the data's README."""
+    plates, zeta = _dem_tool(name, choice).plates, _dem_zeta(choice)
+    data = np.loadtxt(DATA / f"{name}.csv", delimiter=",", skiprows=1)
+    states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
+    rows = _rows(plates, law(choice.alpha_y, zeta=zeta), states, times, choice.mobilization_length)
+    series = _series(name, plates, states, times, rows, forces, rest=1e-9)
+    moving = np.flatnonzero(np.any(states[:, 7:13] != 0.0, axis=1))
+    smooth = np.zeros_like(forces)
+    smooth[moving] = _smoothed(forces[moving])
+    inner = moving[5:-8]
+    size = np.linalg.norm(smooth[inner], axis=1)
+    return replace(series, judged=inner[size > 0.2 * size.max()], expected=smooth)
+
+
+@cache
+def _dem_zeta(choice: Choice) -> float:
+    run = replace(read_run(CALIBRATION), tool=_dem_tool(CALIBRATION, choice))
+    return fitted_zeta(run, law(choice.alpha_y, zeta=1.0))
+
+
+def _dem_tool(name: str, choice: Choice) -> Tool:
+    mesh = {"ellipsoid": "ellipsoid", "root": "paraboloid"}.get(name.split("_")[0], "plate")
+    return load_tool(str(DATA / "meshes" / f"{mesh}.stl"), scale=1.0, integration=choice.integration)
+
+
+def bag_series(group: str, choice: Choice) -> list[Series]:
+    """The recordings of a group, `abb` or `cmu`, calibrated together; the samples that count are those on the way in.
+
+    [] where the recordings are absent.
+    """
+    if not _RECORDINGS.is_dir():
+        return []
+    with TemporaryDirectory() as folder:
+        bags, meshes = _recordings(group, Path(folder))
+        given = {"integration": choice.integration, "alpha_y.model": choice.alpha_y, "tolerance": 0.0}
+        file, calibrated = Path(folder) / "given.yaml", Path(folder) / "calibrated.yaml"
+        file.write_text(_parameters(group, given, next(iter(meshes.values()), None)))
+        rules = [word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh}")]
+        with redirect_stdout(io.StringIO()):
+            main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(calibrated)])
+        values, options = read_parameter_file(calibrated), read_replay_options(calibrated)
+        length = choice.mobilization_length and (model_of(values).mobilization_length or choice.mobilization_length)
+        found = []
+        for bag in bags:
+            own = {**values, "medium.mobilization_length": 0.0}
+            if bag.name in meshes:
+                own["mesh.file"] = str(meshes[bag.name])
+            track = read_track(bag, own, remap=options.remap)
+            settings, model = settings_of(own), model_of(own)
+            states = track.states.copy()
+            plates, rest = model.tool.plates, settings.rest_speed
+            speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
+            states[speeds < rest, 7:13] = 0.0
+            rows = _rows(plates, model.law, states, track.time, length, settings.surface_height)
+            forces = track.grain_forces(settings.load_cell)
+            series = _series(bag.name, plates, states, track.time, rows, forces, rest=rest)
+            sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
+            deep = settings.surface_height - track.heights() > 0.0
+            inward = np.flatnonzero(sinking & deep & (rows[:, 2] > 0.0) & (series.speeds > 0.0))
+            found.append(replace(series, judged=inward))
+        return found
+
+
+def _recordings(group: str, folder: Path) -> tuple[list[Path], dict[str, Path]]:
+    """The bags of a group, and the mesh of each that has one of its own."""
+    if group == "abb":
+        return [_RECORDINGS / "abb_plate" / f"abb_plate_{trial}" for trial in (2, 3)], {}
+    meshes = {}
+    for name, diameter in _ROUND_PLATES.items():
+        meshes[name] = folder / f"{name}.stl"
+        trimesh.creation.cylinder(radius=0.5 * diameter, height=10.0, sections=96).export(meshes[name])
+    return [_RECORDINGS / "cmu_plate" / name for name in meshes], meshes
+
+
+def _parameters(group: str, given: dict[str, object], mesh: Path | None) -> str:
+    remap = {"remap": ["~/pose:=/tool_pose", "~/wrench_measured:=/ft_sensor/wrench"]}
+    if group == "abb":
+        content = yaml.safe_load((_ROOT / "config" / "abb_plate.yaml").read_text())
+        own = content["/**"]["ros__parameters"]
+        own.pop("tolerance", None)
+        return yaml.safe_dump({**content, "/**": {"ros__parameters": {**own, **given}}})
+    own = {
+        "mesh.file": str(mesh),
+        "mesh.scale": 0.001,
+        "mesh.origin": [0.0, 0.0, 5.0],
+        "twist_source": "pose_difference",
+    }
+    return yaml.safe_dump({n: {"ros__parameters": p} for n, p in (("/**", {**own, **given}), ("rft_replay", remap))})
+
+
+def vector_error(series: Series, predicted: Array) -> float:
+    """Median of abs(predicted - expected) / abs(expected) over the samples that count."""
+    rows = series.judged
+    size = np.linalg.norm(series.expected[rows], axis=1)
+    return float(np.median(np.linalg.norm(predicted[rows, :3] - series.expected[rows], axis=1) / size))
+
+
+def peak_error(series: Series, predicted: Array) -> float:
+    """RMS of the vertical residual over the greatest measured force."""
+    rows = series.judged
+    residual = predicted[rows, 2] - series.forces[rows, 2]
+    return float(np.sqrt(np.mean(residual**2)) / np.abs(series.forces[:, 2]).max())
+
+
+def pass_errors(series: Series, predicted: Array) -> list[float]:
+    """`vector_error` of each level drag, less three samples at each end."""
+    level = (series.velocities[:, 0] > 0.05) & (np.abs(series.velocities[:, 2]) < 1e-9) & (series.rows[:, 6] > 0.0)
+    moving = np.flatnonzero(level)
+    expected = _smoothed(series.forces)
+    drags = [run[3:-3] for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
+    return [vector_error(replace(series, judged=run, expected=expected), predicted) for run in drags]
+
+
+def coverage(series: Series, out: Array) -> Array:
+    """Share of the force components within one and two standard deviations of the raw measurement, counts: [3]."""
+    rows = series.judged
+    z = np.abs(series.forces[rows] - out[rows, :3]) / out[rows, 6:9]
+    return np.array([(z < 1.0).sum(), (z < 2.0).sum(), z.size], dtype=float)
+
+
+def with_layer(series: Series, at: float, factor: float) -> Array:
+    """The measured forces [N] with grains `factor` times as strong from `at` [m] of path, within 2 mm."""
+    ramp = 1.0 + (factor - 1.0) * np.clip((series.path - at) / 0.002, 0.0, 1.0)
+    return series.forces * ramp[:, None]
+
+
+def study() -> StudyResult:
+    """Errors without and with learning, coverage, and surprise."""
+    rows: list[tuple[str, ...]] = []
+    figure = new_figure(12.0, 4.0)
+    panels = figure.subplots(1, 3)
+    percent = "{:.1f} %".format
+    for choice in CHOICES:
+        dem = [dem_series(name, choice) for name in RUNS]
+        groups: dict[str, tuple[list[Series], _Error]] = {"simulated grains, 11 runs": (dem, vector_error)}
+        for group, title in (("abb", "ABB plate, penetration"), ("cmu", "CMU round plates, penetration")):
+            groups[title] = (bag_series(group, choice), peak_error)
+        real = [run for title, (runs, _) in groups.items() if not title.startswith("simulated") for run in runs]
+        for title, (runs, error) in groups.items():
+            if not runs:
+                continue
+            cells = [percent(100.0 * np.mean([error(run, run.rows[:, :3]) for run in runs]))]
+            shares = ""
+            for lag in LAGS:
+                results = [learned(run, lag=lag).out for run in runs]
+                cells.append(percent(100.0 * np.mean([error(r, out) for r, out in zip(runs, results, strict=True)])))
+                count = np.sum([coverage(r, out) for r, out in zip(runs, results, strict=True)], axis=0)
+                shares += f"{' / ' if shares else ''}{100 * count[0] / count[2]:.0f}, {100 * count[1] / count[2]:.0f} %"
+            rows.append((f"{title}; {choice.name}", *cells, shares))
+        passes = dem_series(_PASSES, choice)
+        each = [pass_errors(passes, passes.rows[:, :3])] + [
+            pass_errors(passes, learned(passes, lag=lag).out) for lag in LAGS
+        ]
+        rows.append(
+            (
+                f"four passes in one trench; {choice.name}",
+                *(", ".join(f"{100 * e:.0f}" for e in c) + " %" for c in each),
+                "",
+            )
+        )
+        rows.append(_surprise_row(choice, [*dem, *(dem_series(name, choice) for name in _FRESH)], real))
+    for axes, run in zip(panels, (dem[-1], dem[0], dem_series(_BLOCK, CHOICES[-1])), strict=True):
+        result = learned(run, lag=LAGS[0])
+        axes.plot(1e3 * run.path, run.forces[:, 2], color=BLUE, lw=0.7, label="simulated, up")
+        axes.plot(1e3 * run.path, run.rows[:, 2], color=VERMILION, ls="--", label="model")
+        axes.plot(1e3 * run.path, result.out[:, 2], color=ORANGE, label="learned, 2 mm before")
+        low, high = result.out[:, 2] - result.out[:, 8], result.out[:, 2] + result.out[:, 8]
+        axes.fill_between(1e3 * run.path, low, high, color=ORANGE, alpha=0.3, lw=0)
+        for k in result.reports():
+            axes.axvline(1e3 * run.path[k], color=BLUE, lw=0.8)
+        axes.set_title(RUNS.get(run.name, run.name), fontsize=8)
+        label_axes(axes, x="Path of the fastest point [mm]", y="Force [N]")
+    panels[0].legend(fontsize=7)
+    header = ("what", "fixed model", *(f"learned, {1e3 * lag:g} mm before" for lag in LAGS), "within 1σ, 2σ (2 / 5 mm)")
+    return StudyResult(
+        name="learning",
+        title="The medium learned from the measured force",
+        figure=figure,
+        numbers={"learning": {h: [row[i] for row in rows] for i, h in enumerate(header)}},
+        table=TextTable(header=header, rows=tuple(rows)),
+    )
+
+
+def _surprise_row(choice: Choice, dem: list[Series], recordings: list[Series]) -> tuple[str, ...]:
+    """False reports on fresh ground, layers found within 3 mm, and where the buried ball is reported."""
+    fresh = dem + recordings
+    results = [learned(run, lag=LAGS[0]) for run in fresh]
+    false = sum(len(result.reports()) for result in results)
+    length = sum(run.path[-1] for run in fresh)
+    found = tried = 0
+    for run in dem:
+        for at in np.arange(0.010, run.path[-1] - 0.004, 0.008):
+            result = learned(run, lag=LAGS[0], forces=with_layer(run, at, 2.0))
+            near = (run.path > at) & (run.path <= at + 0.003)
+            tried += 1
+            found += bool((result.surprise[near] == Surprise.HARDER).any())
+    block = dem_series(_BLOCK, choice)
+    reports = learned(block, lag=LAGS[0]).reports()
+    end = f"{1e3 * block.path[reports[0]]:.1f} of {1e3 * block.path[-1]:.1f} mm" if len(reports) else "never"
+    return (
+        f"surprise; {choice.name}",
+        f"{false} false in {length:.2f} m",
+        f"{found} of {tried} layers within 3 mm",
+        f"ball reported at {end}",
+        "",
+    )

@@ -1,0 +1,83 @@
+"""What learning is worth on simulated grains and recordings; the limits are those of the docs' table, rounded up."""
+
+import numpy as np
+import pytest
+
+from rft_ros.estimator.learning import Surprise
+from studies.dem import RUNS
+from studies.learning import (
+    CHOICES,
+    bag_series,
+    coverage,
+    dem_series,
+    learned,
+    pass_errors,
+    peak_error,
+    vector_error,
+    with_layer,
+)
+
+PUBLISHED, REFINED = CHOICES
+FRESH = (*RUNS, "drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
+
+
+@pytest.fixture(scope="module")
+def grains():
+    """The simulated runs, by choice."""
+    return {choice.name: [dem_series(name, choice) for name in RUNS] for choice in CHOICES}
+
+
+def is_covered(series, outs):
+    one, two, count = np.sum([coverage(s, out) for s, out in zip(series, outs, strict=True)], axis=0)
+    return 0.60 <= one / count <= 0.80 and two / count >= 0.93
+
+
+@pytest.mark.parametrize(("choice", "lag", "limit"), [
+    (PUBLISHED, 0.002, 0.11), (PUBLISHED, 0.005, 0.12), (REFINED, 0.002, 0.10), (REFINED, 0.005, 0.107),
+])  # fmt: skip
+def test_simulated_grains(grains, choice, lag, limit):
+    series = grains[choice.name]
+    outs = [learned(run, lag=lag).out for run in series]
+    assert np.mean([vector_error(run, out) for run, out in zip(series, outs, strict=True)]) <= limit
+    assert is_covered(series, outs)
+
+
+@pytest.mark.usefixtures("shared_data")
+@pytest.mark.parametrize(("group", "limits"), [("abb", (0.035, 0.043)), ("cmu", (0.055, 0.09))])
+def test_recordings(group, limits):
+    """At 2 and 5 mm; the coverage is held at 2 mm (at 5 mm 90 % of the CMU components lie within two deviations)."""
+    series = bag_series(group, REFINED)
+    for lag, limit in zip((0.002, 0.005), limits, strict=True):
+        outs = [learned(run, lag=lag).out for run in series]
+        assert np.mean([peak_error(run, out) for run, out in zip(series, outs, strict=True)]) <= limit
+        if lag == 0.002:
+            assert is_covered(series, outs)
+            assert not any(len(learned(run, lag=lag).reports()) for run in series)
+
+
+def test_four_passes_in_one_trench():
+    passes = dem_series("multipass_plate_b90_d15", REFINED)
+    assert max(pass_errors(passes, learned(passes, lag=0.002).out)) <= 0.20
+
+
+@pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.name)
+def test_nothing_surprises_on_fresh_ground_and_no_model_is_called_impossible(choice):
+    for name in FRESH:
+        result = learned(dem_series(name, choice), lag=0.002)
+        assert len(result.reports()) == 0, name
+        assert not result.learning.issues(), name
+
+
+@pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.name)
+def test_the_buried_ball_is_harder_ground(choice):
+    block = dem_series("buried_block", choice)
+    result = learned(block, lag=0.002)
+    assert [int(result.surprise[k]) for k in result.reports()] == [Surprise.HARDER]
+
+
+@pytest.mark.parametrize("name", ["pen_plate_seedA", "plate_b60_psi0_phi30", "root_helix_P40_tilt10"])
+def test_a_layer_put_into_a_run_is_reported_within_3_mm(grains, name):
+    run = next(run for run in grains[REFINED.name] if run.name == name)
+    result = learned(run, lag=0.002, forces=with_layer(run, 0.025, 2.0))
+    first = run.path[result.reports()[0]]
+    assert 0.025 <= first <= 0.028

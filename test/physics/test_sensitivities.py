@@ -1,0 +1,81 @@
+"""What a filter of the medium needs beside the wrench: dF/dh, and the sums of r_j f_l."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from scenes import CONSTANT, LINEAR, random_plates, random_scene, seeds
+
+from rft_ros.rft import COLUMNS, SENSITIVITIES, Memory, plate_forces, rotation_matrix, wrenches, wrenches_in_time
+from rft_ros.tool import load_tool
+
+TOOLS = {integration: load_tool("ellipsoid", integration=integration).plates for integration in ("centroid", "refined")}
+DOWN = np.array([[0.0, 0.0, -0.005, 0.1, 0.2, 0.3, 0.92736185, 0.003, 0.004, -0.005, 0.2, 0.1, 0.3]])
+
+
+def column(result, *names):
+    """The columns of these names."""
+    return result[:, [(COLUMNS + SENSITIVITIES).index(name) for name in names]]
+
+
+def test_the_wrench_is_the_same_with_and_without_sensitivities(random_states):
+    for plates in TOOLS.values():
+        plain = wrenches(plates, LINEAR, random_states)
+        wide = wrenches(plates, LINEAR, random_states, sensitivities=True)
+        assert wide.shape == (len(random_states), len(COLUMNS) + len(SENSITIVITIES))
+        np.testing.assert_allclose(wide[:, :7], plain, rtol=0, atol=1e-12 * np.abs(plain).max())
+
+
+@given(seed=seeds)
+def test_the_moments_are_the_sums_over_plates_of_place_times_force(seed):
+    rng = np.random.default_rng(seed)
+    plates, state = random_plates(rng, 40), random_scene(rng, 1)
+    forces = plate_forces(plates, LINEAR, state[0])
+    places = plates.packed[:3].T @ rotation_matrix(state[0, 3:7]).T
+    moments = wrenches(plates, LINEAR, state, sensitivities=True)[0, 10:].reshape(3, 3)
+    assert SENSITIVITIES[3:6] == ("x_fx", "x_fy", "x_fz")
+    scale = np.abs(places).max() * np.abs(forces).sum() + 1e-30
+    np.testing.assert_allclose(moments, places.T @ forces, rtol=0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("integration", TOOLS)
+@pytest.mark.parametrize("height", [-0.05, -0.005])  # deep, and cut by the surface
+def test_the_change_with_the_surface_height_is_that_of_finite_differences(integration, height):
+    """Without rotation: else the refined rule's centre of pressure, and so its velocity, moves with the surface too."""
+    plates, step = TOOLS[integration], 1e-8
+    state = DOWN.copy()
+    state[0, 2], state[0, 10:] = height, 0.0
+    low, high = (wrenches(plates, CONSTANT, state, surface_height=h)[0, :3] for h in (-step, step))
+    derivative = column(wrenches(plates, CONSTANT, state, sensitivities=True), "dfx_dh", "dfy_dh", "dfz_dh")[0]
+    np.testing.assert_allclose(derivative, (high - low) / (2.0 * step), rtol=1e-5, atol=1e-3)
+
+
+@settings(max_examples=20)
+@given(seed=seeds)
+def test_with_memory_they_belong_to_the_tractions_in_memory(seed):
+    rng = np.random.default_rng(seed)
+    states, durations = random_scene(rng, 3), np.array([0.0, 0.3, 0.2])
+    for plates in TOOLS.values():
+        plain, wide = (
+            wrenches_in_time(
+                plates, LINEAR, states, durations, Memory.of(plates), mobilization_length=0.003, sensitivities=wanted
+            )
+            for wanted in (False, True)
+        )
+        np.testing.assert_allclose(wide[:, :7], plain, rtol=0, atol=1e-12 * np.abs(plain).max() + 1e-30)
+        turning = column(wide, "y_fz") - column(wide, "z_fy")
+        np.testing.assert_allclose(turning, column(plain, "tx"), rtol=0, atol=1e-12 * np.abs(plain).max() + 1e-30)
+
+
+def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_wet_area():
+    """Deep and steady: all plates have the law's traction, so it is the change without memory."""
+    path = np.linspace(0.0, 0.5, 400)
+    states = np.repeat(DOWN, len(path), axis=0)
+    states[:, 2], states[:, 3:7], states[:, 7:] = -0.05, (0, 0, 0, 1), 0.0
+    states[:, 7], states[:, 0] = 0.01, path
+    durations = np.diff(path, prepend=0.0) / 0.01
+    for plates in TOOLS.values():
+        kept = wrenches_in_time(
+            plates, LINEAR, states, durations, Memory.of(plates), mobilization_length=1e-3, sensitivities=True
+        )
+        fresh = wrenches(plates, LINEAR, states[-1:], sensitivities=True)
+        np.testing.assert_allclose(column(kept, "dfx_dh")[-1], column(fresh, "dfx_dh")[0], rtol=1e-6)
