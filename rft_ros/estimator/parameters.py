@@ -30,6 +30,7 @@ __all__ = [
     "parameter_tree",
     "read_parameter_file",
     "settings_of",
+    "table_path",
     "tool_request",
 ]
 
@@ -346,5 +347,10 @@ def read_parameter_file(file: Path) -> dict[str, Value]:
         except InputError as error:
             raise InputError(f"parameter file '{file}': {error}") from None
     if table := str(values["alpha_y.table"]):
-        values["alpha_y.table"] = str(file.parent / Path(table).expanduser())
+        values["alpha_y.table"] = table_path(file, table)
     return values
+
+
+def table_path(file: Path, table: str) -> str:
+    """The path of an `alpha_y.table` that a parameter file names: relative to the file's folder, `~` expanded."""
+    return str(file.parent / Path(table).expanduser())

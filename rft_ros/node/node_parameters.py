@@ -1,7 +1,10 @@
 """The parameter table as ROS parameters: declared, validated before a change, applied after it."""
 
+import itertools
+import sys
 from array import array
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -9,7 +12,16 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameters import PARAMETERS, Parameter, Value, Values, checked
+from rft_ros.estimator.parameters import (
+    NODE_KEYS,
+    PARAMETERS,
+    Parameter,
+    Value,
+    Values,
+    checked,
+    node_parameters,
+    table_path,
+)
 
 __all__ = ["NodeParameters"]
 
@@ -56,7 +68,10 @@ class NodeParameters:
         for p in PARAMETERS:
             # `checked` refuses a value from a file with a sentence, and takes an integer for a double.
             override = node._parameter_overrides.get(p.name)
-            self._own[p.name] = value = p.default if override is None else checked(p.name, _plain(override.value))
+            value = p.default if override is None else checked(p.name, _plain(override.value))
+            if p.name == "alpha_y.table":
+                value = _beside_its_file(str(value))
+            self._own[p.name] = value
             node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
         for name in node._parameter_overrides.keys() - node._parameters.keys():
             if not name.startswith("qos_overrides.") and name != "use_sim_time":
@@ -117,3 +132,11 @@ def _as_double(p: RosParameter) -> RosParameter:
 
 def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, array | tuple) else value
+
+
+def _beside_its_file(table: str) -> str:
+    """A relative `alpha_y.table` from a parameter file on the command line, taken relative to that file's folder."""
+    for option, file in itertools.pairwise(sys.argv):
+        if table and option == "--params-file" and node_parameters(Path(file), NODE_KEYS).get("alpha_y.table") == table:
+            return table_path(Path(file), table)
+    return table
