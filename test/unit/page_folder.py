@@ -9,7 +9,7 @@ import numpy as np
 from page_blocks import README, ROOT, blocks
 from recordings import POSE, ROS2, WRENCH, message
 from rosbags.rosbag2 import StoragePlugin, Writer
-from synthetic_track import HANGING, grain_wrenches, law, read_by
+from synthetic_track import LOAD_CELL, grain_wrenches, law, read_by
 from synthetic_track import Path as Way
 
 from rft_ros.estimator import LoadCell
@@ -20,7 +20,7 @@ SURFACE = 0.12
 _TOPICS = {"pose": ("/tcp_pose_broadcaster/pose", POSE), "wrench": ("/force_torque_sensor_broadcaster/wrench", WRENCH)}
 _FRAMES = {"pose": "base", "wrench": "tool0_controller"}
 _START = 1_700_000_000_000_000_000
-_CELL = LoadCell(bias=HANGING.bias)
+_CELL = LoadCell(bias=LOAD_CELL.bias)
 
 
 def prepared(folder: Path, *, more_cell: str = "") -> Path:

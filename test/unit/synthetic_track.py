@@ -67,7 +67,7 @@ class Path:
 
 
 def grain_wrenches(time, states, law, *, surface, length=1e-9, tool=TOOL):
-    """What the grains do to the tool, world axes, shape [n, 6]: by default with a memory that shows at rest alone."""
+    """Wrench of the grains on the tool, world axes, shape [n, 6]; by default the memory matters only at rest."""
     durations = np.diff(time, prepend=time[0])
     memory = Memory.of(tool.plates)
     return wrenches_in_time(
@@ -93,7 +93,7 @@ def track_of(time, states, readings, name="synthetic", tool=TOOL):
     return Track(name=name, begin=1_600_000_000 * 10**9, time=time, states=states, readings=readings, tool=tool)
 
 
-HANGING = LoadCell(
+LOAD_CELL = LoadCell(
     position=(0.01, -0.02, -0.1),
     quaternion=ROTATED,
     sign=-1.0,
@@ -101,16 +101,16 @@ HANGING = LoadCell(
     mass=0.42,
     center_of_mass=(0.005, -0.012, 0.06),
 )
-"""A cell with everything that a calibration has to see through."""
+"""A mounting, sign, bias and weight that a calibration has to deal with."""
 
 
-def unknown(cell=HANGING):
-    """Parameters that know how the cell is mounted and no more."""
+def unknown(cell=LOAD_CELL):
+    """Parameters with the mounting of the load cell only."""
     return parameters(sensor__position=cell.position, sensor__quaternion=cell.quaternion, sensor__sign=cell.sign)
 
 
-def known(cell=HANGING, **given):
-    """Parameters that know all of the cell."""
+def known(cell=LOAD_CELL, **given):
+    """Parameters with all of the load cell."""
     return {**unknown(cell), **parameters_of_cell(cell), **{n.replace("__", "."): v for n, v in given.items()}}
 
 
@@ -118,7 +118,7 @@ def parameters_of_cell(cell):
     return {"sensor.bias": cell.bias, "sensor.mass": cell.mass, "sensor.center_of_mass": cell.center_of_mass}
 
 
-def hanging(path, orientations):
+def in_the_air(path, orientations):
     """The tool waits in each orientation and comes back level."""
     for angles in orientations:
         path.turn_to(Rotation.from_euler("xyz", angles, degrees=True)).wait(0.8)

@@ -8,7 +8,17 @@ import pytest
 import yaml
 from recordings import START, write_ros2
 from rich.console import Console
-from synthetic_track import HANGING, ORIENTATIONS, Path, dragged, grain_wrenches, hanging, law, read_by, unknown
+from synthetic_track import (
+    LOAD_CELL,
+    ORIENTATIONS,
+    Path,
+    dragged,
+    grain_wrenches,
+    in_the_air,
+    law,
+    read_by,
+    unknown,
+)
 
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration import Calibration, FittedValue
@@ -38,14 +48,14 @@ def cell(tmp_path_factory):
     "dragged" has the published line of α_y, "steeper" another one.
     """
     folder = tmp_path_factory.mktemp("cell")
-    path = hanging(Path((0.0, 0.0, 0.06)), ORIENTATIONS).move((0.0, 0.0, -0.095), 0.01).wait(1.0)
+    path = in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS).move((0.0, 0.0, -0.095), 0.01).wait(1.0)
     scenes = {"pressed": path.move((0.0, 0.0, 0.09), 0.02).states()}
     grains = {"pressed": grain_wrenches(*scenes["pressed"], law(0.8), surface=0.0, length=0.003)}
     for name, (start, slope) in {"dragged": (0.2035, -0.0015), "steeper": (0.25, -0.002)}.items():
         time, states, grains[name] = dragged((30.0, 60.0, 90.0), lambda beta: start + slope * beta, zeta=0.8)  # noqa: B023
         scenes[name] = time, states
     for name, (time, states) in scenes.items():
-        readings = read_by(HANGING, states, grains[name], np.random.default_rng(1), noise=(0.1, 0.002))
+        readings = read_by(LOAD_CELL, states, grains[name], np.random.default_rng(1), noise=(0.1, 0.002))
         write_bag(folder / name, time, states, readings)
     given = {n: list(v) if isinstance(v, tuple) else v for n, v in unknown().items() if v != defaults()[n]}
     tree = {
@@ -72,14 +82,14 @@ def calibrated(cell):
 
 def test_the_nodes_reader_takes_the_file_as_it_is(calibrated):
     values = read_parameter_file(calibrated)
-    assert values["sensor.bias"] == pytest.approx(HANGING.bias, abs=0.1)
-    assert values["sensor.mass"] == pytest.approx(HANGING.mass, abs=0.01)
-    assert values["sensor.center_of_mass"] == pytest.approx(HANGING.center_of_mass, abs=0.002)
+    assert values["sensor.bias"] == pytest.approx(LOAD_CELL.bias, abs=0.1)
+    assert values["sensor.mass"] == pytest.approx(LOAD_CELL.mass, abs=0.01)
+    assert values["sensor.center_of_mass"] == pytest.approx(LOAD_CELL.center_of_mass, abs=0.002)
     assert values["medium.zeta"] == pytest.approx(0.8, abs=0.005)
     assert values["surface_height"] == pytest.approx(0.0, abs=2e-4)
     assert values["medium.mobilization_length"] == pytest.approx(0.003, abs=1e-4)
     assert values["medium.calibrated_depth"] == pytest.approx(0.038, abs=5e-4)
-    assert values["sensor.quaternion"] == pytest.approx(HANGING.quaternion)
+    assert values["sensor.quaternion"] == pytest.approx(LOAD_CELL.quaternion)
 
 
 def test_an_alpha_y_like_the_published_one_is_written_without_a_table(calibrated):

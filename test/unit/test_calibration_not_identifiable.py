@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_track import (
     GENERIC,
-    HANGING,
+    LOAD_CELL,
     ORIENTATIONS,
     Path,
     dragged,
     grain_wrenches,
-    hanging,
+    in_the_air,
     known,
     law,
     read_by,
@@ -26,7 +26,7 @@ from rft_ros.errors import InputError
 from rft_ros.tool import load_tool
 
 
-def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=None, tare=None, cell=HANGING):
+def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=None, tare=None, cell=LOAD_CELL):
     """Calibrate to a recording of the path, with 0.1 N of noise."""
     time, states = path.states()
     grains = grain_wrenches(time, states, law(0.8), surface=surface, length=length) if force is None else force(states)
@@ -70,7 +70,7 @@ def test_a_recording_that_never_goes_straight_down():
 
 def test_grains_that_pull_a_sinking_tool_down_mean_a_wrong_sign():
     time, states = down(30.0).states()
-    readings = read_by(replace(HANGING, sign=1.0), states, -grain_wrenches(time, states, law(0.8), surface=0.0))
+    readings = read_by(replace(LOAD_CELL, sign=1.0), states, -grain_wrenches(time, states, law(0.8), surface=0.0))
     cell = {"sensor.sign": 1.0, "surface_height": 0.0}
     result = calibrate([track_of(time, states, readings)], {**known(), **cell}, Options(parts=("zeta",)))
     assert "check sensor.sign" in why(result, "medium.zeta")
@@ -90,20 +90,20 @@ def test_one_orientation_identifies_the_bias_but_not_the_mass():
 
 def test_orientations_about_one_axis_identify_the_mass():
     """Turns about one axis move gravity in a plane, which identifies the mass and all of the centre."""
-    result = calibrated(hanging(Path((0.0, 0.0, 0.06)), ((40, 0, 0), (80, 0, 0), (-40, 0, 0))), values=unknown())
+    result = calibrated(in_the_air(Path((0.0, 0.0, 0.06)), ((40, 0, 0), (80, 0, 0), (-40, 0, 0))), values=unknown())
     assert fitted(result)["sensor.mass"] == pytest.approx((0.42,), abs=0.02)
 
 
 def test_collinear_orientations_do_not_identify_the_centre_of_mass():
     """Two poses give one difference of gravity; the part of the centre along it has no effect."""
-    result = calibrated(hanging(Path((0.0, 0.0, 0.06)), ((60, 0, 0),)), values=unknown())
+    result = calibrated(in_the_air(Path((0.0, 0.0, 0.06)), ((60, 0, 0),)), values=unknown())
     assert "second direction" in why(result, "sensor.center_of_mass")
     assert "sensor.mass" in fitted(result)
 
 
 def test_a_negative_mass_means_a_wrong_sign():
     values = {**unknown(), "sensor.sign": 1.0}
-    result = calibrated(hanging(Path((0.0, 0.0, 0.06)), ORIENTATIONS), values=values)
+    result = calibrated(in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS), values=values)
     assert "the mass comes out as -0.4" in why(result, "sensor.bias")
 
 
@@ -136,7 +136,7 @@ def test_a_force_unrelated_to_the_path_does_not_identify_the_mobilization_length
 def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length(betas):
     """Neither face leads in the model: the force that it misses must not be taken for memory."""
     time, states, grains = dragged(betas, lambda beta: 0.1 + 0.0 * beta, zeta=0.8)
-    track = track_of(time, states, read_by(HANGING, states, grains))
+    track = track_of(time, states, read_by(LOAD_CELL, states, grains))
     sentence = why(calibrate([track], known(), Options(parts=("mobilization",))), "medium.mobilization_length")
     assert "after" in sentence
     assert "λ" in sentence

@@ -7,12 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 from synthetic_track import (
     GENERIC,
-    HANGING,
+    LOAD_CELL,
     ORIENTATIONS,
     Path,
     dragged,
     grain_wrenches,
-    hanging,
+    in_the_air,
     known,
     law,
     read_by,
@@ -47,19 +47,19 @@ def count(trial, truth):
 @pytest.mark.parametrize("correlation", [0.0, 0.8])
 def test_load_cell_surface_and_zeta(correlation):
     """From one recording: six poses in the air, a penetration, a dwell; the cell is turned and reports -1 times."""
-    path = hanging(Path((0.0, 0.0, 0.06)), ORIENTATIONS).move((0.0, 0.0, -0.095), 0.01).wait(1.0)
+    path = in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS).move((0.0, 0.0, -0.095), 0.01).wait(1.0)
     time, states = path.move((0.0, 0.0, 0.05), 0.02).states()
     grains = grain_wrenches(time, states, law(ZETA), surface=SURFACE)
 
     def trial(rng):
-        readings = read_by(HANGING, states, grains, rng, noise=NOISE, memory=correlation)
+        readings = read_by(LOAD_CELL, states, grains, rng, noise=NOISE, memory=correlation)
         options = Options(parts=("sensor", "surface", "zeta"))
         return calibrate([track_of(time, states, readings)], unknown(), options).fitted
 
     truth = {
-        "sensor.bias": HANGING.bias,
-        "sensor.mass": (HANGING.mass,),
-        "sensor.center_of_mass": HANGING.center_of_mass,
+        "sensor.bias": LOAD_CELL.bias,
+        "sensor.mass": (LOAD_CELL.mass,),
+        "sensor.center_of_mass": LOAD_CELL.center_of_mass,
         "surface_height": (SURFACE,),
         "medium.zeta": (ZETA,),
     }
@@ -87,8 +87,8 @@ def test_mobilization_length(path):
     grains = grain_wrenches(time, states, law(ZETA), surface=0.0, length=LENGTH)
 
     def trial(rng):
-        track = track_of(time, states, read_by(HANGING, states, grains, rng, noise=NOISE))
-        return [fit_memory_length([track], Sensor(cell=HANGING), law(), surface=0.0, rest_speed=REST)]
+        track = track_of(time, states, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
+        return [fit_memory_length([track], Sensor(cell=LOAD_CELL), law(), surface=0.0, rest_speed=REST)]
 
     hits = count(trial, {"medium.mobilization_length": (LENGTH,)})
     assert min(hits.values()) >= ENOUGH, hits
@@ -101,7 +101,7 @@ def test_alpha_y_from_plates_dragged_along_themselves(model, truth):
     time, states, grains = dragged((30.0, 50.0, 70.0, 90.0), lambda beta: truth[0] + sum(truth[1:]) * beta, zeta=ZETA)
 
     def trial(rng):
-        track = track_of(time, states, read_by(HANGING, states, grains, rng, noise=NOISE))
+        track = track_of(time, states, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
         options = Options(parts=("alpha_y",), alpha_y=model)
         return calibrate([track], known(medium__zeta=ZETA), options).fitted
 

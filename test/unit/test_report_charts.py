@@ -1,4 +1,4 @@
-"""The replay's charts as numbers: bands, quality_flags, shaded phases, and what a long recording is thinned out to."""
+"""The charts of a replay as numbers: bands, quality flags, shaded phases, and decimation of long recordings."""
 
 import math
 
@@ -41,7 +41,7 @@ def test_the_band_is_the_deviation_to_each_side_of_every_component():
         assert np.isnan(band.y[:, 8:]).all()
 
 
-def test_a_band_is_closed_around_each_stretch_and_open_between():
+def test_a_band_is_closed_around_each_segment_and_open_between():
     figure = chart_figure(replay_charts(series())[0])
     band = next(trace for trace in figure.data if trace.fill == "toself")
     x = np.asarray(band.x)
@@ -57,7 +57,7 @@ def test_phases_are_shaded_up_to_the_next_one():
     assert len(shapes) == 2 * 3
 
 
-def test_each_doubt_is_a_bar_while_it_lasts_below_the_forces_only():
+def test_each_quality_flag_is_a_bar_while_it_lasts_below_the_forces_only():
     rows = np.zeros(10, dtype=bool)
     rows[[3, 4, 6]] = True
     charts = replay_charts(series([FlaggedRows(name="wake", trust="CAUTION", rows=rows)]))
@@ -69,7 +69,7 @@ def test_each_doubt_is_a_bar_while_it_lasts_below_the_forces_only():
     assert len(charts[1].panels) == len(replay_charts(series())[0].panels) == 3
 
 
-def test_thinning_keeps_the_deepest_and_the_greatest_of_every_stretch(tmp_path):
+def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment(tmp_path):
     random = np.random.default_rng(5)
     with Trace(tmp_path) as trace:
         for k in range(30_000):
