@@ -46,7 +46,8 @@ class _Constants(NamedTuple):
     tempo_power: float = 1.6
     tempo_least: float = 0.14
     tempo_most: float = 10.0
-    scale_length: float = 0.005  # of the mean of the squared errors by component
+    scale_rise: float = 0.0025  # of the mean of the squared errors by component, while it grows
+    scale_fall: float = 0.005  # and while it falls
     square_most: float = 9.0  # a larger squared error, in variances, counts as this
     # bounds of θ and P
     strength_least: float = 0.1
@@ -142,7 +143,6 @@ _STATE = np.dtype(
         ("repeats", np.int64),
         ("fitted", float, 3),  # work space of the update
         ("s", float, (3, 3)),
-        ("ph", float, 4),
         ("gain", float, 4),
         ("a", float, (4, 4)),
     ],
@@ -313,17 +313,17 @@ def _innovate(s, h, belief, r):  # type: ignore[no-untyped-def]
 @inlined
 def _update(state, belief, h, y, variance):  # type: ignore[no-untyped-def]
     """One component of the force into the belief, in Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ."""
-    ph, gain, a = state.ph, state.gain, state.a
+    gain, a = state.gain, state.a
     for i in range(4):
-        ph[i] = _dot(belief.p[i], h)
-    s = _dot(h, ph) + variance
+        gain[i] = _dot(belief.p[i], h)
+    s = _dot(h, gain) + variance
     innovation = y - _dot(h, belief.theta)
     for i in range(4):
-        gain[i] = ph[i] / s
-        belief.theta[i] += gain[i] * innovation
-    for i in range(4):
         for j in range(4):
-            a[i, j] = belief.p[i, j] - gain[i] * ph[j]
+            a[i, j] = belief.p[i, j] - gain[i] * gain[j] / s
+    for i in range(4):
+        gain[i] /= s
+        belief.theta[i] += gain[i] * innovation
     for i in range(4):
         ah = _dot(a[i], h)
         for j in range(4):
@@ -371,8 +371,10 @@ def _adapt(state, record, step):  # type: ignore[no-untyped-def]
     state.tempo = min(max(state.mean_square**C.tempo_power, C.tempo_least), C.tempo_most)
     flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
     vertical = (y[2] - predicted[2]) ** 2 / s[2, 2]
-    state.scale[0] = state.scale[1] = _toward(state.scale[0], min(flat, C.square_most), step, C.scale_length)
-    state.scale[2] = _toward(state.scale[2], min(vertical, C.square_most), step, C.scale_length)
+    for i in range(3):
+        square = min(vertical if i == 2 else flat, C.square_most)
+        length = C.scale_rise if square > state.scale[i] else C.scale_fall
+        state.scale[i] = _toward(state.scale[i], square, step, length)
 
 
 @inlined
@@ -640,7 +642,9 @@ class Learning:
         """
         self._y[:] = math.nan if force is None else force
         usable = math.hypot(*self._y.tolist()) < _FORCE_MOST
-        return _LESSONS[self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated))]
+        code = self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated))
+        lesson: Lesson = _LESSONS[code]
+        return lesson
 
     @property
     def surprise(self) -> Surprise:
