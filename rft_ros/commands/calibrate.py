@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Calibrate; exit status 1 if nothing is identifiable, or something asked for by --fit is not."""
     from rich.console import Console
 
-    from rft_ros.calibration import PARTS, Options, calibrate, read_track
+    from rft_ros.calibration import PARTS, calibrate, read_track
     from rft_ros.calibration.calibrated_file import write_calibrated
     from rft_ros.calibration.overview import draw_penetrations, print_overview
 
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         warn_of(tool)
     with busy("fitting"):
-        result = calibrate(tracks, values, Options(parts=parts, tare=options.tare, alpha_y=arguments.alpha_y))
+        result = calibrate(tracks, values, parts=parts, tare=options.tare, alpha_y=arguments.alpha_y)
     console = Console()
     print_overview(result, console)
     if arguments.figure and result.zeta:

@@ -20,19 +20,18 @@ from synthetic_track import (
     unknown,
 )
 
-from rft_ros.calibration import NotIdentifiable, Options, calibrate
-from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y, sheet_of
+from rft_ros.calibration import PARTS, NotIdentifiable, calibrate
+from rft_ros.calibration.alpha_y import PlateRun, faces_of, fit_alpha_y
 from rft_ros.errors import InputError
 from rft_ros.tool import load_tool
 
 
-def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=None, tare=None, cell=LOAD_CELL):
+def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=PARTS, tare=None, cell=LOAD_CELL):
     """Calibrate to a recording of the path, with 0.1 N of noise."""
     time, states = path.states()
     grains = grain_wrenches(time, states, law(0.8), surface=surface, length=length) if force is None else force(states)
     readings = read_by(cell, states, grains, np.random.default_rng(5), noise=(0.1, 0.002))
-    options = Options(tare=tare) if parts is None else Options(parts=parts, tare=tare)
-    return calibrate([track_of(time, states, readings)], values or known(), options)
+    return calibrate([track_of(time, states, readings)], values or known(), parts=parts, tare=tare)
 
 
 def fitted(result):
@@ -72,7 +71,7 @@ def test_grains_that_pull_a_sinking_tool_down_mean_a_wrong_sign():
     time, states = down(30.0).states()
     readings = read_by(replace(LOAD_CELL, sign=1.0), states, -grain_wrenches(time, states, law(0.8), surface=0.0))
     cell = {"sensor.sign": 1.0, "surface_height": 0.0}
-    result = calibrate([track_of(time, states, readings)], {**known(), **cell}, Options(parts=("zeta",)))
+    result = calibrate([track_of(time, states, readings)], {**known(), **cell}, parts=("zeta",))
     assert "check sensor.sign" in why(result, "medium.zeta")
 
 
@@ -137,7 +136,7 @@ def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length(
     """Neither face leads in the model: the force that it misses must not be taken for memory."""
     time, states, grains = dragged(betas, lambda beta: 0.1 + 0.0 * beta, zeta=0.8)
     track = track_of(time, states, read_by(LOAD_CELL, states, grains))
-    sentence = why(calibrate([track], known(), Options(parts=("mobilization",))), "medium.mobilization_length")
+    sentence = why(calibrate([track], known(), parts=("mobilization",)), "medium.mobilization_length")
     assert "after" in sentence
     assert "λ" in sentence
 
@@ -160,7 +159,7 @@ def test_a_level_run_that_is_too_short():
 def test_a_ball_is_no_plate():
     ball = load_tool("sphere", scale=0.001)
     with pytest.raises(NotIdentifiable, match="sphere is no plate"):
-        sheet_of(ball.plates, "sphere")
+        faces_of(ball.plates, "sphere")
 
 
 def run_at(psi, beta=90.0, along=7.0):
