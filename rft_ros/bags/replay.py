@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from rft_ros.bags.estimates import COLUMNS, Trace, csv_row
-from rft_ros.bags.phases import Motion, Phase, Phases
+from rft_ros.bags.phases import LowestPoint, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.bags.statistics import count_flags, statistics
@@ -65,7 +65,7 @@ def replay(
         values = {**values, "sensor.bias": _bias(bag, topics, settings_of(values), model, start or 0.0, tare)}
     settings = settings_of(values)
     estimator = Estimator(settings, model)
-    motion = Motion(estimator)
+    motion = LowestPoint(estimator)
     try:
         out.mkdir(parents=True, exist_ok=True)
         with Trace(out) as trace:
@@ -117,7 +117,7 @@ class _Row(NamedTuple):
 
 
 def _write_estimates(
-    recording: Recording, estimator: Estimator, motion: Motion, trace: Trace, out: Path, label: str
+    recording: Recording, estimator: Estimator, motion: LowestPoint, trace: Trace, out: Path, label: str
 ) -> None:
     """Play the recording; write each pose to table, bag and trace once its phase and measurement are known."""
     phases: Phases[_Row] = Phases(estimator.settings.rest_speed)
