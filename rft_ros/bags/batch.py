@@ -56,7 +56,7 @@ def replay_all(
     *,
     done: Callable[[Summary | InputError], None],
 ) -> Batch:
-    """Replay each bag by `one(bag, folder, label)` into a folder of its own below `out`; write a common ``summary.json``.
+    """Replay each bag by `one(bag, folder, label)` into a folder below `out`, and write a common ``summary.json``.
 
     `done` is called with each bag's summary or InputError. Raises InputError if ``summary.json`` cannot be written.
     """

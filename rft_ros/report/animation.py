@@ -103,7 +103,7 @@ def animate(
 def animate_evenly(
     title: str, tool: Tool, law: Law, times: Array, states: Array, *, surface_height: float = 0.0
 ) -> Animation:
-    """The animation of at most 60 of the states, evenly spaced by index: `states`, shape [n, 13]; `times` [s], shape [n]."""
+    """The animation of at most 60 of the states, evenly spaced by index. `states`: shape [n, 13]. `times` [s]."""
     used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
     labels = [f"t = {time:.2f} s" for time in times[used]]
     return animate(title, tool, law, states[used], labels, surface_height=surface_height)

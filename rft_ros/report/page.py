@@ -55,7 +55,7 @@ def write_page(
     charts: Sequence[Chart],
     tool: Animation | None,
 ) -> None:
-    """Write a report: title, table ``metrics``, charts, tool, all other tables. The same content gives the same bytes."""
+    """Write a report: title, table ``metrics``, charts, tool, other tables. The same content gives the same bytes."""
     from plotly.io import to_html
     from plotly.offline import get_plotlyjs
 
@@ -187,7 +187,7 @@ def _short(values: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def figure_page(figure: Any, *, title: str, name: str) -> str:
-    """A page with one plotly figure as HTML. `title`: of the browser tab. `name`: the figure's id, so that bytes repeat."""
+    """A page with one plotly figure as HTML. `title`: of the browser tab. `name`: the figure's id (repeatable bytes)."""
     page: str = figure.to_html(
         include_plotlyjs=True, full_html=True, div_id=name, auto_play=False, config={"displaylogo": False}
     )
