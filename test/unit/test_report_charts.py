@@ -74,7 +74,7 @@ def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment(tmp_path
     with Trace(tmp_path) as trace:
         for k in range(30_000):
             depth, force = float(random.normal()), float(random.normal())
-            answer = Estimate(k, (0.0,) * 6, 0.1, 0.0, 0, 0)
+            answer = Estimate(k, (0.0,) * 6, (0.1,) * 6, 0.1, 0.0, 0, 0)
             measured = Measurement(k, (0.0, 0.0, force, 0.0, 0.0, 0.0), None, None)
             trace.add(depth, answer, measured, Phase.PENETRATION, np.zeros(13).tobytes())
         every = np.concatenate(list(trace.blocks()))
