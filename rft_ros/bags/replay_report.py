@@ -14,7 +14,7 @@ from rft_ros.bags.phases import Phase
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Model
 from rft_ros.estimator.parameters import PARAMETERS
-from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
+from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.report.animation import Animation, animate
 from rft_ros.report.charts import Chart
 from rft_ros.report.page import Table, write_page
@@ -46,7 +46,7 @@ def draw(
         phases=tuple(phase.value for phase in PHASES),
         measured=rows["compensated"],
         predicted=rows["predicted"],
-        deviation=np.array([deviation(wrench) for wrench in rows["predicted"].tolist()]).reshape(-1, 2),
+        deviation=rows["sigma"],
         quality_flags=tuple(_flagged(rows["quality_flags"])),
         vertical=vertical,
     )
@@ -127,8 +127,7 @@ def _tables(summary: Summary) -> Mapping[str, Table]:
         "quality_flags": Table(
             title="Quality flags",
             sentence=f"How many of the {summary.estimates:,} estimates have each flag (trust: {trusted})."
-            f" Each component of a predicted force scatters by {100 * SCATTER:.0f} % of the force's"
-            " magnitude (standard deviation, from simulated plates): the band in the figures.",
+            " The band in the figures is one standard deviation of the prediction on each side.",
             heads=("flag", "estimates", "trust", "meaning"),
             rows=[
                 (name, f"{summary.quality_flags[name]:,}", trust(flag).value, sentences(flag))

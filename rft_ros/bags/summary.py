@@ -2,9 +2,10 @@
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from rft_ros.bags.learning_errors import LearningError
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.statistics import Axis, Group, PhaseGroup
 from rft_ros.estimator.messages import Role
@@ -22,8 +23,9 @@ class Summary:
     `unknown_frames`: for such a reason, which frame_id is not what the parameters say, in a sentence.
     `quality_flags`: estimates by the name of each `QualityFlag`. `trust`: estimates by `Trust`.
     `duration`: receive time covered [s]. `damage`: where and why reading stopped early. `wrench`, `rms_over_peak`,
-    `median_relative_error`: over all estimates, as in `Group`. `phases`: the same of each phase, by name. `seconds`:
-    wall time of the replay, without its report.
+    `median_relative_error`, `within_sigma`, `within_two_sigma`: over all estimates, as in `Group`. `learning`: where
+    the medium is learned, the error without learning ("off") and by lag. `phases`: the same as over all estimates, of
+    each phase, by name. `seconds`: wall time of the replay, without its report.
     """
 
     bag: str
@@ -41,6 +43,9 @@ class Summary:
     wrench: dict[str, Axis]
     rms_over_peak: float | None
     median_relative_error: float | None
+    within_sigma: float | None
+    within_two_sigma: float | None
+    learning: dict[str, LearningError]
     phases: dict[str, PhaseGroup]
     seconds: float = field(compare=False)
 
@@ -52,7 +57,7 @@ class Summary:
     @property
     def whole(self) -> Group:
         """The statistics over all estimates."""
-        return Group(self.estimates, self.wrench, self.rms_over_peak, self.median_relative_error)
+        return Group(**{field.name: getattr(self, field.name) for field in fields(Group)})
 
     def lines(self) -> list[str]:
         """The summary for a terminal: counts, and the size of forces and residuals."""
@@ -68,6 +73,10 @@ class Summary:
             )
         if self.damage:
             text.append(f"  reading stopped early: {self.damage}")
+        for name, error in self.learning.items():
+            shares = (error.rms_over_peak, error.median_relative_error, error.within_sigma, error.within_two_sigma)
+            rms, median, one, two = ("-" if v is None else f"{100.0 * v:.1f} %" for v in shares)
+            text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
         for title, *cells in (("force on the tool", *METRIC_HEADS), *metric_rows(self)):
             text.append(metric_line(title, cells))
         return text
