@@ -14,7 +14,7 @@ from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
-__all__ = ["ReplayOptions", "play", "read_replay_options", "states_of", "topics_of"]
+__all__ = ["ReplayOptions", "play", "push", "read_replay_options", "states_of", "topics_of"]
 
 _TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured"}
 _SECTION = "rft_replay"
@@ -85,6 +85,17 @@ def _resolved(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
+def push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
+    """Push a sample of any kind; the answer if it is a pose."""
+    if isinstance(sample, PoseSample):
+        return estimator.push_pose(sample)
+    if isinstance(sample, TwistSample):
+        estimator.push_twist(sample)
+    else:
+        estimator.push_wrench(sample)
+    return None
+
+
 def play(
     recording: Recording, estimator: Estimator, label: str
 ) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
@@ -94,14 +105,7 @@ def play(
     """
     with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
-            if isinstance(sample, PoseSample):
-                yield sample, estimator.push_pose(sample)
-            else:
-                if isinstance(sample, TwistSample):
-                    estimator.push_twist(sample)
-                else:
-                    estimator.push_wrench(sample)
-                yield sample, None
+            yield sample, push(estimator, sample)
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)
     estimator.finish()

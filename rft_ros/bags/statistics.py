@@ -3,7 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -52,13 +52,16 @@ class Group:
 
     `wrench`: by axis. `rms_over_peak`: RMS residual force over the group's greatest measured force.
     `median_relative_error`: median of residual over measured force (magnitudes), to 0.25 %, over estimates whose
-    measured force exceeds 20 % of the replay's greatest. None without values.
+    measured force exceeds 20 % of the replay's greatest. `within_sigma`, `within_two_sigma`: share of the measured
+    force's components, in the grains, within one and two standard deviations of the prediction. None without values.
     """
 
     estimates: int
     wrench: dict[str, Axis]
     rms_over_peak: float | None
     median_relative_error: float | None
+    within_sigma: float | None
+    within_two_sigma: float | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,19 +73,23 @@ class PhaseGroup(Group):
 
 
 class _Sums:
-    """Sums over blocks of estimates, shape [n, 24]: measured, predicted, residual, eight columns each (`_NAMES`)."""
+    """Sums over blocks of estimates with the columns of `_columns`, shape [n, 27]."""
 
     def __init__(self) -> None:
         self.poses = 0
         self.estimates = 0
         self._count = np.zeros(24, dtype=np.int64)
         self._sum, self._squares, self._peaks = np.zeros(24), np.zeros(24), np.zeros(24)
+        self._scores, self._within = 0, np.zeros(2, dtype=np.int64)
         self._ratios = np.zeros(len(_RATIOS) - 1, dtype=np.int64)
 
     def add(self, rows: _Block, least_force: float) -> None:
         self.estimates += len(rows)
+        rows, scores = rows[:, :24], rows[:, 24:]
         known = ~np.isnan(rows)
         values = np.where(known, rows, 0.0)
+        self._scores += int((~np.isnan(scores)).sum())
+        self._within += [(scores < 1.0).sum(), (scores < 2.0).sum()]
         self._count += known.sum(axis=0)
         self._sum += values.sum(axis=0)
         self._squares += (values * values).sum(axis=0)
@@ -97,7 +104,8 @@ class _Sums:
         spreads = [Spread(*v) if c else Spread(None, None, None) for v, c in zip(numbers, self._count, strict=True)]
         axes = {name: Axis(spreads[i], spreads[i + 8], spreads[i + 16]) for i, name in enumerate(_NAMES)}
         rms, peak = axes["force"].residual.rms, axes["force"].measured.peak
-        return Group(self.estimates, axes, rms / peak if rms is not None and peak else None, self._median())
+        one, two = (self._within / self._scores).tolist() if self._scores else (None, None)
+        return Group(self.estimates, axes, rms / peak if rms is not None and peak else None, self._median(), one, two)
 
     def _median(self) -> float | None:
         counts = np.cumsum(self._ratios)
@@ -110,12 +118,17 @@ class _Sums:
 
 
 def _columns(block: NDArray[np.void]) -> _Block:
-    """Measured, predicted, residual, eight columns each (`_NAMES`), NaN if missing, shape [n, 24]."""
+    """Measured, predicted, residual, eight columns each (`_NAMES`), then force residual over sigma, shape [n, 27].
+
+    NaN if missing.
+    """
     measured, predicted = block["compensated"], block["predicted"]
     parts = []
     for wrench in (measured, predicted, measured - predicted):
         parts += [wrench, *(np.linalg.norm(wrench[:, k : k + 3], axis=1)[:, None] for k in (0, 3))]
-    return np.hstack(parts)
+    in_grains = np.any(predicted[:, :3], axis=1, keepdims=True)
+    scores = np.abs(measured - predicted)[:, :3] / block["sigma"][:, :3]
+    return np.hstack([*parts, np.where(in_grains, scores, math.nan)])
 
 
 def _bin_edges(deepest: float) -> _Block:
@@ -174,9 +187,8 @@ def _add_by_depth(
 def _phase_group(sums: _Sums, names: list[str], bins: Iterable[_Sums]) -> PhaseGroup:
     group = sums.group()
     by_depth = {name: b.group() for name, b in zip(names, bins, strict=False) if b.estimates}
-    return PhaseGroup(
-        group.estimates, group.wrench, group.rms_over_peak, group.median_relative_error, sums.poses, by_depth
-    )
+    whole = {field.name: getattr(group, field.name) for field in fields(Group)}
+    return PhaseGroup(**whole, poses=sums.poses, depth_bins=by_depth)
 
 
 def count_flags(trace: Trace) -> tuple[dict[str, int], dict[str, int]]:

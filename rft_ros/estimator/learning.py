@@ -528,7 +528,7 @@ class Learning:
 
     def __init__(self, settings: LearningSettings, *, reach: float = 0.0) -> None:
         self.settings = settings
-        self._reach = reach
+        self.reach = reach
         self._work = np.zeros(_WORK)
         self._theta, self._covariance, self._numbers, self._prior, growth = _parts.py_func(self._work)
         self._prior[:] = _covariance(settings.strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
@@ -579,7 +579,7 @@ class Learning:
         if not 0.0 <= speed < math.inf:
             speed, teaches = 0.0, False
         _tick(
-            stamp, duration, speed, passing, teaches, apply, self.settings.lag, self._reach,
+            stamp, duration, speed, passing, teaches, apply, self.settings.lag, self.reach,
             row, self._work, self._ring, self._stamps, self._places, self._out,
         )  # fmt: skip
         return self._out
@@ -629,6 +629,19 @@ class Learning:
             excess=float(self._numbers[_EXCESS]) / force if force > 0.0 else 0.0,
             drift=float(self._numbers[_DRIFT]),
         )
+
+    def strength(self) -> tuple[float, float] | None:
+        """Strength of the bed over the model's at the last push, and its standard error; None if nothing was learned.
+
+        s_v and s_h by the inverse of their variances.
+        """
+        bed: Array = self._numbers[_BED : _BED + 20]
+        covariance = bed[4:].reshape(4, 4)[:2, :2]
+        if np.array_equal(bed[:4], (1.0, 1.0, 0.0, 0.0)):
+            return None
+        weights = 1.0 / np.diag(covariance)
+        weights /= weights.sum()
+        return float(weights @ bed[:2]), math.sqrt(float(weights @ covariance @ weights))
 
     def issues(self) -> list[BeliefIssue]:
         """Why the model cannot be right: judged over 5 mm of path, from 8 mm after the tool entered."""

@@ -187,7 +187,7 @@ def _short(values: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def figure_page(figure: Any, *, title: str, name: str) -> str:
-    """A page with one plotly figure as HTML. `title`: of the browser tab. `name`: the figure's id (repeatable bytes)."""
+    """A page with one plotly figure as HTML. `title`: of its tab. `name`: the figure's id (repeatable bytes)."""
     page: str = figure.to_html(
         include_plotlyjs=True, full_html=True, div_id=name, auto_play=False, config={"displaylogo": False}
     )

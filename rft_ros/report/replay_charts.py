@@ -35,9 +35,8 @@ class ReplaySeries:
 
     `time`: since the first pose [s]. `depth`: of the tool's lowest point [m]. `phase`: index into `phases`, -1 for
     none. `measured` (less bias and tool weight), `predicted`: wrench on the tool in sensor axes [N, N m], shape [n, 6],
-    NaN if missing. `deviation`: standard deviation of each component of the predicted force and torque, shape [n, 2].
-    `quality_flags`: those that occur. `vertical`: the sensor axis nearest to vertical, and "up" or "down" for where it
-    points.
+    NaN if missing. `deviation`: standard deviation of each predicted component, shape [n, 6]. `quality_flags`: those
+    that occur. `vertical`: the sensor axis nearest to vertical, and "up" or "down" for where it points.
     """
 
     time: _Numbers
@@ -135,7 +134,7 @@ def _line(name: str, x: _Numbers, y: _Numbers) -> Line:
 
 def _band(series: ReplaySeries, x: _Numbers, column: int) -> Line:
     """The predicted component plus and minus its standard deviation."""
-    middle, deviation = series.predicted[:, column], series.deviation[:, column // 3]
+    middle, deviation = series.predicted[:, column], series.deviation[:, column]
     y = np.stack([middle - deviation, middle + deviation])
     return Line(label="± standard deviation", colour="predicted", x=x, y=y, kind="band")
 

@@ -55,7 +55,7 @@ def test_the_estimates_bag_holds_three_wrenches_in_the_sensor_frame(tmp_path):
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
             seen.setdefault(connection.topic, []).append(message.wrench.force.z)
     assert {k: len(v) for k, v in seen.items()} == dict.fromkeys(
-        (f"/rft/wrench_{n}" for n in ("predicted", "compensated", "residual")), 60
+        (f"/rft/wrench_{n}" for n in ("predicted", "sigma", "compensated", "residual")), 60
     )
     np.testing.assert_array_equal(
         seen["/rft/wrench_residual"], np.subtract(seen["/rft/wrench_compensated"], seen["/rft/wrench_predicted"])
