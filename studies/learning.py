@@ -204,7 +204,7 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
             own = {**values, "medium.mobilization_length": 0.0}
             if bag.name in meshes:
                 own["mesh.file"] = str(meshes[bag.name])
-            track = read_track(bag, own, remap=options.remap)
+            track = read_track(bag, own, options)
             settings, model = settings_of(own), model_of(own)
             states = track.states.copy()
             plates, rest = model.tool.plates, settings.rest_speed

@@ -1,4 +1,4 @@
-"""What learning is worth on a recording: its samples through estimators without and with learning."""
+"""The error of a replay's predictions without and with learning, from estimators that run beside the replay."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -19,7 +19,7 @@ _SECOND_LAG = 0.005
 
 @dataclass(frozen=True, slots=True)
 class LearningError:
-    """As in `Group`, over all estimates; no sample is part of its own prediction."""
+    """As in `Group`, over all estimates. No prediction uses its own sample."""
 
     rms_over_peak: float | None
     median_relative_error: float | None

@@ -3,7 +3,7 @@
 import json
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
@@ -35,11 +35,8 @@ def replay(
     bag: Path,
     out: Path,
     values: Values,
+    options: ReplayOptions | None = None,
     *,
-    remap: Sequence[str] = (),
-    tare: float | None = None,
-    start: float | None = None,
-    end: float | None = None,
     model: Model | None = None,
     report: bool = False,
     figures: bool = False,
@@ -47,30 +44,31 @@ def replay(
 ) -> Summary:
     """Play a bag through the estimator and write the results to the folder `out`.
 
-    `values`: the node's parameters (`read_parameter_file`). `remap`, `tare`, `start`, `end`: as in `ReplayOptions`.
-    `model`: `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
+    `values`: the node's parameters (`read_parameter_file`). `options`: None for the whole bag without tare. `model`:
+    `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
 
     Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with
     `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters and versions give the same
     bytes, except in wall.json. Rows and messages are in the order in which the poses arrived; each message has its
     pose's stamp. Raises InputError for a bag that cannot be used (`Recording`) and for a tare that is refused.
     """
-    ReplayOptions(remap=tuple(remap), tare=tare, start=start, end=end)  # checks the values
-    topics = topics_of(values, remap)
+    options = options or ReplayOptions()
+    topics = topics_of(values, options.remap)
     if bag.resolve() in (out.resolve(), (out / "estimates").resolve()):
         raise InputError(f"bag '{bag}' is where the results would be written; choose another output folder")
     model = model or replay_model(values)
 
     began = time.perf_counter()
-    if tare:
-        values = {**values, "sensor.bias": _bias(bag, topics, settings_of(values), model, start or 0.0, tare)}
+    if options.tare:
+        bias = _bias(bag, topics, settings_of(values), model, options.start or 0.0, options.tare)
+        values = {**values, "sensor.bias": bias}
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     motion = LowestPoint(estimator)
     try:
         out.mkdir(parents=True, exist_ok=True)
         with Trace(out) as trace, LearningErrors.of(settings, model, out) as learning_errors:
-            with Recording(bag, topics, start=start, end=end) as recording:
+            with Recording(bag, topics, start=options.start, end=options.end) as recording:
                 _write_estimates(recording, estimator, motion, trace, out, label or bag.name, learning_errors)
             if not recording.counts["pose"]:
                 why = f" ({recording.damage})" if recording.damage else ""

@@ -1,6 +1,5 @@
 """A recording as arrays: the tool's states, and the load cell's raw reading at each."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,12 +8,12 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import play, topics_of
+from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
-from rft_ros.estimator.parameters import Value, model_of, settings_of
+from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.tool import Tool
 
 __all__ = ["Track", "read_track"]
@@ -82,25 +81,19 @@ class Track:
         return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))
 
 
-def read_track(
-    bag: Path,
-    values: Mapping[str, Value],
-    *,
-    remap: Sequence[str] = (),
-    start: float | None = None,
-    end: float | None = None,
-) -> Track:
+def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:
     """Read a bag's poses, each with the twist and load-cell reading that the estimator uses for it.
 
-    `values`: the node's parameters. `remap`, `start`, `end`: as in `ReplayOptions`. Raises InputError for a bag with
-    fewer than two poses that have both.
+    `values`: the node's parameters. `options`: None for the whole bag; the tare is ignored. Raises InputError for a bag
+    with fewer than two poses that have both.
     """
-    topics = topics_of(values, remap)
+    options = options or ReplayOptions()
+    topics = topics_of(values, options.remap)
     model = model_of({**values, "tolerance": 0.0})  # the error of a reduced tool would bias every fit
     # without bias and weight the estimator's compensated wrench is the raw reading
     settings = replace(settings_of(values), load_cell=LoadCell(), surface_height=_BOTTOMLESS, max_rate=0.0)
     estimator = Estimator(settings, model)
-    with Recording(bag, topics, start=start, end=end) as recording:
+    with Recording(bag, topics, start=options.start, end=options.end) as recording:
         answers = play(recording, estimator, bag.name)
         states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
     rows = [

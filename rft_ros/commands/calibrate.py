@@ -65,13 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     values, options = recording(arguments)
     meshes = _meshes(arguments.mesh, [bag.resolve().name for bag in arguments.bags])
     tracks = [
-        read_track(
-            bag,
-            {**values, "mesh.file": meshes.get(bag.resolve().name, values["mesh.file"])},
-            remap=options.remap,
-            start=options.start,
-            end=options.end,
-        )
+        read_track(bag, {**values, "mesh.file": meshes.get(bag.resolve().name, values["mesh.file"])}, options)
         for bag in arguments.bags
     ]
     for tool in {track.tool.file: track.tool for track in tracks}.values():

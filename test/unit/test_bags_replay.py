@@ -9,7 +9,7 @@ from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.estimates import COLUMNS
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
@@ -38,7 +38,7 @@ def test_estimates_are_the_cores_with_the_poses_stamps(tmp_path):
 def test_two_replays_give_the_same_bytes(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     for out in ("one", "two"):
-        replay(bag, tmp_path / out, values(), tare=0.15)
+        replay(bag, tmp_path / out, values(), ReplayOptions(tare=0.15))
     for name in ("estimates.csv", "summary.json", "estimates/estimates.mcap"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
     assert "seconds" not in json.loads((tmp_path / "one" / "summary.json").read_text())
@@ -82,12 +82,12 @@ def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_p
 
 def test_a_tare_of_0_seconds_is_no_tare(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
-    assert replay(bag, tmp_path / "out", values(), tare=0.0).bias == (0.0,) * 6
+    assert replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
 
 
 def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
-    summary = replay(bag, tmp_path / "out", values(), tare=0.15)
+    summary = replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.15))
     assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
     first = rows_of(tmp_path / "out")[0]
     assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
@@ -96,7 +96,7 @@ def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
 def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     with pytest.raises(InputError, match=r"bag .*tare refused: .*(moved|in the grains)"):
-        replay(bag, tmp_path / "out", values(), tare=0.5)
+        replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.5))
 
 
 def test_penetration_has_statistics_of_its_own(tmp_path):
@@ -152,7 +152,7 @@ def test_frames_that_are_not_the_parameters_are_reasons(tmp_path):
 def test_a_tare_that_fails_for_a_wrong_frame_names_it(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments(), frame="elsewhere")
     with pytest.raises(InputError, match="pose frame_id 'elsewhere' is not world_frame 'world'"):
-        replay(bag, tmp_path / "out", values(), tare=0.2)
+        replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.2))
 
 
 def test_a_second_publisher_that_lags_is_out_of_order(tmp_path):
