@@ -93,8 +93,8 @@ ROW = np.dtype(
         ("state", "<f8", 13),
     ]
 )
-"""A pose with a known depth: stamp [ns], phase, an or of `QualityFlag`, depth [m], wrenches in the sensor frame [N, N m]
-and standard deviations of the predicted, NaN where there is none, and, with an estimate, the state (columns
+"""A pose with a known depth: stamp [ns], phase, an or of `QualityFlag`, depth [m], wrenches in the sensor frame [N,
+N m] and standard deviations of the predicted, NaN where there is none, and, with an estimate, the state (columns
 `rft_ros.rft.STATE`)."""
 
 _LAYOUT = struct.Struct("<3q19d")
