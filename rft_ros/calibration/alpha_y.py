@@ -117,7 +117,7 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
     share = float(areas[faces].sum() / areas.sum())
     if share < _FACES:
         raise NotIdentifiable(
-            f"{name} is no plate: its two largest parallel faces make up {100 * share:.0f} % of its surface;"
+            f"{name} is not a plate: its two largest parallel faces make up {100 * share:.0f} % of its surface;"
             f" α_y needs a plate with {100 * _FACES:.0f} %"
         )
     return normal, faces
@@ -126,7 +126,7 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
 def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, surface: float) -> PlateRun:
     """The steady force of one level run.
 
-    Raises NotIdentifiable for a tool that is no plate, a run that is too short or shallow, and a horizontal plate,
+    Raises NotIdentifiable for a tool that is not a plate, a run that is too short or shallow, and a horizontal plate,
     which has no e1.
     """
     plates = track.tool.plates.packed
@@ -221,7 +221,7 @@ def fit_alpha_y(
         )
     if float(alpha.mean()) <= 0.0:
         raise NotIdentifiable(
-            f"α_y comes out as {alpha.mean():.4f} N/cm³, but the grains oppose the motion; check sensor.sign,"
+            f"the mean α_y is {alpha.mean():.4f} N/cm³, but the grains oppose the motion; check sensor.sign,"
             " sensor.quaternion and medium.zeta (it scales the edges' force, which is subtracted)"
         )
 

@@ -109,7 +109,7 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
         )
     if length > turn.after or relative > _UNSURE:
         raise NotIdentifiable(
-            f"{where}: λ comes out as {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
+            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
             f" {100 * _UNSURE:.0f} % and less than the {1e3 * turn.after:.3g} mm of path after the turn"
         )
     if misfit > _UNLIKE or found.linear.coefficients[0] <= 0.0:
@@ -136,7 +136,7 @@ def fit_memory_length(
     turns = fit_each(
         lambda track, turn: _fit_turn(track, turn, sensor, law, surface=surface, rest_speed=rest_speed),
         [(track, turn) for track in tracks for turn in turns_in_grains(track, surface, rest_speed)],
-        none="in the grains the tool never turns round, nor starts from rest where a recording begins",
+        none="the tool never turns in the grains, and no recording begins with it at rest there",
     )
     length, error = mean_of([t.length for t in turns], [t.error for t in turns])
     misfit, without = 100.0 * np.mean([(t.misfit, t.misfit_without) for t in turns], axis=0)

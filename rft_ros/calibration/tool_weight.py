@@ -60,7 +60,7 @@ class ToolWeightFit:
 def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest_speed: float) -> ToolWeightFit:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
 
-    Raises NotIdentifiable if the tool is never still in the air, or if the fitted mass is negative.
+    Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass is negative.
     """
     poses = [
         (track.readings[rows], track.gravity_in_sensor(cell)[rows].mean(axis=0))
@@ -69,7 +69,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
         if track.heights()[rows].min() > air
     ]
     if not poses:
-        raise NotIdentifiable("the tool is never still in the air for 0.5 s; the bias needs one such pose")
+        raise NotIdentifiable("the tool never rests in the air for 0.5 s; the bias needs one such pose")
     gravity = np.array([g for _, g in poses])
     readings = np.array([r.mean(axis=0) for r, _ in poses])
     errors = np.array([[error_of_mean(column) for column in r.T] for r, _ in poses])
@@ -93,7 +93,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
         cov, mass, error = forces.covariance, float(forces.coefficients[3]), float(forces.errors[3])
         if mass < -3.0 * error:
             raise NotIdentifiable(
-                f"the mass comes out as {mass:.4f} ± {error:.4f} kg: sensor.sign or sensor.quaternion is wrong"
+                f"the fitted mass is {mass:.4f} ± {error:.4f} kg: sensor.sign or sensor.quaternion is wrong"
             )
         cell = replace(cell, mass=max(mass, 0.0))
         value("sensor.mass", forces.coefficients[3:], forces.errors[3:], "kg", f"R² {r2:.5f}")
