@@ -139,8 +139,8 @@ def _penetration(
     error = float(np.sqrt(fit.covariance[0, 0] + (per_metre * surface_error) ** 2 + (per_newton * force_error) ** 2))
     if zeta <= 0.0:
         raise NotIdentifiable(
-            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, but the grains push a sinking tool up; check sensor.sign and"
-            " sensor.quaternion"
+            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, but the grains push a sinking tool up; check"
+            " sensor.sign and sensor.quaternion"
         )
     down = np.maximum(-rotation_matrix(states[-1, 3:7])[2] @ plates.packed[3:6], 0.0)
     return Penetration(

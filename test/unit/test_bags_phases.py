@@ -1,4 +1,4 @@
-"""Phases: each where its definition says, no flicker under noise, and every moment is returned in order."""
+"""Phases follow their definitions, do not flicker under noise, and every moment is returned in order."""
 
 import numpy as np
 import pytest
@@ -55,7 +55,7 @@ def test_a_plunge_has_every_phase_where_it_begins():
 
 
 @pytest.mark.parametrize("noise", [0.0003, 0.0005])
-def test_noise_makes_no_phase_flicker(noise):
+def test_phases_do_not_flicker_under_noise(noise):
     """Noise up to half of `rest_speed`."""
     found = segments(phases_of(run(PLUNGE, noise=noise)))
     assert [phase for phase, _ in found] == [
@@ -66,7 +66,7 @@ def test_noise_makes_no_phase_flicker(noise):
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
-def test_noise_over_the_rest_speed_blurs_phases_and_still_none_is_shorter_than_a_tenth_of_a_second(noise):
+def test_under_noise_above_the_rest_speed_every_phase_still_lasts_a_tenth_of_a_second(noise):
     assert min(count for _, count in segments(phases_of(run(PLUNGE, noise=noise)))) >= 10
 
 
@@ -99,7 +99,7 @@ def test_turning_in_place_below_the_surface_is_no_dwell():
     assert set(phases_of(turning)) == {Phase.PLOUGHING}
 
 
-def test_moments_whose_motion_is_not_known_have_no_phase_and_break_none():
+def test_moments_of_unknown_motion_have_no_phase_and_end_none():
     moments = run(((100, DOWN),), depth=0.0)
     for k in (0, 20, 21, 60):
         moments[k] = None
@@ -113,7 +113,7 @@ def test_a_time_jump_begins_another_run():
     assert found[650:] == found[:650]
 
 
-def test_what_waits_is_bounded_when_stamps_stand_still():
+def test_few_moments_wait_when_stamps_do_not_advance():
     phases = Phases(REST)
     still = Moment(10**9, 0.01, 0.0, 0.0, 0.0)
     phases.push(0, Moment(10**9, 0.01, 0.02, 0.02, 0.02))

@@ -1,4 +1,4 @@
-"""Replay: deterministic, complete, and clear about what it could not use."""
+"""A replay is deterministic and complete, and reports what it could not use."""
 
 import json
 

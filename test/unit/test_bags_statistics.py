@@ -1,4 +1,4 @@
-"""Statistics: of each phase and depth bin by themselves, against numpy on the table."""
+"""Statistics of each phase and depth bin agree with numpy on the table."""
 
 import numpy as np
 import pytest

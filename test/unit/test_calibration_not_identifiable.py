@@ -1,4 +1,4 @@
-"""What the data do not determine is not identifiable, by name, in a sentence with the numbers that say so."""
+"""What the data do not determine is reported as not identifiable, in a sentence with numbers."""
 
 from dataclasses import replace
 
@@ -156,7 +156,7 @@ def test_a_level_run_that_is_too_short():
     assert "it needs 10 mm" in why(calibrated(upright), "alpha_y")
 
 
-def test_a_ball_is_no_plate():
+def test_a_sphere_is_not_a_plate():
     ball = load_tool("sphere", scale=0.001)
     with pytest.raises(NotIdentifiable, match="sphere is not a plate"):
         faces_of(ball.plates, "sphere")
