@@ -37,7 +37,7 @@ _TARE_WINDOW = 1.0  # s
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
-_ERRORS = frozenset({"medium.zeta_error"})  # of the medium, and no part of the model
+_BESIDE_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # of the medium, and no part of the model
 _TOOL = frozenset(TOOL_PARAMETERS.values())
 
 
@@ -176,7 +176,7 @@ class RftNode(Node):
                 "set it in the parameter file and restart the node"
             )
         self._next_model = None
-        if any(name.startswith(("medium.", "alpha_y.")) for name in changed - _ERRORS):
+        if any(name.startswith(("medium.", "alpha_y.")) for name in changed - _BESIDE_MODEL):
             m = self.estimator.model
             self._next_model = model_of(values, tool=m.tool, generation=m.generation + 1)
 

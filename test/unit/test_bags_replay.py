@@ -8,7 +8,7 @@ from recordings import START, STEP, TOPICS, moments, plunge, write_ros2
 from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
-from rft_ros.bags.estimates import COLUMNS
+from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS
 from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
@@ -45,7 +45,7 @@ def test_two_replays_give_the_same_bytes(tmp_path):
     assert json.loads((tmp_path / "one" / "wall.json").read_text())["real_time_factor"] > 0.0
 
 
-def test_the_estimates_bag_holds_three_wrenches_in_the_sensor_frame(tmp_path):
+def test_the_estimates_bag_holds_four_wrenches_in_the_sensor_frame(tmp_path):
     replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
     with AnyReader([tmp_path / "out" / "estimates"]) as reader:
         seen = {}
@@ -191,3 +191,26 @@ def test_options_come_from_the_parameter_file(tmp_path):
         file.write_text(f"rft_replay:\n  ros__parameters:\n    {text}\n")
         with pytest.raises(InputError, match=words):
             read_replay_options(file)
+
+
+def test_a_replay_that_learns_tells_what_it_learned_and_the_error_without_and_with(tmp_path):
+    bag = write_ros2(tmp_path / "bag", plunge())
+    learning = values(learning__mode="apply", sensor__bias=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0))
+    summary = replay(bag, tmp_path / "out", learning)
+    rows = rows_of(tmp_path / "out")
+    assert tuple(rows[0]) == COLUMNS + LEARNED_COLUMNS
+    assert all(None not in row.values() for row in rows)
+    assert list(summary.learning) == ["off", "2 mm", "5 mm"]
+    assert summary.learning["2 mm"].rms_over_peak == summary.rms_over_peak
+    assert summary.learning["2 mm"].within_sigma == summary.within_sigma
+    assert summary.learning["2 mm"].median_relative_error < 0.5 * summary.learning["off"].median_relative_error
+    assert float(rows[200]["s_v"]) != 1.0
+    assert float(rows[200]["s_v_error"]) > 0.0
+
+
+def test_without_learning_the_replay_says_nothing_of_it(tmp_path):
+    summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
+    assert summary.learning == {}
+    rows = rows_of(tmp_path / "out")
+    assert tuple(rows[0]) == COLUMNS
+    assert float(rows[-1]["sigma_fz"]) > 0.0
