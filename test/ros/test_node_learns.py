@@ -1,5 +1,7 @@
 """A node that learns the medium: what it publishes, saves, forgets and reports."""
 
+from itertools import pairwise
+
 from harness import stamp_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
@@ -40,7 +42,7 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
     assert learned[-1].position[0] != 1.0
     assert 0.0 < learned[-1].effort[0] < learned[0].effort[0]
     stamps = [stamp_of(m) for m in learned]
-    assert all(later - earlier >= STEP for earlier, later in zip(stamps, stamps[1:], strict=False))
+    assert all(later - earlier >= STEP for earlier, later in pairwise(stamps))
     assert {stamp_of(m) for m in rft.received["wrench_sigma"]} == {
         stamp_of(m) for m in rft.received["wrench_predicted"]
     }

@@ -1,4 +1,4 @@
-"""The estimator with a learned medium: what is learned when, what keeps it, and the standard deviation of a prediction."""
+"""The estimator with a learned medium: what is learned, what keeps it, and the deviation of a prediction."""
 
 import math
 from dataclasses import replace
