@@ -22,13 +22,25 @@ from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning, LearningSettings, Surprise
 from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
+from rft_ros.estimator.quality import write_prior_sigma
 from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
 from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run
 from studies.paper import law
 from studies.result import BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = ["CHOICES", "LAGS", "Choice", "Learned", "Series", "bag_series", "dem_series", "learned", "study"]
+__all__ = [
+    "CHOICES",
+    "LAGS",
+    "Choice",
+    "Learned",
+    "Series",
+    "bag_series",
+    "dem_series",
+    "learned",
+    "study",
+    "unlearned",
+]
 
 Array = NDArray[np.float64]
 
@@ -204,7 +216,7 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
             own = {**values, "medium.mobilization_length": 0.0}
             if bag.name in meshes:
                 own["mesh.file"] = str(meshes[bag.name])
-            track = read_track(bag, own, remap=options.remap)
+            track = read_track(bag, own, options)
             settings, model = settings_of(own), model_of(own)
             states = track.states.copy()
             plates, rest = model.tool.plates, settings.rest_speed
@@ -277,6 +289,15 @@ def coverage(series: Series, out: Array) -> Array:
     return np.array([(z < 1.0).sum(), (z < 2.0).sum(), z.size], dtype=float)
 
 
+def unlearned(series: Series) -> Array:
+    """The model's wrench and its standard deviations without learning, shape [n, 12]."""
+    out = np.zeros((len(series.rows), 12))
+    for answer, row in zip(out, series.rows, strict=True):
+        answer[:6] = row[:6]
+        write_prior_sigma(answer, zeta_error=0.0, reach=series.reach)
+    return out
+
+
 def with_layer(series: Series, at: float, factor: float) -> Array:
     """The measured forces [N] with grains `factor` times as strong from `at` [m] of path, within 2 mm."""
     ramp = 1.0 + (factor - 1.0) * np.clip((series.path - at) / 0.002, 0.0, 1.0)
@@ -300,9 +321,11 @@ def study() -> StudyResult:
                 continue
             cells = [percent(100.0 * np.mean([error(run, run.rows[:, :3]) for run in runs]))]
             shares = ""
-            for lag in LAGS:
-                results = [learned(run, lag=lag).out for run in runs]
-                cells.append(percent(100.0 * np.mean([error(r, out) for r, out in zip(runs, results, strict=True)])))
+            for lag in (None, *LAGS):
+                results = [unlearned(run) if lag is None else learned(run, lag=lag).out for run in runs]
+                if lag is not None:
+                    errors = [error(run, out) for run, out in zip(runs, results, strict=True)]
+                    cells.append(percent(100.0 * np.mean(errors)))
                 count = np.sum([coverage(r, out) for r, out in zip(runs, results, strict=True)], axis=0)
                 shares += f"{' / ' if shares else ''}{100 * count[0] / count[2]:.0f}, {100 * count[1] / count[2]:.0f} %"
             rows.append((f"{title}; {choice.name}", *cells, shares))
@@ -330,7 +353,12 @@ def study() -> StudyResult:
         axes.set_title(RUNS.get(run.name, run.name), fontsize=8)
         label_axes(axes, x="Path of the fastest point [mm]", y="Force [N]")
     panels[0].legend(fontsize=7)
-    header = ("what", "fixed model", *(f"learned, {1e3 * lag:g} mm before" for lag in LAGS), "within 1σ, 2σ (2 / 5 mm)")
+    header = (
+        "what",
+        "fixed model",
+        *(f"learned, {1e3 * lag:g} mm before" for lag in LAGS),
+        "within 1σ, 2σ (fixed / 2 / 5 mm)",
+    )
     return StudyResult(
         name="learning",
         title="The medium learned from the measured force",

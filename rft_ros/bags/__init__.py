@@ -1,1 +1,1 @@
-"""Recordings in and out, and their replay through the estimator; works with no ROS installed."""
+"""Read and write recordings, and replay them through the estimator; needs no ROS installation."""

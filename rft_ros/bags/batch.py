@@ -1,4 +1,4 @@
-"""Replay several recordings: a folder for each, a summary of all; a failure does not stop the others."""
+"""Replay several recordings: one folder each and a common summary; a failure does not stop the others."""
 
 import json
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ __all__ = ["Batch", "folder_names", "replay_all"]
 
 
 class Batch:
-    """Summaries and failures of several bags, by the name of each one's folder, in the order given."""
+    """Summaries and failures of several bags by folder name, in the given order."""
 
     def __init__(self) -> None:
         self.summaries: dict[str, Summary] = {}
@@ -37,7 +37,7 @@ class Batch:
 
 
 def folder_names(bags: Sequence[Path]) -> list[str]:
-    """A name for each bag's folder: the bag's, without suffix, and a number where that is taken."""
+    """A unique name for each bag's folder: the bag's without suffix, with a number if that is taken."""
     names: list[str] = []
     wanted = [bag.resolve().stem if bag.is_file() else bag.resolve().name for bag in bags]
     for name in wanted:
@@ -56,9 +56,9 @@ def replay_all(
     *,
     done: Callable[[Summary | InputError], None],
 ) -> Batch:
-    """Replay each bag into its own folder below `out` by `one(bag, folder, label)`, and write ``summary.json`` of all.
+    """Replay each bag by `one(bag, folder, label)` into a folder below `out`, and write a common ``summary.json``.
 
-    `done` is called with each bag's summary, or with the InputError that stopped it.
+    `done` is called with each bag's summary or InputError. Raises InputError if ``summary.json`` cannot be written.
     """
     batch = Batch()
     for number, (bag, name) in enumerate(zip(bags, folder_names(bags), strict=True), start=1):

@@ -1,4 +1,4 @@
-"""MCAP and SQLite files that rosbags cannot open because they were cut short: read from the front, up to the damage."""
+"""Truncated or corrupt MCAP and SQLite files, which rosbags cannot open: read from the start up to the damage."""
 
 import mmap
 import sqlite3
@@ -25,7 +25,7 @@ _CUT = "the file ends inside a record"
 
 
 class DamagedFile:
-    """One .mcap or .db3 file as a sequence of records. Reads it once to list topics, count and times."""
+    """One .mcap or .db3 file, read record by record; a first pass finds its topics, message count and times."""
 
     def __init__(self, file: Path) -> None:
         self.name = file.name
@@ -43,13 +43,13 @@ class DamagedFile:
             pass
 
     def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
-        """Receive time in [start, stop) [ns], topic, content, in the file's order; ValueError where the damage is."""
+        """Receive time in [start, stop) [ns], topic and content, in the file's order; ValueError at the damage."""
         for time, topic, _, data in self._all():
             if topic in topics and start <= time < stop:
                 yield time, topic, data
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing: no file stays open."""
 
     def _all(self) -> Iterator[_Message]:
         try:
@@ -59,10 +59,10 @@ class DamagedFile:
             with self._file.open("rb") as stream:
                 data = memoryview(mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ))
             if bytes(data[:8]) != b"\x89MCAP0\r\n":
-                raise ValueError("it does not begin as an MCAP file")
+                raise ValueError("it does not start with the MCAP signature")
             yield from _mcap_records(data[8:], {}, {})
         except (struct.error, LookupError) as error:
-            raise ValueError(f"a record makes no sense ({error})") from None
+            raise ValueError(f"a record is malformed ({error})") from None
         except (zstd.ZstdError, RuntimeError, OSError, EOFError, sqlite3.Error) as error:
             raise ValueError(str(error)) from None
 
@@ -70,7 +70,7 @@ class DamagedFile:
 def _mcap_records(
     data: memoryview, schemas: dict[int, str], channels: dict[int, tuple[str, str]]
 ) -> Iterator[_Message]:
-    """The messages of a file or chunk (https://mcap.dev/spec)."""
+    """The messages of a file or chunk (https://mcap.dev/spec); fills `schemas` and `channels` by id."""
     at = 0
     while at < len(data):
         op, length = struct.unpack_from("<BQ", data, at) if len(data) - at >= 9 else (0, len(data))
@@ -86,7 +86,7 @@ def _mcap_records(
             key, schema, size = struct.unpack_from("<HHI", body)
             (encoding,) = struct.unpack_from("<I", body, 8 + size)
             encoded = str(body[12 + size : 12 + size + encoding], "utf-8")
-            msgtype = schemas.get(schema, "of no type")
+            msgtype = schemas.get(schema, "unknown type")
             channels[key] = str(body[8 : 8 + size], "utf-8"), msgtype if encoded == "cdr" else f"{msgtype} as {encoded}"
         elif op == 0x05:
             key, _, time = struct.unpack_from("<HIQ", body)
@@ -97,7 +97,7 @@ def _mcap_records(
 
 
 def _mcap_chunk(body: memoryview) -> memoryview:
-    """A chunk's records; if the chunk is cut, those before the cut."""
+    """A chunk's records, decompressed; of a truncated chunk those before the cut."""
     if len(body) < 40:
         raise ValueError(_CUT)
     _, _, size, crc, length = struct.unpack_from("<QQQII", body)
@@ -116,7 +116,7 @@ def _mcap_chunk(body: memoryview) -> memoryview:
 
 def _sqlite3(file: Path) -> Iterator[_Message]:
     with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as database:
-        # without this, sqlite refuses a file that is shorter than its first page says
+        # otherwise sqlite refuses a file that is shorter than its header says
         database.execute("PRAGMA writable_schema = ON")
         topics = {key: (name, msgtype) for key, name, msgtype in database.execute("SELECT id, name, type FROM topics")}
         for key, time, data in database.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED"):

@@ -1,4 +1,4 @@
-"""The rows of a replay: estimates.csv, and the same numbers on disk for statistics and figures."""
+"""The rows of a replay: lines of estimates.csv, and a scratch file of the numbers for statistics and figures."""
 
 import math
 import struct
@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.phases import Phase
 from rft_ros.estimator import Estimate, Measurement, NoEstimate, Wrench
+from rft_ros.estimator.learning import Belief
 from rft_ros.estimator.quality import flag_names
 
-__all__ = ["AXES", "COLUMNS", "PHASES", "ROW", "Trace", "csv_row"]
+__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Trace", "csv_row", "learned_columns"]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Components of a wrench: force [N], torque [N m]."""
@@ -24,43 +25,61 @@ COLUMNS = (
     "t",
     "depth",
     "speed",
-    *(f"{kind}_{axis}" for kind in ("predicted", "compensated", "residual") for axis in AXES),
+    *(f"{kind}_{axis}" for kind in ("predicted", "compensated", "residual", "sigma") for axis in AXES),
     "reason",
     "generation",
     "phase",
     "quality_flags",
 )
 """Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; speed of its fastest
-plate [m/s]; wrenches in the sensor frame [N], [N m]; or the reason for no estimate; generation of the model; `Phase`,
-empty where the pose or its velocity is unknown; names of `QualityFlag`s, joined by +."""
+plate [m/s]; wrenches in the sensor frame [N], [N m], and one standard deviation of the predicted; or the reason for no
+estimate; generation of the model; `Phase`, empty where the pose or its velocity is unknown; names of `QualityFlag`s,
+joined by +."""
+
+_BELIEF = ("s_v", "s_h", "rho", "delta")
+
+LEARNED_COLUMNS = (*_BELIEF, *(f"{name}_error" for name in _BELIEF), "surprise")
+"""Further columns where the medium is learned: θ as `Belief` has it, rho [rad], delta [m]; standard errors; score."""
 
 _SIX = ",%.9g" * 6
-_FULL = "%d.%09d,%.9g,%.9g" + 3 * _SIX + ",,%d%s"
-_WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + ",,%d%s"
+_FULL = "%d.%09d,%.9g,%.9g" + 4 * _SIX + ",,%d%s\n"
+_WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + _SIX + ",,%d%s\n"
+
+
+def learned_columns(belief: Belief) -> str:
+    """The end of a line of estimates.csv: `LEARNED_COLUMNS`."""
+    b = belief
+    numbers = (b.vertical, b.horizontal, b.turn, b.surface)
+    errors = (b.vertical_error, b.horizontal_error, b.turn_error, b.surface_error)
+    return "".join(f",{number:.9g}" for number in (*numbers, *errors, b.surprise))
 
 
 def csv_row(
-    depth: float | None, answer: Estimate | NoEstimate, measurement: Measurement | None, phase: Phase | None
+    depth: float | None,
+    answer: Estimate | NoEstimate,
+    measurement: Measurement | None,
+    phase: Phase | None,
+    learned: str = "",
 ) -> str:
-    """One line of estimates.csv; `measurement`: the estimate's, None without one."""
+    """One line of estimates.csv; `measurement`: the estimate's, None without one; `learned`: `learned_columns`."""
     seconds, nanoseconds = divmod(answer.stamp, 1_000_000_000)
     if isinstance(answer, NoEstimate):
         place = "" if depth is None else f"{depth:.9g}"
-        return f"{seconds}.{nanoseconds:09d},{place}{20 * ','}{answer.reason.value},{_end(phase, 0)}"
+        return f"{seconds}.{nanoseconds:09d},{place}{26 * ','}{answer.reason.value},{_end(phase, 0)}{learned}\n"
     head = (seconds, nanoseconds, depth, answer.speed, *answer.predicted)
-    tail = (answer.generation, _end(phase, answer.quality_flags))
+    tail = (answer.generation, _end(phase, answer.quality_flags) + learned)
     if measurement is None or measurement.compensated is None or measurement.residual is None:
-        return _WITHOUT_WRENCH % (*head, *tail)
-    return _FULL % (*head, *measurement.compensated, *measurement.residual, *tail)
+        return _WITHOUT_WRENCH % (*head, *answer.sigma, *tail)
+    return _FULL % (*head, *measurement.compensated, *measurement.residual, *answer.sigma, *tail)
 
 
 @cache
 def _end(phase: Phase | None, quality_flags: int) -> str:
-    return f",{phase.value if phase else ''},{'+'.join(flag_names(quality_flags))}\n"
+    return f",{phase.value if phase else ''},{'+'.join(flag_names(quality_flags))}"
 
 
 PHASES = tuple(Phase)
-"""The phases by the number in a row's `phase`; -1: none."""
+"""The phases by their number in a row."""
 
 ROW = np.dtype(
     [
@@ -70,20 +89,22 @@ ROW = np.dtype(
         ("depth", "<f8"),
         ("predicted", "<f8", 6),
         ("compensated", "<f8", 6),
+        ("sigma", "<f8", 6),
         ("state", "<f8", 13),
     ]
 )
-"""A pose with a known depth: stamp [ns], phase, an or of `QualityFlag`, depth [m], wrenches in the sensor
-frame [N, N m], NaN where there is none, and, with an estimate, the state (columns `rft_ros.rft.STATE`)."""
+"""A pose with a known depth: stamp [ns]; phase, an index into `PHASES` or -1; combined `QualityFlag`s; depth [m];
+wrenches in the sensor frame and the standard deviation of the predicted one [N, N m], NaN if missing; the estimator's
+state (columns `rft_ros.rft.STATE`)."""
 
-_LAYOUT = struct.Struct("<3q13d")
+_LAYOUT = struct.Struct("<3q19d")
 _CODE = {phase: code for code, phase in enumerate(PHASES)} | {None: -1}
 _NONE: Wrench = (math.nan,) * 6
 _BLOCK = 4096
 
 
 class Trace:
-    """A file of rows, deleted at the end of the `with` block, so that memory does not grow with the recording."""
+    """A scratch file of rows, which keeps memory constant; deleted at the end of the `with` block."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -111,16 +132,16 @@ class Trace:
     ) -> None:
         """Append a row; `state`: 13 float64."""
         self._rows += 1
-        predicted, compensated, quality_flags = _NONE, _NONE, 0
+        predicted, compensated, sigma, quality_flags = _NONE, _NONE, _NONE, 0
         if isinstance(answer, Estimate):
-            predicted, quality_flags = answer.predicted, answer.quality_flags
+            predicted, sigma, quality_flags = answer.predicted, answer.sigma, answer.quality_flags
             if measurement is not None and measurement.compensated is not None:
                 compensated = measurement.compensated
-        numbers = _LAYOUT.pack(answer.stamp, _CODE[phase], quality_flags, depth, *predicted, *compensated)
+        numbers = _LAYOUT.pack(answer.stamp, _CODE[phase], quality_flags, depth, *predicted, *compensated, *sigma)
         self._file.write(numbers + state)
 
     def blocks(self, rows: int = _BLOCK) -> Iterator[NDArray[np.void]]:
-        """All rows in order, `rows` of them at a time, as `ROW` arrays."""
+        """All rows in order, in `ROW` arrays of at most `rows`."""
         self._file.seek(0)
         while data := self._file.read(rows * ROW.itemsize):
             yield np.frombuffer(data, ROW)

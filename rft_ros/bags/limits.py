@@ -17,7 +17,7 @@ __all__ = ["Limit", "LimitCheck", "check", "limit_lines", "read_limits"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limit:
-    """Inclusive limits of a metric, which is named by its dotted path in summary.json."""
+    """Inclusive limits of a metric, given by its dotted path in summary.json."""
 
     metric: str
     min: float = -math.inf
@@ -26,19 +26,19 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LimitCheck:
-    """A limit and the metric's value, None where there is none. A missing value fails the check."""
+    """A limit and the metric's value. A missing value (None) fails the check."""
 
     limit: Limit
     value: float | None
 
     @property
     def kept(self) -> bool:
-        """Whether there is a value and it lies within the limit."""
+        """Whether the value exists and lies within the limit."""
         return self.value is not None and self.limit.min <= self.value <= self.limit.max
 
 
 def read_limits(file: Path) -> list[Limit]:
-    """Read a YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, either or both; else InputError."""
+    """Read a YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, one or both. Raises InputError if malformed."""
     tree = read_yaml(file, "limits file")
     if not isinstance(tree, dict) or not tree:
         raise InputError(f"limits file '{file}' holds no metrics; write lines such as 'estimates: {{min: 1000}}'")
@@ -58,20 +58,18 @@ def _limit(file: Path, metric: str, bounds: object) -> Limit:
 
 
 def check(limits: list[Limit], summary: Summary) -> list[LimitCheck]:
-    """Check a summary against limits. InputError for a metric that summary.json does not have."""
+    """Check a summary against limits. Raises InputError for a metric that summary.json does not have."""
     content = summary.content()
     for words in ("damage", "parameters"):
         del content[words]
-    there = dict(_metrics(content))
-    there |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
-    checks = []
+    values = dict(_metrics(content))
+    values |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
     for limit in limits:
-        if limit.metric not in there:
-            near = difflib.get_close_matches(limit.metric, there, n=1)
+        if limit.metric not in values:
+            near = difflib.get_close_matches(limit.metric, values, n=1)
             advice = f"; did you mean '{near[0]}'?" if near else ""
             raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{advice}")
-        checks.append(LimitCheck(limit=limit, value=there[limit.metric]))
-    return checks
+    return [LimitCheck(limit=limit, value=values[limit.metric]) for limit in limits]
 
 
 def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, float | None]]:
@@ -83,7 +81,7 @@ def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, flo
 
 
 def limit_lines(checks: list[LimitCheck]) -> list[str]:
-    """A table: each limit, the value, and ok or FAILED."""
+    """A table: each limit with the value, and "ok" or "FAILED"."""
     width = max(len(c.limit.metric) for c in checks)
     text = [f"  {'metric':<{width}}{'value':>12}{'min':>10}{'max':>10}"]
     for checked in checks:

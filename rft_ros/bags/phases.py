@@ -1,4 +1,4 @@
-"""The phase of every pose: where the tool's lowest point is and which way it goes, without flicker."""
+"""The phase of every pose: where the tool's lowest point is and how it moves, without flicker."""
 
 import math
 from collections.abc import Iterator
@@ -12,15 +12,15 @@ from rft_ros.rft import rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import from_frame, rotation
 
-__all__ = ["Moment", "Motion", "Phase", "Phases"]
+__all__ = ["LowestPoint", "Moment", "Phase", "Phases"]
 
 
 class Phase(str, Enum):
-    """What the tool does. Values are what users read.
+    """What the tool does; users read the values.
 
     APPROACH: its lowest point is above the surface, except in WITHDRAWAL. PENETRATION: below it, and that point moves
-    down. DWELL: below it, slower than `rest_speed`. WITHDRAWAL: that point moves up, or has left the grains and has
-    not moved down or sideways since. PLOUGHING: below the surface, in any other motion.
+    down. DWELL: below it, slower than `rest_speed`. WITHDRAWAL: that point moves up, or has left the grains and has not
+    moved down or sideways since. PLOUGHING: below the surface, any other motion.
     """
 
     APPROACH = "approach"
@@ -36,7 +36,7 @@ class Phase(str, Enum):
 class Moment(NamedTuple):
     """Position and motion of the tool's lowest point at a stamp [ns].
 
-    `depth` [m], negative above the surface; `sinking`: its velocity downwards, `travel`: its speed, and `speed`: that
+    `depth` [m]: negative above the surface. `sinking`: downward velocity, `travel`: speed of the lowest point, `speed`:
     of the tool's fastest point [m/s].
     """
 
@@ -55,7 +55,7 @@ _UNPLACED = {
     Reason.POSE_REPEATED,
     Reason.POSE_OUT_OF_ORDER,
 }
-"""Reasons for which a pose does not tell where the tool is."""
+"""Reasons after which the depth is unknown."""
 
 
 @compiled
@@ -73,8 +73,8 @@ def _lowest_point(corners, state, out):  # type: ignore[no-untyped-def]
     out[4], out[5], out[6] = axes[6], axes[7], axes[8]
 
 
-class Motion:
-    """The motion of an estimator's tool, pose by pose."""
+class LowestPoint:
+    """Depth and motion of the lowest point of an estimator's tool, pose by pose."""
 
     def __init__(self, estimator: Estimator) -> None:
         self._estimator = estimator
@@ -85,9 +85,9 @@ class Motion:
         self._up = np.array([0.0, 0.0, 1.0])
 
     def after(self, answer: Estimate | NoEstimate) -> tuple[float | None, Moment | None]:
-        """Depth of the lowest point at the pose just answered [m], and its motion.
+        """Depth [m] at the pose just answered, None if unknown, and the motion.
 
-        The depth is None if the pose does not tell it; the motion is None without an estimate, except at rest.
+        The motion is None without an estimate, except at rest.
         """
         if isinstance(answer, NoEstimate) and answer.reason is not Reason.AT_REST:
             return None if answer.reason in _UNPLACED else self._estimator.depth(), None
@@ -100,32 +100,32 @@ class Motion:
         return depth, Moment(answer.stamp, depth, -vz, math.hypot(vx, vy, vz), speed)
 
     def vertical_axis(self) -> tuple[str, str]:
-        """The sensor axis nearest to vertical where the tool was deepest, and whether it points up or down."""
+        """The sensor axis nearest to vertical at the greatest depth, and whether it points "up" or "down"."""
         up = self._up @ rotation_matrix(self._settings.load_cell.quaternion)
         axis = int(np.argmax(np.abs(up)))
         return "xyz"[axis], "up" if up[axis] > 0.0 else "down"
 
 
 _HOLD = 100_000_000
-"""A new phase must last this long [ns]; it then counts from its first moment."""
+"""Shortest phase [ns]. It counts from its first moment."""
 
 _WAITING = 4096
 """Greatest number of moments that wait for their phase."""
 
 _STEEP, _STILL_STEEP = 0.1, 0.05
-"""Sine of the least slope that counts as down or up; the second one once the tool is in that phase."""
+"""Sine of the least slope that counts as down or up; the second value applies within that phase."""
 
 _STILL_AT_REST = 1.5
-"""A tool at rest stays at rest up to this many times `rest_speed`."""
+"""A tool at rest counts as at rest up to this many times `rest_speed`."""
 
 _Item = TypeVar("_Item")
 _Settled = tuple[_Item, Phase | None]
 
 
 class Phases(Generic[_Item]):
-    """The phase of moments that come one by one, each with an item of the caller's.
+    """Assign phases to a sequence of moments, each with an item of the caller's.
 
-    `push` returns the items, in order, with their phase once it is settled, at most 0.1 s later.
+    `push` returns the items in order, each with its phase, once that is settled: at most 0.1 s later.
     """
 
     def __init__(self, rest_speed: float) -> None:
@@ -137,14 +137,14 @@ class Phases(Generic[_Item]):
         self._waiting: list[tuple[_Item, bool]] = []
 
     def push(self, item: _Item, moment: Moment | None) -> list[_Settled[_Item]]:
-        """Add a moment, None where the motion is unknown (its phase is None too); return the items settled by it."""
+        """Add a moment, None for unknown motion (its phase is None too); return the items that are now settled."""
         if moment is None:
             if not self._waiting:
                 return [(item, None)]
             self._waiting.append((item, False))
             return list(self._settle(self._candidate)) if len(self._waiting) >= _WAITING else []
         settled: list[_Settled[_Item]] = []
-        if moment.stamp < self._newest:  # a time jump: another run begins
+        if moment.stamp < self._newest:  # a time jump: start again
             settled += self.finish()
             self._phase = None
         self._newest = moment.stamp
@@ -152,10 +152,7 @@ class Phases(Generic[_Item]):
         if self._phase is None:
             self._phase = seen
         if seen is self._phase:
-            if self._waiting:  # it was noise
-                settled += self._settle(seen)
-            settled.append((item, seen))
-            return settled
+            return [*settled, *self._settle(seen), (item, seen)]  # what waits was noise
         if seen is not self._candidate or not self._waiting:
             settled += self._settle(self._phase)
             self._candidate, self._since = seen, moment.stamp
@@ -165,7 +162,7 @@ class Phases(Generic[_Item]):
         return settled
 
     def finish(self) -> list[_Settled[_Item]]:
-        """Return the items that still wait."""
+        """Return the items that still wait, with their phases."""
         return list(self._settle(self._candidate))
 
     def _settle(self, phase: Phase | None) -> Iterator[_Settled[_Item]]:
@@ -176,7 +173,7 @@ class Phases(Generic[_Item]):
             yield item, phase if known else None
 
     def _phase_of(self, moment: Moment) -> Phase:
-        """The phase by this moment alone, with hysteresis in favour of the present phase."""
+        """The phase by this moment alone, with hysteresis in favour of the current phase."""
         now = self._phase
         rest, travel = self._rest_speed, moment.travel
         down = moment.sinking >= max(rest, travel * (_STILL_STEEP if now is Phase.PENETRATION else _STEEP))

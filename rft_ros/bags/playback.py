@@ -1,4 +1,4 @@
-"""A recording through an estimator: which topics and which part of a bag, and the one loop over its samples."""
+"""Play a recording through an estimator: topics, the part of the bag, and the loop over its samples."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -14,7 +14,7 @@ from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
-__all__ = ["ReplayOptions", "play", "read_replay_options", "states_of", "topics_of"]
+__all__ = ["ReplayOptions", "play", "push", "read_replay_options", "states_of", "topics_of"]
 
 _TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured"}
 _SECTION = "rft_replay"
@@ -25,9 +25,8 @@ _BAR_PERIOD = 512  # samples between updates of the progress bar
 class ReplayOptions:
     """Which topics and which part of a bag.
 
-    `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: take the load cell's bias from this many seconds at the
-    beginning; 0 or None: no tare. `start`, `end`: use this part of the bag only [s]. Raises InputError for times that
-    are no part of a bag.
+    `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: length of the load cell's tare at the beginning [s]; 0 or
+    None: no tare. `start`, `end`: use only this part [s]. Raises InputError for negative times and an empty part.
     """
 
     remap: tuple[str, ...] = ()
@@ -60,7 +59,7 @@ def read_replay_options(file: Path) -> ReplayOptions:
 def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
     """Topic of each role that the parameters need: /rft/pose and so on, unless remapped; later remaps win.
 
-    There is no twist topic where the velocity comes from the poses. InputError names a remap that cannot be used.
+    No twist topic if the velocity comes from the poses. Raises InputError for a remap that cannot be used.
     """
     topics = {role: _resolved(name) for role, name in _TOPICS.items()}
     roles = {topic: role for role, topic in topics.items()}
@@ -86,23 +85,27 @@ def _resolved(name: str) -> str:
     return name if name.startswith("/") else f"/{name}"
 
 
+def push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
+    """Push a sample of any kind; the answer if it is a pose."""
+    if isinstance(sample, PoseSample):
+        return estimator.push_pose(sample)
+    if isinstance(sample, TwistSample):
+        estimator.push_twist(sample)
+    else:
+        estimator.push_wrench(sample)
+    return None
+
+
 def play(
     recording: Recording, estimator: Estimator, label: str
 ) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
-    """Push every sample of an open recording; yield it, with the answer if it is a pose.
+    """Push every sample of an open recording into the estimator; yield it, with the answer if it is a pose.
 
-    At the end all measurements are final. `label`: what the progress bar says.
+    At the end all measurements are final. `label`: of the progress bar.
     """
     with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
-            if isinstance(sample, PoseSample):
-                yield sample, estimator.push_pose(sample)
-            else:
-                if isinstance(sample, TwistSample):
-                    estimator.push_twist(sample)
-                else:
-                    estimator.push_wrench(sample)
-                yield sample, None
+            yield sample, push(estimator, sample)
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)
     estimator.finish()
@@ -111,7 +114,10 @@ def play(
 def states_of(
     bag: Path, values: Values, model: Model, options: ReplayOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times since the first estimate [s], shape [n], and states, shape [n, 13], of the poses that have an estimate."""
+    """Times since the first estimate [s], shape [n], and states, shape [n, 13], of the poses with an estimate.
+
+    Raises InputError if there are none.
+    """
     estimator = Estimator(settings_of(values), model)
     stamps, states = [], []
     with Recording(bag, topics_of(values, options.remap), start=options.start, end=options.end) as recording:

@@ -1,4 +1,4 @@
-"""Recordings in: stamped samples of rosbag2 (MCAP, sqlite3) and ROS 1 bags, in the order of their receive times."""
+"""Read rosbag2 (MCAP, SQLite) and ROS 1 bags as samples in the order of their receive times."""
 
 import re
 from bisect import bisect_left
@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Protocol
 
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
@@ -20,7 +19,7 @@ __all__ = ["Recording"]
 _RANK: tuple[Role, ...] = ("wrench", "twist", "pose")
 
 _LATEST = 100_000_000
-"""Greatest delay [ns] of a message in its file that is still sorted (split and damaged bags)."""
+"""Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
 
 _TOGETHER = 256
 """Messages sorted at a time."""
@@ -28,21 +27,8 @@ _TOGETHER = 256
 _SUFFIXES = (".mcap", ".db3", ".bag")
 
 
-class _Part(Protocol):
-    """A bag or one file of it: its topics with their types, number of messages, first and last receive time [ns]."""
-
-    name: str
-    topics: set[tuple[str, str]]
-    count: int
-    first: int
-    last: int
-
-    def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]: ...
-    def close(self) -> None: ...
-
-
-class _IndexedPart:
-    """What rosbags can open: a folder or a file."""
+class _Indexed:
+    """A bag or one file of it that rosbags can open, with the interface of `DamagedFile`."""
 
     def __init__(self, path: Path) -> None:
         self.name = path.name
@@ -55,7 +41,7 @@ class _IndexedPart:
 
     def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
         connections = [c for c in self._reader.connections if c.topic in topics]
-        if connections:  # to rosbags, none means all
+        if connections:  # for rosbags, an empty list means all
             for connection, time, data in self._reader.messages(connections, start, stop):
                 yield time, connection.topic, data
 
@@ -66,15 +52,15 @@ class _IndexedPart:
 class Recording:
     """The samples of one bag, for use in a `with` block and one `for` loop.
 
-    Memory does not grow with the bag, except for the index of a ROS 1 bag, which rosbags keeps.
+    Memory does not grow with the bag, except for a ROS 1 bag's index, which rosbags keeps.
 
-    `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: the topic of each role that is wanted; only
-    these are read. `start`, `end`: seconds of receive time after the bag's first message, of whatever topic.
+    `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: topic of each role; only these are read.
+    `start`, `end`: receive time since the bag's first message on any topic [s].
 
     Order: receive time (the bag's log time); at equal times wrench, twist, pose; then the order in the file.
 
-    A missing pose or twist topic, a topic of another type, a path that is no bag and a ROS 1 bag without index are
-    InputErrors. A damaged bag is used up to the damage, and `damage` then says where that was and why.
+    Raises InputError for a missing pose or twist topic, a topic of another type, a path that is not a bag, and a ROS 1
+    bag without index. A damaged bag is used up to the damage, which `damage` describes.
     """
 
     def __init__(
@@ -86,7 +72,7 @@ class Recording:
         """Receive time of the last sample [ns]."""
         self._topics = dict(topics)
         self._offsets = (start, end)
-        self._parts: list[_Part] = []
+        self._parts: list[_Indexed | DamagedFile] = []
         self._why = ""
 
     def __enter__(self) -> "Recording":
@@ -120,7 +106,7 @@ class Recording:
 
     @property
     def damage(self) -> str | None:
-        """Where and why reading stopped early, and what was used; None for a good bag. Complete after the loop."""
+        """Where and why reading stopped early, and what was used; None for an intact bag. Complete after the loop."""
         if not self._why:
             return None
         used, seconds = sum(self.counts.values()), (self.time - self.first) * 1e-9
@@ -146,7 +132,7 @@ class Recording:
         for number, (time, topic, data) in enumerate(self._messages(rank)):
             queue.append((time, rank[topic], number, data))
             if len(queue) >= _TOGETHER and number % _TOGETHER == 0:
-                queue.sort()  # almost sorted already: cheaper than a heap
+                queue.sort()  # almost sorted: faster than a heap
                 ready = bisect_left(queue, (queue[-1][0] - _LATEST,))
                 yield from queue[:ready]
                 del queue[:ready]
@@ -157,12 +143,12 @@ class Recording:
         for part in self._parts:
             try:
                 yield from part.messages(topics, self.first, self.last + 1)
-            except Exception as error:  # damage raises anything in rosbags' parsers
+            except Exception as error:  # rosbags' parsers raise anything on damage
                 self._why = f"{part.name} is damaged: {_sentence(error)}"
                 return
 
     def _open(self) -> None:
-        """Open the bag by rosbags; if that fails, file by file, and a damaged file record by record."""
+        """Open the bag with rosbags; if that fails, file by file, and a damaged file record by record."""
         bag = self.bag
         if not bag.exists():
             raise InputError(f"bag '{bag}' does not exist")
@@ -174,21 +160,20 @@ class Recording:
         if not files and not (bag / "metadata.yaml").exists():
             raise InputError(f"folder '{bag}' is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
         try:
-            self._parts = [_IndexedPart(bag)]
+            self._parts = [_Indexed(bag)]
         except Exception as error:
             self._why = _sentence(error)
         if self._why and bag.is_dir() and not (bag / "metadata.yaml").exists():
             self._why = "metadata.yaml is missing"
         for file in files if self._why else []:
             try:
-                part: _Part = _IndexedPart(file)
+                self._parts.append(_Indexed(file))
             except Exception as error:
                 if file.suffix == ".bag":
                     raise InputError(f"bag '{bag}' cannot be read ({_sentence(error)}); try 'rosbag reindex'") from None
                 self._why = f"{file.name} is damaged: {_sentence(error)}"
                 self._parts.append(DamagedFile(file))
                 return
-            self._parts.append(part)
 
     def _close(self) -> None:
         for part in self._parts:

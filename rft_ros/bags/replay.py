@@ -3,12 +3,13 @@
 import json
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from rft_ros.bags.estimates import COLUMNS, Trace, csv_row
-from rft_ros.bags.phases import Motion, Phase, Phases
+from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS, Trace, csv_row, learned_columns
+from rft_ros.bags.learning_errors import LearningErrors
+from rft_ros.bags.phases import LowestPoint, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.bags.statistics import count_flags, statistics
@@ -26,7 +27,7 @@ __all__ = ["replay", "replay_model"]
 def replay_model(values: Values) -> Model:
     """Load and compile the model that the parameters describe; it serves any number of replays."""
     model = model_of(values)
-    warm_up(model)
+    warm_up(model, learning=values["learning.mode"] != "off")
     return model
 
 
@@ -34,11 +35,8 @@ def replay(
     bag: Path,
     out: Path,
     values: Values,
+    options: ReplayOptions | None = None,
     *,
-    remap: Sequence[str] = (),
-    tare: float | None = None,
-    start: float | None = None,
-    end: float | None = None,
     model: Model | None = None,
     report: bool = False,
     figures: bool = False,
@@ -46,31 +44,32 @@ def replay(
 ) -> Summary:
     """Play a bag through the estimator and write the results to the folder `out`.
 
-    `values`: the node's parameters (`read_parameter_file`). `remap`, `tare`, `start`, `end`: as in `ReplayOptions`.
-    `model`: `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
+    `values`: the node's parameters (`read_parameter_file`). `options`: None for the whole bag without tare. `model`:
+    `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
 
     Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with
     `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters and versions give the same
-    bytes, except in wall.json. Rows are in the order of the poses' arrival; the messages in ``estimates/`` too, each at
-    its pose's stamp. Raises InputError for a bag that cannot be used (`Recording`) and for a tare that is refused.
+    bytes, except in wall.json. Rows and messages are in the order in which the poses arrived; each message has its
+    pose's stamp. Raises InputError for a bag that cannot be used (`Recording`) and for a tare that is refused.
     """
-    ReplayOptions(remap=tuple(remap), tare=tare, start=start, end=end)  # checks the values
-    topics = topics_of(values, remap)
+    options = options or ReplayOptions()
+    topics = topics_of(values, options.remap)
     if bag.resolve() in (out.resolve(), (out / "estimates").resolve()):
-        raise InputError(f"bag '{bag}' lies where the results would be written; choose another output folder")
+        raise InputError(f"bag '{bag}' is where the results would be written; choose another output folder")
     model = model or replay_model(values)
 
     began = time.perf_counter()
-    if tare:
-        values = {**values, "sensor.bias": _bias(bag, topics, settings_of(values), model, start or 0.0, tare)}
+    if options.tare:
+        bias = _bias(bag, topics, settings_of(values), model, options.start or 0.0, options.tare)
+        values = {**values, "sensor.bias": bias}
     settings = settings_of(values)
     estimator = Estimator(settings, model)
-    motion = Motion(estimator)
+    motion = LowestPoint(estimator)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with Trace(out) as trace:
-            with Recording(bag, topics, start=start, end=end) as recording:
-                _write_estimates(recording, estimator, motion, trace, out, label or bag.name)
+        with Trace(out) as trace, LearningErrors.of(settings, model, out) as learning_errors:
+            with Recording(bag, topics, start=options.start, end=options.end) as recording:
+                _write_estimates(recording, estimator, motion, trace, out, label or bag.name, learning_errors)
             if not recording.counts["pose"]:
                 why = f" ({recording.damage})" if recording.damage else ""
                 raise InputError(f"bag '{bag}' has no message on {topics['pose']} in the part that is replayed{why}")
@@ -93,6 +92,9 @@ def replay(
                 wrench=whole.wrench,
                 rms_over_peak=whole.rms_over_peak,
                 median_relative_error=whole.median_relative_error,
+                within_sigma=whole.within_sigma,
+                within_two_sigma=whole.within_two_sigma,
+                learning={} if learning_errors is None else learning_errors.finish(),
                 phases=phases,
                 seconds=time.perf_counter() - began,
             )
@@ -109,15 +111,22 @@ def replay(
 
 
 class _Row(NamedTuple):
-    """A pose's answer, the depth of the tool's lowest point [m] if it is known, and the estimator's state as bytes."""
+    """A pose's answer, depth of the tool's lowest point [m] if known, the estimator's state, `learned_columns`."""
 
     answer: Estimate | NoEstimate
     depth: float | None
     state: bytes
+    learned: str
 
 
 def _write_estimates(
-    recording: Recording, estimator: Estimator, motion: Motion, trace: Trace, out: Path, label: str
+    recording: Recording,
+    estimator: Estimator,
+    motion: LowestPoint,
+    trace: Trace,
+    out: Path,
+    label: str,
+    learning_errors: LearningErrors | None,
 ) -> None:
     """Play the recording; write each pose to table, bag and trace once its phase and measurement are known."""
     phases: Phases[_Row] = Phases(estimator.settings.rest_speed)
@@ -127,24 +136,27 @@ def _write_estimates(
     with BagWriter(out / "estimates") as writer, (out / "estimates.csv").open(
         "w", encoding="utf-8", newline="\n"
     ) as table:  # fmt: skip
-        table.write(",".join(COLUMNS) + "\n")
+        table.write(",".join(COLUMNS + (LEARNED_COLUMNS if estimator.learning else ())) + "\n")
 
         def write_complete_rows() -> None:
             measurements.extend(estimator.measurements())
             while waiting and (measurements or isinstance(waiting[0][0].answer, NoEstimate)):
-                (answer, depth, state), phase = waiting.popleft()
+                (answer, depth, state, learned), phase = waiting.popleft()
                 measurement = None
                 if isinstance(answer, Estimate):
                     measurement = measurements.popleft()
                     _write(writer, frame, answer, measurement)
-                table.write(csv_row(depth, answer, measurement, phase))
+                table.write(csv_row(depth, answer, measurement, phase, learned))
                 if depth is not None:
                     trace.add(depth, answer, measurement, phase, state)
 
-        for _, answer in play(recording, estimator, label):
+        for sample, answer in play(recording, estimator, label):
+            if learning_errors is not None:
+                learning_errors.push(sample)
             if answer is not None:
                 depth, moment = motion.after(answer)
-                waiting.extend(phases.push(_Row(answer, depth, estimator.state.tobytes()), moment))
+                learned = learned_columns(estimator.learning.belief()) if estimator.learning else ""
+                waiting.extend(phases.push(_Row(answer, depth, estimator.state.tobytes(), learned), moment))
                 write_complete_rows()
         waiting.extend(phases.finish())
         write_complete_rows()
@@ -152,6 +164,7 @@ def _write_estimates(
 
 def _write(writer: BagWriter, frame: str, estimate: Estimate, measurement: Measurement) -> None:
     writer.write_wrench("/rft/wrench_predicted", estimate.stamp, frame, estimate.predicted)
+    writer.write_wrench("/rft/wrench_sigma", estimate.stamp, frame, estimate.sigma)
     if measurement.compensated is not None and measurement.residual is not None:
         writer.write_wrench("/rft/wrench_compensated", estimate.stamp, frame, measurement.compensated)
         writer.write_wrench("/rft/wrench_residual", estimate.stamp, frame, measurement.residual)
@@ -160,7 +173,7 @@ def _write(writer: BagWriter, frame: str, estimate: Estimate, measurement: Measu
 def _bias(
     bag: Path, topics: Mapping[Role, str], settings: Settings, model: Model, start: float, seconds: float
 ) -> Wrench:
-    """The estimator's tare over the first `seconds`, from the first pose with a known velocity on."""
+    """The estimator's tare over the first `seconds`, beginning at the first pose with a known velocity."""
     estimator = Estimator(settings, model)
     begin = newest = 0
     with Recording(bag, topics, start=start, end=start + seconds) as recording:
@@ -172,5 +185,5 @@ def _bias(
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:
-        turned_away = "".join(f", {counted}" for counted in estimator.counted())
-        raise InputError(f"bag '{bag}': {error} (of the first {seconds:g} s{turned_away})") from None
+        reasons = "".join(f", {counted}" for counted in estimator.counted())
+        raise InputError(f"bag '{bag}': {error} (of the first {seconds:g} s{reasons})") from None

@@ -1,4 +1,4 @@
-"""A replay's report and figures, made from the trace, the model and the summary."""
+"""Report and figures of a replay, from its trace, model and summary."""
 
 import math
 import platform
@@ -14,7 +14,7 @@ from rft_ros.bags.phases import Phase
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Model
 from rft_ros.estimator.parameters import PARAMETERS
-from rft_ros.estimator.quality import SCATTER, QualityFlag, deviation, flag_names, sentences, trust
+from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.report.animation import Animation, animate
 from rft_ros.report.charts import Chart
 from rft_ros.report.page import Table, write_page
@@ -46,7 +46,7 @@ def draw(
         phases=tuple(phase.value for phase in PHASES),
         measured=rows["compensated"],
         predicted=rows["predicted"],
-        deviation=np.array([deviation(wrench) for wrench in rows["predicted"].tolist()]).reshape(-1, 2),
+        deviation=rows["sigma"],
         quality_flags=tuple(_flagged(rows["quality_flags"])),
         vertical=vertical,
     )
@@ -63,9 +63,10 @@ def draw(
 
 
 def decimated(trace: Trace) -> NDArray[np.void]:
-    """Rows of the trace, all of them or some thousand.
+    """At most some thousand rows of the trace, as a `ROW` array.
 
-    Each bucket keeps its first row and those with the greatest depth, measured force and residual force.
+    Of each bucket of successive rows it keeps the first and those with the greatest depth, measured force and residual
+    force.
     """
     size = math.ceil(len(trace) / _BUCKETS)
     if size <= 4:
@@ -73,7 +74,7 @@ def decimated(trace: Trace) -> NDArray[np.void]:
     parts = [np.empty(0, ROW)]
     for block in trace.blocks(size * max(1, _BLOCK // size)):
         starts = np.arange(0, len(block), size)
-        kept = {*starts.tolist()}
+        kept = set(starts.tolist())
         force = block["compensated"][:, :3]
         for values in (
             block["depth"],
@@ -82,7 +83,7 @@ def decimated(trace: Trace) -> NDArray[np.void]:
         ):
             filled = np.full(len(starts) * size, -math.inf)
             filled[: len(block)] = np.where(np.isnan(values), -math.inf, values)
-            kept |= set((starts + filled.reshape(-1, size).argmax(axis=1)).tolist())
+            kept.update((starts + filled.reshape(-1, size).argmax(axis=1)).tolist())
         parts.append(block[sorted(kept)])
     return np.concatenate(parts)
 
@@ -127,8 +128,7 @@ def _tables(summary: Summary) -> Mapping[str, Table]:
         "quality_flags": Table(
             title="Quality flags",
             sentence=f"How many of the {summary.estimates:,} estimates have each flag (trust: {trusted})."
-            f" Each component of a predicted force scatters by {100 * SCATTER:.0f} % of the force's"
-            " magnitude (standard deviation, from simulated plates): the band in the figures.",
+            " The band in the figures is one standard deviation of the prediction on each side.",
             heads=("flag", "estimates", "trust", "meaning"),
             rows=[
                 (name, f"{summary.quality_flags[name]:,}", trust(flag).value, sentences(flag))
@@ -199,7 +199,7 @@ def _tool_animation(rows: NDArray[np.void], model: Model, *, surface_height: flo
 
 
 def _moments(rows: NDArray[np.void]) -> tuple[list[int], int]:
-    """Rows to show, in order, and which of them is the deepest of penetration (of all, if there is none)."""
+    """Rows to show, in order, and the index among them of the deepest of penetration (without one, of all)."""
     answered = ~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)
     sinking = answered & (rows["phase"] == PHASES.index(Phase.PENETRATION))
     use = np.flatnonzero(sinking if sinking.any() else answered)

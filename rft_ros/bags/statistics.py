@@ -1,9 +1,9 @@
-"""Statistics of a replay: size of the wrenches, overall, by phase and by depth; counts of quality flags."""
+"""Statistics of a replay: magnitudes of wrenches, overall, by phase and by depth; counts of quality flags."""
 
 import math
 from collections import Counter
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,14 +20,14 @@ _MOST_BINS = 10
 _IN_GRAINS = (Phase.PENETRATION, Phase.PLOUGHING, Phase.WITHDRAWAL)
 
 _RATIOS = np.concatenate([[0.0], np.geomspace(1e-4, 1e4, 7370)])
-"""Bins of relative errors, 0.25 % wide: their median takes constant memory."""
+"""Bins of relative errors, 0.25 % wide, so that the median takes constant memory."""
 
 _Block = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Root mean square, greatest magnitude and mean of one axis, [N] or [N m]; None where there are no values."""
+    """Root mean square, greatest magnitude and mean of one axis, [N] or [N m]; None without values."""
 
     rms: float | None
     peak: float | None
@@ -36,9 +36,9 @@ class Spread:
 
 @dataclass(frozen=True, slots=True)
 class Axis:
-    """One axis of the wrench in the sensor frame: measured (compensated), predicted, and the difference.
+    """One axis of the wrench in the sensor frame: measured (compensated), predicted, and measured minus predicted.
 
-    The axes `force` and `torque` are magnitudes; there, `residual` is the magnitude of the difference.
+    "force" and "torque" are magnitudes; their `residual` is the magnitude of the difference.
     """
 
     measured: Spread
@@ -50,40 +50,47 @@ class Axis:
 class Group:
     """Statistics of some estimates.
 
-    `wrench`: by axis. `rms_over_peak`: RMS of the residual force over the group's greatest measured force.
-    `median_relative_error`: median of abs(residual force) / abs(measured force), within 0.25 %, over estimates whose
-    measured force exceeds 20 % of the greatest of the whole replay. None without values.
+    `wrench`: by axis. `rms_over_peak`: RMS residual force over the group's greatest measured force.
+    `median_relative_error`: median of residual over measured force (magnitudes), to 0.25 %, over estimates whose
+    measured force exceeds 20 % of the replay's greatest. `within_sigma`, `within_two_sigma`: share of the measured
+    force's components, in the grains, within one and two standard deviations of the prediction. None without values.
     """
 
     estimates: int
     wrench: dict[str, Axis]
     rms_over_peak: float | None
     median_relative_error: float | None
+    within_sigma: float | None
+    within_two_sigma: float | None
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseGroup(Group):
-    """A phase: `poses` counts those without estimate too; `depth_bins` by names such as ``5-10mm``."""
+    """Statistics of a phase. `poses`: with and without estimate. `depth_bins`: by names such as ``5-10mm``."""
 
     poses: int
     depth_bins: dict[str, Group]
 
 
 class _Sums:
-    """Sums over estimates that come in blocks of shape [n, 24]: measured, predicted, residual, by `_NAMES`."""
+    """Sums over blocks of estimates with the columns of `_columns`, shape [n, 27]."""
 
     def __init__(self) -> None:
         self.poses = 0
         self.estimates = 0
         self._count = np.zeros(24, dtype=np.int64)
         self._sum, self._squares, self._peaks = np.zeros(24), np.zeros(24), np.zeros(24)
+        self._scores, self._within = 0, np.zeros(2, dtype=np.int64)
         self._ratios = np.zeros(len(_RATIOS) - 1, dtype=np.int64)
 
     def add(self, rows: _Block, least_force: float) -> None:
         self.estimates += len(rows)
-        there = ~np.isnan(rows)
-        values = np.where(there, rows, 0.0)
-        self._count += there.sum(axis=0)
+        rows, scores = rows[:, :24], rows[:, 24:]
+        known = ~np.isnan(rows)
+        values = np.where(known, rows, 0.0)
+        self._scores += int((~np.isnan(scores)).sum())
+        self._within += [(scores < 1.0).sum(), (scores < 2.0).sum()]
+        self._count += known.sum(axis=0)
         self._sum += values.sum(axis=0)
         self._squares += (values * values).sum(axis=0)
         self._peaks = np.maximum(self._peaks, np.abs(values).max(axis=0, initial=0.0))
@@ -97,29 +104,35 @@ class _Sums:
         spreads = [Spread(*v) if c else Spread(None, None, None) for v, c in zip(numbers, self._count, strict=True)]
         axes = {name: Axis(spreads[i], spreads[i + 8], spreads[i + 16]) for i, name in enumerate(_NAMES)}
         rms, peak = axes["force"].residual.rms, axes["force"].measured.peak
-        return Group(self.estimates, axes, rms / peak if rms is not None and peak else None, self._median())
+        one, two = (self._within / self._scores).tolist() if self._scores else (None, None)
+        return Group(self.estimates, axes, rms / peak if rms is not None and peak else None, self._median(), one, two)
 
     def _median(self) -> float | None:
-        until = np.cumsum(self._ratios)
-        if not until[-1]:
+        counts = np.cumsum(self._ratios)
+        if not counts[-1]:
             return None
-        middle = until[-1] / 2.0
-        k = int(np.searchsorted(until, middle))
-        into = (middle - (until[k] - self._ratios[k])) / self._ratios[k]
+        middle = counts[-1] / 2.0
+        k = int(np.searchsorted(counts, middle))
+        into = (middle - (counts[k] - self._ratios[k])) / self._ratios[k]
         return float(_RATIOS[k] + into * (_RATIOS[k + 1] - _RATIOS[k]))
 
 
 def _columns(block: NDArray[np.void]) -> _Block:
-    """Measured, predicted, residual, eight columns each (`_NAMES`); NaN where there is none."""
+    """Measured, predicted, residual, eight columns each (`_NAMES`), then force residual over sigma, shape [n, 27].
+
+    NaN if missing.
+    """
     measured, predicted = block["compensated"], block["predicted"]
     parts = []
     for wrench in (measured, predicted, measured - predicted):
         parts += [wrench, *(np.linalg.norm(wrench[:, k : k + 3], axis=1)[:, None] for k in (0, 3))]
-    return np.hstack(parts)
+    in_grains = np.any(predicted[:, :3], axis=1, keepdims=True)
+    scores = np.abs(measured - predicted)[:, :3] / block["sigma"][:, :3]
+    return np.hstack([*parts, np.where(in_grains, scores, math.nan)])
 
 
 def _bin_edges(deepest: float) -> _Block:
-    """Depths [m] that part 0 to `deepest` into at most ten bins, whose width is 1, 2 or 5 times a power of ten."""
+    """Edges [m] of at most ten bins from 0 to `deepest`, whose width is 1, 2 or 5 times a power of ten."""
     if not deepest > 0.0:
         return np.zeros(1)
     power = math.floor(math.log10(deepest / _MOST_BINS))
@@ -135,7 +148,7 @@ def _bin_names(edges: _Block) -> list[str]:
 
 
 def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
-    """Statistics of all estimates, and of each phase by name; of a phase in the grains by depth as well."""
+    """Statistics of all estimates, and of each phase by name; of phases in the grains also by depth."""
     deepest = largest = 0.0
     for block in trace.blocks():
         force = np.linalg.norm(block["compensated"][:, :3], axis=1)
@@ -164,7 +177,7 @@ def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
 def _add_by_depth(
     bins: list[_Sums], edges: _Block, depth: _Block, used: NDArray[np.bool_], rows: _Block, least_force: float
 ) -> None:
-    at = np.digitize(depth, edges[1:-1]) if len(edges) > 2 else np.zeros(len(depth), dtype=np.int64)
+    at = np.digitize(depth, edges[1:-1])
     for k, sums in enumerate(bins):
         chosen = used & (at == k) & (depth > 0.0)
         if chosen.any():
@@ -174,13 +187,12 @@ def _add_by_depth(
 def _phase_group(sums: _Sums, names: list[str], bins: Iterable[_Sums]) -> PhaseGroup:
     group = sums.group()
     by_depth = {name: b.group() for name, b in zip(names, bins, strict=False) if b.estimates}
-    return PhaseGroup(
-        group.estimates, group.wrench, group.rms_over_peak, group.median_relative_error, sums.poses, by_depth
-    )
+    whole = {field.name: getattr(group, field.name) for field in fields(Group)}
+    return PhaseGroup(**whole, poses=sums.poses, depth_bins=by_depth)
 
 
 def count_flags(trace: Trace) -> tuple[dict[str, int], dict[str, int]]:
-    """Estimates by the name of each `QualityFlag`, and by `Trust`; every name occurs."""
+    """Number of estimates by the name of each `QualityFlag`, and by `Trust`; zeros included."""
     sets: Counter[int] = Counter()
     for block in trace.blocks():
         answered = ~np.isnan(block["predicted"][:, 0])

@@ -1,10 +1,11 @@
-"""The summary of a replay: what was read, what was answered, and the size of forces and residuals."""
+"""The summary of a replay: messages read, estimates, reasons for missing ones, magnitudes of forces and residuals."""
 
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
+from rft_ros.bags.learning_errors import LearningError
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.statistics import Axis, Group, PhaseGroup
 from rft_ros.estimator.messages import Role
@@ -17,13 +18,14 @@ __all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics"]
 class Summary:
     """The content of summary.json, and the wall time.
 
-    `topics`: the topic read for each role. `messages`: how many of each role came in. `estimates`: poses with a
-    prediction. `reasons`: poses and other samples that were not used, and estimates without residual, by reason.
-    `unknown_frames`: for such a reason, which frame_id is not what the parameters say, in a sentence.
-    `quality_flags`: estimates by the name of each `QualityFlag`. `trust`: estimates by `Trust`.
+    `topics`: topic of each role. `messages`: number read for each role. `estimates`: number of poses with a prediction.
+    `reasons`: number of samples not used and of estimates without residual, by reason. `unknown_frames`: by such a
+    reason, a sentence on the unexpected frame_id. `quality_flags`: number of estimates by name of `QualityFlag`.
+    `trust`: number of estimates by `Trust`.
     `duration`: receive time covered [s]. `damage`: where and why reading stopped early. `wrench`, `rms_over_peak`,
-    `median_relative_error`: over all estimates, as in `Group`. `phases`: the same of each phase, by name. `seconds`:
-    wall time of the replay, without its report.
+    `median_relative_error`, `within_sigma`, `within_two_sigma`: over all estimates, as in `Group`. `learning`: where
+    the medium is learned, the error without learning ("off") and by lag. `phases`: the same as over all estimates, of
+    each phase, by name. `seconds`: wall time of the replay, without its report.
     """
 
     bag: str
@@ -41,6 +43,9 @@ class Summary:
     wrench: dict[str, Axis]
     rms_over_peak: float | None
     median_relative_error: float | None
+    within_sigma: float | None
+    within_two_sigma: float | None
+    learning: dict[str, LearningError]
     phases: dict[str, PhaseGroup]
     seconds: float = field(compare=False)
 
@@ -52,10 +57,10 @@ class Summary:
     @property
     def whole(self) -> Group:
         """The statistics over all estimates."""
-        return Group(self.estimates, self.wrench, self.rms_over_peak, self.median_relative_error)
+        return Group(**{field.name: getattr(self, field.name) for field in fields(Group)})
 
     def lines(self) -> list[str]:
-        """The summary for a terminal: counts, and the size of forces and residuals."""
+        """Lines for the terminal: counts, and the magnitudes of forces and residuals."""
         poses = self.messages["pose"]
         text = [f"{self.bag}: {self.estimates} estimates of {poses} poses, {self.real_time_factor:.0f} times real time"]
         for reason, n in self.reasons.items():
@@ -68,12 +73,16 @@ class Summary:
             )
         if self.damage:
             text.append(f"  reading stopped early: {self.damage}")
+        for name, error in self.learning.items():
+            shares = (error.rms_over_peak, error.median_relative_error, error.within_sigma, error.within_two_sigma)
+            rms, median, one, two = ("-" if v is None else f"{100.0 * v:.1f} %" for v in shares)
+            text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
         for title, *cells in (("force on the tool", *METRIC_HEADS), *metric_rows(self)):
             text.append(metric_line(title, cells))
         return text
 
     def content(self) -> dict[str, Any]:
-        """The content of summary.json: the same for the same bag and parameters."""
+        """The content of summary.json; the same bag and parameters give the same content."""
         content = asdict(self)
         del content["seconds"]
         return content
@@ -84,11 +93,11 @@ class Summary:
 
 
 METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", "median err.")
-"""Columns of `metric_rows`: of the force vector's magnitude, with its residual's RMS and peak [N]."""
+"""Columns of `metric_rows`, for the magnitude of the force and of its residual."""
 
 
 def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
-    """Title and `METRIC_HEADS` of the whole, of each phase that occurs, and of penetration's depth bins."""
+    """Title and metrics of the whole replay, of each phase that occurs, and of the depth bins of penetration."""
     return [(title, *metrics(group)) for title, group in _groups(summary)]
 
 
@@ -108,7 +117,7 @@ def _groups(summary: Summary) -> Iterator[tuple[str, Group]]:
 
 
 def metrics(group: Group) -> tuple[str, ...]:
-    """A group's `METRIC_HEADS`; "-" where there is no value."""
+    """The values for `METRIC_HEADS` of a group; "-" if missing."""
     force = group.wrench["force"]
     newtons = (force.measured.peak, force.residual.rms, force.residual.peak)
     ratios = (group.rms_over_peak, group.median_relative_error)

@@ -1,4 +1,4 @@
-"""Recordings out: a rosbag2 folder with one MCAP file."""
+"""Write a rosbag2 folder with one MCAP file."""
 
 import shutil
 from collections.abc import Callable
@@ -17,14 +17,14 @@ from rft_ros.estimator.messages import TYPES, wrench_cdr
 __all__ = ["BagWriter"]
 
 _MARK = {"written_by": "rft_ros"}
-"""Custom data of bags that this program wrote and may replace."""
+"""Custom data that marks bags which rft_ros wrote and may replace."""
 
 
 class BagWriter:
     """Writes a rosbag2 folder, for use in a `with` block; the same messages give the same bytes.
 
-    A bag at `path` that a BagWriter wrote is replaced; anything else there is an InputError. If an exception leaves the
-    block, the bag holds what was written before.
+    Replaces a bag at `path` that a BagWriter wrote; raises InputError if anything else is there, or the bag cannot be
+    written. After an exception in the block, the bag holds what was written before.
     """
 
     def __init__(self, path: Path) -> None:

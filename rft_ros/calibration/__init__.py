@@ -1,6 +1,6 @@
 """From recordings to calibrated parameters of the grains and the load cell, with standard errors."""
 
-from rft_ros.calibration.calibrate import PARTS, Calibration, Options, calibrate
+from rft_ros.calibration.calibrate import PARTS, Calibration, calibrate
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
 from rft_ros.calibration.track import Track, read_track
 
@@ -9,7 +9,6 @@ __all__ = [
     "Calibration",
     "FittedValue",
     "NotIdentifiable",
-    "Options",
     "Track",
     "calibrate",
     "read_track",

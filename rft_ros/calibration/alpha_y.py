@@ -1,8 +1,8 @@
 """α_y from a plate dragged level along e1, at several β: constant, linear in β, or a table (Treers et al. 2021, IV-B).
 
-The force along e1 is ζ α_y f1 d A with f1(1) = 1. A is the area of one face: the model has one plate element there, and
-the paper divides by one face's area. A real plate has thin edges, and the one in front pushes grains. As in the paper's
-§IV-A the force on the edges is subtracted: here it is the model's own, on all facets outside the two faces.
+The force along e1 is ζ α_y f1 d A with f1(1) = 1; A is the area of one face, as in the paper. The leading edge of a
+real plate also pushes grains. As in the paper's §IV-A the force on the edges is subtracted; here the model predicts it,
+on all facets outside the two faces.
 """
 
 from collections.abc import Sequence
@@ -27,17 +27,17 @@ from rft_ros.rft import Law, Medium, Plates, alpha_y_model, wrenches
 from rft_ros.rft.traction import FLAT
 from rft_ros.rft.velocity_weights import exact_f1
 
-__all__ = ["AlphaYFit", "AlphaYModel", "PlateRun", "Sheet", "fit_alpha_y", "plate_runs", "sheet_of"]
+__all__ = ["AlphaYFit", "AlphaYModel", "PlateRun", "faces_of", "fit_alpha_y", "plate_runs"]
 
 AlphaYModel = Literal["auto", "constant", "linear", "table"]
 """Which model of α_y to fit; "auto": linear where the slope over β is significant, else constant."""
 
 _ALIKE = np.cos(np.deg2rad(5.0))
 _FACES = 0.6
-"""Share of the surface that the two faces of a plate must have."""
+"""Least share of a plate's surface that its two faces make up."""
 
 _STEADY = 0.5
-"""The last share of a run that is used: before it the grains in front are still being set in motion."""
+"""Share of a run, at its end, that is used: earlier the force is still building up."""
 
 _SHORTEST = 0.01
 _SHALLOWEST = 0.005
@@ -47,39 +47,24 @@ _LEADING = np.sin(np.deg2rad(1.0))
 _SIDEWAYS = np.sin(np.deg2rad(5.0))
 
 _ALONG = 80.0
-"""ψ [deg] from which on a plate counts as moved along e1: f1 is within 1 % of 1 there."""
+"""Least ψ [deg] of a run along e1: f1 is within 1 % of 1 there."""
 
 _SAME_BETA = 5.0
 _BETA_SPAN = 20.0
 _SURE = 3.0
-"""A slope in β of fewer standard errors than this is left out."""
+"""Standard errors by which a slope in β must differ from 0 to be used."""
 
 _LINE_ROWS = np.arange(0.0, 91.0, 15.0)
 """β [deg] at which a line is written to a table."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Sheet:
-    """A plate-like tool: outward `normal` of one face, both faces' facets, and its edges as plates of their own.
-
-    `centers` [m], shape [n, 3], and `areas` [m²], shape [n]: of the facets of both faces, areas halved, so that they
-    add up to one face.
-    """
-
-    normal: NDArray[np.float64]
-    centers: NDArray[np.float64]
-    areas: NDArray[np.float64]
-    edges: Plates | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlateRun:
     """Steady state of one level run.
 
-    `beta`, `psi` [deg]: attack angle; angle between the horizontal motion and e2. `depth` of the face's centre [m];
-    `load`: depth integrated over the submerged part of one face [m³], so that α = force / (ζ load). `along`: force
-    against the motion's part along e1 [N], that on the edges subtracted, and its standard `error`, which includes that
-    of the load cell's zero.
+    `beta`, `psi` [deg]: attack angle; angle between the horizontal motion and e2. `depth` of the face's centre [m].
+    `load`: depth integrated over the submerged part of one face [m³], so that α = force / (ζ load). `along`: force on
+    the faces along e1, against the motion [N]. `error`: its standard error [N], the load cell's zero included.
     """
 
     beta: float
@@ -94,9 +79,9 @@ class PlateRun:
 class AlphaYFit:
     """α_y as fitted.
 
-    `model` chosen; its `values` and standard `errors`: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y
-    at each β of `rows`. `rows`: β [deg] and α_y [N/cm³] as the node's table takes them. `published`: the parameter
-    `alpha_y.model` has this model, within two standard errors at each measured β, so that no table is needed.
+    `values` of the `model` with standard `errors`: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y at
+    each β of `rows`. `rows`: β [deg] and α_y [N/cm³] for the node's table. `published`: the published model of the same
+    form agrees within two standard errors at each measured β, so that no table is needed.
     """
 
     model: Literal["constant", "linear", "table"]
@@ -108,7 +93,7 @@ class AlphaYFit:
     runs: int
 
     def value(self) -> FittedValue:
-        """For the record; `rows` or `model` is what the node takes."""
+        """For the record; the node takes `rows` or `model`."""
         return FittedValue(
             name=f"alpha_y ({self.model})",
             values=self.values,
@@ -119,61 +104,50 @@ class AlphaYFit:
         )
 
 
-def sheet_of(plates: Plates, name: str) -> Sheet:
-    """The faces and edges of a plate.
+def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Outward normal of one face of a plate-like tool, shape [3], and which of its n facets form the faces.
 
-    Raises NotIdentifiable if two parallel faces do not make up most of the tool's surface.
+    Raises NotIdentifiable, naming the tool, if two parallel faces do not make up most of its surface.
     """
     normals, areas = plates.packed[3:6].T, plates.packed[6]
-    # the direction that most of the area faces, one way or the other
+    # the direction, of either sign, that most of the area faces
     largest = np.argsort(-areas, kind="stable")[:64]
     normal = normals[largest[np.argmax(areas @ (np.abs(normals @ normals[largest].T) > _ALIKE))]]
     faces = np.abs(normals @ normal) > _ALIKE
     share = float(areas[faces].sum() / areas.sum())
     if share < _FACES:
         raise NotIdentifiable(
-            f"{name} is no plate: its two largest parallel faces make up {100 * share:.0f} % of its surface;"
+            f"{name} is not a plate: its two largest parallel faces make up {100 * share:.0f} % of its surface;"
             f" α_y needs a plate with {100 * _FACES:.0f} %"
         )
-    centers = plates.packed[:3].T
-    edges = Plates.from_arrays(centers[~faces], normals[~faces], areas[~faces]) if not faces.all() else None
-    return Sheet(normal=normal, centers=centers[faces], areas=0.5 * areas[faces], edges=edges)
-
-
-def _leading(edges: Plates | None, velocity: NDArray[np.float64]) -> Plates | None:
-    """Those edges that clearly lead at a velocity in tool axes, shape [3]; None without any.
-
-    The plate slides along the others, and rounding would decide whether they count as leading.
-    """
-    if edges is None:
-        return None
-    rows = edges.packed[:, velocity @ edges.packed[3:6] > _LEADING * np.linalg.norm(velocity)]
-    return Plates.from_arrays(rows[:3].T, rows[3:6].T, rows[6]) if rows.size else None
+    return normal, faces
 
 
 def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, surface: float) -> PlateRun:
     """The steady force of one level run.
 
-    Raises NotIdentifiable for a tool that is no plate, a run that is too short or shallow, and a horizontal plate,
+    Raises NotIdentifiable for a tool that is not a plate, a run that is too short or shallow, and a horizontal plate,
     which has no e1.
     """
-    sheet = sheet_of(track.tool.plates, track.tool.name)
+    plates = track.tool.plates.packed
+    normal, faces = faces_of(track.tool.plates, track.tool.name)
+    centers, areas = plates[:3, faces], 0.5 * plates[6, faces]  # areas of both faces add up to one
     path = np.linalg.norm(np.diff(track.states[rows, :2], axis=0), axis=1).cumsum()
     length = float(path[-1])
     steady = rows[1:][path >= (1.0 - _STEADY) * length]
     rotation = track.rotations()[steady]
-    depths = surface - track.states[steady, 2, None] - rotation[:, 2] @ sheet.centers.T
-    depth = float((depths @ sheet.areas).mean() / sheet.areas.sum())
+    depths = surface - track.states[steady, 2, None] - rotation[:, 2] @ centers
+    depth = float((depths @ areas).mean() / areas.sum())
     if length < _SHORTEST or depth < _SHALLOWEST or len(steady) < 20:
         raise NotIdentifiable(
             f"{track.name}: a level run of {1e3 * length:.1f} mm, {1e3 * depth:.1f} mm deep, in {len(steady)} steady"
             f" samples; it needs {1e3 * _SHORTEST:g} mm, {1e3 * _SHALLOWEST:g} mm and 20"
         )
     velocity = track.smooth_twists()[steady, :3].mean(axis=0)
-    normal = (rotation @ sheet.normal).mean(axis=0)
+    normal = (rotation @ normal).mean(axis=0)
     normal /= np.linalg.norm(normal)
     facing = float(normal[:2] @ velocity[:2] / np.linalg.norm(velocity))
-    # the face in front; of a plate that moves along itself the one that looks down, so that β is 90° at most
+    # take the leading face; if the plate moves along itself, the face that looks down, so that β is at most 90°
     if (normal[2] > 0.0) if abs(facing) < _SIDEWAYS else (facing < 0.0):
         normal = -normal
     if abs(normal[2]) >= FLAT:
@@ -182,15 +156,18 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, 
     e1 = np.array([e2[1], -e2[0], 0.0])
 
     force = track.grain_forces(sensor.cell)[steady]
-    edges = _leading(sheet.edges, rotation.mean(axis=0).T @ velocity)
-    if edges is not None:
-        force = force - wrenches(edges, law, track.smooth_states()[steady], surface_height=surface, threads=1)[:, :3]
+    in_tool = rotation.mean(axis=0).T @ velocity
+    # the plate slides along its other edges, and rounding would decide whether they lead
+    edges = plates[:, ~faces & (in_tool @ plates[3:6] > _LEADING * np.linalg.norm(in_tool))]
+    if edges.size:
+        leading = Plates.from_arrays(edges[:3].T, edges[3:6].T, edges[6])
+        force = force - wrenches(leading, law, track.smooth_states()[steady], surface_height=surface, threads=1)[:, :3]
     along = -(np.sign(velocity @ e1) or 1.0) * (force @ e1)
     return PlateRun(
         beta=float(np.degrees(np.arctan2(normal[2], normal[:2] @ e2[:2]) + 0.5 * np.pi)),
         psi=float(np.degrees(np.arctan2(abs(velocity @ e1), abs(velocity @ e2)))),
         depth=depth,
-        load=float((np.maximum(depths, 0.0) @ sheet.areas).mean()),
+        load=float((np.maximum(depths, 0.0) @ areas).mean()),
         along=float(along.mean()),
         error=float(np.hypot(error_of_mean(along), sensor.level_error())),
     )
@@ -199,9 +176,9 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, 
 def plate_runs(
     tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, rest_speed: float
 ) -> list[PlateRun]:
-    """The level runs of plates; `law` at the ζ of the grains, `surface`: its height [m].
+    """The steady forces of all level runs. `law`: at the grains' ζ. `surface`: height [m]. `rest_speed` [m/s].
 
-    Raises NotIdentifiable without one.
+    Raises NotIdentifiable if no run is usable.
     """
     return fit_each(
         lambda track, rows: _plate_run(track, rows, sensor, law, surface),
@@ -219,9 +196,10 @@ def fit_alpha_y(
     surface_error: float = 0.0,
     model: AlphaYModel = "auto",
 ) -> AlphaYFit:
-    """Fit α_y to the runs along e1; the errors of ζ and of the surface height [m] are included in the result's.
+    """Fit α_y to the runs along e1.
 
-    `auto`: linear if β spans 20° in three or more steps and the slope is significant, else constant.
+    `zeta_error`, `surface_error`: standard errors of ζ and of the surface height [m]; they widen the result's errors.
+    `model`: "auto" is linear if β spans 20° in three or more steps and the slope is significant, else constant.
 
     Raises NotIdentifiable for too few runs or directions, and for an α_y that is not positive.
     """
@@ -243,7 +221,7 @@ def fit_alpha_y(
         )
     if float(alpha.mean()) <= 0.0:
         raise NotIdentifiable(
-            f"α_y comes out as {alpha.mean():.4f} N/cm³, but the grains oppose the motion; check sensor.sign,"
+            f"the mean α_y is {alpha.mean():.4f} N/cm³, but the grains oppose the motion; check sensor.sign,"
             " sensor.quaternion and medium.zeta (it scales the edges' force, which is subtracted)"
         )
 
@@ -268,7 +246,7 @@ def fit_alpha_y(
         values, cov = flat.coefficients, flat.covariance
         rows = ((90.0, float(values[0])),)
         goodness = f"scatter {100 * flat.rms / values[0]:.1f} % over {len(used)} runs"
-    # an error of ζ or of the surface scales all values by the same factor
+    # errors of ζ and of the surface scale all values by the same factor
     shared = float(np.hypot(zeta_error / zeta, surface_error / np.mean([run.depth for run in used])))
     cov = cov + shared**2 * np.outer(values, values)
     published = False

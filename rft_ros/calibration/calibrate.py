@@ -1,6 +1,7 @@
-"""From recordings to the load cell, the surface, ζ, λ and α_y, each with an error, or why it is not identifiable."""
+"""Fit the load cell, the surface, ζ, λ and α_y to recordings: each with its error, or why it is not identifiable."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
@@ -13,7 +14,7 @@ from rft_ros.calibration.zeta import ZetaFit, fit_zeta
 from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.rft import medium_named
 
-__all__ = ["PARTS", "Calibration", "Options", "calibrate"]
+__all__ = ["PARTS", "Calibration", "calibrate"]
 
 PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
 """What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
@@ -22,21 +23,9 @@ _CLEAR = 0.002
 """A still tool is in the air if its lowest point is this much [m] above the surface."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Options:
-    """What to fit: `parts`. `tare`: zero each bag's load cell over its first seconds [s]; None or 0: no tare.
-
-    `alpha_y`: its model.
-    """
-
-    parts: tuple[str, ...] = PARTS
-    tare: float | None = None
-    alpha_y: AlphaYModel = "auto"
-
-
 @dataclass(slots=True, kw_only=True)
 class Calibration:
-    """Fitted values, reasons by name of what is not identifiable, and notes on what a single value hides.
+    """Fitted values, the reason by name for each that is not identifiable, and notes for the user.
 
     `zeta`, `alpha_y`: the fits behind the values; None where not fitted.
     """
@@ -48,13 +37,29 @@ class Calibration:
     alpha_y: AlphaYFit | None = None
 
 
-def calibrate(tracks: Sequence[Track], values: Values, options: Options | None = None) -> Calibration:
-    """Fit `options.parts` to the tracks; what is not fitted is taken from `values`, the node's parameters.
+@contextmanager
+def _or_reason(result: Calibration, name: str) -> Iterator[None]:
+    """Run the block; if it raises NotIdentifiable, record the reason under `name`."""
+    try:
+        yield
+    except NotIdentifiable as reason:
+        result.not_identifiable[name] = str(reason)
 
-    Each fit uses the results of those before it. Raises InputError where a tare is asked for and a bag does not begin
-    with the tool at rest in the air.
+
+def calibrate(
+    tracks: Sequence[Track],
+    values: Values,
+    *,
+    parts: Collection[str] = PARTS,
+    tare: float | None = None,
+    alpha_y: AlphaYModel = "auto",
+) -> Calibration:
+    """Fit `parts` to the tracks; take what is not fitted from `values`, the node's parameters.
+
+    `tare`: zero each bag's load cell over its first seconds [s]; None or 0: no tare. `alpha_y`: the model of α_y. Each
+    fit uses the results of those before it. Raises InputError for a tare of a bag that does not begin with the tool at
+    rest in the air.
     """
-    options = options or Options()
     settings, result = settings_of(values), Calibration()
     rest, medium = settings.rest_speed, medium_named(str(values["medium.name"]))
     law = model_of({**values, "medium.zeta": 1.0}, tool=tracks[0].tool).law
@@ -63,58 +68,41 @@ def calibrate(tracks: Sequence[Track], values: Values, options: Options | None =
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
 
     air = height
-    try:
+    with _or_reason(result, "surface_height"):
         surface = fit_surface(tracks, sensor.cell, law, rest_speed=rest)
-        if "surface" in options.parts:
+        if "surface" in parts:
             height, height_error = surface.height, surface.error
             result.fitted.append(surface.value())
             result.notes += surface.notes()
         air = max([height, *(contact.height for contact in surface.contacts)])
-    except NotIdentifiable as reason:
-        if "surface" in options.parts:
-            result.not_identifiable["surface_height"] = str(reason)
+    if "surface" not in parts:
+        result.not_identifiable.clear()
     air += _CLEAR
 
-    if "sensor" in options.parts:
-        try:
+    if "sensor" in parts:
+        with _or_reason(result, "sensor.bias"):
             weight = fit_tool_weight(tracks, sensor.cell, air=air, rest_speed=rest)
             sensor = weight.sensor
             result.fitted += weight.fitted
             result.not_identifiable |= weight.not_identifiable
-        except NotIdentifiable as reason:
-            result.not_identifiable["sensor.bias"] = str(reason)
-    if options.tare:
-        tracks, sensor = tared(tracks, sensor, seconds=options.tare, air=air, rest_speed=rest)
-
-    if "zeta" in options.parts:
-        try:
+    if tare:
+        tracks, sensor = tared(tracks, sensor, seconds=tare, air=air, rest_speed=rest)
+    if "zeta" in parts:
+        with _or_reason(result, "medium.zeta"):
             found = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error, rest_speed=rest)
             zeta, zeta_error = found.zeta, found.error
             result.zeta = found
             result.fitted += found.values()
             result.notes += found.notes()
-        except NotIdentifiable as reason:
-            result.not_identifiable["medium.zeta"] = str(reason)
-
-    if "mobilization" in options.parts:
-        try:
+    if "mobilization" in parts:
+        with _or_reason(result, "medium.mobilization_length"):
             result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height, rest_speed=rest))
-        except NotIdentifiable as reason:
-            result.not_identifiable["medium.mobilization_length"] = str(reason)
-
-    if "alpha_y" in options.parts:
-        try:
+    if "alpha_y" in parts:
+        with _or_reason(result, "alpha_y"):
             scaled = law._replace(stiffness=law.stiffness * zeta)
             runs = plate_runs(tracks, sensor, scaled, surface=height, rest_speed=rest)
             result.alpha_y = fit_alpha_y(
-                runs,
-                medium,
-                zeta=zeta,
-                zeta_error=zeta_error,
-                surface_error=height_error,
-                model=options.alpha_y,
+                runs, medium, zeta=zeta, zeta_error=zeta_error, surface_error=height_error, model=alpha_y
             )
             result.fitted.append(result.alpha_y.value())
-        except NotIdentifiable as reason:
-            result.not_identifiable["alpha_y"] = str(reason)
     return result

@@ -1,4 +1,4 @@
-"""The calibrated parameter file: the input file with the fitted values put in, and a record of where they came from."""
+"""The calibrated parameter file: the input file with the fitted values, and a record of their sources."""
 
 import os
 from collections.abc import Iterable, Sequence
@@ -18,13 +18,13 @@ from rft_ros.estimator.parameters import NODE_KEYS, defaults, parameter_tree
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 
 SECTION = "rft_calibration"
-"""Top-level key that the node ignores: bags, dates, values with standard errors, what is not identifiable, notes."""
+"""Top-level key of the record, which the node ignores."""
 
 
 class _Dumper(yaml.SafeDumper):
-    """Lists of numbers on one line, all else in blocks, no aliases (which ROS does not read)."""
+    """Lists of numbers on one line, all else in blocks, no aliases (ROS cannot read them)."""
 
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (the base class calls it with it)
+    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (signature of the base class)
         return True
 
 
@@ -38,17 +38,17 @@ _Dumper.add_representer(tuple, _list)
 
 
 def rounded(value: float, error: float) -> float:
-    """The value to a hundredth of its standard error: further digits are noise, and would differ by machine."""
+    """Round to a hundredth of the standard error: further digits are noise and differ between machines."""
     places = 2 - int(np.floor(np.log10(error))) if error > 0.0 else 12
     return round(value, max(0, min(12, places)))
 
 
 def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iterable[Track]) -> list[Path]:
-    """Write the calibrated file, and an α_y table beside it if one is needed; returns what was written.
+    """Write the calibrated file, and an α_y table beside it if one is needed; return the paths written.
 
-    `source`: the parameter file with all other values. Other nodes' sections and `rft_replay` are kept, but not a tare
-    beside a fitted bias, and no comments. The same bags and parameters give the same bytes. Raises InputError where it
-    cannot be written.
+    `source`: the parameter file with all other values. Other nodes' sections and `rft_replay` are kept, except a tare
+    if the bias was fitted; comments are lost. The same bags and parameters give the same bytes. Raises InputError if a
+    file cannot be written.
     """
     tree = parameter_tree(source)
     tree.pop(SECTION, None)
@@ -57,6 +57,8 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         if f.name in defaults():
             values = tuple(rounded(v, e) for v, e in zip(f.values, f.errors, strict=True))
             _put(parameters, f.name, values if len(values) > 1 else values[0])
+        if f.name == "medium.zeta":
+            _put(parameters, "medium.zeta_error", float(f"{f.errors[0] / f.values[0]:.3g}"))
     if any(f.name == "sensor.bias" for f in result.fitted):
         _drop_tare(tree)
     begins = {track.name: _date(track.begin) for track in tracks}
@@ -77,7 +79,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         "not_identifiable": [f"{name}: {why}" for name, why in result.not_identifiable.items()],
         "notes": list(result.notes),
     }
-    # ROS has no type for an empty list
+    # ROS cannot read empty lists
     tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}
     head = f"# {source.name} calibrated by rft calibrate; sources and standard errors: {SECTION} below.\n"
     head += "".join(f"# From {name}, recorded {date}.\n" for name, date in begins.items())
@@ -92,7 +94,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
 
 
 def _put(parameters: dict[str, Any], name: str, value: Any) -> None:
-    """Set a parameter where the file has it, nested or with dots; a new one beside its group."""
+    """Set a parameter, nested or with dots as in the file; a new one goes into its group if there is one."""
     group, _, rest = name.partition(".")
     nested = parameters.get(group)
     if name not in parameters and rest and isinstance(nested, dict):
@@ -102,7 +104,7 @@ def _put(parameters: dict[str, Any], name: str, value: Any) -> None:
 
 
 def _drop_tare(tree: dict[str, Any]) -> None:
-    """A fitted bias replaces the tare, and a bag that begins in the grains would be refused with one."""
+    """Remove the tare: the fitted bias replaces it, and it would refuse a bag that begins in the grains."""
     section = tree.get("rft_replay", {}).get("ros__parameters", {})
     section.pop("tare", None)
     if not section:
@@ -110,7 +112,7 @@ def _drop_tare(tree: dict[str, Any]) -> None:
 
 
 def _follow(parameters: dict[str, Any], source: Path, file: Path) -> None:
-    """Keep the path of an α_y table that the source names, which is relative to the source, valid from the new file."""
+    """Keep a relative path of an α_y table valid: it is relative to the source, the new one to the new file."""
     nested = parameters.get("alpha_y", {})
     table = parameters.get("alpha_y.table", nested.get("table") if isinstance(nested, dict) else "")
     if table and not Path(table).expanduser().is_absolute():

@@ -1,7 +1,7 @@
-"""Least squares and means with standard errors, also where neighbouring residuals are correlated.
+"""Least squares and means with standard errors, also for serially correlated residuals.
 
-Load-cell noise is filtered and grains slip in bursts, so a sample repeats much of what the previous one said. The usual
-standard errors count every sample as independent and come out several times too small.
+Load-cell noise is filtered and grains slip in bursts, so neighbouring samples are correlated. The usual standard errors
+assume independent samples and come out several times too small.
 """
 
 import math
@@ -18,7 +18,6 @@ __all__ = [
     "FittedValue",
     "NotIdentifiable",
     "ProfileFit",
-    "covariance",
     "error_of_mean",
     "fit_each",
     "fit_measurements",
@@ -33,8 +32,8 @@ _GRID = 48
 _Result = TypeVar("_Result")
 
 
-class NotIdentifiable(Exception):  # noqa: N818 (it is an answer, not an error)
-    """The data do not determine the quantity: one sentence with the numbers that say so."""
+class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
+    """The data do not determine the quantity. One sentence with the numbers that show it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,7 +73,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ProfileFit:
-    """A shape's one nonlinear `parameter` with its standard `error`, and the `linear` fit at its best value."""
+    """The nonlinear `parameter` with its standard `error`, and the `linear` fit at that value."""
 
     parameter: float
     error: float
@@ -82,18 +81,18 @@ class ProfileFit:
 
 
 def _lag_one(series: NDArray[np.float64]) -> float:
-    """Correlation of neighbours, kept from ±1, where the variance of a mean has no bound."""
+    """Lag-one correlation, clipped to ±0.97: at ±1 the variance of a mean is unbounded."""
     power = float(series @ series)
     return min(max(float(series[1:] @ series[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
 
 
-def covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
+def _covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
     """Covariance of least-squares coefficients under serially correlated residuals, shape [k, k].
 
     `design`: shape [n, k], rows in time order. Newey and West's estimate (Econometrica 55, 1987) with Bartlett weights
-    over as many lags as Andrews' rule asks for (Econometrica 59, 1991), on scores whitened by the residuals' lag-one
-    correlation (Andrews and Monahan, Econometrica 60, 1992). Without whitening, errors of a few hundred samples of
-    filtered noise come out a third too small.
+    and Andrews' number of lags (Econometrica 59, 1991), on scores whitened by the residuals' lag-one correlation
+    (Andrews and Monahan, Econometrica 60, 1992). Without whitening, errors from a few hundred samples of filtered noise
+    are a third too small.
     """
     n, k = design.shape
     e = residuals - residuals.mean()
@@ -108,20 +107,20 @@ def covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> N
         product = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
     bread = np.linalg.pinv(design.T @ design)
-    # the fitted coefficients and the kernel's width each use up degrees of freedom
+    # the coefficients and the kernel's width reduce the degrees of freedom
     return np.asarray(bread @ total @ bread / (1.0 - first) ** 2 * n / max(n - k - lags, 1))
 
 
 def error_of_mean(series: NDArray[np.float64]) -> float:
     """Standard error of the mean of a time series, shape [n]."""
-    return float(np.sqrt(covariance(np.ones((len(series), 1)), series - series.mean())[0, 0]))
+    return float(np.sqrt(_covariance(np.ones((len(series), 1)), series - series.mean())[0, 0]))
 
 
 def mean_of(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
     """Mean of repeated measurements and its standard error.
 
-    The error is the greater of two: from the scatter between them, and from their own errors. Two or three repetitions
-    may agree by chance, and no single one knows what differs between them (the bed, the packing).
+    The error is the greater of the one from their scatter and the one from their own errors: a few repetitions may
+    agree by chance, and a single one does not show how bed and packing vary.
     """
     n = len(values)
     own = float(np.sqrt(np.sum(np.square(errors)))) / n
@@ -149,7 +148,7 @@ def fit_series(design: NDArray[np.float64], observed: NDArray[np.float64]) -> Fi
     """Least squares of a time series, shape [n], on the columns of `design`, shape [n, k], rows in time order."""
     coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
     residuals = observed - design @ coefficients
-    return Fit(coefficients=coefficients, covariance=covariance(design, residuals), residuals=residuals)
+    return Fit(coefficients=coefficients, covariance=_covariance(design, residuals), residuals=residuals)
 
 
 def fit_measurements(
@@ -157,8 +156,8 @@ def fit_measurements(
 ) -> tuple[Fit, float]:
     """Least squares of independent measurements with standard errors of their own; the fit and R².
 
-    `observed`, `errors`: shape [m, axes]; `design`: shape [m * axes, k]. An axis' variance is the greater of the
-    scatter about the fit and the measurements' own errors.
+    `observed`, `errors`: shape [m, axes]; `design`: shape [m * axes, k]. The variance of a measurement is the greater
+    of its axis' scatter about the fit and its own error squared.
     """
     y = observed.ravel()
     inverse = np.linalg.pinv(design)
@@ -182,7 +181,8 @@ def fit_profile(
 ) -> ProfileFit:
     """Least squares of scale · shape(parameter), plus a constant with `offset`; the parameter between low and high.
 
-    `observed`: shape [n]; `shape` returns the same. The linear coefficients are scale and, with `offset`, the constant.
+    `observed` and what `shape` returns: shape [n]. The linear coefficients are the scale and, with `offset`, the
+    constant.
     """
 
     def design(parameter: float) -> NDArray[np.float64]:
@@ -191,7 +191,7 @@ def fit_profile(
 
     def misfit(parameter: float) -> float:
         x = design(parameter)
-        # normal equations: two columns at most, and the search spends its time here
+        # normal equations are fast and accurate enough for at most two columns
         xx, xy = x.T @ x, x.T @ observed
         return float(-(xy @ np.linalg.pinv(xx) @ xy))
 
@@ -202,5 +202,5 @@ def fit_profile(
     linear = fit_series(design(parameter), observed)
     step = 1e-4 * (high - low)
     slope = linear.coefficients[0] * (shape(parameter + step) - shape(parameter - step)) / (2.0 * step)
-    both = covariance(np.column_stack([slope, design(parameter)]), linear.residuals)
+    both = _covariance(np.column_stack([slope, design(parameter)]), linear.residuals)
     return ProfileFit(parameter=parameter, error=float(np.sqrt(both[0, 0])), linear=linear)

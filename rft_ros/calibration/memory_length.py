@@ -1,7 +1,7 @@
-"""The mobilization length λ, from the force after the tool turns round, or starts from rest, in the grains.
+"""The mobilization length λ, from the force after the tool reverses, turns or starts from rest in the grains.
 
-A stop alone does not identify λ: the force holds with any λ over 0. The path that follows does, and so does the
-build-up where a recording begins with the tool at rest in the grains.
+A stop alone does not identify λ: the force persists for any λ above 0. The force along the path that follows does, and
+so does its build-up if a recording begins with the tool at rest in the grains.
 """
 
 from collections.abc import Sequence
@@ -10,7 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, ProfileFit, fit_each, fit_profile, mean_of
+from rft_ros.calibration.fitting import (
+    FittedValue,
+    NotIdentifiable,
+    ProfileFit,
+    fit_each,
+    fit_profile,
+    fit_series,
+    mean_of,
+)
 from rft_ros.calibration.segments import Turn, turns_in_grains
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Track
@@ -22,10 +30,10 @@ _SHORTEST, _LONGEST = 1e-4, 0.1
 """Range of λ that is searched [m]."""
 
 _UNSURE = 0.5
-"""Greatest standard error of λ, relative to λ."""
+"""Greatest accepted standard error of λ, relative to λ."""
 
 _UNLIKE = 0.15
-"""Greatest RMS residual over the greatest force at which the model still describes the turn."""
+"""Greatest accepted RMS residual, relative to the greatest force."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +50,7 @@ class _TurnFit:
 def forces_in_time(
     track: Track, law: Law, *, first: int, last: int, length: float, surface: float, rest_speed: float
 ) -> NDArray[np.float64]:
-    """Predicted forces of rows `first` to `last` [N], world axes, shape [rows, 3], as the node computes them.
+    """Forces on the tool [N] in rows `first` to `last`, world axes, shape [rows, 3], as the node predicts them.
 
     `length`: mobilization length λ [m]. The memory is empty at `first`.
     """
@@ -62,11 +70,10 @@ def forces_in_time(
 
 
 def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: float, rest_speed: float) -> _TurnFit:
-    """λ of one turn by least squares of the force's three components, with a free scale.
+    """λ of one turn by least squares of the three force components, with a free scale.
 
-    Raises NotIdentifiable where the data do not determine λ.
+    Raises NotIdentifiable if the data do not determine λ.
     """
-    rows = turn.rows - turn.first
     measured = track.grain_forces(sensor.cell)[turn.rows]
 
     def shape(logarithm: float) -> NDArray[np.float64]:
@@ -79,7 +86,7 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
             surface=surface,
             rest_speed=rest_speed,
         )
-        return forces[rows].T.ravel()
+        return forces[turn.rows - turn.first].T.ravel()
 
     low, high = np.log(_SHORTEST), np.log(_LONGEST)
 
@@ -89,52 +96,50 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
     found = fit(measured)
     peak = float(np.linalg.norm(measured, axis=1).max())
     misfit = found.linear.rms / peak
-    relative = found.error
+    relative = found.error  # the parameter is log λ
     force_error = sensor.vertical_error(track, turn.at)
     if force_error > 0.0:
-        moved = fit(measured + np.array([0.0, 0.0, force_error])).parameter - found.parameter
-        relative = float(np.hypot(relative, moved))
+        shift = fit(measured + np.array([0.0, 0.0, force_error])).parameter - found.parameter
+        relative = float(np.hypot(relative, shift))
     length = float(np.exp(found.parameter))
     where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
-    edge = 0.02 * (high - low)
-    if found.parameter < low + edge:
+    if found.parameter < low + 0.02 * (high - low):
         raise NotIdentifiable(
             f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
     if length > turn.after or relative > _UNSURE:
         raise NotIdentifiable(
-            f"{where}: λ comes out as {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
+            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
             f" {100 * _UNSURE:.0f} % and less than the {1e3 * turn.after:.3g} mm of path after the turn"
         )
     if misfit > _UNLIKE or found.linear.coefficients[0] <= 0.0:
         raise NotIdentifiable(
             f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
         )
-    without = shape(low)
-    rest = measured.T.ravel() - without * float(without @ measured.T.ravel() / (without @ without))
+    without = fit_series(shape(low)[:, None], measured.T.ravel())
     return _TurnFit(
         bag=track.name,
         length=length,
         error=length * relative,
         misfit=misfit,
-        misfit_without=float(np.sqrt(np.mean(rest**2))) / peak,
+        misfit_without=without.rms / peak,
     )
 
 
 def fit_memory_length(
     tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, rest_speed: float
 ) -> FittedValue:
-    """`medium.mobilization_length`: the mean λ over turns; `law` at any ζ. Raises NotIdentifiable without one.
+    """`medium.mobilization_length`: the mean λ over turns. Raises NotIdentifiable if no turn determines it.
 
-    `surface`: its height [m].
+    `law`: at any ζ. `surface`: height [m]. `rest_speed` [m/s].
     """
     turns = fit_each(
         lambda track, turn: _fit_turn(track, turn, sensor, law, surface=surface, rest_speed=rest_speed),
         [(track, turn) for track in tracks for turn in turns_in_grains(track, surface, rest_speed)],
-        none="in the grains the tool never turns round, nor starts from rest where a recording begins",
+        none="the tool never turns in the grains, and no recording begins with it at rest there",
     )
     length, error = mean_of([t.length for t in turns], [t.error for t in turns])
-    misfit, without = (100 * float(np.mean(m)) for m in ([t.misfit for t in turns], [t.misfit_without for t in turns]))
+    misfit, without = 100.0 * np.mean([(t.misfit, t.misfit_without) for t in turns], axis=0)
     return FittedValue(
         name="medium.mobilization_length",
         values=(length,),

@@ -1,4 +1,4 @@
-"""A calibration for the reader: a table on the terminal, and a figure of the penetrations."""
+"""Show a calibration: a table in the terminal, and a figure of the penetrations."""
 
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from rft_ros.report.pictures import draw_chart
 __all__ = ["draw_penetrations", "print_overview"]
 
 _WIDE = 120
-"""Columns of a terminal from which goodness and source stand side by side."""
+"""Least width of a terminal [columns] for goodness and source side by side."""
 
 
 def _number(value: float, error: float) -> str:
@@ -28,7 +28,7 @@ def _number(value: float, error: float) -> str:
 
 
 def print_overview(result: Calibration, console: Console) -> None:
-    """Print the fitted values with standard error and goodness of fit, what is not identifiable and why, the notes."""
+    """Print the fitted values with standard errors and goodness of fit, what is not identifiable and why, and notes."""
     if result.fitted:
         wide = console.width >= _WIDE
         whole = [Column(head, no_wrap=True) for head in ("fitted", "value ± error", "unit")]
@@ -50,7 +50,7 @@ def print_overview(result: Calibration, console: Console) -> None:
 
 
 def draw_penetrations(fit: ZetaFit, file: Path) -> None:
-    """Draw to a PNG: force over depth, measured and predicted with each ζ; one panel a penetration."""
+    """Draw measured and predicted force over depth to a PNG, one panel for each penetration."""
     rows = []
     for number, p in enumerate(fit.penetrations):
         lines = {
@@ -72,7 +72,6 @@ def draw_penetrations(fit: ZetaFit, file: Path) -> None:
     chart = Chart(
         name="penetrations",
         title="Vertical penetration",
-        sentence="",
         panels=tuple(rows),
         same_x=False,
         height=330 * len(rows),

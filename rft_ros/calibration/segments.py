@@ -1,4 +1,4 @@
-"""Segments of a recording that identify something: still, straight down, level, turns. Found from pose and speed."""
+"""Segments of a recording that a fit can use: at rest, straight down, level, turns. Found from pose and velocity."""
 
 from dataclasses import dataclass
 
@@ -14,24 +14,24 @@ _GAP = 0.5
 """A longer time between samples [s] ends a segment."""
 
 _SETTLING = 0.1
-"""This time [s] after a stop and before a start is left out: the arm vibrates and velocities lag."""
+"""Time [s] that is left out after a stop and before a start: the arm vibrates and velocities lag."""
 
 _SHORTEST_STILL = 0.25
 """Shortest time at rest, after settling [s]."""
 
 _TURN = 0.002
-"""A movement up must be this long [m] to end a stroke down."""
+"""Shortest movement up that ends a stroke down [m]."""
 
 _TILT = np.deg2rad(3.0)
-"""Orientations that differ by less than this count as one."""
+"""Greatest difference of orientations that count as one [rad]."""
 
 _STEEP = np.tan(np.deg2rad(15.0))
 _LEVEL = np.sin(np.deg2rad(5.0))
 _TURNING = 0.2
-"""Speed from rotation, as a share of that from translation, above which a motion is not straight."""
+"""Greatest speed from rotation in a straight motion, relative to that from translation."""
 
 _CHORD = 0.001
-"""Directions before and after a turn are taken over this path [m]."""
+"""Path over which the directions before and after a turn are taken [m]."""
 
 _TURNED = 0.5
 """Cosine of the least angle of a turn, 60°."""
@@ -43,9 +43,9 @@ _AFTER = 0.010
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stroke:
-    """A way down in one orientation: `rows` of the track in time order, pauses included, to its deepest point.
+    """A movement down in one orientation: `rows` of the track in time order, pauses included, to its deepest point.
 
-    `moving`: in which of the rows the tool goes straight down, shape [len(rows)].
+    `moving`: whether the tool moves straight down in each of the rows, shape [len(rows)].
     """
 
     rows: NDArray[np.int64]
@@ -54,11 +54,11 @@ class Stroke:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Turn:
-    """A change of direction in the grains by 60° or more, or a start from rest where a recording begins in them.
+    """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 
-    `first`: row from which the memory of the grains is known. `at`: row of the turn, before its rest if it has one.
-    `rows`: those in motion from 3 mm of path before the turn to 10 mm after it, or to the next turn. `after`: path from
-    the turn to the last of them [m].
+    `first`: row from which the memory of the grains is known. `at`: row of the turn; if the tool rests there, the row
+    before the rest. `rows`: rows in motion, from 3 mm of path before the turn to 10 mm after it or to the next turn.
+    `after`: path from the turn to the last row [m].
     """
 
     first: int
@@ -75,7 +75,7 @@ def _segments(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArra
 
 
 def still_intervals(track: Track, rest_speed: float) -> list[NDArray[np.int64]]:
-    """Rows of each interval in which the tool is at rest, without the time that it takes to settle."""
+    """Rows of each interval in which the tool is at rest, without the time it takes to settle."""
     found = []
     for rows in _segments(track.speeds() < rest_speed, track.time):
         begin, end = track.time[rows[[0, -1]]]
@@ -86,11 +86,11 @@ def still_intervals(track: Track, rest_speed: float) -> list[NDArray[np.int64]]:
 
 
 def _ways_down(heights: NDArray[np.float64]) -> list[tuple[int, int]]:
-    """Highest and lowest row of each way down between movements up of more than `_TURN`."""
-    # the padding makes both ends candidates
+    """Highest and lowest row of each movement down, separated by movements up of more than `_TURN`."""
+    # padding lets the ends be peaks
     bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_TURN)
     found, begin = [], 0
-    for end in bottoms.tolist():  # a row after the bottom, which may be a rest
+    for end in bottoms.tolist():  # a row after the bottom; the tool may rest there
         top = begin + int(np.argmax(heights[begin:end]))
         begin = top + int(np.argmin(heights[top:end]))
         found.append((top, begin))
@@ -98,7 +98,7 @@ def _ways_down(heights: NDArray[np.float64]) -> list[tuple[int, int]]:
 
 
 def down_strokes(track: Track, rest_speed: float) -> list[Stroke]:
-    """Each way down that has at least 20 rows of straight motion in the orientation of its deepest point."""
+    """Each movement down with at least 20 rows of straight motion in the orientation of its deepest point."""
     heights, twists, rotations = track.heights(), track.smooth_twists(), track.rotations()
     turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach
     sinking = -twists[:, 2]
@@ -124,7 +124,7 @@ def level_runs(track: Track, surface: float, rest_speed: float) -> list[NDArray[
 
 
 def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Turn]:
-    """Each turn or start that is followed by at least 2 mm of path and 20 rows in the grains."""
+    """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
     center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
     places = track.states[:, :3] + track.rotations() @ center
     moving, dry = track.speeds() >= rest_speed, track.heights() >= surface
@@ -148,7 +148,10 @@ def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Tur
 
 
 def _turning(path: NDArray[np.float64], places: NDArray[np.float64]) -> list[int]:
-    """Indices at which the path [m] turns most sharply, among neighbours that turn by 60° or more."""
+    """Index of the sharpest turn in each group of neighbouring places where the path turns by 60° or more.
+
+    `path`: arc length [m], shape [n]. `places` [m], shape [n, 3].
+    """
 
     def at(s: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.column_stack([np.interp(s, path, column) for column in places.T])

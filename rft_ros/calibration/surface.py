@@ -1,4 +1,4 @@
-"""The surface height, from where the force begins on each way straight down."""
+"""The surface height, from where the force begins in each stroke down."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from rft_ros.rft import Law, wrenches
 __all__ = ["Contact", "SurfaceFit", "first_contact", "fit_surface"]
 
 _AIR = 0.02
-"""The force in the air is taken from up to this far [m] above the surface: further up the load cell has drifted."""
+"""Height above the surface [m] up to which the force in the air is used: further up the load cell may have drifted."""
 
 _CLEAR = 0.001
-"""From this height above the surface [m], samples at rest count as in the air too."""
+"""Height above the surface [m] from which samples at rest are used as well."""
 
 _SHALLOW = 0.25
 _SHALLOWEST = 0.004
-"""The fit uses this share of the way down in the grains, at least this much [m]. Over the whole way, a pressure that
-grows faster than depth would shift the surface down."""
+"""The fit uses this share of the stroke's depth, but at least this depth [m]. Over the whole depth, a pressure that
+grows faster than linearly would shift the surface down."""
 
 _DEPTHS = 256
 _SCATTERED = 0.002
-"""Heights of first contact that differ by more than this [m] are worth a note."""
+"""Greatest difference of heights of first contact [m] without a note."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,9 +70,9 @@ class SurfaceFit:
 def _force_over_depth(
     track: Track, row: int, law: Law, reach: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Depths of the lowest point from 0 to `reach` [m] and the model's vertical force [N], shape [256] each.
+    """Depths of the lowest point from 0 to `reach` [m] and the predicted vertical force [N], shape [256] each.
 
-    The tool sinks in its attitude at `row`.
+    The tool sinks in its orientation at `row`.
     """
     depths = np.linspace(0.0, reach, _DEPTHS)
     states = np.repeat(track.states[[row]], _DEPTHS, axis=0)
@@ -82,10 +82,10 @@ def _force_over_depth(
 
 
 def first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Contact:
-    """Where a stroke meets the surface: the model's force over depth with a free scale, plus a constant.
+    """Height at which a stroke meets the surface: fit the predicted force over depth with a free scale plus a constant.
 
-    The constant absorbs bias and weight, which do not change in one orientation. Raises NotIdentifiable where the force
-    does not rise.
+    The constant absorbs bias and weight, which do not change in one orientation. Raises NotIdentifiable if the force
+    does not rise, or too few samples are above the surface.
     """
     rows, moving = stroke.rows, stroke.moving
     up = track.sensor_rotations(cell)[rows][:, 2]
@@ -125,11 +125,10 @@ def first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Con
 
 
 def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law, *, rest_speed: float) -> SurfaceFit:
-    """The mean over first contacts; `law` at any ζ. Raises NotIdentifiable without one."""
-    strokes = [(track, stroke) for track in tracks for stroke in down_strokes(track, rest_speed)]
+    """The mean over first contacts. Raises NotIdentifiable without one. `law`: at any ζ. `rest_speed` [m/s]."""
     contacts = fit_each(
         lambda track, stroke: first_contact(track, stroke, cell, law),
-        strokes,
+        [(track, stroke) for track in tracks for stroke in down_strokes(track, rest_speed)],
         none="the tool never goes straight down",
     )
     height, error = mean_of([c.height for c in contacts], [c.error for c in contacts])

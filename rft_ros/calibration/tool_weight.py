@@ -1,4 +1,4 @@
-"""The load cell's bias, the tool's mass and its centre of mass, from poses in which the tool is still in the air.
+"""The load cell's bias, the tool's mass and its centre of mass, from poses at rest in the air.
 
 A reading is bias + sign · (weight, centre of mass × weight): linear in bias, mass, and mass times centre of mass.
 """
@@ -19,17 +19,17 @@ from rft_ros.estimator.load_cell import GRAVITY
 __all__ = ["Sensor", "ToolWeightFit", "fit_tool_weight", "tared"]
 
 _WIDEST = 30.0
-"""Gravity must turn by this many degrees in the sensor frame to separate mass from bias."""
+"""Least turn of gravity in the sensor frame that separates mass from bias [deg]."""
 
 _SPREAD = 0.15
-"""Directions of gravity must spread by this much (RMS, of a unit vector) in a second direction for the centre."""
+"""Least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sensor:
-    """The load cell as far as it is known, and how well its zero is known.
+    """The load cell, and the uncertainty of its zero.
 
-    `force_covariance`: of bias fx, fy, fz [N] and mass [kg], shape [4, 4]; 0 where they are given, not fitted.
+    `force_covariance`: of bias fx, fy, fz [N] and mass [kg], shape [4, 4]; 0 for what is not fitted.
     `tare_error`: standard error of the tare's mean force [N].
     """
 
@@ -42,7 +42,7 @@ class Sensor:
         return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.force_covariance[:3, :3])[-1]), self.tare_error))
 
     def vertical_error(self, track: Track, row: int) -> float:
-        """Standard error of the compensated vertical force's zero in the attitude of a row [N]."""
+        """Standard error of the compensated vertical force's zero in a row's orientation [N]."""
         up = track.sensor_rotations(self.cell)[row, 2]
         x = np.append(up, -self.cell.sign * GRAVITY)
         return float(np.hypot(np.sqrt(x @ self.force_covariance @ x), self.tare_error))
@@ -50,7 +50,7 @@ class Sensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ToolWeightFit:
-    """The load cell with the fitted values put in; what is not identifiable stays as given, with the reason by name."""
+    """The load cell with the fitted values; what is not identifiable stays as given, with the reason by name."""
 
     sensor: Sensor
     fitted: tuple[FittedValue, ...]
@@ -58,9 +58,9 @@ class ToolWeightFit:
 
 
 def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest_speed: float) -> ToolWeightFit:
-    """Bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
+    """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
 
-    Raises NotIdentifiable if the tool is never still in the air, or if the fitted mass is negative.
+    Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass is negative.
     """
     poses = [
         (track.readings[rows], track.gravity_in_sensor(cell)[rows].mean(axis=0))
@@ -69,7 +69,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
         if track.heights()[rows].min() > air
     ]
     if not poses:
-        raise NotIdentifiable("the tool is never still in the air for 0.5 s; the bias needs one such pose")
+        raise NotIdentifiable("the tool never rests in the air for 0.5 s; the bias needs one such pose")
     gravity = np.array([g for _, g in poses])
     readings = np.array([r.mean(axis=0) for r, _ in poses])
     errors = np.array([[error_of_mean(column) for column in r.T] for r, _ in poses])
@@ -80,10 +80,8 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
     source = f"{len(poses)} poses in the air, gravity turned by up to {widest:.1f}°"
 
     def value(name: str, values: NDArray[np.float64], own: NDArray[np.float64], unit: str, goodness: str) -> None:
-        pairs = tuple(values.tolist()), tuple(own.tolist())
-        fitted.append(
-            FittedValue(name=name, values=pairs[0], errors=pairs[1], unit=unit, goodness=goodness, source=source)
-        )
+        pair = {"values": tuple(values.tolist()), "errors": tuple(own.tolist())}
+        fitted.append(FittedValue(name=name, **pair, unit=unit, goodness=goodness, source=source))
 
     fitted: list[FittedValue] = []
     reasons: dict[str, str] = {}
@@ -95,7 +93,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
         cov, mass, error = forces.covariance, float(forces.coefficients[3]), float(forces.errors[3])
         if mass < -3.0 * error:
             raise NotIdentifiable(
-                f"the mass comes out as {mass:.4f} ± {error:.4f} kg: sensor.sign or sensor.quaternion is wrong"
+                f"the fitted mass is {mass:.4f} ± {error:.4f} kg: sensor.sign or sensor.quaternion is wrong"
             )
         cell = replace(cell, mass=max(mass, 0.0))
         value("sensor.mass", forces.coefficients[3:], forces.errors[3:], "kg", f"R² {r2:.5f}")
@@ -108,7 +106,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
         cov[:3, :3] = forces.covariance
 
     if widest >= _WIDEST and second >= _SPREAD:
-        # columns: e_k × gravity, the torque of each part of mass times centre
+        # columns: e_k × gravity, the torque for each component of mass times centre
         levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
         torques, r2 = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
         center = torques.coefficients[3:] / mass
@@ -116,10 +114,12 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
         cell = replace(cell, center_of_mass=(float(center[0]), float(center[1]), float(center[2])))
         value("sensor.center_of_mass", center, own, "m", f"R² {r2:.5f}")
     else:
-        spread = (
-            f"{len(poses)} directions of gravity spread by {second:.3f} in a second direction; it needs {_SPREAD:g}"
+        reasons["sensor.center_of_mass"] = (
+            "mass unknown"
+            if widest < _WIDEST
+            else f"{len(poses)} directions of gravity spread by {second:.3f} in a second direction; it needs"
+            f" {_SPREAD:g}"
         )
-        reasons["sensor.center_of_mass"] = "mass unknown" if widest < _WIDEST else spread
         weight_torques = np.cross(np.array(cell.center_of_mass), cell.sign * cell.mass * gravity)
         torques, _ = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
 
@@ -137,9 +137,9 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
 def tared(
     tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float, rest_speed: float
 ) -> tuple[list[Track], Sensor]:
-    """The tracks, each with its forces shifted so that the tool weighs what it should over its first `seconds`.
+    """Tare each track: shift its forces so that over the first `seconds` they equal bias and weight.
 
-    Also the sensor with the tare's error. Raises InputError unless the tool is still above z = `air` [m] then.
+    Also return the sensor with the tare's error. Raises InputError unless the tool rests above z = `air` [m] meanwhile.
     """
     shifted, error, cell = [], 0.0, sensor.cell
     for track in tracks:
@@ -148,7 +148,7 @@ def tared(
         if fastest >= rest_speed or lowest <= air:
             raise InputError(
                 f"tare refused: within the first {seconds:g} s of {track.name} the tool moves at {fastest:.4f} m/s"
-                f" and is as low as z = {lowest:.4f} m; it must be still above {air:.4f} m"
+                f" and is as low as z = {lowest:.4f} m; it must rest above {air:.4f} m"
             )
         weight = np.array(cell.bias[:3]) + cell.sign * cell.mass * track.gravity_in_sensor(cell)[rows]
         excess = track.readings[rows, :3] - weight

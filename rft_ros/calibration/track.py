@@ -1,6 +1,5 @@
-"""A recording as arrays: the tool's states and the load cell's raw reading at each."""
+"""A recording as arrays: the tool's states, and the load cell's raw reading at each."""
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,21 +8,21 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import play, topics_of
+from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
-from rft_ros.estimator.parameters import Value, model_of, settings_of
+from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.tool import Tool
 
 __all__ = ["Track", "read_track"]
 
 _BOTTOMLESS = -1e9
-"""A surface [m] that no tool reaches, so that the estimator answers poses at rest in the grains too."""
+"""A surface height [m] that no tool reaches, so that the estimator also answers poses at rest in the grains."""
 
 _SMOOTHING = 0.1
-"""Velocities are averaged over this time [s] before they classify the motion."""
+"""Time over which velocities are averaged before they classify the motion [s]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -54,11 +53,11 @@ class Track:
         """Velocity of the tool frame's origin and angular velocity, world axes, averaged over 0.1 s, shape [n, 6]."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / step))
-        # not uniform_filter1d: its running sums leave 1e-18 in place of 0, and walls along the motion then lead
+        # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
         return np.asarray(correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest"))
 
     def smooth_states(self) -> NDArray[np.float64]:
-        """The states with averaged velocities, shape [n, 13]: a single sample of rest or a step back is noise."""
+        """The states with averaged velocities, shape [n, 13], so that noise does not look like rest or reversal."""
         return np.hstack([self.states[:, :7], self.smooth_twists()])
 
     def speeds(self) -> NDArray[np.float64]:
@@ -76,31 +75,25 @@ class Track:
         return -GRAVITY * self.sensor_rotations(cell)[:, 2, :]
 
     def grain_forces(self, cell: LoadCell) -> NDArray[np.float64]:
-        """Measured force on the tool by the grains, less bias and weight, world axes [N], shape [n, 3]."""
+        """Measured force of the grains on the tool, less bias and weight, world axes [N], shape [n, 3]."""
         measured = cell.sign * (self.readings[:, :3] - np.array(cell.bias[:3]))
         in_sensor = measured - cell.mass * self.gravity_in_sensor(cell)
         return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))
 
 
-def read_track(
-    bag: Path,
-    values: Mapping[str, Value],
-    *,
-    remap: Sequence[str] = (),
-    start: float | None = None,
-    end: float | None = None,
-) -> Track:
-    """A bag's poses with the twist and the load-cell reading that the estimator uses for each.
+def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:
+    """Read a bag's poses, each with the twist and load-cell reading that the estimator uses for it.
 
-    `values`: the node's parameters; `remap`, `start`, `end` as for a replay. Raises InputError for a bag without usable
-    poses or load-cell samples.
+    `values`: the node's parameters. `options`: None for the whole bag; the tare is ignored. Raises InputError for a bag
+    with fewer than two poses that have both.
     """
-    topics = topics_of(values, remap)
-    model = model_of({**values, "tolerance": 0.0})  # a reduced tool's error would enter every fit
+    options = options or ReplayOptions()
+    topics = topics_of(values, options.remap)
+    model = model_of({**values, "tolerance": 0.0})  # the error of a reduced tool would bias every fit
     # without bias and weight the estimator's compensated wrench is the raw reading
     settings = replace(settings_of(values), load_cell=LoadCell(), surface_height=_BOTTOMLESS, max_rate=0.0)
     estimator = Estimator(settings, model)
-    with Recording(bag, topics, start=start, end=end) as recording:
+    with Recording(bag, topics, start=options.start, end=options.end) as recording:
         answers = play(recording, estimator, bag.name)
         states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
     rows = [

@@ -1,4 +1,4 @@
-"""ζ from vertical penetrations: measured over predicted vertical force (Treers et al. 2021, IV: the mean over five)."""
+"""ζ from vertical penetrations: measured over predicted vertical force, as in Treers et al. 2021, IV."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,19 +15,19 @@ from rft_ros.rft import Law, rotation_matrix, wrenches
 __all__ = ["Penetration", "ZetaFit", "fit_zeta"]
 
 _SHALLOWEST = 0.005
-"""The result of a penetration that ends above this depth [m] depends on the surface more than on ζ."""
+"""Least depth of a penetration [m]: less deep, its force depends more on the surface height than on ζ."""
 
 _NOTEWORTHY = 0.1
-"""Relative difference of ζ between tools of different size that is worth a note."""
+"""Greatest relative difference of ζ between tools of different size without a note."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Penetration:
     """One vertical penetration, n moments in time order.
 
-    `depth` of the tool's lowest point [m], `measured` vertical force of the grains and `predicted` at ζ = 1 [N], shape
-    [n]. `area`: of the faces that look down, projected on the horizontal [m²]. `zeta` and its standard `error`, which
-    includes those of the surface and of the load cell's zero.
+    `depth` of the tool's lowest point [m], shape [n]. `measured`, `predicted`: vertical force of the grains, and the
+    model's at ζ = 1 [N], shape [n]. `area`: of the downward faces, projected on the horizontal [m²]. `error`: standard
+    error of `zeta`, including those of the surface height and of the load cell's zero.
     """
 
     bag: str
@@ -39,7 +39,7 @@ class Penetration:
     error: float
 
     def misfit(self, zeta: float) -> float:
-        """RMS residual with a ζ, over the greatest measured force."""
+        """RMS residual at a ζ, relative to the greatest measured force."""
         return float(np.sqrt(np.mean((self.measured - zeta * self.predicted) ** 2)) / np.abs(self.measured).max())
 
     def pressure_slope(self) -> float:
@@ -50,7 +50,7 @@ class Penetration:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ZetaFit:
-    """ζ and its standard error; the penetrations behind it. `surface_error`: of the depths [m]."""
+    """Mean ζ of the penetrations and its standard error. `surface_error`: standard error of the depths [m]."""
 
     zeta: float
     error: float
@@ -58,7 +58,7 @@ class ZetaFit:
     penetrations: tuple[Penetration, ...]
 
     def zeta_of_others(self, number: int) -> float:
-        """Mean ζ of all penetrations but one; needs two or more."""
+        """Mean ζ of all penetrations but one. Needs two or more."""
         return float(np.mean([p.zeta for k, p in enumerate(self.penetrations) if k != number]))
 
     def values(self) -> tuple[FittedValue, ...]:
@@ -107,9 +107,9 @@ class ZetaFit:
 def _penetration(
     track: Track, stroke: Stroke, sensor: Sensor, law: Law, *, surface: float, surface_error: float
 ) -> Penetration:
-    """The part of a stroke below the surface in which the tool goes down, with its ζ.
+    """ζ of the part of a stroke in which the tool moves down below the surface.
 
-    Raises NotIdentifiable where it is too short or shallow, or the grains pull the tool down.
+    Raises NotIdentifiable if it is too short or shallow, or the force has the wrong sign.
     """
     bag, plates = track.name, track.tool.plates
     depths = surface - track.heights()[stroke.rows]
@@ -139,8 +139,8 @@ def _penetration(
     error = float(np.sqrt(fit.covariance[0, 0] + (per_metre * surface_error) ** 2 + (per_newton * force_error) ** 2))
     if zeta <= 0.0:
         raise NotIdentifiable(
-            f"{bag}: ζ comes out as {zeta:.3f} ± {error:.3f}; the grains push a sinking tool up: check sensor.sign and"
-            " sensor.quaternion"
+            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, but the grains push a sinking tool up; check"
+            " sensor.sign and sensor.quaternion"
         )
     down = np.maximum(-rotation_matrix(states[-1, 3:7])[2] @ plates.packed[3:6], 0.0)
     return Penetration(
@@ -157,19 +157,18 @@ def _penetration(
 def fit_zeta(
     tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float, rest_speed: float
 ) -> ZetaFit:
-    """The mean ζ over the penetrations of the tracks; `law` at ζ = 1. Raises NotIdentifiable without one.
+    """The mean ζ over the penetrations of the tracks. Raises NotIdentifiable if no penetration is usable.
 
-    `surface`: its height and that height's standard error [m].
+    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m]. `rest_speed` [m/s].
     """
-    strokes = [
-        (track, stroke)
-        for track in tracks
-        for stroke in down_strokes(track, rest_speed)
-        if track.heights()[stroke.rows].min() < surface
-    ]
     found = fit_each(
         lambda track, stroke: _penetration(track, stroke, sensor, law, surface=surface, surface_error=surface_error),
-        strokes,
+        [
+            (track, stroke)
+            for track in tracks
+            for stroke in down_strokes(track, rest_speed)
+            if track.heights()[stroke.rows].min() < surface
+        ],
         none="no vertical penetration in the grains",
     )
     zeta, error = mean_of([p.zeta for p in found], [p.error for p in found])

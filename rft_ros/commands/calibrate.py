@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Calibrate; exit status 1 if nothing is identifiable, or something asked for by --fit is not."""
     from rich.console import Console
 
-    from rft_ros.calibration import PARTS, Options, calibrate, read_track
+    from rft_ros.calibration import PARTS, calibrate, read_track
     from rft_ros.calibration.calibrated_file import write_calibrated
     from rft_ros.calibration.overview import draw_penetrations, print_overview
 
@@ -65,19 +65,13 @@ def run(arguments: argparse.Namespace) -> int:
     values, options = recording(arguments)
     meshes = _meshes(arguments.mesh, [bag.resolve().name for bag in arguments.bags])
     tracks = [
-        read_track(
-            bag,
-            {**values, "mesh.file": meshes.get(bag.resolve().name, values["mesh.file"])},
-            remap=options.remap,
-            start=options.start,
-            end=options.end,
-        )
+        read_track(bag, {**values, "mesh.file": meshes.get(bag.resolve().name, values["mesh.file"])}, options)
         for bag in arguments.bags
     ]
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         warn_of(tool)
     with busy("fitting"):
-        result = calibrate(tracks, values, Options(parts=parts, tare=options.tare, alpha_y=arguments.alpha_y))
+        result = calibrate(tracks, values, parts=parts, tare=options.tare, alpha_y=arguments.alpha_y)
     console = Console()
     print_overview(result, console)
     if arguments.figure and result.zeta:

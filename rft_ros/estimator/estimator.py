@@ -2,13 +2,15 @@
 
 import math
 from collections import Counter, deque
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.estimator.learning import Learning, LearningSettings
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
-from rft_ros.estimator.quality import QualityMonitor
+from rft_ros.estimator.quality import SURPRISE, QualityMonitor, write_prior_sigma
 from rft_ros.estimator.samples import (
     Estimate,
     Measurement,
@@ -21,7 +23,16 @@ from rft_ros.estimator.samples import (
 )
 from rft_ros.estimator.settings import Model, Settings
 from rft_ros.estimator.velocity import PoseDifference
-from rft_ros.rft import COLUMNS, STATE, Memory, rotation_matrix, unit_quaternion, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    COLUMNS,
+    SENSITIVITIES,
+    STATE,
+    Memory,
+    rotation_matrix,
+    unit_quaternion,
+    wrenches,
+    wrenches_in_time,
+)
 
 __all__ = ["TIME_JUMP", "Estimator"]
 
@@ -30,6 +41,10 @@ TIME_JUMP = 1_000_000_000
 
 _ABSURD = 1e100
 """Forces [N] and torques [N m] from here on count as not finite: their squares overflow in any statistics."""
+
+_INERTIAL_SPEED = 0.2  # m/s, of the tool frame's origin
+_WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
+_UNKNOWN_ZETA_ERROR = 1.0  # for the prior: with ζ = 1 in any grains, predictions become right within centimetres
 
 _TWISTS = 256
 """Twists kept, so that a pose that waited in a queue of 200 is answered from the twist of its own time."""
@@ -44,6 +59,8 @@ class Estimator:
     far: a twist that comes after its pose is not used for it. The compensated and the residual wrench follow in
     `measurements`, once the load-cell samples on both sides of the pose's stamp have come (`Comparison`): they do not
     depend on the order of arrival. No sample further than `max_input_age` from the pose is used.
+    With `learning_mode` observe or apply, `learning` follows the compensated force. An estimate uses what was learned
+    at least `learning_lag` of path before.
     `counts`: estimates, and by reason the samples refused, poses without estimate and estimates without residual.
     """
 
@@ -53,13 +70,16 @@ class Estimator:
         self._state = np.zeros((1, len(STATE)))  # of the last answer
         self._next = np.zeros((1, len(STATE)))  # of the pose under way
         self._result = np.zeros((1, len(COLUMNS)))
+        self._answer = np.zeros(12)  # wrench and its standard deviations, world axes, about the tool frame's origin
+        self.learning: Learning | None = None
+        """What was learned of the medium; None while `learning_mode` is off."""
         self._duration = np.zeros(1)
         self._pose: PoseSample | None = None
         self._due = 0
         self._twists: deque[TwistSample] = deque(maxlen=_TWISTS)
         self._wrenches: deque[WrenchSample] = deque(maxlen=HISTORY)
         self._difference = PoseDifference()
-        self._comparison = Comparison(self._wrenches, self.counts)
+        self._comparison = Comparison(self._wrenches, self.counts, self._learn)
         self._tare = Tare()
         self._memory: Memory | None = None
         self._remembered = 0  # stamp up to which the memory is
@@ -67,6 +87,7 @@ class Estimator:
         self.model = model
         self._begin_memory(model)
         self.settings = settings
+        self._begin_learning(settings, model)
         self._apply(settings)
 
     # --- what is known
@@ -102,7 +123,9 @@ class Estimator:
         """Apply new settings or a new model from the next sample on.
 
         Samples pushed before are kept, except the load cell's when `sensor_frame` changes: they are in the old axes.
+        What was learned survives another tool, as far as it concerns the bed's strength, and no other medium or law.
         """
+        old = self.model, self.settings
         if model is not None:
             if model.tool is not self.model.tool:
                 self._quality = QualityMonitor(model.tool)
@@ -115,6 +138,32 @@ class Estimator:
                 self._wrenches.clear()
             self.settings = settings
             self._apply(settings)
+        self._keep_or_begin_learning(*old)
+
+    def _keep_or_begin_learning(self, old_model: Model, old: Settings) -> None:
+        """After new settings or a new model: keep of what was learned what still holds."""
+        model, new, learning = self.model, self.settings, self.learning
+        if learning is None or new.learning_mode == "off" or new.zeta_error != old.zeta_error:
+            if (new.learning_mode, new.zeta_error) != (old.learning_mode, old.zeta_error):
+                self._begin_learning(new, model)
+            return
+        learning.settings = replace(learning.settings, lag=new.learning_lag)
+        learning.reach = model.tool.plates.reach
+        if model.law is not old_model.law or model.mobilization_length != old_model.mobilization_length:
+            learning.forget()
+        elif model.tool is not old_model.tool:
+            learning.leave()
+
+    def _begin_learning(self, settings: Settings, model: Model) -> None:
+        self.learning = None
+        if settings.learning_mode != "off":
+            prior = LearningSettings(
+                lag=settings.learning_lag, strength_error=settings.zeta_error or _UNKNOWN_ZETA_ERROR
+            )
+            self.learning = Learning(prior, reach=model.tool.plates.reach)
+        width = len(COLUMNS) + (len(SENSITIVITIES) if self.learning else 0)
+        if self._result.shape[1] != width:
+            self._result = np.zeros((1, width))
 
     def _apply(self, settings: Settings) -> None:
         self._unknown_frames.clear()
@@ -184,7 +233,7 @@ class Estimator:
         the grains, if its velocity is unknown, or for too few load-cell samples.
         """
         mean = self._tare.mean(self._wrenches, window)
-        sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._result[0])[6:12]
+        sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._answer)[6:12]
         fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
         return fx, fy, fz, tx, ty, tz
 
@@ -214,19 +263,24 @@ class Estimator:
         area = self._evaluate(pose.stamp, speed)
         in_grains = area > 0.0
         self._watch_for_tare(pose.stamp, speed, in_grains)
+        self._correct(pose.stamp, speed)
         if in_grains and speed < self.settings.rest_speed and self._memory is None:
             self._keep_state()
             return Reason.AT_REST
-        numbers = self._frame.into_sensor(self._next[0, 3:7], self._result[0])
-        if not math.hypot(*numbers) < _ABSURD:
+        numbers = self._frame.into_sensor(self._next[0, 3:7], self._answer)
+        if not math.hypot(*numbers[:12]) < _ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
         self._keep_state()
-        self._comparison.add(pose.stamp, numbers, self._frame)
+        self._comparison.add(pose.stamp, numbers[:12], self._frame, pose.quaternion)
         quality_flags = self._quality.flags(
             self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
         )
-        fx, fy, fz, tx, ty, tz, *_ = numbers
-        return Estimate(pose.stamp, (fx, fy, fz, tx, ty, tz), speed, area, self.model.generation, quality_flags)
+        if self.learning is not None and self.learning.surprise:
+            quality_flags |= SURPRISE
+        fx, fy, fz, tx, ty, tz = numbers[:6]
+        sx, sy, sz, ux, uy, uz = numbers[12:]
+        wrench, sigma = (fx, fy, fz, tx, ty, tz), (sx, sy, sz, ux, uy, uz)
+        return Estimate(pose.stamp, wrench, sigma, speed, area, self.model.generation, quality_flags)
 
     def _accept(self, sample: PoseSample) -> PoseSample | Reason:
         """Make the pose, its quaternion at unit length, the last one; or say why it cannot be used."""
@@ -257,6 +311,8 @@ class Estimator:
         self._difference.reset()
         self._begin_memory(self.model)
         self.finish()
+        if self.learning is not None:
+            self.learning.leave()
         if self._twists and self._twists[-1].stamp - stamp >= TIME_JUMP:
             self._twists.clear()
         if self._wrenches and self._wrenches[-1].stamp - stamp >= TIME_JUMP:
@@ -304,7 +360,15 @@ class Estimator:
         """Write the wrench on the tool at the state into the result; return the submerged area [m²]."""
         plates, law, surface = self.model.tool.plates, self.model.law, self.settings.surface_height
         if self._memory is None:
-            wrenches(plates, law, self._next, surface_height=surface, threads=1, out=self._result)
+            wrenches(
+                plates,
+                law,
+                self._next,
+                surface_height=surface,
+                threads=1,
+                sensitivities=self.learning is not None,
+                out=self._result,
+            )
             return float(self._result[0, 6])
         if speed < self.settings.rest_speed:  # the noise of a tool at rest must not make a path
             self._next[0, 7:13] = 0.0
@@ -319,9 +383,34 @@ class Estimator:
             self._memory,
             mobilization_length=length,
             surface_height=surface,
+            sensitivities=self.learning is not None,
             out=self._result,
         )
         return float(self._result[0, 6])
+
+    def _correct(self, stamp: int, speed: float) -> None:
+        """Write the wrench, corrected in mode apply, and its standard deviations to the answer."""
+        result, answer, reach = self._result[0], self._answer, self.model.tool.plates.reach
+        if self.learning is None or not math.hypot(*result.tolist()) < _ABSURD:
+            answer[:6] = result[:6]
+            write_prior_sigma(answer, zeta_error=self.settings.zeta_error, reach=reach)
+            return
+        vx, vy, vz = self._next[0, 7:10].tolist()
+        apply = self.settings.learning_mode == "apply"
+        answer[:] = self.learning.predict(
+            stamp,
+            result,
+            speed=speed if speed >= self.settings.rest_speed else 0.0,
+            passing=vz > _WITHDRAWS * speed or math.hypot(vx, vy, vz) > _INERTIAL_SPEED,
+            apply=apply,
+        )
+        if not apply:
+            answer[:6] = result[:6]
+
+    def _learn(self, stamp: int, force: NDArray[np.float64] | None, repeated: bool) -> None:
+        """Take a final comparison: the compensated force in world axes, shape [3], or None."""
+        if self.learning is not None:
+            self.learning.learn(stamp, force, repeated=repeated)
 
     def _watch_for_tare(self, stamp: int, speed: float, in_grains: bool) -> None:
         if in_grains:

@@ -1,6 +1,8 @@
 """The load cell: its frame, its tare, and how its samples are compared with the predictions."""
 
+import math
 from collections import Counter, deque
+from collections.abc import Callable
 from itertools import islice
 from typing import NamedTuple
 
@@ -8,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.samples import Measurement, Reason, Wrench, WrenchSample
+from rft_ros.estimator.samples import Measurement, Reason, Vector, Wrench, WrenchSample
 from rft_ros.estimator.settings import LoadCell
 from rft_ros.rft.compilation import compiled
-from rft_ros.rft.frames import into_frame, rotation
+from rft_ros.rft.frames import from_frame, into_frame, rotation
 
 __all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Tare"]
 
@@ -27,16 +29,17 @@ _FEWEST_FOR_TARE = 10
 
 
 @compiled
-def _into_sensor(mount, quaternion, world_wrench, out):  # type: ignore[no-untyped-def]
-    """Write the wrench and the weight's wrench, in sensor axes about the sensor's origin, to `out`, shape [12].
+def _into_sensor(mount, quaternion, answer, out):  # type: ignore[no-untyped-def]
+    """Write wrench, weight's wrench and deviations, in sensor axes about the sensor's origin, to `out`, shape [18].
 
     `mount`: position (3) and quaternion (4) of the sensor in the tool frame, weight [N], centre of mass (3).
-    `world_wrench`: in world axes about the tool frame's origin.
+    `answer`: wrench and its standard deviations in world axes about the tool frame's origin. The errors of world
+    components, and those of force and torque, are taken as independent.
     """
     tool = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     sensor = rotation(mount[3], mount[4], mount[5], mount[6])
-    fx, fy, fz = into_frame(tool, world_wrench[0], world_wrench[1], world_wrench[2])
-    tx, ty, tz = into_frame(tool, world_wrench[3], world_wrench[4], world_wrench[5])
+    fx, fy, fz = into_frame(tool, answer[0], answer[1], answer[2])
+    tx, ty, tz = into_frame(tool, answer[3], answer[4], answer[5])
     px, py, pz = mount[0], mount[1], mount[2]
     tx, ty, tz = tx - (py * fz - pz * fy), ty - (pz * fx - px * fz), tz - (px * fy - py * fx)
     out[0], out[1], out[2] = into_frame(sensor, fx, fy, fz)
@@ -46,6 +49,26 @@ def _into_sensor(mount, quaternion, world_wrench, out):  # type: ignore[no-untyp
     cx, cy, cz = mount[8], mount[9], mount[10]
     out[6], out[7], out[8] = wx, wy, wz
     out[9], out[10], out[11] = cy * wz - cz * wy, cz * wx - cx * wz, cx * wy - cy * wx
+    for i in range(12, 18):
+        out[i] = 0.0
+    for k in range(3):  # one world component after another, through the same rotations and shift
+        x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+        shifted = into_frame(sensor, py * z - pz * y, pz * x - px * z, px * y - py * x)
+        turned = into_frame(sensor, x, y, z)
+        force, torque = answer[6 + k] * answer[6 + k], answer[9 + k] * answer[9 + k]
+        for i in range(3):
+            out[12 + i] += force * turned[i] * turned[i]
+            out[15 + i] += force * shifted[i] * shifted[i] + torque * turned[i] * turned[i]
+    for i in range(12, 18):
+        out[i] = math.sqrt(out[i])
+
+
+@compiled
+def _into_world(mount, quaternion, x, y, z, out):  # type: ignore[no-untyped-def]
+    tool = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
+    sensor = rotation(mount[3], mount[4], mount[5], mount[6])
+    x, y, z = from_frame(sensor, x, y, z)
+    out[0], out[1], out[2] = from_frame(tool, x, y, z)
 
 
 class LoadCellFrame:
@@ -55,20 +78,30 @@ class LoadCellFrame:
         self.sign = cell.sign
         self.bias = cell.bias
         self._mount = np.array([*cell.position, *cell.quaternion, cell.mass * GRAVITY, *cell.center_of_mass])
-        self._out = np.zeros(12)
+        self._out = np.zeros(18)
+        self._force = np.zeros(3)
 
-    def into_sensor(self, quaternion: NDArray[np.float64], world_wrench: NDArray[np.float64]) -> list[float]:
-        """Twelve numbers in the sensor frame: the wrench (given in world axes, about the tool) and the weight's."""
-        _into_sensor(self._mount, quaternion, world_wrench, self._out)
+    def into_sensor(self, quaternion: NDArray[np.float64], answer: NDArray[np.float64]) -> list[float]:
+        """18 numbers in the sensor frame: the wrench, the weight's wrench, and the wrench's standard deviations.
+
+        `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin.
+        """
+        _into_sensor(self._mount, quaternion, answer, self._out)
         return self._out.tolist()
+
+    def into_world(self, quaternion: tuple[float, float, float, float], force: Vector) -> NDArray[np.float64]:
+        """A force [N] given in sensor axes, in world axes, shape [3]; overwritten by the next call."""
+        _into_world(self._mount, quaternion, *force, self._force)
+        return self._force
 
 
 class _Pending(NamedTuple):
-    """An estimate that waits for load-cell samples: `numbers` as from `LoadCellFrame.into_sensor`."""
+    """An estimate that waits for load-cell samples: prediction and weight in the sensor frame, 12 numbers."""
 
     stamp: int
     numbers: list[float]
     frame: LoadCellFrame
+    quaternion: tuple[float, float, float, float]
 
 
 class Comparison:
@@ -76,21 +109,30 @@ class Comparison:
 
     The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns].
     Without a sample after the stamp, the last one before it counts. `samples`: the load cell's, in the order of their
-    stamps; `counts` gets the reasons.
+    stamps; `counts` gets the reasons. `learn` gets each final comparison: stamp, compensated force in world axes [N] or
+    None, and whether the raw reading repeats the one before.
     """
 
-    def __init__(self, samples: deque[WrenchSample], counts: "Counter[str]") -> None:
+    def __init__(
+        self,
+        samples: deque[WrenchSample],
+        counts: "Counter[str]",
+        learn: Callable[[int, NDArray[np.float64] | None, bool], None],
+    ) -> None:
         self._samples = samples
         self._counts = counts
+        self._learn = learn
         self._pending: deque[_Pending] = deque()
         self._final: list[Measurement] = []
         self.max_age = 0
 
-    def add(self, stamp: int, numbers: list[float], frame: LoadCellFrame) -> None:
-        """Add an estimate: its stamp [ns], and the prediction and the weight in the sensor frame, 12 numbers."""
+    def add(
+        self, stamp: int, numbers: list[float], frame: LoadCellFrame, quaternion: tuple[float, float, float, float]
+    ) -> None:
+        """Add an estimate: its stamp [ns], the prediction and the weight in the sensor frame, the tool's quaternion."""
         if len(self._pending) >= _MOST_PENDING:
             self._final.append(self._measured(self._pending.popleft()))
-        self._pending.append(_Pending(stamp, numbers, frame))
+        self._pending.append(_Pending(stamp, numbers, frame, quaternion))
         self.settle(stamp)
 
     def settle(self, now: float) -> None:
@@ -108,9 +150,10 @@ class Comparison:
         return final
 
     def _measured(self, pending: _Pending) -> Measurement:
-        stamp, numbers, frame = pending
+        stamp, numbers, frame, quaternion = pending
         before = after = None
-        for sample in islice(reversed(self._samples), _LOOK_BACK):
+        newest_first = islice(reversed(self._samples), _LOOK_BACK)
+        for sample in newest_first:
             if sample.stamp <= stamp:
                 before = sample
                 break
@@ -118,10 +161,13 @@ class Comparison:
         if before is None or stamp - before.stamp > self.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason.value] += 1
+            self._learn(stamp, None, False)
             return Measurement(stamp, None, None, reason)
+        neighbour = next(newest_first, None)
         # written out by component: loops take twice as long
         ax, ay, az, dx, dy, dz = before.wrench
         if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
+            neighbour = after
             share = (stamp - before.stamp) / (after.stamp - before.stamp)
             bx, by, bz, ex, ey, ez = after.wrench
             ax, ay, az = ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
@@ -131,6 +177,8 @@ class Comparison:
         fx, fy, fz, tx, ty, tz, wx, wy, wz, ux, uy, uz = numbers  # the prediction, then the weight
         ax, ay, az = sign * (ax - bx) - wx, sign * (ay - by) - wy, sign * (az - bz) - wz
         dx, dy, dz = sign * (dx - ex) - ux, sign * (dy - ey) - uy, sign * (dz - ez) - uz
+        repeated = neighbour is not None and neighbour.wrench == before.wrench
+        self._learn(stamp, frame.into_world(quaternion, (ax, ay, az)), repeated)
         residual = (ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz)
         return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 

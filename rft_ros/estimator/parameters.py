@@ -8,7 +8,9 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
-from rft_ros.errors import InputError
+import yaml
+
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
 from rft_ros.estimator.settings import LoadCell, Model, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, alpha_y_model, medium_named, treers2021
@@ -32,6 +34,7 @@ __all__ = [
     "settings_of",
     "table_path",
     "tool_request",
+    "write_parameter_file",
 ]
 
 Value = str | float | tuple[float, ...]
@@ -81,6 +84,13 @@ PARAMETERS: tuple[Parameter, ...] = (
     ),
     Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", low=1e-6, high=1e6),
     Parameter(
+        "medium.zeta_error",
+        0.0,
+        "Relative standard error of medium.zeta, from calibration. 0.0: not known.",
+        low=0.0,
+        high=2.0,
+    ),
+    Parameter(
         "medium.mobilization_length",
         0.0,
         "Displacement to reach 63 % of full resistance at 30 mm depth; the force then holds while the tool"
@@ -118,6 +128,21 @@ PARAMETERS: tuple[Parameter, ...] = (
         "Reduce the tool to the fewest plates whose wrench stays within this share of the force, at the"
         " 95th percentile of random motions; 0.0: the full tool.",
         low=0.0,
+        high=1.0,
+    ),
+    Parameter(
+        "learning.mode",
+        "off",
+        "Learn the medium from the load cell. observe: learn and report; apply: predict with what was learned."
+        " From off to another mode takes a restart.",
+        choices=("off", "observe", "apply"),
+    ),
+    Parameter(
+        "learning.lag",
+        0.002,
+        "Path of the tool between a load-cell sample and the first prediction that it may change.",
+        unit="m",
+        low=1e-5,
         high=1.0,
     ),
     Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", unit="m", low=-1e6, high=1e6),
@@ -249,6 +274,9 @@ def settings_of(values: Values) -> Settings:
         max_rate=v["max_rate"],
         rest_speed=v["rest_speed"],
         calibrated_depth=v["medium.calibrated_depth"],
+        zeta_error=v["medium.zeta_error"],
+        learning_mode=v["learning.mode"],
+        learning_lag=v["learning.lag"],
     )
 
 
@@ -354,3 +382,16 @@ def read_parameter_file(file: Path) -> dict[str, Value]:
 def table_path(file: Path, table: str) -> str:
     """The path of an `alpha_y.table` that a parameter file names: relative to the file's folder, `~` expanded."""
     return str(file.parent / Path(table).expanduser())
+
+
+def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
+    """Write a file that `read_parameter_file` and the node read; a relative `alpha_y.table` is made absolute."""
+    plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
+    if table := plain["alpha_y.table"]:
+        plain["alpha_y.table"] = str(Path(table).expanduser().absolute())
+    tree = {"/**": {"ros__parameters": plain}}
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+    except OSError as error:
+        raise InputError(f"parameter file '{file}' cannot be written: {reason_of(error)}") from None

@@ -1,4 +1,4 @@
-"""Quality flags: what is doubtful about an estimate, how far it can be trusted, and how much it scatters."""
+"""Quality flags: what is doubtful about an estimate and how far it can be trusted; its deviation without learning."""
 
 import math
 from collections.abc import Callable
@@ -7,12 +7,12 @@ from enum import Enum, IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.samples import Wrench
 from rft_ros.estimator.settings import Settings
 from rft_ros.rft import Plates, edge_shares, rotation_matrix
+from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
 
-__all__ = ["SCATTER", "QualityFlag", "QualityMonitor", "Trust", "deviation", "flag_names", "sentences", "trust"]
+__all__ = ["QualityFlag", "QualityMonitor", "Trust", "flag_names", "sentences", "trust", "write_prior_sigma"]
 
 
 class QualityFlag(IntFlag):
@@ -35,6 +35,8 @@ class QualityFlag(IntFlag):
     """Published rule: much of the wet area moves along itself, and rounding decides whether it leads."""
     DEEP = 128
     """Deeper than `medium.calibrated_depth`, by over 2 %."""
+    SURPRISE = 256
+    """The grains are harder or softer than was learned, by the load-cell samples that have come."""
 
 
 class Trust(str, Enum):
@@ -65,6 +67,7 @@ _SENTENCES = {
     QualityFlag.NEAR_FLAT: f"nearly horizontal faces: {_INTEGRATION}",
     QualityFlag.KNIFE_EDGE: f"faces moving along themselves: {_INTEGRATION}",
     QualityFlag.DEEP: "deeper than the calibration",
+    QualityFlag.SURPRISE: "grains harder or softer than learned",
 }
 
 
@@ -78,20 +81,36 @@ def sentences(quality_flags: int) -> str:
     return "; ".join(text for flag, text in _SENTENCES.items() if quality_flags & flag)
 
 
-SCATTER = 0.15
-"""Standard deviation of each component over the force's magnitude: root mean square over five simulated plates that
-moved at various attitudes and directions. On bodies that were not used to set it, 64 % of the components lie within
-(docs/accuracy.md)."""
+_STRENGTH_ERROR = 0.15  # relative standard error of a calibrated ζ whose error is not known
+_DIRECTION_ERROR = 0.15  # of the force's horizontal and vertical part each, beside ζ's
+_NOISE, _NOISE_FLOOR = 0.093, 0.025  # as in docs/learning.md: share of the force; [N]
+_LEVER = 0.07  # standard deviation of the point where the force acts, over the tool's reach
 
 
-def deviation(predicted: Wrench) -> tuple[float, float]:
-    """Standard deviation of each component of a predicted force [N] and torque [N m]."""
-    fx, fy, fz, tx, ty, tz = predicted
-    return SCATTER * math.hypot(fx, fy, fz), SCATTER * math.hypot(tx, ty, tz)
+@compiled
+def _write_prior_sigma(zeta_error, reach, answer):  # type: ignore[no-untyped-def]
+    fx, fy, fz = answer[0], answer[1], answer[2]
+    flat, full = fx * fx + fy * fy, fx * fx + fy * fy + fz * fz
+    strength = zeta_error * zeta_error + _DIRECTION_ERROR * _DIRECTION_ERROR
+    noise = _NOISE * _NOISE * full + _NOISE_FLOOR * _NOISE_FLOOR
+    answer[6] = answer[7] = math.sqrt(strength * flat + noise)
+    answer[8] = math.sqrt(strength * fz * fz + noise)
+    lever = _LEVER * _LEVER * reach * reach * full
+    for i in range(3, 6):
+        answer[6 + i] = math.sqrt((strength + _NOISE * _NOISE) * answer[i] * answer[i] + lever)
+
+
+def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: float) -> None:
+    """Write the standard deviations of a prediction without learning behind the wrench, docs/learning.md.
+
+    `answer`, shape [12]: force [N] and torque [N m] in world axes, then one standard deviation of each. `zeta_error`:
+    relative standard error of ζ, 0 if unknown. `reach` of the tool [m].
+    """
+    _write_prior_sigma(zeta_error or _STRENGTH_ERROR, reach, answer)
 
 
 # plain integers: an operation on flags costs a microsecond
-_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP = (int(flag) for flag in _SENTENCES)
+_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP, SURPRISE = map(int, _SENTENCES)
 
 _FAST_SPEED = 0.025  # m/s
 _INERTIAL_SPEED = 0.2  # m/s

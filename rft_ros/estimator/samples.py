@@ -83,12 +83,14 @@ class Estimate(NamedTuple):
     """The immediate answer to one pose.
 
     `stamp`: of the pose [ns]. `predicted`: wrench on the tool by the grains, from RFT, in sensor axes about the
-    sensor's origin. `speed`: an upper bound of the plates' speeds [m/s]. `submerged_area` [m²]. `generation`: of the
-    model that answered. `quality_flags`: an or of `quality.QualityFlag`.
+    sensor's origin. `sigma`: one standard deviation of each of its components, same axes. `speed`: an upper bound of
+    the plates' speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered. `quality_flags`: an or
+    of `quality.QualityFlag`.
     """
 
     stamp: int
     predicted: Wrench
+    sigma: Wrench
     speed: float
     submerged_area: float
     generation: int

@@ -7,10 +7,13 @@ from rft_ros.estimator.samples import Reason, Vector, Wrench
 from rft_ros.rft import Law
 from rft_ros.tool import Tool
 
-__all__ = ["LoadCell", "Model", "Settings", "TwistSource"]
+__all__ = ["LearningMode", "LoadCell", "Model", "Settings", "TwistSource"]
 
 TwistSource = Literal["topic", "pose_difference"]
 """Source of the velocity: the topic ~/twist, or the last poses."""
+
+LearningMode = Literal["off", "observe", "apply"]
+"""Whether the medium is learned from the load cell, and whether predictions use it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -32,7 +35,11 @@ class LoadCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Frames, sources and gates, [m] and [s]. `max_rate` 0: answer every pose. `calibrated_depth` 0: unknown."""
+    """Frames, sources, gates and learning, [m] and [s].
+
+    `max_rate` 0: answer every pose. `calibrated_depth` and `zeta_error` (relative standard error of ζ) 0: unknown.
+    `learning_lag`: path between a load-cell sample and the first prediction that it may change.
+    """
 
     world_frame: str = "world"
     tool_frame: str = "tool"
@@ -45,6 +52,9 @@ class Settings:
     max_rate: float = 0.0
     rest_speed: float = 2e-4
     calibrated_depth: float = 0.0
+    zeta_error: float = 0.0
+    learning_mode: LearningMode = "off"
+    learning_lag: float = 0.002
 
     def frame_sentence(self, reason: Reason, frame: str) -> str:
         """For a reason ``*_frame_unknown``: the frame_id refused, and which one is expected."""

@@ -8,41 +8,44 @@ from numba.core import event
 
 from rft_ros.child_process import start_child
 from rft_ros.estimator.estimator import Estimator
-from rft_ros.estimator.samples import PoseSample
-from rft_ros.estimator.settings import Model, Settings
+from rft_ros.estimator.samples import PoseSample, WrenchSample
+from rft_ros.estimator.settings import LearningMode, Model, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, plate_forces, treers2021
 from rft_ros.tool import load_tool
 
 __all__ = ["compile_kernels", "warm_up", "warm_up_all"]
 
 
-def warm_up(model: Model) -> None:
-    """Answer a few poses with a model, so that nothing compiles when samples come."""
-    estimator = Estimator(Settings(twist_source="pose_difference"), model)
+def warm_up(model: Model, *, learning: bool = False) -> None:
+    """Answer a few poses with a model, so that nothing compiles when samples come; `learning`: with a load cell."""
+    mode: LearningMode = "apply" if learning else "off"
+    estimator = Estimator(Settings(twist_source="pose_difference", learning_mode=mode), model)
     for k in range(1, 5):
         height = 1e3 - 0.001 * k  # in the air, where the kernel is the same
+        estimator.push_wrench(WrenchSample(k * 10_000_000, "ft_sensor", (0.0,) * 6))
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
 
 
-def warm_up_all(*, memory: bool, on_cold_cache: Callable[[], None] = lambda: None) -> None:
+def warm_up_all(*, memory: bool, learning: bool = False, on_cold_cache: Callable[[], None] = lambda: None) -> None:
     """Warm up for whatever can be swapped in: each rule of integration with each α_y model, and the markers.
 
-    `memory`: also for media with a mobilization length. If numba's cache lacks a kernel, `on_cold_cache` is called,
-    and two processes fill the cache, one for each rule: twice as fast, and the compiler's 100 MB go with them.
+    `memory`: also for media with a mobilization length; `learning`: also for the modes that learn. If numba's cache
+    lacks a kernel, `on_cold_cache` is called, and two processes fill the cache, one for each rule: twice as fast, and
+    the compiler's 100 MB go with them.
     """
     try:
         with event.install_listener("numba:compile", _ColdCache()):
-            _warm_up_both(memory=memory)
+            _warm_up_both(memory=memory, learning=learning)
     except _NotCompiledError:
         on_cold_cache()
-        processes = [start_child(compile_kernels, integration, memory) for integration in INTEGRATIONS]
+        processes = [start_child(compile_kernels, integration, memory, learning) for integration in INTEGRATIONS]
         try:
             for process in processes:
                 process.wait()
         finally:
             for process in processes:
                 process.kill()
-        _warm_up_both(memory=memory)
+        _warm_up_both(memory=memory, learning=learning)
 
 
 class _NotCompiledError(Exception):
@@ -59,13 +62,13 @@ class _ColdCache(event.Listener):  # type: ignore[misc]
         pass
 
 
-def _warm_up_both(*, memory: bool) -> None:
+def _warm_up_both(*, memory: bool, learning: bool) -> None:
     for integration in INTEGRATIONS:
-        compile_kernels(integration, memory)
+        compile_kernels(integration, memory, learning)
 
 
-def compile_kernels(integration: Integration, memory: bool) -> None:
-    """Compile, or load, the kernels of one rule of integration; with `memory`, also those that need it."""
+def compile_kernels(integration: Integration, memory: bool, learning: bool = False) -> None:
+    """Compile, or load, the kernels of one rule of integration; also those that `memory` and `learning` need."""
     medium = next(iter(MEDIA.values()))
     table = Table.sampled([0.0], [0.0], [[1.0]])
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
@@ -73,7 +76,8 @@ def compile_kernels(integration: Integration, memory: bool) -> None:
     for name in ALPHA_Y_MODELS:
         law = treers2021(medium, alpha_y_model(name, medium, table))
         model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
-        warm_up(model)
-        if memory:
-            warm_up(replace(model, mobilization_length=1.0))
+        for m in (model, replace(model, mobilization_length=1.0))[: 1 + memory]:
+            warm_up(m)
+            if learning:
+                warm_up(m, learning=True)
     plate_forces(tool.plates, law, state)

@@ -1,13 +1,16 @@
 """/diagnostics at 1 Hz: inputs, estimates and model, each OK, WARN or ERROR (REP 107)."""
 
+import math
 from collections import Counter
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from statistics import median
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 
 from rft_ros.estimator import Estimate, Estimator, Reason
-from rft_ros.estimator.quality import QualityFlag, Trust, deviation, flag_names, sentences, trust
+from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
+from rft_ros.node.learned_medium import surprise_sentence
 from rft_ros.node.swap import ToolSwap
 
 __all__ = ["Diagnostics", "LogLine"]
@@ -78,6 +81,8 @@ class Diagnostics:
         array = DiagnosticArray()
         array.header.stamp.sec, array.header.stamp.nanosec = divmod(now, 1_000_000_000)
         array.status = [self._inputs(now, period, named), self._estimates(new, reasons), self._model()]
+        if self._estimator.learning is not None:
+            array.status.append(self._medium(self._estimator.learning))
         self._received.clear()
         self._latencies.clear()
         self._fastest = 0.0
@@ -126,7 +131,8 @@ class Diagnostics:
         }
         if (newest := self._newest_estimate) is not None:
             values["speed_m_s"] = newest.speed
-            values["force_deviation_n"], values["torque_deviation_nm"] = deviation(newest.predicted)
+            values["force_sigma_n"] = math.hypot(*newest.sigma[:3])
+            values["torque_sigma_nm"] = math.hypot(*newest.sigma[3:])
         if self._latencies:
             ordered = sorted(self._latencies)
             values["latency_median_us"] = 1e6 * median(ordered)
@@ -155,3 +161,12 @@ class Diagnostics:
         problems = failure or "; ".join(issue.message for issue in model.tool.issues)
         level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
         return self._status("model", level, problems or "in force", values)
+
+    def _medium(self, learning: Learning) -> DiagnosticStatus:
+        issues = [str(issue) for issue in learning.issues()]
+        values: dict[str, object] = {**asdict(learning.belief()), "issues": "; ".join(issues)}
+        if issues:
+            return self._status("medium", DiagnosticStatus.WARN, "; ".join(issues), values)
+        if learning.surprise:
+            return self._status("medium", DiagnosticStatus.WARN, surprise_sentence(learning), values)
+        return self._status("medium", DiagnosticStatus.OK, "as learned", values)

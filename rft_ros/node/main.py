@@ -85,8 +85,9 @@ def _run(stop: threading.Event) -> int:
         warm_up_all(memory=False, on_cold_cache=_announce_compilation)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = RftNode(worker)
-        if node.estimator.model.mobilization_length > 0.0:
-            warm_up_all(memory=True, on_cold_cache=_announce_compilation)
+        memory, learning = node.estimator.model.mobilization_length > 0.0, node.estimator.learning is not None
+        if memory or learning:
+            warm_up_all(memory=memory, learning=learning, on_cold_cache=_announce_compilation)
         gc.collect()
         gc.freeze()  # a full collection with numba and trimesh loaded takes 22 ms and frees nothing of theirs
         executor = _executor(node)

@@ -19,6 +19,7 @@ from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSampl
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
 from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
 from rft_ros.node.diagnostics import Diagnostics
+from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.swap import FailedSwap, ToolSwap
@@ -36,11 +37,12 @@ _TARE_WINDOW = 1.0  # s
 _DIAGNOSTICS_PERIOD = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
+_BESIDE_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # of the medium, and no part of the model
 _TOOL = frozenset(TOOL_PARAMETERS.values())
 
 
 class RftNode(Node):
-    """One estimator between three subscriptions and three publications."""
+    """One estimator between three subscriptions and the publications."""
 
     def __init__(self, worker: ToolWorker) -> None:
         super().__init__("rft")
@@ -48,6 +50,7 @@ class RftNode(Node):
         values = self._table.values
         self.estimator = Estimator(settings_of(values), model_of(values))
         self._next_model: Model | None = None
+        self._with_learning = self.estimator.learning is not None
         self._with_memory = self.estimator.model.mobilization_length > 0.0
         self._swap = ToolSwap(tool_request(values), worker)
         self._diagnostics = Diagnostics(self.get_fully_qualified_name(), self.estimator, self._swap)
@@ -58,12 +61,18 @@ class RftNode(Node):
         self._predicted = self.create_publisher(WrenchStamped, "~/wrench_predicted", _OUTPUTS)
         self._compensated = self.create_publisher(WrenchStamped, "~/wrench_compensated", _OUTPUTS)
         self._residual = self.create_publisher(WrenchStamped, "~/wrench_residual", _OUTPUTS)
+        self._sigma = self.create_publisher(WrenchStamped, "~/wrench_sigma", _OUTPUTS)
+        self._medium = LearnedMedium(self, self.estimator, _OUTPUTS)
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._subscribe(WrenchStamped, "~/wrench_measured", self._on_wrench)
         self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
         self._subscribe(PoseStamped, "~/pose", self._on_pose)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(Trigger, "~/status", self._on_status)
+        self.create_service(Trigger, "~/forget", self._medium.forget)
+        self.create_service(
+            Trigger, "~/save_medium", lambda _, response: self._medium.save(self._table.values, response)
+        )
         self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
@@ -132,6 +141,8 @@ class RftNode(Node):
         answer = self.estimator.push_pose(sample)
         if isinstance(answer, Estimate):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
+            self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
+            self._medium.publish(answer)
             self._last_estimate = answer
             self._diagnostics.tick(perf_counter() - start, answer)
         self._publish_measurements()
@@ -159,8 +170,13 @@ class RftNode(Node):
                 "medium.mobilization_length was 0.0 at the start, so that its kernels are not loaded; "
                 "set it in the parameter file and restart the node"
             )
+        if not self._with_learning and values["learning.mode"] != "off":
+            raise InputError(
+                "learning.mode was off at the start, so that its kernels are not loaded; "
+                "set it in the parameter file and restart the node"
+            )
         self._next_model = None
-        if any(name.startswith(("medium.", "alpha_y.")) for name in changed):
+        if any(name.startswith(("medium.", "alpha_y.")) for name in changed - _BESIDE_MODEL):
             m = self.estimator.model
             self._next_model = model_of(values, tool=m.tool, generation=m.generation + 1)
 

@@ -1,1 +1,1 @@
-"""Figures of recorded and replayed wrenches."""
+"""Figures, films and web pages of replays and of a tool in the grains."""

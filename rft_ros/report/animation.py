@@ -1,4 +1,4 @@
-"""A tool moving through the grains, coloured by traction: as a plotly figure, a film or a still picture."""
+"""A tool that moves through the grains, coloured by traction: as a plotly figure, a film or a picture."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -18,11 +18,11 @@ __all__ = ["FILMS", "Animation", "animate", "animate_evenly", "animation_figure"
 Array = NDArray[np.float64]
 
 FILMS = (".gif", ".mp4")
-"""Suffixes of films; .mp4 needs the program ffmpeg."""
+"""Suffixes of films. A .mp4 needs the program ffmpeg."""
 
 _SURFACE, _SURFACE_EDGE, _FORCE, _PATH = "#C2A878", "#7a6640", "#0072B2", "#555555"
 _TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
-"""Colours of the traction over its share of the greatest."""
+"""Colour scale of the traction, relative to the greatest."""
 
 _FRAMES_A_SECOND = 12
 _MOMENTS = 60
@@ -33,9 +33,9 @@ _MOST_FACES = 1500
 class Animation:
     """k moments of a tool with n vertices and m faces, in world axes.
 
-    `labels`: of the moments; `first`: the moment shown first. `placed`: vertices [m], shape [k, n, 3]; `faces`:
-    indices, shape [m, 3]. `traction`: on each face [N/m²], shape [k, m]. `forces`: on the tool [N], shape [k, 3].
-    `surface_height` [m].
+    `labels`: one for each moment. `placed`: vertices [m], shape [k, n, 3]. `faces`: indices of vertices, shape [m, 3].
+    `traction`: on each face [N/m²], shape [k, m]. `forces`: on the tool [N], shape [k, 3]. `surface_height` [m].
+    `first`: index of the moment shown first.
     """
 
     title: str
@@ -48,7 +48,7 @@ class Animation:
     first: int = 0
 
     def box(self) -> tuple[Array, Array]:
-        """Corners of all that is drawn [m], the surface included; at least half as wide as high."""
+        """Lowest and highest corner of tool and surface [m], with a margin; at least half as wide as high."""
         points = self.placed.reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0)
         low[2], high[2] = min(low[2], self.surface_height), max(high[2], self.surface_height)
@@ -58,7 +58,7 @@ class Animation:
         return low - margin, high + margin
 
     def arrows(self) -> tuple[Array, Array]:
-        """Starts (the tool's middle) and ends of the force arrows [m], shape [k, 3]; the longest is 0.4 of the box."""
+        """Starts (the tool's centre) and ends of the force arrows [m], shape [k, 3]; the longest is 0.4 of the box."""
         low, high = self.box()
         strongest = np.linalg.norm(self.forces, axis=1).max()
         scale = 0.4 * float((high - low).max()) / strongest if strongest > 0.0 else 0.0
@@ -70,7 +70,7 @@ class Animation:
         return f"{self.title}   {self.labels[k]}   |F| = {np.linalg.norm(self.forces[k]):.2f} N"
 
     def in_millimetres(self) -> "Animation":
-        """The same with lengths in mm, as they are drawn."""
+        """The same with lengths in mm, for drawing."""
         return replace(self, placed=1e3 * self.placed, surface_height=1e3 * self.surface_height)
 
 
@@ -85,7 +85,7 @@ def animate(
     first: int = 0,
     most_faces: int = _MOST_FACES,
 ) -> Animation:
-    """The animation of states, shape [k, 13]; the traction is the law's, without memory. `surface_height` [m]."""
+    """The animation of states, shape [k, 13]. The traction does not include memory. `surface_height` [m]."""
     vertices, faces, plates = drawable(tool, most_faces=most_faces)
     forces = np.array([plate_forces(plates, law, state, surface_height=surface_height) for state in states])
     return Animation(
@@ -103,14 +103,14 @@ def animate(
 def animate_evenly(
     title: str, tool: Tool, law: Law, times: Array, states: Array, *, surface_height: float = 0.0
 ) -> Animation:
-    """The animation of at most 60 of the states, shape [n, 13], at times [s], shape [n]; evenly spaced by index."""
+    """The animation of at most 60 of the states, evenly spaced by index. `states`: shape [n, 13]. `times` [s]."""
     used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
     labels = [f"t = {time:.2f} s" for time in times[used]]
     return animate(title, tool, law, states[used], labels, surface_height=surface_height)
 
 
 def animation_figure(scene: Animation) -> Any:
-    """A plotly Figure with a slider over the moments, and buttons to play them."""
+    """A plotly Figure with a slider over the moments, and play and pause buttons."""
     import plotly.graph_objects as go
 
     scene = scene.in_millimetres()
@@ -164,9 +164,9 @@ def animation_figure(scene: Animation) -> Any:
         font={"family": "system-ui, sans-serif", "size": 13},
         scene={
             **axes,
-            "aspectmode": "manual",  # "data" lets a wide scene, seen from the side, fill more than the page
+            "aspectmode": "manual",  # with "data", a wide scene is larger than the page
             "aspectratio": dict(zip("xyz", (1.05 * (high - low) / (high - low).max()).tolist(), strict=True)),
-            # the loaded faces look away from the force
+            # view the loaded faces: the force points into the tool
             "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if scene.forces[scene.first, 2] <= 0.0 else -0.5}},
         },
         legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
@@ -221,8 +221,8 @@ def write_film(scene: Animation, file: Path) -> None:
 def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0) -> None:
     """Draw the scene's first moment into matplotlib's 3D axes, with a colour bar and the force in numbers.
 
-    `elevation`: of the viewpoint [deg]. Nearly level, loaded faces that look down or forwards are visible, and so is
-    the surface.
+    `elevation`: of the viewpoint [deg]. A nearly level one shows both the surface and loaded faces that point down or
+    forwards.
     """
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -250,7 +250,7 @@ def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 
     triangles = points[scene.faces]
     colours, scale = _colours(), Normalize(0.0, float(kilopascals.max(initial=0.0)) or 1.0)
     above = triangles[:, :, 2].mean(axis=1) > level
-    for shown, order in ((~above, 2), (above, 4)):  # the surface, between them, veils only what is below it
+    for shown, order in ((~above, 2), (above, 4)):  # the surface is drawn between them and veils only what is below
         if shown.any():
             edges = {"edgecolors": (0.0, 0.0, 0.0, 0.12), "linewidths": 0.25}
             shades = colours(scale(kilopascals[shown]))

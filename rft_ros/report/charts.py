@@ -1,4 +1,4 @@
-"""A chart as numbers and words, drawn by `page` on a web page or by `pictures` as PNG."""
+"""A chart as data, which `page` draws on a web page and `pictures` as PNG."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -26,7 +26,7 @@ COLOURS = {
 """Okabe and Ito's palette, distinguishable with any kind of colour vision."""
 
 SHADE, BAND = 0.13, 0.22
-"""Opacity of spans, and of bands."""
+"""Opacity of spans and of bands."""
 
 _Numbers = NDArray[np.float64]
 
@@ -49,7 +49,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Panel:
-    """One pair of axes. `names`: tick labels in place of y = 0, 1, 2 ..., from the top down."""
+    """One pair of axes. `names`: tick labels of y = 0, 1, 2 ..., from the top down."""
 
     x_label: str
     y_label: str
@@ -70,16 +70,15 @@ class Span:
 class Chart:
     """Panels in rows, with a title and one sentence on what they show.
 
-    `name`: for files and links. `panels`: rows of equal length. `heights`: relative, of the rows. `spans`: shaded in
-    the panels of the columns `shaded`. `same_x`: the panels of a column share their x axis.
+    `name`: for files and links. `panels`: rows of equal length. `spans`: shaded in the panels of the first column.
+    `same_x`: the panels of a column share their x axis. `height` [px]; `heights`: relative heights of the rows.
     """
 
     name: str
     title: str
-    sentence: str
+    sentence: str = ""
     panels: tuple[tuple[Panel, ...], ...]
     spans: tuple[Span, ...] = ()
-    shaded: tuple[int, ...] = (0,)
     same_x: bool = True
     height: int = 640
     heights: tuple[float, ...] = ()

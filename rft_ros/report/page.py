@@ -35,7 +35,7 @@ _TOOL = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
-    """Rows of text below heads. `words`: align cells as text, not as numbers. `folded`: opened by a click."""
+    """A table of text. `words`: align cells as text, not as numbers. `folded`: a click opens it."""
 
     title: str
     sentence: str = ""
@@ -55,7 +55,7 @@ def write_page(
     charts: Sequence[Chart],
     tool: Animation | None,
 ) -> None:
-    """Write a report: title, the table ``metrics``, charts, tool, then all other tables. Same content, same bytes."""
+    """Write a report: title, table ``metrics``, charts, tool, other tables. The same content gives the same bytes."""
     from plotly.io import to_html
     from plotly.offline import get_plotlyjs
 
@@ -118,7 +118,7 @@ def chart_figure(chart: Chart) -> Any:
             for line in panel.lines:
                 figure.add_trace(_trace(line, new=line.label not in named), row=r, col=c)
                 named.add(line.label)
-            if c - 1 in chart.shaded:
+            if c == 1:
                 shapes += _shades(chart, (r - 1) * columns + c)
             figure.update_yaxes(title_text=panel.y_label, row=r, col=c)
             if panel.names:
@@ -143,7 +143,7 @@ def chart_figure(chart: Chart) -> Any:
 
 
 def _shades(chart: Chart, panel: int) -> list[dict[str, Any]]:
-    """The spans in a panel, counted from 1; as one list, since plotly's `add_vrect` slows down with their number."""
+    """Rectangles for the spans in a panel, counted from 1. Plotly's `add_vrect` gets slower with each span."""
     number = "" if panel == 1 else str(panel)
     axes = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1}
     look = {"type": "rect", "opacity": SHADE, "line": {"width": 0}, "layer": "below"}
@@ -182,12 +182,12 @@ def _faint(colour: str) -> str:
 
 
 def _short(values: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Single precision halves the file and has more digits than a screen shows."""
+    """Single precision: it halves the file and resolves more than a screen shows."""
     return values.astype(np.float32)
 
 
 def figure_page(figure: Any, *, title: str, name: str) -> str:
-    """A page of one plotly figure as HTML. `title`: of its tab. `name`: the figure's id, so that bytes repeat."""
+    """A page with one plotly figure as HTML. `title`: of its tab. `name`: the figure's id (repeatable bytes)."""
     page: str = figure.to_html(
         include_plotlyjs=True, full_html=True, div_id=name, auto_play=False, config={"displaylogo": False}
     )
@@ -196,7 +196,7 @@ def figure_page(figure: Any, *, title: str, name: str) -> str:
 
 
 def write_animation_page(scene: Animation, file: Path) -> None:
-    """Write an animation as one HTML file; the same scene gives the same bytes. Raises InputError if it cannot."""
+    """Write an animation as one HTML file; the same scene gives the same bytes. Raises InputError if this fails."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(figure_page(animation_figure(scene), title=scene.title, name="animation"), encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Pictures by matplotlib, as PNG: charts, the tool in the grains, its force over depth."""
+"""PNG files by matplotlib: charts, the tool in the grains, force over depth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ Row = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DepthTrace:
-    """Rows over time of three wrenches' forces, in the sensor frame; `swap`: depth at which the model changed [m]."""
+    """Forces in the sensor frame over time. `swap`: depth at which the model of α_y changed [m]."""
 
     measured: list[Row]
     predicted: list[Row]
@@ -30,11 +30,11 @@ class DepthTrace:
 
 
 def legend_below(figure: "Figure", entries: Mapping[str, Any], **style: Any) -> None:
-    """A legend of handles by label, under the panels of a figure with constrained layout."""
+    """Put a legend below the panels of a figure with constrained layout. `entries`: handles by label."""
     import matplotlib as mpl
 
     place = "outside lower center"
-    if mpl.__version_info__ < (3, 7):  # Ubuntu 24.04 has 3.6, which reserves no space for the legend
+    if mpl.__version_info__ < (3, 7):  # 3.6, in Ubuntu 24.04, reserves no space for the legend
         place = "lower center"
         figure.set_layout_engine("constrained", rect=(0.0, 0.06, 1.0, 0.94))
     figure.legend(entries.values(), entries.keys(), loc=place, frameon=False, **style)
@@ -60,7 +60,7 @@ def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
             axes = grid[row][column]
             for line in panel.lines:
                 legend.setdefault(line.label, _draw(axes, line))
-            for span in chart.spans if column in chart.shaded else ():
+            for span in () if column else chart.spans:
                 axes.axvspan(span.begin, span.end, color=COLOURS[span.name], alpha=SHADE, lw=0)
                 legend.setdefault(f"{span.name} ", Patch(color=COLOURS[span.name], alpha=2 * SHADE))
             axes.set_ylabel(panel.y_label)
@@ -91,7 +91,7 @@ def draw_tool(scene: Animation, file: Path, *, title: str) -> None:
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 7.0), layout="constrained")
-    # the loaded faces look away from the force
+    # view the loaded faces: the force points into the tool
     elevation = -15.0 if scene.forces[scene.first, 2] > 0.0 else 30.0
     draw_moment(figure, figure.add_subplot(projection="3d", computed_zorder=False), scene, elevation=elevation)
     figure.suptitle(f"{scene.title}: {title}, {scene.labels[scene.first]}")

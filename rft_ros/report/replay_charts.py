@@ -17,12 +17,12 @@ _DEPTH = "Depth of the lowest point [mm]"
 _BINS = 60
 _BAND = "one standard deviation on each side"
 _IN_GRAINS = -1e-3
-"""Charts over depth begin this far [m] above the surface."""
+"""Least depth in charts over depth [m]; negative: above the surface."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlaggedRows:
-    """A quality flag's `name`, the `trust` it implies ("CAUTION" or "NO"), and which rows have it, shape [n]."""
+    """A quality flag: its `name`, the `trust` it implies ("CAUTION" or "NO"), and the `rows` with it, shape [n]."""
 
     name: str
     trust: str
@@ -31,13 +31,12 @@ class FlaggedRows:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReplaySeries:
-    """A replay, decimated to what a chart can show: n rows, one for each pose that is drawn.
+    """A replay, decimated to what a chart can show: n rows, one for each pose drawn.
 
-    `time` [s] from the first pose; `depth` of the tool's lowest point [m]; `phase`: index into `phases`, -1 for none;
-    `measured` (less bias and tool weight), `predicted`: wrench on the tool in sensor axes [N, N m], shape [n, 6], NaN
-    where there is none; `deviation`: standard deviation of each component of the predicted force and torque, shape
-    [n, 2]. `quality_flags`: those that occur. `vertical`: the sensor axis nearest to vertical, and whether it points
-    "up" or "down".
+    `time`: since the first pose [s]. `depth`: of the tool's lowest point [m]. `phase`: index into `phases`, -1 for
+    none. `measured` (less bias and tool weight), `predicted`: wrench on the tool in sensor axes [N, N m], shape [n, 6],
+    NaN if missing. `deviation`: standard deviation of each predicted component, shape [n, 6]. `quality_flags`: those
+    that occur. `vertical`: the sensor axis nearest to vertical, and "up" or "down" for where it points.
     """
 
     time: _Numbers
@@ -113,14 +112,14 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
 
 
 def _quality_flags(series: ReplaySeries) -> Panel:
-    """One thick line for each flag, drawn while it lasts."""
+    """One thick line for each flag, drawn while it is set."""
     lines = []
     for place, flag in enumerate(series.quality_flags):
         times = [t for row, begin, end in series.segments(flag.rows) if flag.rows[row] for t in (begin, end, math.nan)]
         x, y = np.array(times), np.full(len(times), float(place))
         label = "flag: no trust" if flag.trust == "NO" else f"flag: {flag.trust.lower()}"
         lines.append(Line(label=label, colour=flag.trust.lower(), x=x, y=y, width=9.0))
-    label = "Quality flags" if len(lines) > 3 else ""  # as high as four of them
+    label = "Quality flags" if len(lines) > 3 else ""  # fewer rows are too low for it
     return Panel(x_label=_TIME, y_label=label, lines=tuple(lines), names=tuple(d.name for d in series.quality_flags))
 
 
@@ -135,13 +134,13 @@ def _line(name: str, x: _Numbers, y: _Numbers) -> Line:
 
 def _band(series: ReplaySeries, x: _Numbers, column: int) -> Line:
     """The predicted component plus and minus its standard deviation."""
-    middle, deviation = series.predicted[:, column], series.deviation[:, column // 3]
+    middle, deviation = series.predicted[:, column], series.deviation[:, column]
     y = np.stack([middle - deviation, middle + deviation])
     return Line(label="± standard deviation", colour="predicted", x=x, y=y, kind="band")
 
 
 def _over_depth(series: ReplaySeries) -> tuple[Chart, ...]:
-    """Measured, coloured by phase, and predicted."""
+    """Charts of force and torque: measured, coloured by phase, and predicted."""
     charts = []
     depth = 1e3 * series.depth
     for first in (0, 3):
@@ -203,7 +202,7 @@ def _residual(series: ReplaySeries, spans: tuple[Span, ...]) -> Chart:
 
 
 def _edges(values: _Numbers) -> _Numbers:
-    """Bins without rare outliers, such as the first moments of a withdrawal."""
+    """Edges of bins over the central 99 %: rare outliers, such as at the start of a withdrawal, do not widen them."""
     low, high = np.percentile(values, [0.5, 99.5]).tolist() if len(values) else (-1.0, 1.0)
     if not high > low:
         low, high = low - 1.0, high + 1.0

@@ -20,7 +20,7 @@ class Run:
         options, values = read_replay_options(FILE), read_parameter_file(FILE)
         bag = shared_data / "abb_plate" / f"abb_plate_{trial}"
         values["medium.mobilization_length"] = length
-        self.summary = replay(bag, folder, values, remap=options.remap, tare=options.tare)
+        self.summary = replay(bag, folder, values, options)
         table = np.genfromtxt(folder / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
         table = table[table["reason"] == ""]
         self.time, self.depth, self.phase = table["t"] - table["t"][0], table["depth"], table["phase"]

@@ -21,7 +21,7 @@ def replays(shared_data, tmp_path_factory):
     for trial in (2, 3):
         out = tmp_path_factory.mktemp("abb")
         bag = shared_data / "abb_plate" / f"abb_plate_{trial}"
-        summary = replay(bag, out, values, remap=options.remap, tare=options.tare)
+        summary = replay(bag, out, values, options)
         with (out / "estimates.csv").open() as file:
             rows = [
                 (float(r["predicted_fz"]), float(r["compensated_fz"])) for r in csv.DictReader(file) if not r["reason"]

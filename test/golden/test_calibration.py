@@ -51,7 +51,7 @@ def held_out(calibrated, shared_data, tmp_path_factory):
         for memory in (True, False):
             given = values if memory else {**values, "medium.mobilization_length": 0.0}
             out = tmp_path_factory.mktemp("replay")
-            replay(bag(shared_data, trial), out, given, remap=options.remap, tare=options.tare)
+            replay(bag(shared_data, trial), out, given, options)
             with (out / "estimates.csv").open() as file:
                 rows = [r for r in csv.DictReader(file) if r["phase"]]
             columns = ("depth", "predicted_fz", "compensated_fz")

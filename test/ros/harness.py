@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from rft_ros.estimator.parameters import defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 
-OUTPUTS = ("wrench_predicted", "wrench_compensated", "wrench_residual")
+OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
 WAIT = 240.0  # s: other work may keep every core busy, and a first start compiles
 _LOCKS: list[IO[str]] = []  # held as long as the process lives
 

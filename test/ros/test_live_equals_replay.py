@@ -25,6 +25,7 @@ PARAMETERS = {
     "sensor.center_of_mass": [0.0, 0.01, 0.05],
 }
 OURS = {"integration": "refined", "medium.mobilization_length": 0.003}
+LEARNING = {"learning.mode": "apply", "medium.zeta_error": 0.1}
 ABB = {
     "mesh.file": "abb_plate",
     "tolerance": 0.0,
@@ -79,8 +80,8 @@ def assert_equal(rft, bag, parameters, tmp_path):
 
 @pytest.mark.parametrize(
     ("twist_source", "model"),
-    [("topic", {}), ("pose_difference", {}), ("topic", OURS)],
-    ids=["topic", "pose difference, load cell late", "refined, with memory"],
+    [("topic", {}), ("pose_difference", {}), ("topic", OURS), ("topic", OURS | LEARNING)],
+    ids=["topic", "pose difference, load cell late", "refined, with memory", "learned"],
 )
 def test_live_equals_replay(start_node, tmp_path, twist_source, model):
     parameters = {**PARAMETERS, **model, "twist_source": twist_source}

@@ -5,7 +5,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
 from rft_ros.calibration import Track
-from rft_ros.calibration.alpha_y import sheet_of
+from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.parameters import defaults
@@ -80,8 +80,8 @@ def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0), memory=0.8
     frame = LoadCellFrame(cell)
     rows = []
     for state, wrench in zip(states, wrench_rows, strict=True):
-        numbers = np.array(frame.into_sensor(state[3:7], wrench))
-        rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:]))
+        numbers = np.array(frame.into_sensor(state[3:7], np.append(wrench[:6], np.zeros(6))))
+        rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:12]))
     readings = np.array(rows)
     if rng is not None:
         white = rng.normal(size=readings.shape) * np.repeat(noise, 3) * np.sqrt(1.0 - memory**2)
@@ -134,13 +134,14 @@ def dragged(betas, alpha_y, *, zeta, depth=0.06, speed=0.01):
     for beta in betas:
         path.turn_to(Rotation.from_euler("x", beta, degrees=True)).move((0.03, 0.0, 0.0), speed).wait(0.3)
     time, states = path.states()
-    sheet = sheet_of(TOOL.plates, TOOL.name)
-    edges = sheet.edges.packed[:, sheet.edges.packed[3] > 0.5]
+    plates = TOOL.plates.packed
+    normal, faces = faces_of(TOOL.plates, TOOL.name)
+    edges = plates[:, ~faces & (plates[3] > 0.5)]
     pushing = states.copy()  # grains hold their force while the plate waits
     pushing[:, 7:13] = (speed, 0.0, 0.0, 0.0, 0.0, 0.0)
     found = wrenches(Plates.from_arrays(edges[:3].T, edges[3:6].T, edges[6]), law(zeta), pushing)[:, :6]
     rotation = Rotation.from_quat(states[:, 3:7]).as_matrix()
-    depths = -states[:, 2, None] - rotation[:, 2] @ sheet.centers.T
-    beta = np.degrees(np.arccos(np.abs(rotation[:, 2] @ sheet.normal)))
-    found[:, 0] -= zeta * alpha_y(beta) * 1e6 * (depths @ sheet.areas)
+    depths = -states[:, 2, None] - rotation[:, 2] @ plates[:3, faces]
+    beta = np.degrees(np.arccos(np.abs(rotation[:, 2] @ normal)))
+    found[:, 0] -= zeta * alpha_y(beta) * 1e6 * (depths @ plates[6, faces] / 2.0)
     return time, states, found

@@ -1,4 +1,4 @@
-"""Several bags in one call: a folder each, a summary of all, and no bag lost to another's failure."""
+"""Several bags in one call: one folder each, a common summary, and a failure does not affect other bags."""
 
 import json
 
@@ -22,7 +22,7 @@ def replay(*arguments):
     return main(["replay", *map(str, arguments), "--no-report"])
 
 
-def test_each_bag_gets_a_folder_of_its_own_and_there_is_a_summary_of_all(bags, tmp_path, capsys):
+def test_each_bag_has_its_own_folder_and_all_have_a_common_summary(bags, tmp_path, capsys):
     assert replay(*bags, "-o", tmp_path / "out") == 0
     together = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert list(together["bags"]) == ["run", "run_2"]
@@ -60,7 +60,7 @@ def test_a_failing_bag_alone_is_unusable_input(tmp_path, capsys):
     assert len(capsys.readouterr().err.splitlines()) == 1
 
 
-def test_folder_names_are_unique_and_keep_to_the_bags_own_names(tmp_path):
+def test_folder_names_are_unique_and_follow_the_bags_names(tmp_path):
     for name in ("a/run", "b/run", "c/run", "run_2", "v1.5"):
         (tmp_path / name).mkdir(parents=True)
     (tmp_path / "run.mcap").touch()
@@ -70,12 +70,12 @@ def test_folder_names_are_unique_and_keep_to_the_bags_own_names(tmp_path):
     assert folder_names([tmp_path / "a" / "." / "run"] * 2) == ["run", "run_2"]
 
 
-def test_no_bag_is_written_into(bags, tmp_path, capsys):
+def test_a_bag_is_never_the_output_folder(bags, tmp_path, capsys):
     """Results in the folder above the bags would land in the bags themselves."""
     before = sorted(p.name for p in bags[0].iterdir())
     assert replay(bags[0], "-o", bags[0]) == 2
     assert replay(bags[0], tmp_path / "gone", "-o", bags[0].parent) == 1
-    assert capsys.readouterr().err.count("lies where its own results would be written") == 2
+    assert capsys.readouterr().err.count("is where the results would be written") == 2
     assert sorted(p.name for p in bags[0].iterdir()) == before
     (bags[0].parent / "summary.json").unlink()
 

@@ -1,4 +1,4 @@
-"""Damaged and unfit bags through the whole replay: what comes before the damage is used, and the summary says so."""
+"""Replays of damaged and unsuitable bags use what comes before the damage and report it in the summary."""
 
 import json
 
@@ -110,7 +110,7 @@ def test_poses_alone_predict_by_their_differences_and_have_a_report(tmp_path):
 
 
 @pytest.mark.parametrize("beside", [False, True])
-def test_a_bag_that_brings_no_estimate_is_a_failure_after_its_output(tmp_path, capsys, beside):
+def test_a_bag_without_any_estimate_writes_its_output_and_fails(tmp_path, capsys, beside):
     """Alone, and in a batch beside one that brings some."""
     bags = [write_ros2(tmp_path / "bag", moments(), frame="elsewhere")]
     if beside:

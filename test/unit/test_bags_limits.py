@@ -1,4 +1,4 @@
-"""--check: kept limits pass, passed limits fail with status 1, and what cannot be checked is said with status 2."""
+"""--check: status 0 within the limits, 1 if a limit is exceeded, 2 if something cannot be checked."""
 
 from pathlib import Path
 
@@ -35,20 +35,20 @@ KEPT = "estimates: {min: 500, max: 650}\nphases.penetration.depth_bins.5-10mm.es
 FAILED = KEPT + "phases.penetration.rms_over_peak: {max: 0.001}\n"
 
 
-def test_limits_that_are_kept_give_status_0_and_a_table(bag, tmp_path, capsys):
+def test_metrics_within_their_limits_give_status_0_and_a_table(bag, tmp_path, capsys):
     assert checked(bag, tmp_path, KEPT) == 0
     lines = capsys.readouterr().out.splitlines()
     table = lines[lines.index("plunge: limits") :]
     assert [line.split()[-1] for line in table[2:]] == ["ok", "ok"]
 
 
-def test_a_limit_that_is_passed_gives_status_1_and_is_marked(bag, tmp_path, capsys):
+def test_an_exceeded_limit_gives_status_1_and_is_marked(bag, tmp_path, capsys):
     assert checked(bag, tmp_path, FAILED) == 1
     failed = [line for line in capsys.readouterr().out.splitlines() if line.endswith("FAILED")]
     assert [line.split()[0] for line in failed] == ["phases.penetration.rms_over_peak"]
 
 
-def test_every_bag_of_a_batch_is_held_against_the_limits(bag, tmp_path, capsys):
+def test_every_bag_of_a_batch_is_checked(bag, tmp_path, capsys):
     short = write_ros2(tmp_path / "short", list(plunge())[:1000])
     assert checked(bag, tmp_path, "phases.withdrawal.estimates: {min: 1}\n", short) == 1
     out = capsys.readouterr().out
@@ -79,7 +79,7 @@ def test_an_unknown_metric_is_refused_with_the_nearest_one(bag, tmp_path, capsys
 
 
 @pytest.mark.parametrize("word", ["bag", "damage", "parameters.medium.zeta", "topics.pose"])
-def test_what_is_no_metric_cannot_be_limited(summary, word):
+def test_only_metrics_can_be_limited(summary, word):
     with pytest.raises(InputError, match="no metric"):
         check([Limit(metric=word, max=1.0)], summary)
 
@@ -114,7 +114,7 @@ def test_a_limit_with_an_exponent_is_a_number_as_in_a_parameter_file(tmp_path):
     assert read_limits(tmp_path / "limits.yaml") == [Limit(metric="rms_over_peak", max=1e-3)]
 
 
-def test_a_limits_file_that_is_not_there_is_named(tmp_path):
+def test_a_missing_limits_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"none\.yaml.*cannot be read"):
         read_limits(tmp_path / "none.yaml")
 

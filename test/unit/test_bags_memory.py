@@ -1,4 +1,4 @@
-"""Memory: that of a replay does not grow with the bag."""
+"""The memory of a replay does not grow with the bag."""
 
 import subprocess
 import sys

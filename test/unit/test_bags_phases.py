@@ -1,4 +1,4 @@
-"""Phases: each where its definition says, no flicker under noise, and every moment given back in order."""
+"""Phases follow their definitions, do not flicker under noise, and every moment is returned in order."""
 
 import numpy as np
 import pytest
@@ -31,7 +31,7 @@ def phases_of(moments):
     return [phase for _, phase in settled]
 
 
-def stretches(phases):
+def segments(phases):
     found = []
     for phase in phases:
         if found and found[-1][0] is phase:
@@ -45,7 +45,7 @@ PLUNGE = ((200, DOWN), (50, STILL), (100, LEVEL), (300, UP))
 
 
 def test_a_plunge_has_every_phase_where_it_begins():
-    assert stretches(phases_of(run(PLUNGE))) == [
+    assert segments(phases_of(run(PLUNGE))) == [
         (Phase.APPROACH, 50),
         (Phase.PENETRATION, 150),
         (Phase.DWELL, 50),
@@ -55,26 +55,26 @@ def test_a_plunge_has_every_phase_where_it_begins():
 
 
 @pytest.mark.parametrize("noise", [0.0003, 0.0005])
-def test_noise_makes_no_phase_flicker(noise):
+def test_phases_do_not_flicker_under_noise(noise):
     """Noise up to half of `rest_speed`."""
-    found = stretches(phases_of(run(PLUNGE, noise=noise)))
+    found = segments(phases_of(run(PLUNGE, noise=noise)))
     assert [phase for phase, _ in found] == [
         *(Phase.APPROACH, Phase.PENETRATION, Phase.DWELL, Phase.PLOUGHING, Phase.WITHDRAWAL)
     ]
-    exact = [count for _, count in stretches(phases_of(run(PLUNGE)))]
+    exact = [count for _, count in segments(phases_of(run(PLUNGE)))]
     assert [count for _, count in found] == pytest.approx(exact, abs=12)
 
 
 @pytest.mark.parametrize("noise", [0.001, 0.003, 0.01])
-def test_noise_over_the_rest_speed_blurs_phases_and_still_none_is_shorter_than_a_tenth_of_a_second(noise):
-    assert min(count for _, count in stretches(phases_of(run(PLUNGE, noise=noise)))) >= 10
+def test_under_noise_above_the_rest_speed_every_phase_still_lasts_a_tenth_of_a_second(noise):
+    assert min(count for _, count in segments(phases_of(run(PLUNGE, noise=noise)))) >= 10
 
 
 def test_a_blip_shorter_than_a_tenth_of_a_second_is_no_phase():
     blip = ((150, DOWN), (5, UP), (100, DOWN))
-    assert [phase for phase, _ in stretches(phases_of(run(blip)))] == [Phase.APPROACH, Phase.PENETRATION]
+    assert [phase for phase, _ in segments(phases_of(run(blip)))] == [Phase.APPROACH, Phase.PENETRATION]
     longer = ((150, DOWN), (12, UP), (100, DOWN))
-    assert stretches(phases_of(run(longer)))[2] == (Phase.WITHDRAWAL, 12)
+    assert segments(phases_of(run(longer)))[2] == (Phase.WITHDRAWAL, 12)
 
 
 @pytest.mark.parametrize(
@@ -90,7 +90,7 @@ def test_the_slope_separates_ploughing_from_going_down_or_up(degrees, phase):
 
 def test_out_of_the_grains_it_withdraws_until_it_moves_otherwise():
     legs = ((100, UP), (30, STILL), (50, LEVEL), (50, DOWN))
-    found = [phase for phase, _ in stretches(phases_of(run(legs, depth=0.005)))]
+    found = [phase for phase, _ in segments(phases_of(run(legs, depth=0.005)))]
     assert found == [Phase.WITHDRAWAL, Phase.APPROACH]
 
 
@@ -99,7 +99,7 @@ def test_turning_in_place_below_the_surface_is_no_dwell():
     assert set(phases_of(turning)) == {Phase.PLOUGHING}
 
 
-def test_moments_whose_motion_is_not_known_have_no_phase_and_break_none():
+def test_moments_of_unknown_motion_have_no_phase_and_end_none():
     moments = run(((100, DOWN),), depth=0.0)
     for k in (0, 20, 21, 60):
         moments[k] = None
@@ -113,7 +113,7 @@ def test_a_time_jump_begins_another_run():
     assert found[650:] == found[:650]
 
 
-def test_what_waits_is_bounded_when_stamps_stand_still():
+def test_few_moments_wait_when_stamps_do_not_advance():
     phases = Phases(REST)
     still = Moment(10**9, 0.01, 0.0, 0.0, 0.0)
     phases.push(0, Moment(10**9, 0.01, 0.02, 0.02, 0.02))

@@ -1,4 +1,4 @@
-"""Recordings: whatever the format, the same samples in the same order; whatever the damage, a sentence."""
+"""Every format gives the same samples in the same order, and every damage a sentence."""
 
 import shutil
 
@@ -60,7 +60,7 @@ def test_start_and_end_cut_by_receive_time(tmp_path):
         read(bag, start=9.0)
 
 
-def test_only_what_is_asked_for_is_read(tmp_path):
+def test_only_the_given_topics_are_read(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     samples, _ = read(bag, {"pose": NAMES["pose"]})
     assert {type(s) for s in samples} == {PoseSample}
@@ -97,7 +97,7 @@ def test_the_real_recording_cut_short_gives_what_came_before(shared_data, tmp_pa
     assert f"{len(samples)} messages were used" in damage
 
 
-def test_a_folder_without_metadata_is_read_and_said(tmp_path):
+def test_a_folder_without_metadata_is_read_and_reported(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     (bag / "metadata.yaml").unlink()
     samples, damage = read(bag)
@@ -171,7 +171,7 @@ def test_split_bags_are_one_recording(tmp_path):
     ("rule", "words"),
     [("~/pose", "FROM:=TO"), ("~/pose:=", "FROM:=TO"), ("~/joint:=/x", "~/joint"), ("/tf:=/x", "/tf")],
 )
-def test_remaps_that_mean_nothing_are_refused(rule, words):
+def test_invalid_remaps_are_refused(rule, words):
     with pytest.raises(InputError, match=words):
         topics_of(defaults(), [rule])
 

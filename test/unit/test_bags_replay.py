@@ -1,4 +1,4 @@
-"""Replay: deterministic, complete, and clear about what it could not use."""
+"""A replay is deterministic and complete, and reports what it could not use."""
 
 import json
 
@@ -8,8 +8,8 @@ from recordings import START, STEP, TOPICS, moments, plunge, write_ros2
 from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
-from rft_ros.bags.estimates import COLUMNS
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS
+from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
@@ -38,14 +38,14 @@ def test_estimates_are_the_cores_with_the_poses_stamps(tmp_path):
 def test_two_replays_give_the_same_bytes(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     for out in ("one", "two"):
-        replay(bag, tmp_path / out, values(), tare=0.15)
+        replay(bag, tmp_path / out, values(), ReplayOptions(tare=0.15))
     for name in ("estimates.csv", "summary.json", "estimates/estimates.mcap"):
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
     assert "seconds" not in json.loads((tmp_path / "one" / "summary.json").read_text())
     assert json.loads((tmp_path / "one" / "wall.json").read_text())["real_time_factor"] > 0.0
 
 
-def test_the_estimates_bag_holds_three_wrenches_in_the_sensor_frame(tmp_path):
+def test_the_estimates_bag_holds_four_wrenches_in_the_sensor_frame(tmp_path):
     replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
     with AnyReader([tmp_path / "out" / "estimates"]) as reader:
         seen = {}
@@ -55,7 +55,7 @@ def test_the_estimates_bag_holds_three_wrenches_in_the_sensor_frame(tmp_path):
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
             seen.setdefault(connection.topic, []).append(message.wrench.force.z)
     assert {k: len(v) for k, v in seen.items()} == dict.fromkeys(
-        (f"/rft/wrench_{n}" for n in ("predicted", "compensated", "residual")), 60
+        (f"/rft/wrench_{n}" for n in ("predicted", "sigma", "compensated", "residual")), 60
     )
     np.testing.assert_array_equal(
         seen["/rft/wrench_residual"], np.subtract(seen["/rft/wrench_compensated"], seen["/rft/wrench_predicted"])
@@ -82,12 +82,12 @@ def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_p
 
 def test_a_tare_of_0_seconds_is_no_tare(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
-    assert replay(bag, tmp_path / "out", values(), tare=0.0).bias == (0.0,) * 6
+    assert replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
 
 
 def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
-    summary = replay(bag, tmp_path / "out", values(), tare=0.15)
+    summary = replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.15))
     assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
     first = rows_of(tmp_path / "out")[0]
     assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
@@ -96,7 +96,7 @@ def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
 def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     with pytest.raises(InputError, match=r"bag .*tare refused: .*(moved|in the grains)"):
-        replay(bag, tmp_path / "out", values(), tare=0.5)
+        replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.5))
 
 
 def test_penetration_has_statistics_of_its_own(tmp_path):
@@ -152,7 +152,7 @@ def test_frames_that_are_not_the_parameters_are_reasons(tmp_path):
 def test_a_tare_that_fails_for_a_wrong_frame_names_it(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments(), frame="elsewhere")
     with pytest.raises(InputError, match="pose frame_id 'elsewhere' is not world_frame 'world'"):
-        replay(bag, tmp_path / "out", values(), tare=0.2)
+        replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.2))
 
 
 def test_a_second_publisher_that_lags_is_out_of_order(tmp_path):
@@ -191,3 +191,26 @@ def test_options_come_from_the_parameter_file(tmp_path):
         file.write_text(f"rft_replay:\n  ros__parameters:\n    {text}\n")
         with pytest.raises(InputError, match=words):
             read_replay_options(file)
+
+
+def test_a_replay_that_learns_tells_what_it_learned_and_the_error_without_and_with(tmp_path):
+    bag = write_ros2(tmp_path / "bag", plunge())
+    learning = values(learning__mode="apply", sensor__bias=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0))
+    summary = replay(bag, tmp_path / "out", learning)
+    rows = rows_of(tmp_path / "out")
+    assert tuple(rows[0]) == COLUMNS + LEARNED_COLUMNS
+    assert all(None not in row.values() for row in rows)
+    assert list(summary.learning) == ["off", "2 mm", "5 mm"]
+    assert summary.learning["2 mm"].rms_over_peak == summary.rms_over_peak
+    assert summary.learning["2 mm"].within_sigma == summary.within_sigma
+    assert summary.learning["2 mm"].median_relative_error < 0.5 * summary.learning["off"].median_relative_error
+    assert float(rows[200]["s_v"]) != 1.0
+    assert float(rows[200]["s_v_error"]) > 0.0
+
+
+def test_without_learning_the_replay_says_nothing_of_it(tmp_path):
+    summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
+    assert summary.learning == {}
+    rows = rows_of(tmp_path / "out")
+    assert tuple(rows[0]) == COLUMNS
+    assert float(rows[-1]["sigma_fz"]) > 0.0

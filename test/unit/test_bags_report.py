@@ -1,4 +1,4 @@
-"""The report: one file that needs nothing beside it, the same every time, with every figure drawn in a browser."""
+"""The report is one self-contained, reproducible file, and a browser draws every figure."""
 
 import re
 from html.parser import HTMLParser

@@ -1,4 +1,4 @@
-"""Statistics: of each phase and depth bin by themselves, against numpy on the table."""
+"""Statistics of each phase and depth bin agree with numpy on the table."""
 
 import numpy as np
 import pytest
@@ -95,7 +95,7 @@ def test_no_poses_no_numbers(tmp_path):
 
 
 def test_what_has_no_wrench_counts_as_an_estimate_without_residual(tmp_path):
-    alone = Estimate(1, (0.0, 3.0, 4.0, 0.0, 0.0, 0.0), 0.1, 1e-3, 0, 0)
+    alone = Estimate(1, (0.0, 3.0, 4.0, 0.0, 0.0, 0.0), (0.1,) * 6, 0.1, 1e-3, 0, 0)
     with Trace(tmp_path) as trace:
         trace.add(0.003, alone, Measurement(1, None, None, Reason.WRENCH_MISSING), Phase.PENETRATION, STATE)
         group = statistics(trace)[1]["penetration"]

@@ -1,4 +1,4 @@
-"""`rft calibrate` on a synthetic bag: exit status, what is written, and that the node's reader takes it as it is."""
+"""`rft calibrate` on synthetic bags: exit status, files written, and that the node can read them unchanged."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""What the data do not determine is not identifiable, by name, in a sentence with the numbers that say so."""
+"""What the data do not determine is reported as not identifiable, in a sentence with numbers."""
 
 from dataclasses import replace
 
@@ -20,19 +20,18 @@ from synthetic_track import (
     unknown,
 )
 
-from rft_ros.calibration import NotIdentifiable, Options, calibrate
-from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y, sheet_of
+from rft_ros.calibration import PARTS, NotIdentifiable, calibrate
+from rft_ros.calibration.alpha_y import PlateRun, faces_of, fit_alpha_y
 from rft_ros.errors import InputError
 from rft_ros.tool import load_tool
 
 
-def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=None, tare=None, cell=LOAD_CELL):
+def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=PARTS, tare=None, cell=LOAD_CELL):
     """Calibrate to a recording of the path, with 0.1 N of noise."""
     time, states = path.states()
     grains = grain_wrenches(time, states, law(0.8), surface=surface, length=length) if force is None else force(states)
     readings = read_by(cell, states, grains, np.random.default_rng(5), noise=(0.1, 0.002))
-    options = Options(tare=tare) if parts is None else Options(parts=parts, tare=tare)
-    return calibrate([track_of(time, states, readings)], values or known(), options)
+    return calibrate([track_of(time, states, readings)], values or known(), parts=parts, tare=tare)
 
 
 def fitted(result):
@@ -72,13 +71,13 @@ def test_grains_that_pull_a_sinking_tool_down_mean_a_wrong_sign():
     time, states = down(30.0).states()
     readings = read_by(replace(LOAD_CELL, sign=1.0), states, -grain_wrenches(time, states, law(0.8), surface=0.0))
     cell = {"sensor.sign": 1.0, "surface_height": 0.0}
-    result = calibrate([track_of(time, states, readings)], {**known(), **cell}, Options(parts=("zeta",)))
+    result = calibrate([track_of(time, states, readings)], {**known(), **cell}, parts=("zeta",))
     assert "check sensor.sign" in why(result, "medium.zeta")
 
 
 def test_no_pose_at_rest_in_the_air_leaves_the_bias_unidentified():
     result = calibrated(Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01), values=unknown())
-    assert "never still" in why(result, "sensor.bias")
+    assert "never rests" in why(result, "sensor.bias")
 
 
 def test_one_orientation_identifies_the_bias_but_not_the_mass():
@@ -104,7 +103,7 @@ def test_collinear_orientations_do_not_identify_the_centre_of_mass():
 def test_a_negative_mass_means_a_wrong_sign():
     values = {**unknown(), "sensor.sign": 1.0}
     result = calibrated(in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS), values=values)
-    assert "the mass comes out as -0.4" in why(result, "sensor.bias")
+    assert "the fitted mass is -0.4" in why(result, "sensor.bias")
 
 
 def test_a_tare_with_the_tool_in_motion():
@@ -114,7 +113,7 @@ def test_a_tare_with_the_tool_in_motion():
 
 def test_a_stop_alone_does_not_identify_the_mobilization_length():
     result = calibrated(down(40.0).wait(2.0), length=0.003)
-    assert "never turns round" in why(result, "medium.mobilization_length")
+    assert "never turns" in why(result, "medium.mobilization_length")
 
 
 def test_a_force_that_follows_at_once_has_no_mobilization_length():
@@ -137,7 +136,7 @@ def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length(
     """Neither face leads in the model: the force that it misses must not be taken for memory."""
     time, states, grains = dragged(betas, lambda beta: 0.1 + 0.0 * beta, zeta=0.8)
     track = track_of(time, states, read_by(LOAD_CELL, states, grains))
-    sentence = why(calibrate([track], known(), Options(parts=("mobilization",))), "medium.mobilization_length")
+    sentence = why(calibrate([track], known(), parts=("mobilization",)), "medium.mobilization_length")
     assert "after" in sentence
     assert "λ" in sentence
 
@@ -157,10 +156,10 @@ def test_a_level_run_that_is_too_short():
     assert "it needs 10 mm" in why(calibrated(upright), "alpha_y")
 
 
-def test_a_ball_is_no_plate():
+def test_a_sphere_is_not_a_plate():
     ball = load_tool("sphere", scale=0.001)
-    with pytest.raises(NotIdentifiable, match="sphere is no plate"):
-        sheet_of(ball.plates, "sphere")
+    with pytest.raises(NotIdentifiable, match="sphere is not a plate"):
+        faces_of(ball.plates, "sphere")
 
 
 def run_at(psi, beta=90.0, along=7.0):
@@ -179,5 +178,5 @@ def test_runs_across_do_not_identify_alpha_y():
 
 
 def test_faces_that_are_pushed_along_do_not_identify_alpha_y():
-    with pytest.raises(NotIdentifiable, match="comes out as -0"):
+    with pytest.raises(NotIdentifiable, match="mean α_y is -0"):
         fit_alpha_y([run_at(90.0, along=-7.0)], GENERIC, zeta=0.8)

@@ -20,7 +20,7 @@ from synthetic_track import (
     unknown,
 )
 
-from rft_ros.calibration import Options, calibrate
+from rft_ros.calibration import calibrate
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.tool_weight import Sensor
@@ -53,8 +53,8 @@ def test_load_cell_surface_and_zeta(correlation):
 
     def trial(rng):
         readings = read_by(LOAD_CELL, states, grains, rng, noise=NOISE, memory=correlation)
-        options = Options(parts=("sensor", "surface", "zeta"))
-        return calibrate([track_of(time, states, readings)], unknown(), options).fitted
+        track = track_of(time, states, readings)
+        return calibrate([track], unknown(), parts=("sensor", "surface", "zeta")).fitted
 
     truth = {
         "sensor.bias": LOAD_CELL.bias,
@@ -102,8 +102,7 @@ def test_alpha_y_from_plates_dragged_along_themselves(model, truth):
 
     def trial(rng):
         track = track_of(time, states, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
-        options = Options(parts=("alpha_y",), alpha_y=model)
-        return calibrate([track], known(medium__zeta=ZETA), options).fitted
+        return calibrate([track], known(medium__zeta=ZETA), parts=("alpha_y",), alpha_y=model).fitted
 
     name = f"alpha_y ({model})"
     hits = count(trial, {name: truth})

@@ -9,7 +9,6 @@ from rft_ros.bags.estimates import Trace
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.replay_report import decimated
 from rft_ros.estimator import Estimate, Measurement
-from rft_ros.estimator.quality import SCATTER, deviation
 from rft_ros.report.page import chart_figure
 from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
 
@@ -27,7 +26,7 @@ def series(quality_flags=()):
         phases=("approach", "penetration"),
         measured=predicted + 0.1,
         predicted=predicted,
-        deviation=np.array([deviation(wrench) for wrench in predicted.tolist()]),
+        deviation=0.15 * np.abs(predicted) + 0.1,
         quality_flags=tuple(quality_flags),
         vertical=("z", "up"),
     )
@@ -37,7 +36,7 @@ def test_the_band_is_the_deviation_to_each_side_of_every_component():
     force = replay_charts(series())[0]
     for row, middle in zip(force.panels, (0.0, 0.0, 4.0), strict=True):
         (band,) = (line for line in row[0].lines if line.kind == "band")
-        assert band.y[:, 5].tolist() == pytest.approx([middle - SCATTER * 4.0, middle + SCATTER * 4.0])
+        assert band.y[:, 5].tolist() == pytest.approx([0.85 * middle - 0.1, 1.15 * middle + 0.1])
         assert np.isnan(band.y[:, 8:]).all()
 
 
@@ -74,7 +73,7 @@ def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment(tmp_path
     with Trace(tmp_path) as trace:
         for k in range(30_000):
             depth, force = float(random.normal()), float(random.normal())
-            answer = Estimate(k, (0.0,) * 6, 0.1, 0.0, 0, 0)
+            answer = Estimate(k, (0.0,) * 6, (0.1,) * 6, 0.1, 0.0, 0, 0)
             measured = Measurement(k, (0.0, 0.0, force, 0.0, 0.0, 0.0), None, None)
             trace.add(depth, answer, measured, Phase.PENETRATION, np.zeros(13).tobytes())
         every = np.concatenate(list(trace.blocks()))

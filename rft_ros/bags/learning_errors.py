@@ -1,0 +1,71 @@
+"""The error of a replay's predictions without and with learning, from estimators that run beside the replay."""
+
+from collections import deque
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from rft_ros.bags.estimates import Trace
+from rft_ros.bags.playback import push
+from rft_ros.bags.statistics import statistics
+from rft_ros.estimator import Estimate, Estimator, Model, Settings
+from rft_ros.estimator.messages import Sample
+
+__all__ = ["LearningError", "LearningErrors"]
+
+_SECOND_LAG = 0.005
+
+
+@dataclass(frozen=True, slots=True)
+class LearningError:
+    """As in `Group`, over all estimates. No prediction uses its own sample."""
+
+    rms_over_peak: float | None
+    median_relative_error: float | None
+    within_sigma: float | None
+    within_two_sigma: float | None
+
+
+class LearningErrors:
+    """Runs beside a replay, by name: without learning, at `learning_lag`, and at 5 mm."""
+
+    def __init__(self, settings: Settings, model: Model, traces: ExitStack, folder: Path) -> None:
+        runs = {"off": replace(settings, learning_mode="off")}
+        for lag in (settings.learning_lag, _SECOND_LAG):
+            runs[f"{1e3 * lag:g} mm"] = replace(settings, learning_mode="apply", learning_lag=lag)
+        self._runs = {
+            name: (Estimator(own, model), traces.enter_context(Trace(folder)), deque[Estimate]())
+            for name, own in runs.items()
+        }
+
+    @classmethod
+    @contextmanager
+    def of(cls, settings: Settings, model: Model, folder: Path) -> Iterator["LearningErrors | None"]:
+        """For use in a `with` block, with scratch files in `folder`; None where `learning_mode` is off."""
+        with ExitStack() as traces:
+            yield None if settings.learning_mode == "off" else cls(settings, model, traces, folder)
+
+    def push(self, sample: Sample) -> None:
+        """Push a sample of the replay into every run."""
+        for estimator, trace, waiting in self._runs.values():
+            answer = push(estimator, sample)
+            if isinstance(answer, Estimate):
+                waiting.append(answer)
+            self._collect(estimator, trace, waiting)
+
+    def _collect(self, estimator: Estimator, trace: Trace, waiting: deque[Estimate]) -> None:
+        for measurement in estimator.measurements():
+            trace.add(estimator.depth(), waiting.popleft(), measurement, None, estimator.state.tobytes())
+
+    def finish(self) -> dict[str, LearningError]:
+        """The errors by name of the run, after the last sample."""
+        found = {}
+        for name, (estimator, trace, waiting) in self._runs.items():
+            estimator.finish()
+            self._collect(estimator, trace, waiting)
+            group, _ = statistics(trace)
+            found[name] = LearningError(
+                group.rms_over_peak, group.median_relative_error, group.within_sigma, group.within_two_sigma
+            )
+        return found

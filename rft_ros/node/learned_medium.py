@@ -1,0 +1,99 @@
+"""What was learned of the medium, as the node tells it: a topic, log lines, and a parameter file."""
+
+import os
+from datetime import datetime, timezone
+from pathlib import Path
+
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from rft_ros.errors import InputError
+from rft_ros.estimator import Estimate, Estimator
+from rft_ros.estimator.learning import BeliefIssue, Learning, Surprise
+from rft_ros.estimator.parameters import Values, write_parameter_file
+
+__all__ = ["LearnedMedium", "surprise_sentence"]
+
+_PERIOD = 20_000_000  # ns, of the topic
+_NAMES = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
+_OFF = "learning.mode is off"
+
+
+def surprise_sentence(learning: Learning) -> str:
+    """That the grains are harder or softer than learned, and by how much."""
+    kind = "harder" if learning.surprise is Surprise.HARDER else "softer"
+    return f"grains {kind} than learned: force {100.0 * learning.belief().excess:+.0f} %"
+
+
+class LearnedMedium:
+    """Publishes ``~/medium_learned`` beside the estimates, and logs surprises and what shows that the model is wrong.
+
+    JointState: `name` as `_NAMES`, `position` the value (turn [rad], surface [m]), `effort` its standard error. The
+    surprise is in standard deviations, so that its error is 1.
+    """
+
+    def __init__(self, node: Node, estimator: Estimator, qos: QoSProfile) -> None:
+        self._logger = node.get_logger()
+        self._now = node.get_clock().now
+        self._estimator = estimator
+        self._publisher = node.create_publisher(JointState, "~/medium_learned", qos)
+        self._published = 0
+        self._surprise = Surprise.NONE
+        self._issues: list[BeliefIssue] = []
+
+    def publish(self, estimate: Estimate) -> None:
+        """Publish what is believed at an estimate, at most every 20 ms of its stamps, and log what is new."""
+        learning = self._estimator.learning
+        if learning is None or 0 <= estimate.stamp - self._published < _PERIOD:
+            return
+        self._published = estimate.stamp
+        self._log(learning)
+        b = learning.belief()
+        message = JointState(name=_NAMES)
+        message.header.stamp.sec, message.header.stamp.nanosec = divmod(estimate.stamp, 1_000_000_000)
+        message.position = [b.vertical, b.horizontal, b.turn, b.surface, b.surprise]
+        message.effort = [b.vertical_error, b.horizontal_error, b.turn_error, b.surface_error, 1.0]
+        self._publisher.publish(message)
+
+    def _log(self, learning: Learning) -> None:
+        if learning.surprise is not self._surprise:
+            self._surprise = learning.surprise
+            if self._surprise is Surprise.NONE:
+                self._logger.info("grains as learned again")
+            else:
+                self._logger.warning(surprise_sentence(learning))
+        issues = learning.issues()
+        for issue in issues:
+            if issue not in self._issues:
+                self._logger.error(str(issue))
+        self._issues = issues
+
+    def forget(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer the service: go back to the calibration."""
+        response.success = self._estimator.learning is not None
+        response.message = "back to the calibration" if response.success else f"nothing to forget: {_OFF}"
+        if self._estimator.learning is not None:
+            self._estimator.learning.forget()
+        return response
+
+    def save(self, values: Values, response: Trigger.Response) -> Trigger.Response:
+        """Answer the service: write a parameter file with the learned ζ and its error; the message has its path."""
+        learning = self._estimator.learning
+        learned = learning.strength() if learning is not None else None
+        if learned is None:
+            response.message = f"not saved: {_OFF if learning is None else 'nothing was learned yet'}"
+            return response
+        strength, error = learned
+        zeta = float(values["medium.zeta"]) * strength  # type: ignore[arg-type]
+        new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
+        moment = datetime.fromtimestamp(self._now().nanoseconds * 1e-9, timezone.utc).strftime("%Y%m%dT%H%M%S")
+        file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_medium_{moment}.yaml"
+        try:
+            write_parameter_file(file, new, comment="rft_node: medium.zeta learned from the load cell")
+        except InputError as error_:
+            response.message = str(error_)
+            return response
+        response.success, response.message = True, str(file)
+        return response

@@ -1,0 +1,67 @@
+"""A node that learns the medium: what it publishes, saves, forgets and reports."""
+
+from itertools import pairwise
+
+from harness import stamp_of
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from rft_ros.estimator.parameters import read_parameter_file
+
+STEP = 20_000_000  # at 1 cm/s: 0.2 mm of path
+
+
+def trigger(rft, name):
+    answer = rft.call(Trigger, name, Trigger.Request())
+    return answer.success, answer.message
+
+
+def press(rft, start, poses, stiffness):
+    """Push the tool down at 1 cm/s against a force that grows with depth [N/m]; the stamp after the last pose."""
+    for k in range(poses):
+        depth = 0.0002 * k
+        rft.send(start + k * STEP, z=0.001 - depth, force=(0.0, 0.0, stiffness * max(0.0, depth - 0.001)))
+        rft.until(lambda k=k: len(rft.received["wrench_sigma"]) >= k - 20)
+    return start + poses * STEP
+
+
+def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_node, tmp_path):
+    arguments = ("-p", "learning.mode:=apply", "-p", "mesh.file:=plate", "-p", "medium.zeta:=0.3")
+    rft = start_node(*arguments, environment={"ROS_HOME": str(tmp_path / "home")})
+    learned = []
+    rft.node.create_subscription(JointState, f"{rft.name}/medium_learned", learned.append, 1000)
+    rft.wait_ready()
+    rft.until(lambda: rft.node.count_publishers(f"{rft.name}/medium_learned") > 0)
+    assert trigger(rft, "save_medium") == (False, "not saved: nothing was learned yet")
+    rft.ask(rft.moment(), z=0.01)
+    rft.diagnostics.clear()
+    begin = rft.moment()
+    end = press(rft, begin, 150, 3000.0)
+    rft.until(lambda: any(stamp_of(m) == end - STEP for m in learned))
+    assert learned[-1].name == ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
+    assert learned[-1].position[0] != 1.0
+    assert 0.0 < learned[-1].effort[0] < learned[0].effort[0]
+    stamps = [stamp_of(m) for m in learned]
+    assert all(later - earlier >= STEP for earlier, later in pairwise(stamps))
+    assert {stamp_of(m) for m in rft.received["wrench_sigma"]} == {
+        stamp_of(m) for m in rft.received["wrench_predicted"]
+    }
+    rft.until(lambda: any(s.name.endswith(": medium") for d in rft.diagnostics for s in d.status))
+    successful, file = trigger(rft, "save_medium")
+    assert successful
+    saved = read_parameter_file(tmp_path / file)
+    assert saved["medium.zeta"] != 0.3
+    assert saved["medium.zeta_error"] > 0.0
+    assert saved["mesh.file"] == "plate"
+    assert trigger(rft, "forget") == (True, "back to the calibration")
+    assert trigger(rft, "save_medium") == (False, "not saved: nothing was learned yet")
+
+
+def test_a_node_that_started_without_learning_says_why_it_cannot_begin(start_node):
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    successful, why = rft.set(learning__mode="observe")
+    assert not successful
+    assert "restart the node" in why
+    assert rft.set(learning__lag=0.003, medium__zeta_error=0.1) == (True, "")
+    assert trigger(rft, "forget") == (False, "nothing to forget: learning.mode is off")
+    assert trigger(rft, "save_medium") == (False, "not saved: learning.mode is off")

@@ -1,0 +1,149 @@
+"""The estimator with a learned medium: what is learned, what keeps it, and the deviation of a prediction."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, twist, wrench
+
+from rft_ros.estimator import Estimate, LoadCell
+from rft_ros.estimator.parameters import defaults, read_parameter_file, settings_of, write_parameter_file
+from rft_ros.estimator.quality import QualityFlag
+
+STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
+
+
+class Press:
+    """One plate pushed straight down at 1 cm/s into grains `factor` times as strong as the model's."""
+
+    def __init__(self, mode="apply", *, late=0, **settings):
+        self.estimator = estimator(learning_mode=mode, **settings)
+        self.model = estimator(load_cell=settings.get("load_cell"))
+        self.stamp, self.depth, self.answers, self.readings = START, 0.0, [], []
+        self.late = late
+
+    def push(self, count, factor=1.0, *, reading=None, rising=False):
+        for _ in range(count):
+            self.stamp += STEP
+            self.depth += -1e-4 if rising else 1e-4
+            speed = 0.01 if rising else -0.01
+            sample, motion = pose(self.stamp, (0.0, 0.0, -self.depth)), twist(self.stamp, (0.0, 0.0, speed))
+            self.model.push_twist(motion)
+            told = self.model.push_pose(sample).predicted
+            self.readings.append(wrench(self.stamp, reading or [factor * f for f in told]))
+            self.estimator.push_twist(motion)
+            if len(self.readings) > self.late:
+                self.estimator.push_wrench(self.readings[-1 - self.late])
+            self.answers.append(self.estimator.push_pose(sample))
+        return self
+
+    @property
+    def ratio(self):
+        """The last predicted vertical force over the model's own."""
+        self.model.push_twist(twist(self.stamp + 1))
+        return self.answers[-1].predicted[2] / (self.readings[-1].wrench[2] or math.nan)
+
+
+def test_in_stronger_grains_the_prediction_is_right_within_centimetres_of_path():
+    assert Press().push(300, 1.6).ratio == pytest.approx(1.0, abs=0.05)
+
+
+def test_observe_learns_the_same_and_predicts_as_the_model():
+    seen, used, plain = (Press(mode).push(300, 1.6) for mode in ("observe", "apply", "off"))
+    for observed, unlearned in zip(seen.answers, plain.answers, strict=True):
+        assert observed.predicted == pytest.approx(unlearned.predicted, rel=1e-12)
+    assert seen.estimator.learning.belief() == used.estimator.learning.belief()
+    assert seen.estimator.learning.belief().vertical > 1.4
+    assert plain.estimator.learning is None
+
+
+def test_no_reading_is_part_of_the_predictions_within_the_lag_behind_it():
+    usual, other = Press(learning_lag=0.002).push(200, 1.6), Press(learning_lag=0.002).push(200, 1.6)
+    usual.push(19, 1.6)
+    other.push(19, 5.0)
+    assert [a.predicted for a in usual.answers] == [a.predicted for a in other.answers]
+    assert usual.push(5, 1.6).answers[-1].predicted != other.push(5, 1.6).answers[-1].predicted
+
+
+def test_readings_that_come_late_but_within_the_lag_change_no_prediction_and_no_deviation():
+    prompt, late = Press().push(300, 1.6), Press(late=8, max_input_age=0.5).push(300, 1.6)
+    assert [(a.predicted, a.sigma) for a in late.answers] == [(a.predicted, a.sigma) for a in prompt.answers]
+
+
+def test_a_load_cell_that_repeats_itself_soon_teaches_no_more():
+    press = Press().push(100, 1.6)
+    before = press.estimator.learning.belief().vertical
+    press.push(200, reading=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    assert press.estimator.learning.belief().vertical == pytest.approx(before, abs=0.2)
+
+
+def test_withdrawal_does_not_change_the_strength_of_the_bed():
+    press = Press().push(300, 1.6)
+    before, _ = press.estimator.learning.strength()
+    after, _ = press.push(200, reading=[0.0, 0.0, -0.01, 0.0, 0.0, 0.0], rising=True).estimator.learning.strength()
+    assert after == pytest.approx(before, rel=0.01)  # the last 2 mm were still to be learned
+    assert before == pytest.approx(1.6, abs=0.3)
+
+
+def test_another_medium_forgets_another_tool_keeps_the_strength_and_so_does_a_jump_of_time():
+    press = Press().push(300, 1.6)
+    learned, e = press.estimator.learning.strength(), press.estimator
+    e.use(model=replace(e.model, tool=plate_tool()))
+    assert e.learning.strength() == learned
+    e.use(model=plate_model(zeta=2.0))
+    assert e.learning.strength() is None
+    press = Press().push(300, 1.6)
+    press.stamp -= 100 * SECOND
+    assert press.estimator.learning.strength() == learned
+    press.push(2, 1.6)
+    assert press.estimator.learning.strength()[0] == pytest.approx(learned[0], rel=0.2)
+
+
+def test_a_small_standard_error_of_zeta_makes_the_prior_narrow():
+    presses = [Press("observe", zeta_error=error) for error in (0.0, 0.05)]
+    for press in presses:
+        press.depth = 0.05  # where the surface matters less
+    wide, narrow = (press.push(1).answers[0].sigma[2] for press in presses)
+    assert wide > 2.0 * narrow > 0.0
+
+
+def test_a_force_that_triples_is_flagged_as_a_surprise_until_it_is_learned():
+    press = Press().push(300)
+    assert not any(a.quality_flags & QualityFlag.SURPRISE for a in press.answers)
+    press.push(30, 3.0)
+    assert press.answers[-1].quality_flags & QualityFlag.SURPRISE
+    assert not press.push(300, 3.0).answers[-1].quality_flags & QualityFlag.SURPRISE
+
+
+def test_settings_that_change_live_keep_what_was_learned_except_where_the_prior_changes():
+    press = Press().push(300, 1.6)
+    learning = press.estimator.learning
+    values = {**defaults(), "learning.mode": "observe", "learning.lag": 0.005}
+    press.estimator.use(settings=settings_of(values))
+    assert press.estimator.learning is learning
+    assert learning.settings.lag == 0.005
+    press.estimator.use(settings=settings_of({**values, "medium.zeta_error": 0.1}))
+    assert press.estimator.learning.strength() is None
+    press.estimator.use(settings=settings_of(defaults()))
+    assert press.estimator.learning is None
+
+
+@given(st.floats(-180.0, 180.0), st.sampled_from([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)]))
+def test_the_axes_of_the_sensor_do_not_change_the_size_of_the_deviation(degrees, axis):
+    found = []
+    for cell in (LoadCell(), LoadCell(quaternion=about(axis, degrees))):
+        e = estimator(load_cell=cell)
+        e.push_twist(twist())
+        answer = e.push_pose(pose())
+        assert isinstance(answer, Estimate)
+        found.append((math.hypot(*answer.sigma[:3]), math.hypot(*answer.sigma[3:])))
+    np.testing.assert_allclose(*found, rtol=1e-9)
+
+
+def test_a_parameter_file_that_was_written_reads_back(tmp_path):
+    values = {**defaults(), "medium.zeta": 0.312, "medium.zeta_error": 0.08, "sensor.position": (0.0, 0.1, 0.2)}
+    write_parameter_file(tmp_path / "new" / "saved.yaml", values, comment="from a test")
+    assert read_parameter_file(tmp_path / "new" / "saved.yaml") == values
