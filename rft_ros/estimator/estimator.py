@@ -125,7 +125,7 @@ class Estimator:
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
 
     def _begin_memory(self, model: Model) -> None:
-        self._memory = Memory.of(model.tool.plates) if model.mobilization_length > 0.0 else None
+        self._memory = Memory(model.tool.plates) if model.mobilization_length > 0.0 else None
         self._remembered = 0
 
     # --- twists and load cell
