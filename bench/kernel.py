@@ -146,7 +146,7 @@ def rules(cores: set[int]) -> Table:
             state[0, 2] = height
             calls: list[Callable[[], object]] = []
             for plates in tools.values():
-                memory = Memory.of(plates)
+                memory = Memory(plates)
                 duration, out = np.array([1e-3]), np.empty((1, 7))
                 wide = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
 

@@ -85,7 +85,7 @@ class DemRun:
             law,
             self.states,
             np.diff(self.times, prepend=self.times[0]),
-            Memory.of(plates),
+            Memory(plates),
             mobilization_length=mobilization_length,
         )[:, :3]
 

@@ -404,7 +404,7 @@ def reversal() -> StudyResult:
         force = wrenches(plates, law("constant", zeta=1.0), states)[:, 2]
         over_time.plot(times, force, color=RULE_COLOUR[rule], lw=2.2 if rule == "centroid" else 1.0, label=rule)
         if rule == "refined":
-            memory = Memory.of(plates)
+            memory = Memory(plates)
             durations = np.diff(times, prepend=times[0])
             held = wrenches_in_time(
                 plates,

@@ -52,7 +52,7 @@ def root_tip() -> Tool:
 def leading_face(tool: Tool) -> Plates:
     """The plates of the side that leads in `PlateDrag` (tool -z), without the edges and the back."""
     rows = tool.plates.rows
-    return Plates.from_rows(rows[:, rows[5] < -0.999])
+    return Plates(rows[:, rows[5] < -0.999])
 
 
 def face_depths(face: Plates, states: Array) -> Array:

@@ -1,14 +1,15 @@
-"""``python docs/_site/reference_pages.py``: write docs/commands.md and the tables of docs/node.md from the code."""
+"""``python docs/_site/reference_pages.py``: write the references, the README's table and config/default.yaml."""
 
 import argparse
+import math
 from pathlib import Path
 
 from rft_ros.cli import parser
-from rft_ros.estimator.parameter_docs import markdown_table
+from rft_ros.estimator.parameters import PARAMETERS, Parameter, Value
 from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.estimator.samples import Reason
 
-__all__ = ["commands_page", "main", "node_page"]
+__all__ = ["commands_page", "default_yaml", "main", "node_page", "readme"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -104,6 +105,39 @@ def _table(*rows: str) -> str:
     return "\n".join(rows) + "\n"
 
 
+def _yaml(value: Value) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_yaml(v) for v in value) + "]"
+    return f'"{value}"' if isinstance(value, str) else repr(value)
+
+
+def _allowed(p: Parameter) -> str:
+    return ", ".join(p.choices) or ("" if math.isinf(p.low) else f"{p.low:g} to {p.high:g}")
+
+
+def default_yaml() -> str:
+    """config/default.yaml: every parameter at its default, with its description."""
+    lines = [
+        "# Every parameter of rft_node at its default; made by python docs/_site/reference_pages.py",
+        "/**:",
+        "  ros__parameters:",
+    ]
+    for p in PARAMETERS:
+        unit = f" [{p.unit}]" if p.unit else ""
+        allowed = f" Allowed: {_allowed(p)}." if _allowed(p) else ""
+        lines += [f"    # {p.description}{unit}{allowed}", f"    {p.name}: {_yaml(p.default)}"]
+    return _table(*lines)
+
+
+def _parameters() -> str:
+    rows = ["| parameter | default | unit | allowed | changes | meaning |", "|---|---|---|---|---|---|"]
+    for p in PARAMETERS:
+        default = _yaml(p.default).replace('"', "") or '""'
+        changes = "live" if p.applies == "live" else "at restart"
+        rows.append(f"| `{p.name}` | `{default}` | {p.unit} | {_allowed(p)} | {changes} | {p.description} |")
+    return _table(*rows)
+
+
 def _topics() -> str:
     """The README's table of topics."""
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
@@ -111,19 +145,9 @@ def _topics() -> str:
     return _table(*rows[: rows.index("")]).replace("](docs/node.md#", "](#")
 
 
-def node_page() -> str:
-    """docs/node.md: its own text, with the tables between its marks written anew."""
-    tables = {
-        "topics": _topics(),
-        "parameters": markdown_table(),
-        "reasons": _table("| reason | when |", "|---|---|", *(f"| `{r.value}` | {_REASONS[r]} |" for r in Reason)),
-        "quality flags": _table(
-            "| flag | meaning | trust |",
-            "|---|---|---|",
-            *(f"| `{flag_names(f)[0]}` | {sentences(f)} | {trust(f).value} |" for f in QualityFlag if f.value),
-        ),
-    }
-    page = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
+def _with_tables(file: Path, tables: dict[str, str]) -> str:
+    """The file's text with each table written between the marks that carry its name."""
+    page = file.read_text(encoding="utf-8")
     for name, table in tables.items():
         begin, end = f"<!-- {name}: begin (generated) -->\n", f"<!-- {name}: end -->\n"
         before, _, rest = page.partition(begin)
@@ -131,10 +155,36 @@ def node_page() -> str:
     return page
 
 
+def readme() -> str:
+    """README.md with its table of parameters."""
+    return _with_tables(ROOT / "README.md", {"parameters": _parameters()})
+
+
+def node_page() -> str:
+    """docs/node.md with its tables of topics, parameters, reasons and quality flags."""
+    tables = {
+        "topics": _topics(),
+        "parameters": _parameters(),
+        "reasons": _table("| reason | when |", "|---|---|", *(f"| `{r.value}` | {_REASONS[r]} |" for r in Reason)),
+        "quality flags": _table(
+            "| flag | meaning | trust |",
+            "|---|---|---|",
+            *(f"| `{flag_names(f)[0]}` | {sentences(f)} | {trust(f).value} |" for f in QualityFlag if f.value),
+        ),
+    }
+    return _with_tables(ROOT / "docs" / "node.md", tables)
+
+
 def main() -> None:
-    """Rewrite docs/commands.md and the tables of docs/node.md in the checkout."""
-    for name, page in (("commands", commands_page()), ("node", node_page())):
-        (ROOT / "docs" / f"{name}.md").write_text(page, encoding="utf-8")
+    """Rewrite all of them in the checkout."""
+    pages = {
+        "docs/commands.md": commands_page(),
+        "docs/node.md": node_page(),
+        "README.md": readme(),
+        "config/default.yaml": default_yaml(),
+    }
+    for name, page in pages.items():
+        (ROOT / name).write_text(page, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -63,7 +63,7 @@ def forces_in_time(
         law,
         states,
         durations,
-        Memory.of(track.tool.plates),
+        Memory(track.tool.plates),
         mobilization_length=length,
         surface_height=surface,
     )[:, :3]

@@ -87,7 +87,7 @@ def run(arguments: argparse.Namespace) -> int:
     plates = tool.plates
     with busy("computing"):  # the first call compiles
         if length > 0.0:
-            memory = Memory.of(plates)
+            memory = Memory(plates)
             result = wrenches_in_time(
                 *(plates, law, states, durations, memory), mobilization_length=length, surface_height=surface
             )

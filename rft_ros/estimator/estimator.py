@@ -1,4 +1,4 @@
-"""The estimator: stamped samples in; at each pose, an estimate or a named reason. It reads no clock and no ROS."""
+"""The estimator: stamped samples in; for each pose an estimate or a named reason out. It uses no clock and no ROS."""
 
 import math
 from collections import Counter, deque
@@ -37,17 +37,17 @@ from rft_ros.rft import (
 __all__ = ["TIME_JUMP", "Estimator"]
 
 TIME_JUMP = 1_000_000_000
-"""A stamp this far [ns] before the last one of its stream starts a new run (a bag played in a loop)."""
+"""A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
 
 _ABSURD = 1e100
-"""Forces [N] and torques [N m] from here on count as not finite: their squares overflow in any statistics."""
+"""Larger forces [N] and torques [N m] count as not finite: their squares would overflow in statistics."""
 
 _INERTIAL_SPEED = 0.2  # m/s, of the tool frame's origin
 _WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
 _UNKNOWN_ZETA_ERROR = 1.0  # for the prior: with ζ = 1 in any grains, predictions become right within centimetres
 
 _TWISTS = 256
-"""Twists kept, so that a pose that waited in a queue of 200 is answered from the twist of its own time."""
+"""Twists kept: a pose that waited in a queue of 200 messages still finds the twist of its own time."""
 
 _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 
@@ -55,20 +55,20 @@ _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 class Estimator:
     """Predicted, compensated and residual wrench from poses, twists and load-cell samples.
 
-    `push_pose` answers at once. The prediction uses the last twist stamped at or before the pose, of those pushed so
-    far: a twist that comes after its pose is not used for it. The compensated and the residual wrench follow in
-    `measurements`, once the load-cell samples on both sides of the pose's stamp have come (`Comparison`): they do not
-    depend on the order of arrival. No sample further than `max_input_age` from the pose is used.
+    `push_pose` answers at once. Its prediction uses the last twist stamped at or before the pose among those pushed so
+    far. The compensated and the residual wrench follow in `measurements`, once the load-cell samples on both sides of
+    the pose's stamp have arrived (`Comparison`); they do not depend on the order of arrival. No sample further than
+    `max_input_age` from the pose is used.
     With `learning_mode` observe or apply, `learning` follows the compensated force. An estimate uses what was learned
     at least `learning_lag` of path before.
-    `counts`: estimates, and by reason the samples refused, poses without estimate and estimates without residual.
+    `counts`: the estimates, and for each reason how often a sample was refused or an estimate or residual missing.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
         self.counts: Counter[str] = Counter()
         self._unknown_frames: dict[Reason, str] = {}
         self._state = np.zeros((1, len(STATE)))  # of the last answer
-        self._next = np.zeros((1, len(STATE)))  # of the pose under way
+        self._next = np.zeros((1, len(STATE)))  # of the pose being answered
         self._result = np.zeros((1, len(COLUMNS)))
         self._answer = np.zeros(12)  # wrench and its standard deviations, world axes, about the tool frame's origin
         self.learning: Learning | None = None
@@ -82,7 +82,7 @@ class Estimator:
         self._comparison = Comparison(self._wrenches, self.counts, self._learn)
         self._tare = Tare()
         self._memory: Memory | None = None
-        self._remembered = 0  # stamp up to which the memory is
+        self._remembered = 0  # stamp [ns] of the memory's last state
         self._quality = QualityMonitor(model.tool)
         self.model = model
         self._begin_memory(model)
@@ -90,7 +90,7 @@ class Estimator:
         self._begin_learning(settings, model)
         self._apply(settings)
 
-    # --- what is known
+    # --- queries
 
     @property
     def state(self) -> NDArray[np.float64]:
@@ -109,21 +109,21 @@ class Estimator:
         return self.settings.surface_height - lowest
 
     def unknown_frames(self) -> dict[str, str]:
-        """By reason: the last frame_id that was turned away under the settings in force, and why, in a sentence."""
+        """By reason: a sentence with the last frame_id refused under the present settings, and the expected one."""
         return {str(r): self.settings.frame_sentence(r, frame) for r, frame in self._unknown_frames.items()}
 
     def counted(self) -> list[str]:
-        """`counts` in words: ``pose_stamp_zero: 3``; with an unknown frame, which one."""
+        """`counts` as text, such as ``pose_stamp_zero: 3``; a reason for an unknown frame names the frame."""
         frames = self.unknown_frames()
         return [f"{r}: {n} ({frames[r]})" if r in frames else f"{r}: {n}" for r, n in sorted(self.counts.items())]
 
-    # --- what is in force
+    # --- settings and model
 
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Apply new settings or a new model from the next sample on.
 
-        Samples pushed before are kept, except the load cell's when `sensor_frame` changes: they are in the old axes.
-        What was learned survives another tool, as far as it concerns the bed's strength, and no other medium or law.
+        Earlier samples are kept, except load-cell samples when `sensor_frame` changes: their axes are the old ones.
+        Another tool keeps what was learned of the bed's strength; another medium or law clears it.
         """
         old = self.model, self.settings
         if model is not None:
@@ -174,13 +174,13 @@ class Estimator:
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
 
     def _begin_memory(self, model: Model) -> None:
-        self._memory = Memory.of(model.tool.plates) if model.mobilization_length > 0.0 else None
+        self._memory = Memory(model.tool.plates) if model.mobilization_length > 0.0 else None
         self._remembered = 0
 
     # --- twists and load cell
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
-        """Take a twist; the reason if it cannot be used."""
+        """Add a twist; returns the reason if it is refused."""
         reason = None
         if sample.stamp <= 0:
             reason = Reason.TWIST_STAMP_ZERO
@@ -192,7 +192,7 @@ class Estimator:
         return self._taken(self._twists, sample, reason, Reason.TWIST_OUT_OF_ORDER)
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:
-        """Take a load-cell sample; the reason if it cannot be used."""
+        """Add a load-cell sample; returns the reason if it is refused."""
         reason = None
         if sample.stamp <= 0:
             reason = Reason.WRENCH_STAMP_ZERO
@@ -204,7 +204,7 @@ class Estimator:
         return self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
 
     def _taken(self, history: deque[_Sample], sample: _Sample, unusable: Reason | None, late: Reason) -> Reason | None:
-        """Add a sample to its history; if it is unusable or late, count and return the reason instead."""
+        """Add a sample to its history, or count and return the reason why not: unusable, or `late` if out of order."""
         behind = history[-1].stamp - sample.stamp if history else 0
         if unusable is None and 0 < behind < TIME_JUMP:
             unusable = late
@@ -223,24 +223,24 @@ class Estimator:
         return self._comparison.take()
 
     def finish(self) -> None:
-        """Make all measurements final, at the end of a recording."""
+        """Make all pending measurements final: no more samples follow."""
         self._comparison.settle(math.inf)
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].
 
-        It changes nothing: pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved or was in
-        the grains, if its velocity is unknown, or for too few load-cell samples.
+        The caller applies it: pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved, was in
+        the grains or had an unknown velocity, or if there are too few load-cell samples.
         """
         mean = self._tare.mean(self._wrenches, window)
         sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._answer)[6:12]
         fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
         return fx, fy, fz, tx, ty, tz
 
-    # --- the tick
+    # --- poses
 
     def push_pose(self, sample: PoseSample) -> Estimate | NoEstimate:
-        """Answer a pose at once: the prediction, or the reason why there is none."""
+        """The prediction at a pose, or the reason why there is none."""
         answer = self._tick(sample)
         if isinstance(answer, Reason):
             self.counts[answer.value] += 1
@@ -257,7 +257,7 @@ class Estimator:
         if self._is_rate_limited(pose.stamp, answered=no_twist is None):
             return Reason.POSE_RATE_LIMITED
         if no_twist is not None:
-            self._tare.disturb(pose.stamp, f"the tool's velocity was not known ({no_twist.value})")
+            self._tare.disturb(pose.stamp, f"the tool's velocity was unknown ({no_twist.value})")
             return no_twist
         speed = self._speed()
         area = self._evaluate(pose.stamp, speed)
@@ -283,7 +283,7 @@ class Estimator:
         return Estimate(pose.stamp, wrench, sigma, speed, area, self.model.generation, quality_flags)
 
     def _accept(self, sample: PoseSample) -> PoseSample | Reason:
-        """Make the pose, its quaternion at unit length, the last one; or say why it cannot be used."""
+        """Store the pose as the last one, its quaternion made unit length; or return why it is refused."""
         stamp = sample.stamp
         if stamp <= 0:
             return Reason.POSE_STAMP_ZERO
@@ -305,7 +305,7 @@ class Estimator:
         return self._pose
 
     def _begin_again(self, stamp: int) -> None:
-        """After a jump back to `stamp`: forget what lies in its future."""
+        """Start a new run at `stamp` after a time jump: drop what is later."""
         self.counts[Reason.TIME_JUMP.value] += 1
         self._due = 0
         self._difference.reset()
@@ -319,7 +319,7 @@ class Estimator:
             self._wrenches.clear()
 
     def _find_velocity(self, pose: PoseSample) -> Reason | None:
-        """Write the state at the pose, velocity in world axes; or say why the velocity is unknown."""
+        """Write the state at the pose, velocity in world axes; returns the reason if the velocity is unknown."""
         state = self._next[0]
         if self.settings.twist_source == "pose_difference":
             ready = self._difference.push(pose)
@@ -341,9 +341,9 @@ class Estimator:
         return None
 
     def _is_rate_limited(self, stamp: int, *, answered: bool) -> bool:
-        """Whether a pose comes too soon after the last answered one; if not, and it is answered, count from it.
+        """Whether a pose comes sooner than `max_rate` allows; if not, and it is `answered`, the next period starts.
 
-        A slack of a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz.
+        A tolerance of a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz.
         """
         if stamp + self._period // 10 < self._due:
             return True
@@ -352,12 +352,12 @@ class Estimator:
         return False
 
     def _speed(self) -> float:
-        """An upper bound of the speed of the tool's plates [m/s]."""
+        """An upper bound on the speed of the tool's plates [m/s]."""
         vx, vy, vz, wx, wy, wz = self._next[0, 7:13].tolist()
         return math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.model.tool.plates.reach
 
     def _evaluate(self, stamp: int, speed: float) -> float:
-        """Write the wrench on the tool at the state into the result; return the submerged area [m²]."""
+        """Write the wrench at the next state to the result; returns the submerged area [m²]."""
         plates, law, surface = self.model.tool.plates, self.model.law, self.settings.surface_height
         if self._memory is None:
             wrenches(
@@ -370,7 +370,7 @@ class Estimator:
                 out=self._result,
             )
             return float(self._result[0, 6])
-        if speed < self.settings.rest_speed:  # the noise of a tool at rest must not make a path
+        if speed < self.settings.rest_speed:  # noise at rest must not add to the path
             self._next[0, 7:13] = 0.0
         self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
         self._remembered = stamp
@@ -421,5 +421,5 @@ class Estimator:
             self._tare.still(stamp)
 
     def _keep_state(self) -> None:
-        """The pose under way is answered: its state becomes `state`."""
+        """Make the state of the pose being answered the public `state`."""
         self._state, self._next = self._next, self._state

@@ -1,4 +1,4 @@
-"""The parameters: the table that node, replay and docs share, the check of a value, and parameter files without ROS."""
+"""The parameters: the table that node, replay and docs share, checks of values, and parameter files without ROS."""
 
 import math
 import sys
@@ -38,15 +38,15 @@ __all__ = [
 ]
 
 Value = str | float | tuple[float, ...]
-"""Of one parameter, in its own type."""
+"""A parameter's value, in the parameter's type."""
 
 Values = Mapping[str, Value]
-"""Of all parameters, by name."""
+"""The values of all parameters, by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter: its type is that of its default. `low`, `high`: inclusive, for each number of it."""
+    """One parameter, of the type of its default. `low`, `high`: inclusive bounds on each number."""
 
     name: str
     default: Value
@@ -213,7 +213,7 @@ def defaults() -> dict[str, Value]:
 
 
 def checked(name: str, value: object) -> Value:
-    """The value in the parameter's own type, or InputError with a sentence that names both and says what is allowed."""
+    """The value in the parameter's type. Raises InputError that names both and says what is allowed."""
     parameter = _BY_NAME.get(name)
     if parameter is None:
         near = get_close_matches(name, _BY_NAME, n=1)
@@ -253,7 +253,7 @@ def _number(parameter: Parameter, value: object) -> float:
 
 
 def settings_of(values: Values) -> Settings:
-    """The estimator's settings in checked values."""
+    """The estimator's settings from checked values."""
     v: Mapping[str, Any] = values
     return Settings(
         world_frame=v["world_frame"],
@@ -287,17 +287,17 @@ TOOL_PARAMETERS = {
     "integration": "integration",
     "tolerance": "tolerance",
 }
-"""Which parameter holds each field of a `ToolRequest`."""
+"""The parameter for each field of a `ToolRequest`."""
 
 
 def tool_request(values: Values) -> ToolRequest:
-    """The tool that checked values ask for."""
+    """The tool request from checked values."""
     v: Mapping[str, Any] = values
     return ToolRequest(**{field: v[name] for field, name in TOOL_PARAMETERS.items()})
 
 
 def model_of(values: Values, *, tool: Tool | None = None, generation: int = 0) -> Model:
-    """The model in checked values; loads the tool unless it is given. InputError names what cannot be used."""
+    """The model from checked values; loads the tool if none is given. Raises InputError for what cannot be used."""
     v: Mapping[str, Any] = values
     medium = medium_named(v["medium.name"])
     name = v["alpha_y.model"]
@@ -316,13 +316,13 @@ def model_of(values: Values, *, tool: Tool | None = None, generation: int = 0) -
 
 
 NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
-"""Top-level keys that hold parameters of the node `rft`, later ones over earlier ones."""
+"""Top-level keys that hold parameters of the node `rft`; a later key overrides an earlier one."""
 
 
 def parameter_tree(file: Path) -> dict[str, Any]:
-    """A parameter file as it is written: by node, nested and flat names as they come.
+    """The content of a parameter file, by node, with names as written, nested or flat.
 
-    Raises InputError for what ROS would not read either: no YAML, no node at the top, a list of mixed types.
+    Raises InputError for what ROS cannot read either: invalid YAML, no node name, a list of mixed types.
     """
     tree = read_yaml(file, "parameter file")
     if not isinstance(tree, dict):
@@ -337,7 +337,7 @@ def parameter_tree(file: Path) -> dict[str, Any]:
 
 
 def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
-    """What a parameter file says for the nodes named, flat, later keys over earlier ones; {} if it names none."""
+    """The flat parameters of these nodes; a later key overrides an earlier one. Empty if the file has none of them."""
     tree = parameter_tree(file)
     flat: dict[str, Any] = {}
     for key in node_keys:
@@ -359,14 +359,14 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
 
 
 def read_parameter_file(file: Path) -> dict[str, Value]:
-    """Every parameter: the file's value where it has one for the node `rft`, checked; else the default.
+    """Every parameter: the file's value for the node `rft`, checked, or the default.
 
-    A relative `alpha_y.table` is taken relative to the file's folder.
+    A relative `alpha_y.table` becomes relative to the file's folder.
     """
     values = defaults()
     flat = node_parameters(file, NODE_KEYS)
     if not flat:
-        raise InputError(f"parameter file '{file}' has nothing for the node 'rft' (keys {', '.join(NODE_KEYS)})")
+        raise InputError(f"parameter file '{file}' has no parameters for the node 'rft' (keys {', '.join(NODE_KEYS)})")
     for name, value in flat.items():
         if name == "use_sim_time" or name.startswith("qos_overrides."):
             continue
@@ -380,7 +380,7 @@ def read_parameter_file(file: Path) -> dict[str, Value]:
 
 
 def table_path(file: Path, table: str) -> str:
-    """The path of an `alpha_y.table` that a parameter file names: relative to the file's folder, `~` expanded."""
+    """The path of an `alpha_y.table` in a parameter file: relative to the file's folder, `~` expanded."""
     return str(file.parent / Path(table).expanduser())
 
 

@@ -1,4 +1,4 @@
-"""Quality flags: what is doubtful about an estimate and how far it can be trusted; its deviation without learning."""
+"""Quality flags of estimates, the trust they leave, and the standard deviation without learning."""
 
 import math
 from collections.abc import Callable
@@ -16,31 +16,31 @@ __all__ = ["QualityFlag", "QualityMonitor", "Trust", "flag_names", "sentences", 
 
 
 class QualityFlag(IntFlag):
-    """What is doubtful about an estimate; `docs/where-it-fails.md` has a figure for most."""
+    """Known causes of error that apply to an estimate; `docs/where-it-fails.md` shows most of them."""
 
     NONE = 0
     FAST = 1
-    """Over 2.5 cm/s, the fastest that the paper tested."""
+    """Faster than 2.5 cm/s, the highest speed tested in the paper."""
     INERTIAL = 2
-    """Over 20 cm/s: grains that are thrown push with more than their weight."""
+    """Faster than 20 cm/s: the inertia of the grains adds to the force."""
     NEAR_REST = 4
-    """So slow that noise decides the direction of motion."""
+    """So slow that noise determines the direction of motion."""
     WAKE = 8
-    """The tool is where it has been: the grains there are looser."""
+    """The tool crosses its own path, where the grains are looser."""
     CONCAVE = 16
-    """Facets of the tool face each other; those in another's shadow count in full."""
+    """Facets of the tool face each other; shadowed facets count in full."""
     NEAR_FLAT = 32
-    """Published rule: much of the wet area is so nearly horizontal that its e2 jumps."""
+    """Published rule: much of the wet area is near-horizontal, where the direction e2 jumps."""
     KNIFE_EDGE = 64
-    """Published rule: much of the wet area moves along itself, and rounding decides whether it leads."""
+    """Published rule: much of the wet area moves nearly parallel to itself; rounding decides whether it leads."""
     DEEP = 128
-    """Deeper than `medium.calibrated_depth`, by over 2 %."""
+    """More than 2 % deeper than `medium.calibrated_depth`."""
     SURPRISE = 256
-    """The grains are harder or softer than was learned, by the load-cell samples that have come."""
+    """Harder or softer grains than learned, by the load-cell samples that have arrived."""
 
 
 class Trust(str, Enum):
-    """How far an estimate can be trusted."""
+    """Trust in an estimate."""
 
     OK = "OK"
     CAUTION = "CAUTION"
@@ -51,7 +51,7 @@ _DISTRUST = QualityFlag.INERTIAL | QualityFlag.KNIFE_EDGE
 
 
 def trust(quality_flags: int) -> Trust:
-    """The trust that an or of `QualityFlag` leaves."""
+    """The trust in an estimate with these flags, a bitwise or of `QualityFlag`."""
     if quality_flags & _DISTRUST:
         return Trust.NO
     return Trust.CAUTION if quality_flags else Trust.OK
@@ -72,12 +72,12 @@ _SENTENCES = {
 
 
 def flag_names(quality_flags: int) -> list[str]:
-    """The names of the flags, as users read them: ``fast``, ``wake``."""
+    """The names of the flags in outputs: ``fast``, ``wake``."""
     return [str(flag.name).lower() for flag in _SENTENCES if quality_flags & flag]
 
 
 def sentences(quality_flags: int) -> str:
-    """The flags in words, separated by semicolons."""
+    """A description of each flag, joined by semicolons."""
     return "; ".join(text for flag, text in _SENTENCES.items() if quality_flags & flag)
 
 
@@ -109,20 +109,20 @@ def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: 
     _write_prior_sigma(zeta_error or _STRENGTH_ERROR, reach, answer)
 
 
-# plain integers: an operation on flags costs a microsecond
+# plain integers: an operation on IntFlag takes a microsecond
 _FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP, SURPRISE = map(int, _SENTENCES)
 
 _FAST_SPEED = 0.025  # m/s
 _INERTIAL_SPEED = 0.2  # m/s
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _FLAT_SHARE = 0.1  # of the wet area
-_EDGE_SHARE = 0.4  # the narrow sides of a plate that goes straight down are no reason for distrust
-_DEEPER = 1.02  # times the calibrated depth: a replay of the calibration's own bag must not be flagged
+_EDGE_SHARE = 0.4  # more than the narrow sides of a plate that moves straight down
+_DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
 _EVERY = 8  # estimates between two evaluations of the slow flags
 
 
 class QualityMonitor:
-    """Quality flags of one tool's estimates, in the order of time."""
+    """Sets the quality flags of one tool's successive estimates."""
 
     def __init__(self, tool: Tool) -> None:
         self._plates: Plates = tool.plates
@@ -140,9 +140,9 @@ class QualityMonitor:
         depth: Callable[[], float],
         settings: Settings,
     ) -> int:
-        """Flags of an estimate at a state, shape [13], an or of `QualityFlag`.
+        """Flags of an estimate at a state, shape [13], columns `rft_ros.rft.STATE`: a bitwise or of `QualityFlag`.
 
-        `speed`: of the fastest point [m/s]. `depth()`: of the lowest point [m]; called only where it is needed.
+        `speed`: of the fastest point [m/s]. `depth`: returns the depth of the lowest point [m]; called only if needed.
         """
         if not submerged:
             self._path.leave()
@@ -160,24 +160,24 @@ class QualityMonitor:
         return flags | self._slow_flags
 
     def _evaluate_slow_flags(self, state: NDArray[np.float64], depth: Callable[[], float], settings: Settings) -> int:
-        """The flags that take longer to evaluate, and change slowly."""
+        """The flags that are expensive to evaluate and change slowly."""
         flags = self._tool_flags
         if self._path.crosses(state):
             flags |= _WAKE
         if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
             flags |= _DEEP
-        if self._plates.integration == "centroid":  # the refined rule has neither
+        if self._plates.integration == "centroid":  # the refined rule does not jump
             flat, edge = edge_shares(self._plates, state, surface_height=settings.surface_height)
             flags |= (_NEAR_FLAT if flat > _FLAT_SHARE else 0) | (_KNIFE_EDGE if edge > _EDGE_SHARE else 0)
         return flags
 
 
 class _Path:
-    """Where the tool's centre has been since it entered the grains, and whether it comes back there.
+    """The path of the tool's centre since it entered the grains, and whether the tool returns to it.
 
-    On a straight path the distance from a former place equals the path since then. Where it falls below `_BENT` of
-    that, and below two widths of the tool, the tool passes the same grains again. This flags a root tip's helix of
-    20 mm pitch, where the measured forces deviate, and not one of 40 mm (Treers et al. 2021, V-B).
+    On a straight path the distance from an earlier place equals the path length since. The tool passes the same grains
+    again where the distance is below `_BENT` times that length and below two widths of the tool. This flags a root
+    tip's helix of 20 mm pitch, where the measured forces deviate, but not one of 40 mm (Treers et al. 2021, V-B).
     """
 
     _KEPT = 512
@@ -192,11 +192,11 @@ class _Path:
         self.leave()
 
     def leave(self) -> None:
-        """Forget the path: the tool has left the grains, which fall back."""
+        """Clear the path: the tool has left the grains, and they refill it."""
         self._count, self._length, self._crosses = 0, 0.0, False
 
     def crosses(self, state: NDArray[np.float64]) -> bool:
-        """Take the next state, shape [13]; whether the tool passes where it has been."""
+        """Add the next state, shape [13]; returns whether the tool crosses its earlier path."""
         place = state[:3] + rotation_matrix(state[3:7]) @ self._centre
         if self._count:
             step = math.dist(place, self._places[(self._count - 1) % self._KEPT])

@@ -1,4 +1,4 @@
-"""What goes into the estimator and what comes out: samples, estimates, measurements, and reasons for having none."""
+"""The estimator's inputs (samples) and outputs (estimates, measurements, and the reasons for having none)."""
 
 from enum import Enum
 from typing import NamedTuple
@@ -16,8 +16,8 @@ __all__ = [
 ]
 
 Vector = tuple[float, float, float]
+"""x, y, z."""
 Wrench = tuple[float, float, float, float, float, float]
-"""x, y, z; force [N], then torque [N m]."""
 """Force [N] and torque [N m]: fx, fy, fz, tx, ty, tz."""
 
 
@@ -40,7 +40,7 @@ class TwistSample(NamedTuple):
 
 
 class WrenchSample(NamedTuple):
-    """The load cell's raw reading, with bias and weight: force [N], torque [N m], in `frame`; stamp [ns]."""
+    """The load cell's raw reading, bias and tool weight included: force [N], torque [N m], in `frame`; stamp [ns]."""
 
     stamp: int
     frame: str
@@ -82,10 +82,10 @@ class Reason(str, Enum):
 class Estimate(NamedTuple):
     """The immediate answer to one pose.
 
-    `stamp`: of the pose [ns]. `predicted`: wrench on the tool by the grains, from RFT, in sensor axes about the
-    sensor's origin. `sigma`: one standard deviation of each of its components, same axes. `speed`: an upper bound of
-    the plates' speeds [m/s]. `submerged_area` [m²]. `generation`: of the model that answered. `quality_flags`: an or
-    of `quality.QualityFlag`.
+    `stamp`: the pose's [ns]. `predicted`: the RFT wrench on the tool by the grains, in sensor axes about the sensor's
+    origin. `sigma`: one standard deviation of each of its components, same axes. `speed`: an upper bound on the
+    plates' speeds [m/s]. `submerged_area` [m²]. `generation`: the model's.
+    `quality_flags`: a bitwise or of `quality.QualityFlag`.
     """
 
     stamp: int
@@ -107,8 +107,8 @@ class NoEstimate(NamedTuple):
 class Measurement(NamedTuple):
     """What the load cell says at the stamp of an estimate [ns]; wrenches in the frame of `Estimate.predicted`.
 
-    `compensated`: measured less bias and tool weight. `residual`: compensated - predicted. Both are None without usable
-    load-cell samples around the stamp; `reason` then says why.
+    `compensated`: measured minus bias and tool weight. `residual`: compensated - predicted. Without usable load-cell
+    samples around the stamp both are None and `reason` says why.
     """
 
     stamp: int

@@ -1,4 +1,4 @@
-"""What the estimator is configured with: frames and gates, the load cell, and the model of tool and medium."""
+"""The estimator's configuration: settings, the load cell, and the model of tool and medium."""
 
 from dataclasses import dataclass, field
 from typing import Literal
@@ -10,7 +10,7 @@ from rft_ros.tool import Tool
 __all__ = ["LearningMode", "LoadCell", "Model", "Settings", "TwistSource"]
 
 TwistSource = Literal["topic", "pose_difference"]
-"""Source of the velocity: the topic ~/twist, or the last poses."""
+"""Source of the velocity: the topic ~/twist, or a line fitted to the last poses."""
 
 LearningMode = Literal["off", "observe", "apply"]
 """Whether the medium is learned from the load cell, and whether predictions use it."""
@@ -18,11 +18,11 @@ LearningMode = Literal["off", "observe", "apply"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadCell:
-    """The load cell's mounting, its driver's sign and bias, and the mass below it.
+    """The load cell's mounting, sign and bias, and the mass attached to it.
 
     `position` [m] and `quaternion` xyzw: sensor frame in the tool frame. `sign`: +1 if the driver reports the force on
-    the tool, -1 if the force by the tool. `bias`: what the driver reports with nothing attached, [N], [N m], raw sign.
-    `mass` [kg] and `center_of_mass` [m, sensor frame]: of all that hangs below the cell.
+    the tool, -1 if the force by the tool. `bias`: the driver's raw reading with nothing attached [N, N m].
+    `mass` [kg] and `center_of_mass` [m, sensor frame]: of everything attached below the cell.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -35,7 +35,7 @@ class LoadCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Frames, sources, gates and learning, [m] and [s].
+    """Frames, sources, limits and learning in m, s, m/s, Hz.
 
     `max_rate` 0: answer every pose. `calibrated_depth` and `zeta_error` (relative standard error of ζ) 0: unknown.
     `learning_lag`: path between a load-cell sample and the first prediction that it may change.
@@ -57,7 +57,7 @@ class Settings:
     learning_lag: float = 0.002
 
     def frame_sentence(self, reason: Reason, frame: str) -> str:
-        """For a reason ``*_frame_unknown``: the frame_id refused, and which one is expected."""
+        """A sentence for a reason ``*_frame_unknown``: the refused frame_id and the expected one."""
         if reason is Reason.POSE_FRAME_UNKNOWN:
             return f"pose frame_id {frame!r} is not world_frame {self.world_frame!r}"
         if reason is Reason.TWIST_FRAME_UNKNOWN:
@@ -68,9 +68,9 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
-    """One immutable bundle of tool, medium and α_y model; `generation` counts the bundles of a run.
+    """A tool and a law, replaced as a whole; `generation` counts the models of a run.
 
-    `mobilization_length`: λ of the medium [m]; 0 for the published law, which has no memory.
+    `mobilization_length`: λ of the medium [m]; 0 disables memory, as published. The rest names the law's parameters.
     """
 
     tool: Tool

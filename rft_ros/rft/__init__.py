@@ -1,7 +1,7 @@
-"""The method: 3D granular Resistive Force Theory, on numpy and numba only.
+"""The method: 3D granular Resistive Force Theory, with numpy and numba only.
 
 After Treers, Cao, Stuart, IEEE RA-L 6(2), 2021, on the 2D stresses of Li, Zhang, Goldman, Science 339, 2013. The
-equations are numbered here; "Eq. (n)" in a docstring of this package is one of these, not one of the papers'.
+equations are numbered here; "Eq. (n)" in this package means one of these, not one in the papers.
 
 Conventions. Force ON the tool BY the grains; SI units; world axes with z up, E3 its unit vector; quaternions xyzw;
 torque about the origin of the tool frame.
@@ -12,14 +12,14 @@ normal n and area dA [m²]. A state (`STATE`, `checked_states`) places the tool 
 
     d = surface_height - z,   v = v_o + ω × r                                                    Eq. (1)
 
-It is loaded where it is below the surface, d > 0, and leads, v·n > 0; elsewhere its force is 0.
+It is loaded if it is below the surface, d > 0, and leads, v·n > 0; otherwise its force is 0.
 
-Directions. Of the velocity, v1 lies along the plate's horizontal, v23 in the vertical plane of its normal:
+Directions. The velocity splits into v1, along the plate's horizontal, and v23, in the vertical plane of its normal:
 
     e2 = n's horizontal projection at unit length,   e1 = e2 × E3
     v1 = (v·e1) e1,   v23 = v - v1                                                               Eq. (2)
 
-Angles, as in 2D: attack β, 0 for a plate that faces down and 90° for a vertical one; intrusion γ, positive downwards:
+Angles, as in 2D: attack β, 0 for a downward-facing plate and 90° for a vertical one; intrusion γ, positive downwards:
 
     β = atan2(n·E3, n·e2) + 90°,   γ = -atan2(v23·E3, v23·e2)                                    Eq. (3)
 
@@ -28,7 +28,7 @@ Stress per depth in the plane of e2 and E3 [N/cm³], nine coefficients for each 
     α_z = A00 + A10 cos 2β + B11 sin(2β+γ) + B01 sin γ + B-11 sin(-2β+γ)
     α_x = C11 cos(2β+γ) + C01 cos γ + C-11 cos(-2β+γ) + D10 sin 2β                               Eq. (4)
 
-Weights of the velocity's parts, 0 at 0 and, by N1 and N23, 1 at 1 (`velocity_weights.f1`, `velocity_weights.f23`):
+Weights of the velocity components; N1 and N23 make them 1 at 1 (`velocity_weights.f1`, `velocity_weights.f23`):
 
     f1(u) = A1 [tanh(A2 u - A3) + tanh A3] / N1,        u = |v1| / |v|                           Eq. (5)
     f23(w) = B1 [atanh(B2 w - B3) + atanh B3] / N23,    w = |v23| / |v|                          Eq. (6)
@@ -42,22 +42,22 @@ the medium's scale factor ζ and 1 N/cm³ = 1e6 N/m³:
 
     t = ζ { -f1 α_y sign(v·e1) e1 + f23 (-α_x e2 + α_z E3) }                                     Eq. (8)
 
-Wrench (`wrenches`; plate by plate, `plate_forces`), a superposition: plates do not influence each other:
+Wrench (`wrenches`; by plate, `plate_forces`), a superposition of independent plates:
 
     F = Σ t d dA  [N],   T = Σ r × t d dA  [N m]                                                 Eq. (9)
 
-Horizontal plates have no e2 of their own and take the velocity's horizontal direction, where 2D RFT holds.
-`edge_shares` says how much of a tool is near that switch, or near v·n = 0.
+Horizontal plates have no e2 from their normal and use the velocity's horizontal direction, where 2D RFT holds.
+`edge_shares` returns how much of a tool is near that switch, or near v·n = 0.
 
-Beyond the paper. `Plates.integration` "refined" integrates d over the wet part of each triangle and fades both
-switches (`Plates.from_triangles`). A result can also have `SENSITIVITIES`: dF/dh, and the sums of r_j f_l. With a
-`Memory`, `wrenches_in_time` puts into Eq. (9), for t, a τ that follows it over the plate's own path s: forces build up
+Beyond the paper. `Plates.integration` "refined" integrates d over the wet part of each triangle and makes both switches
+continuous (`Plates.from_triangles`). A result can include `SENSITIVITIES`: dF/dh, and the sums of r_j f_l. With a
+`Memory`, `wrenches_in_time` replaces t in Eq. (9) by τ, which follows t along the plate's own path s: forces build up
 over a mobilization length λ, and hold at rest:
 
     dτ/ds = (t - τ) / λ(d),   λ(d) = λ (d / 30 mm)²                                             Eq. (10)
 
-Read beside the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `plates`, `kernel`, `wrench`, and
-for Eq. (10) `memory`; `compilation` and `arguments` make it fast and safe to call.
+Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `plates`, `kernel`,
+`wrench`, and for Eq. (10) `memory`. `compilation` makes them fast; `arguments` checks inputs.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 

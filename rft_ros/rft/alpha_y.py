@@ -1,8 +1,8 @@
 """Models of α_y, the stress per depth along e1, the horizontal direction in the plate (Treers et al. 2021, IV-B).
 
-A model is a NamedTuple of numbers and arrays plus a function ``alpha_y(model, sin_beta, cos_beta, sin_gamma,
-cos_gamma) -> [N/cm³]``. numba compiles one kernel for each model's type, so a model costs only what it computes. To add
-one: write the NamedTuple, write its function in plain arithmetic, and give both a name in `_MODELS`.
+A model is a NamedTuple of numbers and arrays and a function ``alpha_y(model, sin_beta, cos_beta, sin_gamma, cos_gamma)
+-> [N/cm³]``. numba compiles a kernel for each model's type. To add a model, write the NamedTuple and its function in
+plain arithmetic, and name both in `_MODELS`.
 """
 
 import math
@@ -32,7 +32,7 @@ __all__ = [
 
 
 class Constant(NamedTuple):
-    """The same α_y [N/cm³] at every attitude; the paper takes α_x(γ = 0, β = 0)."""
+    """The same α_y [N/cm³] at every attitude; the paper uses α_x(γ = 0, β = 0)."""
 
     value: float
 
@@ -45,10 +45,10 @@ class Linear(NamedTuple):
 
 
 class Table(NamedTuple):
-    """α_y [N/cm³] on a uniform grid of β and γ, bilinear between its nodes, held beyond its edges; see `sampled`.
+    """α_y [N/cm³] on a uniform grid of β and γ, bilinear between nodes, constant beyond the edges; see `sampled`.
 
-    `values`: shape [n_beta, n_gamma], at least [2, 2]. The first node lies at `beta`, `gamma` [rad], and there are
-    `beta_nodes`, `gamma_nodes` of them to a radian.
+    `values`: shape [n_beta, n_gamma], at least [2, 2]. The first node lies at `beta`, `gamma` [rad]; `beta_nodes` and
+    `gamma_nodes` are nodes per radian.
     """
 
     beta: float
@@ -61,12 +61,12 @@ class Table(NamedTuple):
     def sampled(cls, beta: ArrayLike, gamma: ArrayLike, values: ArrayLike) -> "Table":
         """A table from values, shape [n_beta, n_gamma], at any ascending β, shape [n_beta], and γ, shape [n_gamma].
 
-        β and γ in rad, α_y in N/cm³. The grid is the coarsest that has a node at every β and γ given (to 1e-9 of its
-        range): then the table is exact between them too. Where none of up to `FINEST` steps has, a value given is
-        moved by up to half a step, 0.25° in 360°, and α_y between is off by up to a quarter of a step times the change
-        of slope there.
+        β and γ in rad, α_y in N/cm³. The grid is the coarsest with a node at every β and γ (to 1e-9 of its range); the
+        table is then exact everywhere. If no grid of up to `FINEST` steps has one, the finest is used: its nodes miss
+        the values by up to half a step, 0.25° in 360°, and α_y errs by up to a quarter of a step times the change of
+        slope.
 
-        Raises ValueError that says which argument cannot be used.
+        Raises ValueError that names the argument that cannot be used.
         """
         b, g = numbers("beta", beta), numbers("gamma", gamma)
         v = numbers("values", values, (len(g),), rows=len(b))
@@ -83,13 +83,13 @@ class Table(NamedTuple):
 AlphaY = Constant | Linear | Table
 
 FINEST = 720
-"""Steps of the finest grid that `Table.sampled` makes of the range of β, or γ, given."""
+"""Steps of the finest grid of `Table.sampled` over the range of β, or of γ."""
 
 PAPER_LINEAR = Linear(0.2035, -0.0015)
 
 
 def _uniform(knots: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
-    """Nodes to a radian of an even grid over the knots, and the rows of values there by linear interpolation."""
+    """Nodes per radian of a uniform grid over the knots, and the rows of values there by linear interpolation."""
     if len(knots) == 1:
         return 0.0, np.repeat(values, 2, axis=0)
     span = knots[-1] - knots[0]
@@ -105,7 +105,7 @@ _DEGREES = 180.0 / math.pi
 
 @inlined
 def _atan2(y: float, x: float) -> float:
-    """atan2 by a rational fit (1e-13 rad) with selects instead of branches, so that it vectorises; atan2(0, 0) = 0."""
+    """atan2 by a rational fit (1e-13 rad), with selects instead of branches so that it vectorises; atan2(0, 0) = 0."""
     ax, ay = abs(x), abs(y)
     steep = ay > ax
     high = ay if steep else ax
@@ -126,7 +126,7 @@ def _atan2(y: float, x: float) -> float:
 
 @inlined
 def _beta(sin_beta, cos_beta):  # type: ignore[no-untyped-def]
-    """Attack angle β [rad] as the method has it, atan2(n·E3, n·e2) + 90°: from -90° to 270°."""
+    """Attack angle β [rad], Eq. (3): atan2(n·E3, n·e2) + 90°, from -90° to 270°."""
     return 0.5 * math.pi + _atan2(-cos_beta, sin_beta)
 
 
@@ -142,12 +142,12 @@ def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-
     v = model.values
     s = (_beta(sin_beta, cos_beta) - model.beta) * model.beta_nodes
     t = (_atan2(sin_gamma, cos_gamma) - model.gamma) * model.gamma_nodes
-    # NaN becomes 0 here, so that no index lies outside
+    # NaN becomes 0, so that every index lies inside
     s = min(s if s > 0.0 else 0.0, v.shape[0] - 1.0)
     t = min(t if t > 0.0 else 0.0, v.shape[1] - 1.0)
     i, j = min(np.int32(s), np.int32(v.shape[0] - 2)), min(np.int32(t), np.int32(v.shape[1] - 2))
     s, t = s - i, t - j
-    a, b = np.uint64(i), np.uint64(j)  # unsigned, or numba looks for negative indices
+    a, b = np.uint64(i), np.uint64(j)  # unsigned: numba adds code for negative indices otherwise
     a1, b1 = a + np.uint64(1), b + np.uint64(1)
     low = v[a, b] + t * (v[a, b1] - v[a, b])
     high = v[a1, b] + t * (v[a1, b1] - v[a1, b])
@@ -160,7 +160,7 @@ def _given(medium: Medium, table: Table | None) -> Table:
     return table
 
 
-# The name that `alpha_y.model` takes: the model's type, its function, and what makes one from a medium and a table.
+# By the name in `alpha_y.model`: the model's type, its function, and its factory from a medium and a table.
 _MODELS: dict[str, tuple[type, Callable[..., float], Callable[[Medium, Table | None], Any]]] = {
     "constant": (Constant, _constant, lambda medium, table: Constant(medium.alpha_x_flat)),
     "linear": (Linear, _linear, lambda medium, table: PAPER_LINEAR),
@@ -173,7 +173,10 @@ ALPHA_Y_MODELS = tuple(_MODELS)
 
 
 def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> AlphaY:
-    """The model that the parameter `alpha_y.model` names, for a medium."""
+    """The model named by the parameter `alpha_y.model`, for a medium. Raises ValueError for other names.
+
+    The model `table` needs a `table`.
+    """
     if name not in _MODELS:
         raise ValueError(f"alpha_y.model '{name}' is none of {', '.join(ALPHA_Y_MODELS)}")
     make = _MODELS[name][2]
@@ -182,16 +185,16 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
 
 
 def checked_alpha_y(model: AlphaY) -> AlphaY:
-    """The model with float64 fields: an integer in one would have a kernel of its own, compiled for integers.
+    """The model with float64 fields: an integer field would compile another kernel.
 
-    Raises TypeError for what is no model, ValueError for a field that is not finite or not of its shape.
+    Raises TypeError for anything but a model, ValueError for a field that is not finite or has the wrong shape.
     """
     if type(model) not in _FUNCTIONS:
-        raise TypeError(f"alpha_y model is {model!r}; make one with alpha_y_model")
+        raise TypeError(f"alpha_y model is {model!r}; create one with alpha_y_model")
     fields: list[Any] = []
     for name, value in model._asdict().items():
         if isinstance(value, np.ndarray) and value.ndim > 0:
-            array = np.array(numbers(name, value, value.shape[1:]))  # our own, so that nobody changes it
+            array = np.array(numbers(name, value, value.shape[1:]))  # a copy that no caller can change
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} of the alpha_y model has a value that is not finite")
             array.flags.writeable = False
@@ -199,16 +202,16 @@ def checked_alpha_y(model: AlphaY) -> AlphaY:
         else:
             fields.append(number(f"{name} of the alpha_y model", value))
     if isinstance(model, Table) and (np.ndim(model.values) != 2 or min(np.shape(model.values)) < 2):
-        raise ValueError(f"values of the table have shape {np.shape(model.values)}; make one with Table.sampled")
+        raise ValueError(f"values of the table have shape {np.shape(model.values)}; create one with Table.sampled")
     made: AlphaY = type(model)(*fields)
     return made
 
 
 def as_table(model: AlphaY) -> AlphaY:
-    """A line in β as a table, exactly: for what is worth one compiled kernel but not one for each model."""
+    """A constant or linear model as an exact table, for loops that are compiled for tables only."""
     if not isinstance(model, Constant | Linear):
         return model
-    beta = np.deg2rad([-90.0, 270.0])  # where atan2 + 90° can lie
+    beta = np.deg2rad([-90.0, 270.0])  # range of atan2 + 90°
     slope, intercept = (model.slope, model.intercept) if isinstance(model, Linear) else (0.0, model.value)
     return Table.sampled(beta, [0.0], (intercept + slope * np.rad2deg(beta))[:, None])
 

@@ -1,4 +1,4 @@
-"""Arguments of public functions: coerced to what the compiled loops take, or refused with a sentence."""
+"""Arguments of public functions: converted to the types of the compiled loops, or refused with a sentence."""
 
 from math import isfinite
 
@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["FLOAT", "number", "numbers"]
 
 FLOAT = np.dtype(np.float64)
-"""The type of all numbers that enter the loops, in the machine's byte order."""
+"""The type of all numbers in the compiled loops, in native byte order."""
 
 
 def number(name: str, value: float, *, positive: bool = False) -> float:
@@ -25,10 +25,10 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
 
 
 def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None) -> NDArray[np.float64]:
-    """Values as a float64 array, shape [n, *row], C-contiguous, in the unit of `values`: themselves where they are.
+    """Values as a C-contiguous float64 array, shape [n, *row], in the unit of `values`; not copied if already one.
 
-    One row, of shape `row`, becomes an array of one; n must be `rows` where that is given. Raises ValueError that names
-    the argument.
+    A single row, shape `row`, becomes shape [1, *row]. `rows`: the required n. Raises ValueError that names the
+    argument.
     """
     if (
         values.__class__ is np.ndarray

@@ -1,8 +1,7 @@
-"""How numba compiles the package, and how it keeps machine code on disk.
+"""Compilation by numba, and the cache of machine code on disk.
 
-Small functions (`inlined`) are put together by LLVM inside loops (`compiled`). The cache on disk has one file for each
-loop, its argument types, its sources and the processor. A file that is missing, damaged or cannot be written never
-fails a call: the loop is compiled instead.
+LLVM inlines small functions (`inlined`) into loops (`compiled`). The cache has one file per loop, argument types,
+sources and processor. If a file is missing, damaged or cannot be written, the loop is compiled; no call fails.
 """
 
 import hashlib
@@ -21,15 +20,15 @@ from numba.core.serialize import dumps
 __all__ = ["OPTIONS", "compiled", "inlined", "machine_code"]
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}}
-"""Reassociation lets sums over plates use vector registers; the order is then fixed by the compiled code, the same for
-one state and for many. NaN and infinity keep their meaning."""
+"""Reassociation lets LLVM vectorise sums over plates. The compiled code fixes their order, the same for one state and
+for many. NaN and infinity keep their meaning."""
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
 
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that becomes part of whatever calls it. numba's own inlining takes three times as long."""
+    """Compile a function that LLVM inlines into its callers. numba's own inlining takes three times as long."""
     made: Callable[_P, _R] = numba.njit(forceinline=True, **OPTIONS)(function)
     return made
 
@@ -37,20 +36,20 @@ def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
     """Compile a function for each combination of argument types, or load its machine code from the cache on disk.
 
-    It may call `inlined` functions of its own module and of `rft_ros.rft`: the cache watches these sources.
-    `options`: of `numba.njit`.
+    It may call `inlined` functions of its own module and of `rft_ros.rft`: changes there invalidate the cache.
+    `options`: passed to `numba.njit`.
     """
     made: Any = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
-    with suppress(OSError, RuntimeError):  # no folder can be written to: compile in every process
+    with suppress(OSError, RuntimeError):  # without a writable folder every process compiles
         made._cache = _Cache(made.py_func)
     result: Callable[_P, _R] = made
     return result
 
 
 def machine_code(function: Any, arguments: tuple[object, ...]) -> Callable[..., None]:
-    """The compiled code for arguments of these types, without numba's search by each one's type (1.7 us a call).
+    """The compiled code for arguments of these types, without numba's type dispatch (1.7 us a call).
 
-    Whoever calls it must hand over the same types, down to how arrays lie in memory: nothing checks.
+    The caller must pass exactly these types, including array layouts: nothing checks them.
     """
     signature = tuple(numba.typeof(a) for a in arguments)
     function.compile(signature)
@@ -59,10 +58,10 @@ def machine_code(function: Any, arguments: tuple[object, ...]) -> Callable[..., 
 
 
 class _Cache(FunctionCache):
-    """numba's cache without its index, which one cut short or one class renamed makes unreadable.
+    """numba's cache without its index file, which a truncated write or a renamed class makes unreadable.
 
-    The index numbers its files, and two processes that compile at once may give theirs the same number; and it watches
-    the file of the loop alone, not those of the functions that became part of it.
+    The index also numbers files, so that two processes that compile at once can use the same number, and it tracks only
+    the loop's source file, not those of the inlined functions.
     """
 
     def __init__(self, function: Callable[..., object]) -> None:
@@ -84,7 +83,7 @@ class _Cache(FunctionCache):
             if hashlib.sha256(data).digest() != checksum:
                 return None
             result = self._impl.rebuild(target_context, pickle.loads(data))
-        except Exception:  # unpickling what an older numba wrote can raise almost anything
+        except Exception:  # unpickling another numba's file can raise almost anything
             return None
         return result if tuple(result.signature.args) == tuple(sig) else None
 
@@ -97,10 +96,10 @@ class _Cache(FunctionCache):
         try:
             self._impl.locator.ensure_cache_path()
             part.write_bytes(hashlib.sha256(content).digest() + content)
-            part.replace(file)  # at once, so that no process reads half of it
+            part.replace(file)  # atomic: no process reads a partial file
             for other in file.parent.glob(f"{self._impl.filename_base}.*.nbc"):
                 if _digest(self._key) not in other.name:
-                    other.unlink(missing_ok=True)  # of former sources
+                    other.unlink(missing_ok=True)  # from older sources
         except OSError:
             part.unlink(missing_ok=True)
 

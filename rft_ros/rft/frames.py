@@ -23,7 +23,7 @@ STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy",
 """Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
 
 UNIT_TOLERANCE = 0.01
-"""How far a quaternion's norm may lie from 1 and still be taken as rounding, to be made unit length."""
+"""Largest deviation of a quaternion's norm from 1 that is corrected as rounding."""
 
 
 def _rotation(
@@ -41,26 +41,26 @@ rotation = inlined(_rotation)
 
 @inlined
 def from_frame(axes, x, y, z):  # type: ignore[no-untyped-def]
-    """A vector given in the axes of the frame that has this rotation matrix (9 numbers, by rows), in outer axes."""
+    """Rotate a vector from the axes of the frame with this rotation matrix (9 numbers, by rows) to outer axes."""
     xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     return xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
 
 
 @inlined
 def into_frame(axes, x, y, z):  # type: ignore[no-untyped-def]
-    """A vector given in outer axes, in the axes of the frame that has this rotation matrix (9 numbers, by rows)."""
+    """Rotate a vector from outer axes to the axes of the frame with this rotation matrix (9 numbers, by rows)."""
     xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     return xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z
 
 
 def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
-    """Rotation matrix, shape [3, 3], of a unit quaternion xyzw, shape [4]: columns are the frame's axes, outside."""
+    """Rotation matrix, shape [3, 3], of a unit quaternion xyzw, shape [4]; columns: the frame's axes in outer axes."""
     qx, qy, qz, qw = numbers("quaternion", quaternion, rows=4).tolist()
     return np.array(_rotation(qx, qy, qz, qw)).reshape(3, 3)
 
 
 def unit_quaternion(qx: float, qy: float, qz: float, qw: float) -> tuple[float, float, float, float] | None:
-    """The quaternion at unit length, or None where its norm is not within `UNIT_TOLERANCE` of 1 (zero, NaN)."""
+    """The quaternion made unit length, or None if its norm differs from 1 by more than `UNIT_TOLERANCE`, or is NaN."""
     norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:
         return None

@@ -1,7 +1,7 @@
 """The compiled loops: position and velocity of each plate, Eq. (1), its loaded part, and the sums of Eq. (9).
 
-LLVM makes vector code of the loop over plates, so it has selects and no branches on data. What is known of a whole
-block of plates (dry, trailing, submerged, none horizontal) selects a shorter loop.
+LLVM vectorises the loop over plates, so it uses selects instead of branches on data. Bounds on a whole block of plates
+(dry, trailing, submerged, none horizontal) select a shorter loop.
 """
 
 from math import cos, radians, sin, sqrt
@@ -18,19 +18,19 @@ from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED
 __all__ = ["EDGE_AREAS", "PLATE_FORCES", "SUMS"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
-"""Kinds of blocks: dry (skip it); submerged and trailing (add its area); submerged with no horizontal plate; possibly
-cut by the surface; possibly with horizontal plates; submerged and trailing, with tractions in memory."""
+"""Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
+possibly cut by the surface; possibly with horizontal plates; submerged and trailing with tractions in memory."""
 
 _LEVEL = cos(radians(FLAT_BLEND))
 _ALONG = sin(radians(1.0)) ** 2
-_LEAST_SHARE = 1e-100  # a trailing plate's memory must not fade into denormal numbers, which are slow
+_LEAST_SHARE = 1e-100  # keeps a trailing plate's memory from fading into denormal numbers, which are slow
 
 
 @inlined
 def _motion(state, reach):  # type: ignore[no-untyped-def]
-    """Rotation matrix (9 numbers, by rows) and twist (6 numbers) of a state, the twist scaled to order one; its scale.
+    """Rotation matrix (9 numbers, by rows), twist (6 numbers, scaled to order one) and that scale, of a state.
 
-    The law is rate-independent, so a common factor is free: it keeps squares of speeds from over- and underflow.
+    The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds.
     """
     vx, vy, vz, wx, wy, wz = state[7], state[8], state[9], state[10], state[11], state[12]
     # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
@@ -46,7 +46,7 @@ def _length(v):  # type: ignore[no-untyped-def]
 
 @inlined
 def _seen_from_tool(axes, twist, reach):  # type: ignore[no-untyped-def]
-    """Linear and angular velocity in tool axes, a bound of all points' speeds, E3 in tool axes, and the reach."""
+    """Linear and angular velocity in tool axes, a bound on all points' speeds, E3 in tool axes, and the reach."""
     linear = into_frame(axes, twist[0], twist[1], twist[2])
     angular = into_frame(axes, twist[3], twist[4], twist[5])
     return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach
@@ -54,19 +54,19 @@ def _seen_from_tool(axes, twist, reach):  # type: ignore[no-untyped-def]
 
 @inlined
 def _middle(bounds, b, box, v):  # type: ignore[no-untyped-def]
-    """A vector times the middle of a block's box."""
+    """Dot product of a vector and the middle of a block's box."""
     return v[0] * bounds[b, 6 * box] + v[1] * bounds[b, 6 * box + 1] + v[2] * bounds[b, 6 * box + 2]
 
 
 @inlined
 def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
-    """How far a vector times what is in the box can lie from `_middle`."""
+    """How far the dot product of a vector and any point in the box can lie from `_middle`."""
     return abs(v[0]) * bounds[b, 6 * box + 3] + abs(v[1]) * bounds[b, 6 * box + 4] + abs(v[2]) * bounds[b, 6 * box + 5]
 
 
 @inlined
 def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def]
-    """The kind of a block; where the bounds do not decide, the one that needs more work. `bounds`: of `Blocks`."""
+    """The kind of a block; if the bounds do not decide, the kind with the longer loop. `bounds`: from `Blocks`."""
     linear, angular, fastest, up, reach = seen
     depth, spread = below - _middle(bounds, b, 2, up), _spread(bounds, b, 2, up) + ROUNDING * (reach + abs(below))
     if depth + spread <= 0.0:
@@ -88,9 +88,9 @@ def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def
 def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
     """The submerged part of a triangle, from the depths of its corners.
 
-    Returns integrals of depth times each barycentric coordinate over that part, and its size, by the whole area. The
-    corner that is alone on its side of the surface cuts off a triangle, over which the integrals are known; the rest of
-    a triangle with two corners in the grains is the whole less that (with depths below zero).
+    Returns the integrals of depth times each barycentric coordinate over that part, and its area, all divided by the
+    whole area. The surface cuts off a triangle at the corner that is alone on its side; over it the integrals are
+    known. With two corners below the surface, the part is the whole triangle minus the one cut off.
     """
     in0, in1, in2 = d0 > 0.0, d1 > 0.0, d2 > 0.0
     count = (1 if in0 else 0) + (1 if in1 else 0) + (1 if in2 else 0)
@@ -115,11 +115,11 @@ def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
 
 @inlined
 def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-untyped-def]
-    """One plate in world axes, Eq. (1): where it is loaded, its normal, scaled velocity, load, share, submerged area.
+    """One plate in world axes, Eq. (1): centre of load, normal, scaled velocity, load, leading share, submerged area.
 
-    The place is from the tool frame's origin. The load is depth integrated over the area below the surface [m³], the
-    share is how much of the plate leads. `below`: depth of the tool frame's origin. `careful` False: the plate is all
-    submerged. This and `refined` must be constants, or the loop does not become vector code.
+    The centre of load is relative to the tool frame's origin; the load is depth integrated over the area below the
+    surface [m³]. `below`: depth of the tool frame's origin. `careful` False: the plate is fully submerged. `careful`
+    and `refined` must be constants, or the loop is not vectorised.
     """
     vx, vy, vz, wx, wy, wz = twist
     zx, zy, zz = axes[6:]
@@ -152,7 +152,7 @@ def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-un
     lead = ux * nx + uy * ny + uz * nz
     if refined:
         per_speed = 1.0 / sqrt(max(ux * ux + uy * uy + uz * uz, 1e-290))
-        # from 0 to 1 over the angles that the plate stands for; in abs, since selects would branch
+        # clamp to 0..1 over the plate's range of normals; with abs, since selects would branch
         q = lead * per_speed * rows[13, i]
         share = 0.5 * (abs(q + 0.5) - abs(q - 0.5) + 1.0)
     else:
@@ -164,8 +164,8 @@ def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-un
 def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
     """Sums over consecutive plates: force, torque, submerged area; if `sensitive` also dF/dh and the moments r_j f_l.
 
-    `step`: None, or of plates with memory their tractions, DEPTH² Δs / λ for a scaled velocity of 1, and by how much
-    the depth grew over the first half of the step [m].
+    `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of 1, and how much deeper
+    the tool frame was half a step before [m].
     """
     axes, twist, law, below = scene
     fx = fy = fz = tx = ty = tz = submerged = 0.0
@@ -183,7 +183,7 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive)
             tractions, per_length, sunk = step
             share = max(share, _LEAST_SHARE)
             leads = share > _LEAST_SHARE
-            # before the law, which takes long and does not need it
+            # computed before the law, which does not depend on it: their latencies overlap
             left = fraction_left(velocity, below - z + sunk, leads, per_length)
             ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
             ax, ay, az = approach(tractions, i, (ax * share, ay * share, az * share), left, leads)
@@ -218,12 +218,12 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive)
 
 
 def _sums_of_states(refined: bool, sensitive: bool) -> Any:
-    """The loop over states, for one rule of integration."""
+    """The loop over states for one integration rule."""
     flatness = BLENDED if refined else SWITCHED
     columns = 19 if sensitive else 7
 
     def sums(rows, bounds, reach, law, surface_height, states, past, out):  # type: ignore[no-untyped-def]
-        """`past`: None, or of plates with memory: durations, mobilization length, and the arrays of the `Memory`."""
+        """`past`: None, or for plates with memory: durations, mobilization length, and the arrays of the `Memory`."""
         for k in range(states.shape[0]):
             axes, twist, scale = _motion(states[k], reach)
             below = surface_height - states[k, 2]
@@ -235,26 +235,26 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                 if scale > 0.0:
                     for c in range(6):
                         last[1 + c] = twist[c]
-                # a tool at rest is asked what it was asked while it moved; its path is 0
+                # at rest the path is 0, and the law takes the last direction of motion
                 twist = last[1], last[2], last[3], last[4], last[5], last[6]
                 seen = _seen_from_tool(axes, twist, reach)
-                # metres for each unit of scaled speed: as fast as the mean of both ends of the step
+                # path [m] per unit of scaled speed, at the mean speed of the step's ends; bounded: inf * 0 is NaN
                 now = seen[2] / scale if scale > 0.0 else 0.0
                 before = last[0] if last[0] >= 0.0 else now
-                path = 0.5 * (now + before) / seen[2] * durations[k] if now > 0.0 else 0.0
+                path = min(0.5 * (now + before) / seen[2] * durations[k], 1e100) if now > 0.0 else 0.0
                 last[0] = now
                 step = tractions, path * min(DEPTH * DEPTH / length, 1e100), 0.5 * path * twist[2]
             for c in range(columns):
                 out[k, c] = 0.0
-            # unsigned, or numba looks for negative indices in the inner loops
+            # unsigned: numba adds code for negative indices otherwise
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
             kind = _kind(bounds, b, seen, below, refined, past)
             while b < blocks:
-                # with memory a submerged block after a cut one goes with it: to begin a run costs more
+                # with memory a submerged block joins a run of cut ones: starting a run costs more
                 first, run, previous = b, kind, kind
                 while b < blocks and (kind == run or (past is not None and kind == _PLAIN and previous == _CUT)):
                     previous = kind
-                    if past is not None:  # an if of its own, so that numba drops it where there is no memory
+                    if past is not None:  # a separate if, which numba drops where there is no memory
                         forget = kind == _SKIP_DRY and past[3][b]
                         if forget:
                             set_to_zero(past[2], b)
@@ -307,7 +307,7 @@ def _made(function: Any, *variant: str) -> Any:
 
 
 def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-def]
-    """Wet area [m²] that is nearly horizontal and leads; that moves nearly along itself; all of it."""
+    """Wet areas [m²]: near-horizontal and leading; moving nearly parallel to itself; total."""
     flat = edge = wet = 0.0
     axes, twist, _ = _motion(state, reach)
     below = surface_height - state[2]
@@ -322,7 +322,7 @@ def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-
         up = zx * nx + zy * ny + zz * nz
         horizontal = ux * ux + uy * uy + uz * uz - (zx * ux + zy * uy + zz * uz) ** 2
         wet += area
-        # a jump of e2 needs a direction to jump to: none in vertical motion, and none of a plate that is just flat
+        # e2 jumps only in motion with a horizontal part, and only for plates that are not exactly horizontal
         tilted = (abs(up) > _LEVEL) & (abs(up) < 1.0 - 1e-9) & (horizontal > 1e-6)
         flat += area if tilted & (lead > 0.0) else 0.0
         edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
@@ -334,10 +334,10 @@ SUMS = {
     for rule in INTEGRATIONS
     for sensitive in (False, True)
 }
-"""The loop over states for each rule of integration, and with or without sensitivities."""
+"""The loop over states by integration rule and whether it computes sensitivities."""
 
 PLATE_FORCES = {rule: _forces_of_plates(rule == "refined") for rule in INTEGRATIONS}
-"""The loop over the plates of one state, for each rule of integration."""
+"""The loop over the plates of one state by integration rule."""
 
 EDGE_AREAS = compiled(_edge_areas, **OPTIONS)
-"""The loop behind `wrench.edge_shares`."""
+"""The loop of `wrench.edge_shares`."""

@@ -50,7 +50,7 @@ MEDIA: dict[str, Medium] = {m.name: m for m in (_GENERIC, _POPPY_LOOSE, _POPPY_C
 
 
 def medium_named(name: str) -> Medium:
-    """The medium of that name, a key of `MEDIA`. Raises ValueError that names those there are."""
+    """The medium of that name, a key of `MEDIA`. Raises ValueError that lists the known names."""
     try:
         return MEDIA[name]
     except KeyError:

@@ -1,8 +1,8 @@
-"""Memory: grains must be sheared over a distance before they push with full strength.
+"""Memory: grains must be sheared over a distance before they resist fully.
 
-Each plate keeps its traction per depth, which follows what the law asks for over the plate's own path, Eq. (10):
-dτ/ds = (t - τ) / λ. At rest there is no path and the traction stays. This is not in the paper, which sees the lag and
-leaves it out; the measurements behind the form below are in docs/accuracy.md.
+Each plate keeps its traction per depth τ, which approaches the law's t along the plate's own path, Eq. (10):
+dτ/ds = (t - τ) / λ. At rest the traction stays. The paper reports the lag but does not model it; docs/accuracy.md has
+the measurements behind the form below.
 """
 
 from dataclasses import dataclass, field
@@ -17,21 +17,21 @@ from rft_ros.rft.plates import BLOCK, Plates
 __all__ = ["DEPTH", "TRAILING", "Memory", "approach", "fraction_left", "is_faded", "set_to_zero"]
 
 DEPTH = 0.03
-"""Depth [m] at which a plate's λ is the mobilization length; it grows with the square of depth."""
+"""Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
 
 TRAILING = 0.04
-"""λ of a plate that no longer leads, over that of one whose traction grows."""
+"""λ of a trailing plate relative to that of a leading one."""
 
-_FADED = 1e-9  # tractions over the law's stiffness, below which a trailing block counts as empty
+_FADED = 1e-9  # a trailing block with tractions below this times the law's stiffness counts as empty
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """What the plates of one tool remember, in the order of their blocks.
+    """The memory of the plates of one tool, in the order of their blocks; ``Memory(plates)`` is empty.
 
-    `tractions`: shape [6, m]: traction per depth [N/m³], world axes, and what the law last asked for. `active`: shape
-    [m / BLOCK], 1 where a block remembers anything. `motion`: shape [7]: speed of the last state [m/s], -1 before any,
-    and the last twist that was not zero, scaled to order one.
+    `tractions`: shape [6, m]: traction per depth [N/m³], world axes, and the law's value at the last state. `active`:
+    shape [m / BLOCK], 1 for a block with any traction. `motion`: shape [7]: speed of the last state [m/s], -1 before
+    the first, and the last twist that was not zero, scaled to order one.
     """
 
     plates: Plates
@@ -43,20 +43,7 @@ class Memory:
         m = self.plates.blocks.rows.shape[1]
         object.__setattr__(self, "tractions", np.zeros((6, m)))
         object.__setattr__(self, "active", np.zeros(m // BLOCK, dtype=np.uint8))
-        object.__setattr__(self, "motion", np.zeros(7))
-        self.forget()
-
-    @classmethod
-    def of(cls, plates: Plates) -> "Memory":
-        """An empty memory for these plates."""
-        return cls(plates)
-
-    def forget(self) -> None:
-        """Clear the memory: the motion since the last state is unknown."""
-        self.tractions[:] = 0.0
-        self.active[:] = 0
-        self.motion[:] = 0.0
-        self.motion[0] = -1.0
+        object.__setattr__(self, "motion", np.array([-1.0, *np.zeros(6)]))
 
 
 @inlined
@@ -75,7 +62,7 @@ def _exp_minus(x):  # type: ignore[no-untyped-def]
 
 @inlined
 def fraction_left(velocity, depth, leads, per_length):  # type: ignore[no-untyped-def]
-    """Fraction of a traction that is left after a step: exp(-Δs/λ), Eq. (10).
+    """Fraction of a traction that remains after a step: exp(-Δs/λ), Eq. (10).
 
     `velocity`: scaled; its length times `per_length` is Δs / λ at a depth of 1 m.
     """
@@ -87,14 +74,14 @@ def fraction_left(velocity, depth, leads, per_length):  # type: ignore[no-untype
 
 @inlined
 def approach(tractions, i, asked, left, leads):  # type: ignore[no-untyped-def]
-    """Let a plate's traction follow what the law asks for over one step, and return it."""
+    """Move a plate's traction towards the law's value, `asked`, over one step; returns the traction."""
     ax, ay, az = asked
     mx, my, mz = tractions[0, i], tractions[1, i], tractions[2, i]
     bx, by, bz = tractions[3, i], tractions[4, i], tractions[5, i]
     tractions[3, i], tractions[4, i], tractions[5, i] = ax, ay, az
-    # the mean of what is asked for at both ends of the step makes it exact to second order
+    # the mean of the law's values at both ends of the step makes it second-order accurate
     gx, gy, gz = 0.5 * (ax + bx) - mx, 0.5 * (ay + by) - my, 0.5 * (az + bz) - mz
-    # λ is half as long for a traction that falls: twice the exponent
+    # λ is half as long for a decreasing traction: twice the exponent
     w = 1.0 - (left * left if (gx * mx + gy * my + gz * mz < 0.0) & leads else left)
     return mx + w * gx, my + w * gy, mz + w * gz
 

@@ -1,8 +1,7 @@
-"""Plate elements: the tool's surface as flat pieces, each a point (published rule) or a triangle (ours).
+"""Plate elements: the tool's surface as flat pieces, each a point (published rule) or a triangle (refined rule).
 
-The kernel visits them in blocks of neighbours, so that it can skip blocks in which nothing is wet or leads: a body
-moves with about half of its plates trailing, and a tool is seldom all in the grains. Skipping single plates would cost
-the vector registers more than it saves.
+The kernel visits them in blocks of neighbours and skips blocks in which no plate is wet or leads: about half of a
+body's plates trail, and a tool is seldom fully submerged. Skipping single plates would prevent vectorisation.
 """
 
 from dataclasses import dataclass
@@ -17,11 +16,11 @@ BLOCK = 16
 """Plates in a block: two AVX-512 registers."""
 
 ROUNDING = 1e-12
-"""By how much the bounds of blocks are widened, over their size, against rounding."""
+"""Relative margin of the bounds of blocks against rounding."""
 
 Integration = Literal["centroid", "refined"]
 INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
-"""The rules of integration: see `Plates.integration`."""
+"""The integration rules: see `Plates.integration`."""
 
 Array = NDArray[np.float64]
 
@@ -30,10 +29,10 @@ Array = NDArray[np.float64]
 class Blocks:
     """Plates in the kernel's order, padded to whole blocks by copies without area.
 
-    `rows`: shape [7 or 14, m]: those of `Plates.packed`, and for the refined rule two corners from the centroid [m] and
-    1 / (2 sin θ), θ the half angle. `order`: plate of each column before the padding, shape [n]. `bounds`: shape
-    [m / BLOCK, 20]: boxes (middle, half of the sides) of the normals, of r x n [m], and of the places [m]; area [m²];
-    sine of the widest angle over which a plate begins to lead.
+    `rows`: shape [7 or 14, m]: those of `Plates.packed`, and for the refined rule two corners relative to the centroid
+    [m] and 1 / (2 sin θ), θ the half angle. `order`: the plate in each column before the padding, shape [n]. `bounds`:
+    shape [m / BLOCK, 20]: boxes (middle, half of the sides) of the normals, of r x n [m] and of the positions [m]; area
+    [m²]; sine of the greatest half angle.
     """
 
     rows: Array
@@ -43,14 +42,17 @@ class Blocks:
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Plates:
-    """Plate elements in the tool frame, packed once for the kernel.
+    """Plate elements in the tool frame.
+
+    ``Plates(rows)`` takes rows as in `rows`, selected, merged or weighted by area; shape [7, n] or [14, n]. Raises
+    ValueError for another shape, no plates, values that are not finite, negative areas and zero normals.
 
     `packed`: shape [7, n], C-contiguous rows x, y, z [m] of the centroid, outward unit normal nx, ny, nz, area [m²].
-    `reach`: greatest distance of a plate's point from the tool frame's origin [m].
-    `integration`: ``centroid``, the published rule: depth and velocity are taken at the centroid, and a plate leads or
-    does not. ``refined``: each plate is a triangle; depth is integrated over its part below the surface, the force acts
-    at its centre of pressure, and it begins to lead over the angle that it stands for (`from_triangles`).
-    `blocks`: the same plates as the kernel visits them.
+    `reach`: greatest distance of any point of a plate from the tool frame's origin [m].
+    `integration`: ``centroid``, the published rule: depth and velocity at the centroid; a plate either leads or not.
+    ``refined``: each plate is a triangle; depth is integrated over its part below the surface, the force acts at its
+    centre of pressure, and the leading share grows continuously over its half angle (`from_triangles`).
+    `blocks`: the same plates in the kernel's order.
     """
 
     packed: Array
@@ -59,7 +61,6 @@ class Plates:
     blocks: Blocks
 
     def __init__(self, rows: ArrayLike) -> None:
-        """Plates from `rows` of others: see `from_rows`."""
         r = np.array(rows, dtype=np.float64, order="C")
         if r.ndim != 2 or len(r) not in (7, 14):
             raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
@@ -88,7 +89,7 @@ class Plates:
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
         """Plates for the published rule: centroids [m], normals, shape [n, 3], made unit length; areas [m²], shape [n].
 
-        Raises ValueError on wrong shapes, no plates, values that are not finite, negative areas and zero normals.
+        Raises ValueError as `Plates`.
         """
         r, n, a = (np.asarray(values, dtype=np.float64) for values in (centroids, normals, areas))
         if r.ndim != 2 or r.shape[1] != 3 or n.shape != r.shape or a.shape != r.shape[:1]:
@@ -101,8 +102,8 @@ class Plates:
     def from_triangles(cls, triangles: ArrayLike, half_angles: ArrayLike) -> "Plates":
         """Plates for the refined rule: corners [m], shape [n, 3, 3], counter-clockwise seen from outside.
 
-        `half_angles`: shape [n], over 0 up to π/2 [rad]: a plate stands for surface whose normals differ from its own
-        by up to this angle, and leads in proportion to the share of them that does. Raises ValueError as `from_arrays`.
+        `half_angles`: shape [n], over 0 up to π/2 [rad]: a plate represents surface whose normals differ from its own
+        by up to this angle, and counts by the share of them that leads. Raises ValueError as `Plates`.
         """
         t = np.asarray(triangles, dtype=np.float64)
         theta = np.asarray(half_angles, dtype=np.float64)
@@ -116,21 +117,12 @@ class Plates:
         edges = (t - center[:, None])[:, :2].reshape(len(t), 6)
         return cls(np.column_stack([center, doubled, areas, edges, 0.5 / np.sin(theta)]).T)
 
-    @classmethod
-    def from_rows(cls, rows: ArrayLike) -> "Plates":
-        """Plates from what `rows` of others holds, chosen, merged or weighted by area; shape [7, n] or [14, n].
-
-        Units and axes as in `packed` and `Blocks.rows`: x, y, z [m], unit normal, area [m²]; refined plates have more.
-        Raises ValueError as `from_arrays`.
-        """
-        return cls(rows)
-
     def __len__(self) -> int:
         return self.packed.shape[1]
 
     @property
     def rows(self) -> Array:
-        """All that the kernel reads, in the plates' order, shape [7 or 14, n]; units and axes as in `Blocks.rows`."""
+        """The numbers of each plate, shape [7 or 14, n]; units and axes as in `Blocks.rows`."""
         rows = np.empty((len(self.blocks.rows), len(self)))
         rows[:, self.blocks.order] = self.blocks.rows[:, : len(self)]
         return rows
@@ -142,14 +134,14 @@ class Plates:
 
 
 def _blocks(rows: Array, far: Array) -> Blocks:
-    """Sort plates, shape [7 or 14, n], units as in `Blocks.rows`, into blocks of like normals and places.
+    """Sort plates, shape [7 or 14, n], units as in `Blocks.rows`, into blocks of similar normals and positions.
 
     `far`: greatest distance of each plate's points from its centroid [m], shape [n].
     """
     n = rows.shape[1]
     center = rows[:3] - rows[:3].mean(axis=1, keepdims=True)
     size = np.abs(center).max()
-    # a tool's length in place weighs as much as a quarter turn of the normal
+    # a tool's length weighs as much as a quarter turn of the normal
     order = _neighbours(np.vstack([rows[3:6], center / size if size > 0.0 else center]))
     padding = -n % BLOCK
     packed = np.ascontiguousarray(np.hstack([rows[:, order], np.repeat(rows[:, order[-1:]], padding, axis=1)]))
@@ -161,7 +153,7 @@ def _blocks(rows: Array, far: Array) -> Blocks:
 
 
 def _neighbours(features: Array) -> NDArray[np.int64]:
-    """An order in which every `BLOCK` consecutive columns are alike: halved along the widest row, again and again."""
+    """An order in which every `BLOCK` consecutive columns are similar, by recursive halving along the widest row."""
 
     def ordered(columns: NDArray[np.int64]) -> list[NDArray[np.int64]]:
         if len(columns) <= BLOCK:

@@ -1,8 +1,8 @@
-"""Traction per depth of one plate, Eq. (8), from its normal and velocity: the only place that knows which law it is.
+"""Traction per depth of one plate, Eq. (8), from its normal and velocity. No other module depends on the law's form.
 
-A law is a NamedTuple of numbers plus a function ``traction_per_depth(law, n, v, flatness) -> t``, all in world axes
-with z up. The loops over plates (`rft_ros.rft.kernel`) call `traction_per_depth` and nothing else; a second law is a
-second NamedTuple and one line in `_FUNCTIONS`.
+A law is a NamedTuple of numbers and a function ``traction_per_depth(law, n, v, flatness) -> t``, in world axes with z
+up. The loops over plates (`rft_ros.rft.kernel`) call only `traction_per_depth`. To add a law, write both and add one
+line to `_FUNCTIONS`.
 """
 
 from collections.abc import Callable
@@ -37,20 +37,20 @@ FLAT = 1.0 - 1e-3
 """A plate with abs(n·E3) at or above this counts as horizontal: its e2 comes from the velocity (released code)."""
 
 FLAT_BLEND = 5.0
-"""Tilt [deg] over which the refined rule blends the tractions by the velocity's and by the normal's direction. The
-released code switches at `FLAT`; the paper's text has no such case."""
+"""Tilt [deg] up to which the refined rule blends the tractions with e2 from the velocity and from the normal. The
+released code switches at `FLAT`; the paper does not mention the case."""
 
 _SIN_BLEND = sin(radians(FLAT_BLEND))
 
 _NUDGE = 1e-5
-"""What the released code adds to a unit velocity's x, so that e2 of a horizontal plate exists in vertical motion."""
+"""Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
 
 
 class Treers2021(NamedTuple):
     """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
-    `stiffness`: ζ in N/m³ per N/cm³. The sums and differences of Li's coefficients [N/cm³] are those that appear once
-    sin(±2β + γ) and cos(±2β + γ) are multiplied out, so that no angle needs computing. `alpha_y`: the model of Eq. (7).
+    `stiffness`: ζ in N/m³ per N/cm³. The other numbers are sums and differences of Li's coefficients [N/cm³], from
+    expanding sin(±2β + γ) and cos(±2β + γ), so that no angle is computed. `alpha_y`: the model of Eq. (7).
     """
 
     stiffness: float
@@ -93,12 +93,12 @@ def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> T
 
 
 def checked_law(law: Law) -> Law:
-    """The law with float64 fields: an integer in one would have a kernel of its own, compiled for integers.
+    """The law with float64 fields: an integer field would compile another kernel.
 
-    Raises TypeError for what is no law or α_y model, ValueError for fields that are not finite numbers.
+    Raises TypeError for anything but a law with an α_y model, ValueError for fields that are not finite numbers.
     """
     if type(law) not in _FUNCTIONS:
-        raise TypeError(f"law is {law!r}; make one with treers2021")
+        raise TypeError(f"law is {law!r}; create one with treers2021")
     fields = {name: number(f"{name} of the law", v) for name, v in law._asdict().items() if name != "alpha_y"}
     return type(law)(**fields, alpha_y=checked_alpha_y(law.alpha_y))
 
@@ -106,7 +106,7 @@ def checked_law(law: Law) -> Law:
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
 """Near-horizontal plates: assume none, switch at `FLAT`, or blend over `FLAT_BLEND`."""
 
-_TINY = 1e-290  # under a root whose reciprocal only ever multiplies zeros there
+_TINY = 1e-290  # avoids 1 / 0 where the reciprocal root multiplies zeros
 
 
 def _treers2021(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyped-def]
@@ -128,8 +128,8 @@ def _treers2021(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyp
 
 @inlined
 def _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, hx, hy, flat):  # type: ignore[no-untyped-def]
-    """Traction per depth with e2 along (hx, hy), e1 = e2 x E3. `flat`: the normal may lie beside their plane."""
-    # The three roots do not wait for each other: half of a plate's time is latency.
+    """Traction per depth with e2 along (hx, hy), e1 = e2 x E3. `flat`: the normal may lie outside the e2-E3 plane."""
+    # The three roots are independent of each other: half of a plate's time is latency.
     hh = hx * hx + hy * hy
     per_h = 1.0 / sqrt(max(hh, _TINY))
     v1h = vx * hy - vy * hx
@@ -137,8 +137,8 @@ def _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, hx, hy, flat):  # ty
     qq = v2h * v2h + vz * vz * hh  # (v23 h)²
     per_q = 1.0 / sqrt(max(qq, _TINY))
 
-    # attack angle: β = atan2(n·E3, n·e2) + 90°. The length of (n·e2, n·E3) is 1, or of a horizontal plate down to FLAT:
-    # four terms of the series of its reciprocal leave 1e-14, and spare a root and a division.
+    # attack angle: β = atan2(n·E3, n·e2) + 90°. The length of (n·e2, n·E3) is 1, or at least FLAT for a flat plate:
+    # four terms of the series of its reciprocal are accurate to 1e-14 and save a root and a division.
     n2 = (nx * hx + ny * hy) * per_h
     short = 1.0 - (n2 * n2 + nz * nz) if flat else 0.0
     per_n23 = 1.0 + short * (0.5 + short * (0.375 + short * (0.3125 + short * 0.2734375)))
@@ -175,9 +175,9 @@ def traction_per_depth(
 ) -> tuple[float, float, float]:
     """Traction per depth on a leading plate [N/m³], Eq. (8), from its outward unit normal and velocity, in world axes.
 
-    Returns its x, y and z: times depth and area it is the force on the plate by the grains. Of the velocity only the
-    direction counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the released code) or
-    `BLENDED`, a constant where it is compiled.
+    Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the direction of the
+    velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the released code) or
+    `BLENDED`; a constant in compiled code.
     """
     return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz, flatness)
 

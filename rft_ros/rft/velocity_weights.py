@@ -1,9 +1,9 @@
-"""How much of the speed along and across a plate becomes force: f1 and f23 (Eqs. (5), (6); Treers et al. 2021).
+"""The weights f1 and f23 of the velocity along and across a plate (Eqs. (5), (6); Treers et al. 2021).
 
 Both are fits to a plate dragged horizontally at angle ψ, exactly 0 at 0 and exactly 1 at 1. The paper prints them
 rounded and without the atanh; these are the released code's digits. The kernels below are rational (minimax in the
-square of the argument, relative error under 5e-13, refitted by ``bench/fit_rationals.py``), because library calls of
-tanh and atanh would cost three quarters of a plate's time and keep the loop over plates from using vector registers.
+square of the argument, relative error under 5e-13, fitted by ``bench/fit_rationals.py``): library calls of tanh and
+atanh would take three quarters of a plate's time and prevent vectorisation.
 """
 
 import math
@@ -16,23 +16,19 @@ A1, A2, A3 = 0.440850096954369, 3.62263982880971, 1.60910808139526
 B1, B2, B3 = 1.99392673405210, 1.61146827229181, 0.973746396532650
 """Coefficients of Eqs. (5) and (6), with all digits of the released code; no unit."""
 
+_TANH_A3, _ATANH_B3 = math.tanh(A3), math.atanh(B3)
+_F1_BRACKET = math.tanh(A2 - A3) + _TANH_A3  # the brackets of Eqs. (5) and (6) at 1
+_F23_BRACKET = math.atanh(B2 - B3) + _ATANH_B3
+
 
 def exact_f1(u: float) -> float:
-    """f1 by the library's tanh, Eq. (5): weight of the force along e1, from u = abs(v1)/abs(v) in 0 to 1."""
-    bracket_at_1 = math.tanh(A2 - A3) + math.tanh(A3)
-    return (math.tanh(A2 * u - A3) + math.tanh(A3)) / bracket_at_1
+    """f1 with the library's tanh, Eq. (5): weight of the force along e1, from u = abs(v1)/abs(v) in 0 to 1."""
+    return (math.tanh(A2 * u - A3) + _TANH_A3) / _F1_BRACKET
 
 
 def exact_f23(w: float) -> float:
-    """f23 by the library's atanh, Eq. (6): weight of the force across e1, from w = abs(v23)/abs(v) in 0 to 1."""
-    bracket_at_1 = math.atanh(B2 - B3) + math.atanh(B3)
-    return (math.atanh(B2 * w - B3) + math.atanh(B3)) / bracket_at_1
-
-
-_TANH_A3 = math.tanh(A3)
-_ATANH_B3 = math.atanh(B3)
-_F1_SCALE = 1.0 / (math.tanh(A2 - A3) + _TANH_A3)
-_F23_SCALE = 1.0 / (math.atanh(B2 - B3) + _ATANH_B3)
+    """f23 with the library's atanh, Eq. (6): weight of the force across e1, from w = abs(v23)/abs(v) in 0 to 1."""
+    return (math.atanh(B2 * w - B3) + _ATANH_B3) / _F23_BRACKET
 
 
 @inlined
@@ -62,12 +58,12 @@ def _atanh(x: float) -> float:
 @inlined
 def f1(u: float) -> float:
     """Rational `exact_f1`, Eq. (5); u in [0, 1], clamped above 1 against rounding."""
-    f = _F1_SCALE * (_tanh(A2 * min(u, 1.0) - A3) + _TANH_A3)
+    f = (1.0 / _F1_BRACKET) * (_tanh(A2 * min(u, 1.0) - A3) + _TANH_A3)
     return f if u > 0.0 else 0.0
 
 
 @inlined
 def f23(w: float) -> float:
     """Rational `exact_f23`, Eq. (6); w in [0, 1], clamped above 1 against rounding."""
-    f = _F23_SCALE * (_atanh(B2 * min(w, 1.0) - B3) + _ATANH_B3)
+    f = (1.0 / _F23_BRACKET) * (_atanh(B2 * min(w, 1.0) - B3) + _ATANH_B3)
     return f if w > 0.0 else 0.0

@@ -29,8 +29,8 @@ COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz", "submerged_area")
 """Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
 
 SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for f in "xyz"))
-"""Further columns: change of the force with the surface height [N/m], the sum of traction per depth times wet area; and
-the sums over plates of r_j f_l [N m], r from the tool frame's origin, of which the torque is made."""
+"""Further columns: derivative of the force by the surface height [N/m], the sum of traction per depth times wet area;
+and the sums over plates of r_j f_l [N m], r from the tool frame's origin, which make up the torque."""
 
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
@@ -39,7 +39,7 @@ _STATE_ROW = (len(STATE),)
 _WIDE = len(COLUMNS) + len(SENSITIVITIES)
 
 _Code = tuple[Callable[..., None], Law]
-# By a law's id: the law, so that its id stays its own; and by rule, outputs and memory the code, and the law it takes.
+# By a law's id: the law, kept so that its id is not reused; and by rule, outputs and memory the code and its law.
 _CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
 _LAWS_KEPT = 32
 
@@ -54,14 +54,14 @@ def wrenches(
     sensitivities: bool = False,
     out: Array | None = None,
 ) -> Array:
-    """Wrench at each state, Eq. (9), by the rule that `plates.integration` names.
+    """Wrench at each state, Eq. (9), by the integration rule of `plates`.
 
-    `states`: shape [n, 13], columns `STATE`; finite, unit quaternions (`rft_ros.rft.frames.checked_states` checks).
-    `surface_height`: world z of the undisturbed surface [m]. `threads`: default all cores when the work is worth it.
-    `out`: where to write the result, instead of a new array.
+    `states`: shape [n, 13], columns `STATE`; finite, unit quaternions (see `checked_states`). `surface_height`: world z
+    of the undisturbed surface [m]. `threads`: default one, or all cores for large inputs. `out`: array for the result,
+    float64, C-contiguous.
     Returns shape [n, 7], columns `COLUMNS`: force on the tool by the grains [N] and torque about the tool frame's
-    origin [N m], world axes; submerged area [m²]; with `sensitivities` shape [n, 19], columns `SENSITIVITIES` beside
-    them. Each row is the same, to the last bit, whatever n and the threads. Raises ValueError or TypeError that names
+    origin [N m], world axes; submerged area [m²]. With `sensitivities`: shape [n, 19], columns `SENSITIVITIES` added.
+    A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
     entry, law = _code(plates, law, bool(sensitivities), None)
@@ -80,7 +80,7 @@ def wrenches(
                 pool.submit(entry, *tool, states[a:b], None, result[a:b]) for a, b in itertools.pairwise(edges)
             ]:
                 job.result()
-    return result if out is None or out is result else _copied(result, out)
+    return result
 
 
 def wrenches_in_time(
@@ -95,27 +95,27 @@ def wrenches_in_time(
     sensitivities: bool = False,
     out: Array | None = None,
 ) -> Array:
-    """As `wrenches`, of plates that remember, Eq. (10): states, shape [n, 13], in the order of time.
+    """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
-    `durations`: shape [n], time [s] since the state before; 0 for the first of all. `memory`: of these plates, changed
-    in place. `mobilization_length`: λ of a plate `rft_ros.rft.memory.DEPTH` deep [m], over 0.
+    `durations`: shape [n], time since the previous state [s]; 0 for the very first. `memory`: of these plates, updated
+    in place. `mobilization_length`: λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive.
     """
     if memory.__class__ is not Memory:
-        raise TypeError(f"memory is {memory!r}; make one with Memory.of(plates)")
+        raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
     entry, law = _code(plates, law, bool(sensitivities), memory)
     if memory.plates is not plates and not np.array_equal(memory.plates.blocks.rows, plates.blocks.rows):
-        raise ValueError("memory belongs to other plates; make one with Memory.of(plates)")
+        raise ValueError("memory belongs to other plates; create one with Memory(plates)")
     blocks, height = plates.blocks, number("surface_height", surface_height)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
     durations = numbers("durations", durations, rows=n)
     if not (durations[0] if n == 1 else durations.min(initial=0.0)) >= 0.0:
-        raise ValueError("durations has a value that is negative or NaN; states must be in the order of time")
+        raise ValueError("durations has a value that is negative or NaN; states must be in chronological order")
     length = number("mobilization_length", mobilization_length, positive=True)
     past = durations, length, memory.tractions, memory.active, memory.motion
     result = _result(out, n, sensitivities)
     entry(blocks.rows, blocks.bounds, plates.reach, law, height, states, past, result)
-    return result if out is None or out is result else _copied(result, out)
+    return result
 
 
 def plate_forces(plates: Plates, law: Law, state: ArrayLike, *, surface_height: float = 0.0) -> Array:
@@ -131,7 +131,7 @@ def plate_forces(plates: Plates, law: Law, state: ArrayLike, *, surface_height: 
 
 
 def edge_shares(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0) -> tuple[float, float]:
-    """Shares of the wet area where the published rule jumps: within 5° of horizontal, within 1° of its own motion.
+    """Shares of the wet area where the published rule jumps: within 5° of horizontal; moving within 1° of its plane.
 
     `state`: shape [13], columns `STATE`; `surface_height` [m]. Each lies in 0 to 1, no unit; both 0 in the air.
     """
@@ -142,9 +142,9 @@ def edge_shares(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0
 
 
 def _code(plates: Plates, law: Law, what: bool | Literal["forces"], memory: Memory | None) -> _Code:
-    """The compiled loop for these and the law that it takes; compiled when a law's type is first seen.
+    """The compiled loop and the law to pass to it; compiles when a law's type is first seen.
 
-    `what`: "forces" of plates, or sums over plates, True with sensitivities.
+    `what`: "forces" on each plate, or sums over plates, True for sums with sensitivities.
     """
     found = _CODE.get(id(law))
     if found is not None and plates.__class__ is Plates:
@@ -154,7 +154,7 @@ def _code(plates: Plates, law: Law, what: bool | Literal["forces"], memory: Memo
     _check_plates(plates)
     good, blocks = checked_law(law), plates.blocks
     if what == "forces":
-        good = checked_law(good._replace(alpha_y=as_table(good.alpha_y)))  # one compilation, not one for each model
+        good = checked_law(good._replace(alpha_y=as_table(good.alpha_y)))  # one compilation for all models
         arguments: tuple[object, ...] = good, 0.0, np.zeros(13), blocks.order, np.zeros((1, 3))
         entry = machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, *arguments))
     else:
@@ -175,25 +175,18 @@ def _check_plates(plates: Plates) -> None:
 
 
 def _workers(threads: int | None, states: int, plates: int) -> int:
-    """How many threads to take for so much work."""
+    """The number of threads for this many states and plates."""
     if threads is not None and number("threads", threads) < 1:
         raise ValueError(f"threads is {threads}; it must be at least 1")
     return min(int(threads or _CORES), states, 1 + states * plates // _WORTH_A_THREAD)
 
 
 def _result(out: Array | None, n: int, sensitive: bool) -> Array:
-    """Where the loop writes to: `out`, or where that lies otherwise in memory, or is None, a new array."""
+    """The array for the result: `out`, checked, or a new one."""
     shape = n, _WIDE if sensitive else 7
     if out is None:
         return np.empty(shape)
     if out.__class__ is np.ndarray and out.dtype is FLOAT and out.flags.carray and out.shape == shape:
         return out
-    if not isinstance(out, np.ndarray) or out.shape != shape or not out.flags.writeable or out.dtype.kind != "f":
-        what = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else repr(out)
-        raise ValueError(f"out is {what}; it must be a writable array of floats of shape {list(shape)}")
-    return np.empty(shape)
-
-
-def _copied(result: Array, out: Array) -> Array:
-    out[:] = result
-    return out
+    what = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else repr(out)
+    raise ValueError(f"out is {what}; it must be a writable, C-contiguous array of float64, shape {list(shape)}")

@@ -116,7 +116,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
     length = float(medium.get("mobilization_length", 0.0))
     if length > 0.0:
         durations = np.diff(times, prepend=times[0])
-        memory = Memory.of(tool.plates)
+        memory = Memory(tool.plates)
         result = wrenches_in_time(
             tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
         )

@@ -52,7 +52,7 @@ def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
         missing = target - matrix[:, chosen] @ factors
         few = rows[:, chosen]
         few[6] *= factors
-        yield Plates.from_rows(few)
+        yield Plates(few)
 
 
 def _wrenches_of_plates(plates: Plates, states: Array) -> Array:

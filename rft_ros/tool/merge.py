@@ -44,7 +44,7 @@ class Merger:
             means = _means(groups, self._areas, self._features)
             nearest = (0.5 * (means * means).sum(axis=1) - self._features @ means.T).argmin(axis=1)
             groups = np.unique(nearest, return_inverse=True)[1].reshape(-1)
-        return Plates.from_rows(_united(self._rows, groups[self._cells]))
+        return Plates(_united(self._rows, groups[self._cells]))
 
 
 def _means(groups: Labels, weights: Array, values: Array) -> Array:

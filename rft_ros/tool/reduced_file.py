@@ -104,7 +104,7 @@ def read_reduced(file: Path) -> ReducedMesh:
         if about.get("format") != _FORMAT:
             raise ValueError(f"its format is '{about.get('format')}', not '{_FORMAT}'")
         rule = about["integration"]
-        if rule != Plates.from_rows(found["plates"]).integration:
+        if rule != Plates(found["plates"]).integration:
             raise ValueError(f"its plates are not for integration '{rule}'")
         mesh = _checked_surface(found["vertices"], found["faces"])
         return ReducedMesh(*mesh, found["plates"], rule, Reduction(**about["reduction"]))

@@ -89,7 +89,7 @@ def load_tool(
     corners = _corners(vertices[_used(vertices, faces)])
     plates, reduction = facets, None
     if reduced:
-        plates, reduction = Plates.from_rows(placed(reduced.plates, scale, origin)), reduced.reduction
+        plates, reduction = Plates(placed(reduced.plates, scale, origin)), reduced.reduction
     elif tolerance > 0.0:
         plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
     return Tool(

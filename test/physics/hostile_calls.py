@@ -91,10 +91,10 @@ def expected(alpha_y, zeta, depth):
     form=st.sampled_from(SAME),
     n=st.integers(1, 3),
     threads=st.sampled_from([None, 1, 2, 64]),
-    target=st.sampled_from([None, "own", "by columns", "single precision"]),
+    own=st.booleans(),
 )
 def the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
-    model, zeta, raw, height, form, n, threads, target
+    model, zeta, raw, height, form, n, threads, own
 ):
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made, zeta=zeta)
@@ -102,9 +102,8 @@ def the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
         law = law._replace(stiffness=int(1e6), alpha_y=made)
         zeta = 1
     states = form(np.array([WHOLE] * n, dtype=float))
-    out = {"own": np.empty((n, 7)), "by columns": np.empty((7, n)).T, "single precision": np.empty((n, 7), "f4")}
-    result = wrenches(POINT, law, states, surface_height=height, threads=threads, out=out.get(target))
-    rows = np.asarray(result, dtype=float)
+    out = np.empty((n, 7)) if own else None
+    rows = wrenches(POINT, law, states, surface_height=height, threads=threads, out=out)
     want = expected(alpha_y, float(zeta), 1.0 + float(height))
     assert np.allclose(rows[:, :6], want, rtol=1e-6, atol=1e-3), (rows, want)
     forces = plate_forces(POINT, law, np.asarray(states)[0], surface_height=height)
@@ -118,7 +117,7 @@ def the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
 def memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(model, length, form):
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made)
-    memory = Memory.of(POINT)
+    memory = Memory(POINT)
     durations = form(np.array([[1.0]]))
     durations = durations[0] if isinstance(durations, list) else durations.reshape(1)
     state = form(np.array([WHOLE], dtype=float))
@@ -137,7 +136,7 @@ def memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(m
 def junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
     plates = PLATES[integration]
     law = rft.treers2021(GENERIC, Constant(0.1))
-    memory = Memory.of(plates)
+    memory = Memory(plates)
     use = {"plates": plates, "law": law, "states": [WHOLE], "height": 0.0, "durations": [0.1], "memory": memory}
     use |= {"length": 0.003, "threads": None, "out": None, name: junk}
     keywords = {"surface_height": use["height"], "sensitivities": wide, "out": use["out"]}
@@ -173,11 +172,11 @@ def arrays_of_other_shapes_are_refused(n, rows, columns, what):
         states = np.zeros((rows, columns))
         assert refused(lambda: wrenches(POINT, law, states)) == (columns != 13)
     elif what == "durations":
-        times, memory = np.zeros(rows), Memory.of(POINT)
+        times, memory = np.zeros(rows), Memory(POINT)
         call = lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1)  # noqa: E731
         assert refused(call) == (not fits)
     else:
-        memory, times = Memory.of(OTHERS), np.zeros(n)
+        memory, times = Memory(OTHERS), np.zeros(n)
         assert refused(lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1))
 
 
@@ -188,7 +187,7 @@ def arrays_of_other_shapes_are_refused(n, rows, columns, what):
 def states_that_were_not_checked_stay_within_the_arrays(values, model):
     law = rft.treers2021(GENERIC, model)
     for plates in (*PLATES.values(), OTHERS):
-        memory = Memory.of(plates)
+        memory = Memory(plates)
         assert wrenches(plates, law, [values]).shape == (1, 7)
         wrenches_in_time(plates, law, [values] * 2, [0.0, 0.1], memory, mobilization_length=0.003, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)

@@ -51,21 +51,21 @@ def without_flat(plates: Plates, state: Array, margin: float = 1e-4) -> Plates:
     """The plates that are not within the horizontal cap in this state, where the nudge along x breaks symmetry."""
     rows = plates.rows
     nz = (rotation_matrix(state[3:7]) @ rows[3:6])[2]
-    return Plates.from_rows(rows[:, np.abs(nz) < LEVEL[plates.integration] - margin])
+    return Plates(rows[:, np.abs(nz) < LEVEL[plates.integration] - margin])
 
 
 def moved(plates: Plates, shift: Array) -> Plates:
     """The same plates seen from a tool frame whose origin lies elsewhere [m]."""
     rows = plates.rows
     rows[:3] -= shift[:, None]
-    return Plates.from_rows(rows)
+    return Plates(rows)
 
 
 def mirrored(plates: Plates) -> Plates:
     """The plates' image in the plane y = 0."""
     rows = plates.rows
     rows[[1, 4] if len(rows) == 7 else [1, 4, 8, 11]] *= -1.0
-    return Plates.from_rows(rows)
+    return Plates(rows)
 
 
 def listed(plates: Plates) -> list[tuple[list[float], list[float], float]]:

@@ -29,7 +29,7 @@ def along(path, velocity, *, start=(0.0, 0.0, -0.04), speed=1.0, angular=(0.0, 0
 
 
 def remembered(states, durations, *, length=LENGTH, plates=PLATES["centroid"], memory=None, law=LAW):
-    memory = Memory.of(plates) if memory is None else memory
+    memory = Memory(plates) if memory is None else memory
     return wrenches_in_time(plates, law, states, durations, memory, mobilization_length=length)
 
 
@@ -81,12 +81,12 @@ def test_dividing_a_steady_path_changes_nothing(cuts):
     whole = remembered(*along(ends, (0.01, 0.003, 0.0)))[-1]
     divided = np.unique(np.concatenate([ends, cuts]))
     states, durations = along(divided, (0.01, 0.003, 0.0))
-    memory = Memory.of(PLATES["centroid"])
+    memory = Memory(PLATES["centroid"])
     # the first step of a memory knows what the law asks for only at its end
     first = remembered(*along(np.array([0.0, 1e-30]), (0.01, 0.003, 0.0)), memory=memory)
     assert np.abs(first).max() < 1e-20 * np.abs(whole).max() + 1e-20 or first[0, 6] > 0.0
     parts = remembered(states, durations, memory=memory)[-1]
-    memory.forget()
+    memory = Memory(PLATES["centroid"])
     remembered(*along(np.array([0.0, 1e-30]), (0.01, 0.003, 0.0)), memory=memory)
     whole = remembered(*along(ends, (0.01, 0.003, 0.0)), memory=memory)[-1]
     np.testing.assert_allclose(parts, whole, rtol=1e-9, atol=1e-12)
@@ -128,7 +128,7 @@ def test_the_forces_on_a_turning_body_depend_little_on_the_step():
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)
 def test_at_rest_the_force_holds(integration):
-    plates, memory = PLATES[integration], Memory.of(PLATES[integration])
+    plates, memory = PLATES[integration], Memory(PLATES[integration])
     states, durations = along(np.linspace(0.0, 0.02, 50), (0.004, 0.0, -0.01))
     last = remembered(states, durations, plates=plates, memory=memory)[-1]
     at_rest = np.repeat(states[-1:], 1000, axis=0)
@@ -138,7 +138,7 @@ def test_at_rest_the_force_holds(integration):
 
 
 def test_after_a_reversal_the_force_falls_within_a_fraction_of_the_length():
-    memory = Memory.of(PLATES["centroid"])
+    memory = Memory(PLATES["centroid"])
     down, durations = along(np.linspace(0.0, 0.04, 100), (0.0, 0.0, -0.01), start=(0.0, 0.0, 0.0))
     pressed = remembered(down, durations, memory=memory)[-1, 2]
     up, durations = along(np.linspace(0.0, LENGTH, 50), (0.0, 0.0, 0.01), start=(0.0, 0.0, -0.04))
@@ -150,7 +150,7 @@ def test_after_a_reversal_the_force_falls_within_a_fraction_of_the_length():
 
 
 def test_plates_that_leave_the_grains_forget():
-    memory = Memory.of(PLATES["refined"])
+    memory = Memory(PLATES["refined"])
     down, durations = along(np.linspace(0.0, 0.03, 60), (0.0, 0.0, -0.01), start=(0.0, 0.0, 0.0))
     first = remembered(down, durations, plates=PLATES["refined"], memory=memory)
     above, pause = along(np.array([0.0]), (0.0, 0.0, 0.01), start=(0.0, 0.0, 0.1))
@@ -177,9 +177,19 @@ def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(leng
     assert (np.linalg.norm(result[:, :3], axis=1) <= strongest).all()
 
 
+def test_a_speed_near_the_largest_double_leaves_a_usable_memory():
+    memory = Memory(PLATES["centroid"])
+    states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
+    states[:, 7] = 1.7e308
+    for _ in range(2):
+        remembered(states, durations + 0.1, memory=memory)
+    states, durations = along(np.linspace(0.0, 0.03, 60), (0.01, 0.0, -0.002))
+    assert np.isfinite(remembered(states, durations, memory=memory)).all()
+
+
 def test_a_memory_of_another_rule_of_alpha_y_goes_on():
     """ζ and α_y are swapped while the tool is in the grains; what the plates remember is a traction, not a share."""
-    memory = Memory.of(PLATES["centroid"])
+    memory = Memory(PLATES["centroid"])
     states, durations = along(np.linspace(0.0, 0.03, 60), (0.01, 0.0, -0.002))
     before = remembered(states, durations, memory=memory)[-1]
     stronger = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.6)

@@ -57,7 +57,7 @@ def test_with_memory_they_belong_to_the_tractions_in_memory(seed):
     for plates in TOOLS.values():
         plain, wide = (
             wrenches_in_time(
-                plates, LINEAR, states, durations, Memory.of(plates), mobilization_length=0.003, sensitivities=wanted
+                plates, LINEAR, states, durations, Memory(plates), mobilization_length=0.003, sensitivities=wanted
             )
             for wanted in (False, True)
         )
@@ -75,7 +75,7 @@ def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_
     durations = np.diff(path, prepend=0.0) / 0.01
     for plates in TOOLS.values():
         kept = wrenches_in_time(
-            plates, LINEAR, states, durations, Memory.of(plates), mobilization_length=1e-3, sensitivities=True
+            plates, LINEAR, states, durations, Memory(plates), mobilization_length=1e-3, sensitivities=True
         )
         fresh = wrenches(plates, LINEAR, states[-1:], sensitivities=True)
         np.testing.assert_allclose(column(kept, "dfx_dh")[-1], column(fresh, "dfx_dh")[0], rtol=1e-6)

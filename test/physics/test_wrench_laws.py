@@ -76,7 +76,7 @@ def test_the_mirror_image_of_a_scene_has_the_mirror_image_of_its_wrench(rule, la
     rows[3:6, :20] = np.array([[0.0], [0.0], [-1.0]])
     if rule == "refined":
         rows[[9, 12], :20] = 0.0  # their corners lie level too
-    body = Plates.from_rows(rows)
+    body = Plates(rows)
     v, w = rng.normal(size=3), rng.normal(size=3)
     state = np.concatenate([[0, 0, -0.01, 0, 0, 0, 1], v, w])[None]
     image = np.concatenate([[0, 0, -0.01, 0, 0, 0, 1], flip * v, -flip * w])[None]
@@ -135,7 +135,7 @@ def test_about_another_origin_the_torque_shifts_by_lever_arm_cross_force(rule, l
 @given(seed=seeds, cut=st.integers(1, 59))
 def test_the_wrench_of_a_body_is_the_sum_of_its_parts(rule, law, seed, cut):
     body, state, _ = scene(seed, rule)
-    parts = [Plates.from_rows(body.rows[:, s]) for s in (slice(None, cut), slice(cut, None))]
+    parts = [Plates(body.rows[:, s]) for s in (slice(None, cut), slice(cut, None))]
     # A body's fastest point sets the common factor of its speeds, so the parts round differently.
     assert_same(sum(wrench(part, law, state) for part in parts), wrench(body, law, state), accuracy=1e-9)
 

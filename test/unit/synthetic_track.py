@@ -69,7 +69,7 @@ class Path:
 def grain_wrenches(time, states, law, *, surface, length=1e-9, tool=TOOL):
     """Wrench of the grains on the tool, world axes, shape [n, 6]; by default the memory matters only at rest."""
     durations = np.diff(time, prepend=time[0])
-    memory = Memory.of(tool.plates)
+    memory = Memory(tool.plates)
     return wrenches_in_time(
         tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
     )

@@ -1,4 +1,4 @@
-"""docs/commands.md and docs/node.md say what the code declares."""
+"""The generated references and config/default.yaml say what the code declares."""
 
 import importlib.util
 from pathlib import Path
@@ -6,11 +6,18 @@ from pathlib import Path
 import pytest
 
 from rft_ros.cli import parser
+from rft_ros.estimator.parameters import defaults, read_parameter_file
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.estimator.samples import Reason
 
-DOCS = Path(__file__).resolve().parents[2] / "docs"
-MAKER = DOCS / "_site" / "reference_pages.py"
+ROOT = Path(__file__).resolve().parents[2]
+MAKER = ROOT / "docs" / "_site" / "reference_pages.py"
+GENERATED = {
+    "docs/commands.md": "commands_page",
+    "docs/node.md": "node_page",
+    "README.md": "readme",
+    "config/default.yaml": "default_yaml",
+}
 
 
 @pytest.fixture(scope="module")
@@ -21,10 +28,14 @@ def pages():
     return module
 
 
-@pytest.mark.parametrize("name", ["commands", "node"])
+@pytest.mark.parametrize("name", GENERATED)
 def test_a_generated_page_is_as_its_generator_writes_it(pages, name):
-    written = (DOCS / f"{name}.md").read_text(encoding="utf-8")
-    assert written == getattr(pages, f"{name}_page")(), "run python docs/_site/reference_pages.py"
+    written = (ROOT / name).read_text(encoding="utf-8")
+    assert written == getattr(pages, GENERATED[name])(), "run python docs/_site/reference_pages.py"
+
+
+def test_the_default_file_reads_back_as_the_defaults():
+    assert read_parameter_file(ROOT / "config" / "default.yaml") == defaults()
 
 
 def test_every_option_of_every_command_has_a_row(pages):
@@ -37,7 +48,7 @@ def test_every_option_of_every_command_has_a_row(pages):
                 assert action.help.replace("|", "\\|") in section
 
 
-def test_every_reason_and_doubt_has_a_row(pages):
+def test_every_reason_and_quality_flag_has_a_row(pages):
     text = pages.node_page()
     assert [r.value for r in Reason if f"| `{r.value}` |" not in text] == []
     assert [d.name for d in QualityFlag if d.value and f"| `{d.name.lower()}` |" not in text] == []

@@ -108,7 +108,7 @@ def test_leaving_the_grains_begins_a_new_memory():
 
 def test_the_estimator_and_the_core_agree_on_a_path():
     arm = Arm(0.004)
-    memory, expected, previous = Memory.of(PLATE.plates), 0.0, None
+    memory, expected, previous = Memory(PLATE.plates), 0.0, None
     for _ in range(300):
         answer = arm.move(-0.012, PERIOD * 1e-9)[0]
         if not isinstance(answer, Estimate):

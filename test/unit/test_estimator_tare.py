@@ -105,7 +105,7 @@ def test_tare_is_refused_while_the_velocity_is_not_known():
     for k in range(20):
         e.push_wrench(wrench(after + k * 10 * MS, READING))
         e.push_pose(pose(after + k * 10 * MS, AIR))
-    assert refused(e) == "tare refused: within the last 0.5 s the tool's velocity was not known (twist_stale)"
+    assert refused(e) == "tare refused: within the last 0.5 s the tool's velocity was unknown (twist_stale)"
 
 
 def test_tare_is_refused_with_fewer_than_ten_samples():
