@@ -76,7 +76,6 @@ class NodeParameters:
         for name in node._parameter_overrides.keys() - node._parameters.keys():
             if not name.startswith("qos_overrides.") and name != "use_sim_time":
                 node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
-        validate(self._own, frozenset(self._own))
         node.add_pre_set_parameters_callback(self._with_doubles)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after)
