@@ -94,7 +94,7 @@ def _check_names(where: str, name: str, entry: Mapping[str, object]) -> None:
         if "states_file" in entry:
             allowed: tuple[str, ...] = ("states_file",)
         elif family in FAMILIES:
-            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[str(family)])))  # type: ignore[arg-type]
+            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[str(family)])))
         else:
             raise InputError(
                 f"{where}: family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file"

@@ -69,8 +69,8 @@ def _loaded(request: ToolRequest) -> Tool:
 
 def _tool(entry: dict[str, Any]) -> Tool:
     numbers = {name: float(entry[name]) for name in ("scale", "tolerance") if name in entry}
-    origin = tuple(float(v) for v in entry.get("origin", (0.0, 0.0, 0.0)))
-    return _loaded(ToolRequest(entry["mesh"], origin=origin, integration=entry.get("integration"), **numbers))
+    x, y, z = map(float, entry.get("origin", (0.0, 0.0, 0.0)))
+    return _loaded(ToolRequest(entry["mesh"], origin=(x, y, z), integration=entry.get("integration"), **numbers))
 
 
 @lru_cache(maxsize=4096)
