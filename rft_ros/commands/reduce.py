@@ -27,7 +27,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     integration_option(command)
     size = command.add_mutually_exclusive_group()
     number_option(
-        *(size, "--tolerance", "SHARE"),
+        size,
+        "--tolerance",
+        "SHARE",
         "error allowed, as a share of the force, at the 95th percentile of motions not used for the choice"
         " (default 0.025)",
         0.025,

@@ -106,7 +106,7 @@ def run(
         rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
         file = _table(out, columns, rows, form)
     except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be used: {reason_of(error)}") from None
+        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     failed = sum(bool(row[-1]) for row in rows)
     return Report(
         file=file,
