@@ -51,7 +51,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate; exit status 1 if nothing is identifiable, or something asked for by --fit is not."""
+    """Calibrate; exit status 1 if nothing is identifiable, or a part named by --fit is not."""
     from rich.console import Console
 
     from rft_ros.calibration import PARTS, Options, calibrate, read_track

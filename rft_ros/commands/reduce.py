@@ -38,7 +38,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--plates",
         type=int,
         metavar="N",
-        help="at most this many plates, whatever their error (default: --tolerance decides)",
+        help="at most this many plates, regardless of the error (default: --tolerance decides)",
     )
     command.add_argument(
         "--scene",
@@ -114,6 +114,6 @@ def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]"
     elif Path(name).suffix or Path(name).exists():
         states = read_states(Path(name))[1]
     else:
-        raise InputError(f"--scene '{name}' is neither a file nor a family of motions: {', '.join(FAMILIES)}")
+        raise InputError(f"--scene '{name}' is not a file or a family of motions ({', '.join(FAMILIES)})")
     states[:, 2] -= settings_of(values).surface_height if surface is None else surface
     return states

@@ -19,7 +19,7 @@ DIAGNOSTICS_PERIOD = 1.0
 _LATENCIES = 1000  # recorded per report, at most
 _QUIET_REPORTS = 3  # without a reason, before it counts as ended
 _NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value}
-"""Reasons that are part of normal operation: neither a warning in the log nor in the status."""
+"""Reasons that are part of normal operation: no warning in the log or the status."""
 
 
 class Diagnostics:

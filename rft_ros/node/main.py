@@ -133,7 +133,7 @@ def _refused_arguments() -> str:
     try:
         left = remove_ros_args(sys.argv)[1:]
     except UnknownROSArgsError as error:
-        return f"ROS knows no argument {str(error).strip('[]')}"
+        return f"unknown ROS argument {str(error).strip('[]')}"
     except RCLError:
         return ""  # rclpy.init says what is wrong with ROS's own arguments
     if not left:

@@ -38,7 +38,7 @@ _TOOL = frozenset(TOOL_PARAMETERS.values())
 
 
 class RftNode(Node):
-    """One estimator between three subscriptions and three publications."""
+    """Feeds poses, twists and wrenches to one estimator and publishes its results."""
 
     def __init__(self, worker: ToolWorker) -> None:
         super().__init__("rft")

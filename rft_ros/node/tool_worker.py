@@ -22,7 +22,7 @@ _ALIGNMENT = 64
 class ToolWorker:
     """Loads one tool at a time in a low-priority process, started early so that no swap waits for its imports.
 
-    The process is replaced if it dies, exceeds the deadline [s], or is asked for another tool before it is done.
+    The process is replaced if it dies, exceeds the deadline [s], or gets a new request while it loads.
     """
 
     def __init__(self, *, deadline: float = _DEADLINE) -> None:

@@ -55,13 +55,13 @@ def locate_mesh(file: str) -> Path:
         if file in shipped:
             return shipped[file]
         raise InputError(
-            f"mesh.file '{file}' is no shipped mesh ({', '.join(shipped)}), nor the path of a mesh file, "
-            f"nor a {_SCHEME} URI"
+            f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); "
+            f"give one of these, a path with suffix or a {_SCHEME} URI"
         )
     try:
         return Path(file).expanduser()
     except RuntimeError as error:
-        raise InputError(f"mesh.file '{file}' names no home folder: {error}") from None
+        raise InputError(f"mesh.file '{file}' has an unknown home folder: {error}") from None
 
 
 def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
@@ -81,7 +81,7 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
     loaded = _load(_bytes_of(path), path)
     if len(getattr(loaded, "faces", ())) == 0:  # a point cloud has no attribute `faces`
         raise InputError(
-            f"mesh file '{path}' has no facets: it is empty, cut short or no {path.suffix[1:].upper()} file"
+            f"mesh file '{path}' has no facets: it is empty, cut short or not a valid {path.suffix[1:].upper()} file"
         )
     if len(loaded.faces) > MAX_FACETS:
         raise InputError(f"mesh file '{path}' has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
@@ -144,7 +144,7 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     except Exception as error:  # each reader raises its own errors
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InputError(
-            f"mesh file '{path}' is no {path.suffix[1:].upper()} file that trimesh can read: {reason}"
+            f"mesh file '{path}' is not a {path.suffix[1:].upper()} file that trimesh can read: {reason}"
         ) from None
 
 
@@ -164,5 +164,5 @@ def _in_tool_frame(
         raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if degenerate_facets(mesh).all():
-        raise InputError(f"mesh file '{path}' has no facet of any area, at mesh.scale {scale}")
+        raise InputError(f"mesh file '{path}' has no facet with an area, at mesh.scale {scale}")
     return mesh

@@ -53,7 +53,7 @@ class Reduction:
 def reduced_for_any_motion(
     plates: Plates, corners: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance, or about `count` plates whatever their error.
+    """The fewest plates within the tolerance, or about `count` plates regardless of their error.
 
     `corners`: of the tool's convex hull [m], shape [k, 3].
     """
@@ -102,7 +102,7 @@ def _fewest(
 def reduced_for_scene(
     plates: Plates, states: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance over a scene's states, or at most `count` plates whatever their error.
+    """The fewest plates within the tolerance over a scene's states, or at most `count` plates regardless of the error.
 
     `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. InputError where there are too few
     states, or none with a force.
@@ -128,7 +128,7 @@ def reduced_for_scene(
 
 
 def _halfway(states: Array, reach: float) -> Array:
-    """Each state moved halfway to the next, where that is near; shape as given.
+    """Each state moved halfway to the next, where the next is near; shape as given.
 
     A periodic motion may be sampled at the same phases in every period. Held-out samples would then repeat those used
     for the choice, and their error would be a tenth of the error between samples.

@@ -113,7 +113,7 @@ def read_reduced(file: Path) -> ReducedMesh:
         raise InputError(f"mesh file '{file}' cannot be read: {error.strerror or error}") from None
     except Exception as error:  # zip, numpy's header and JSON raise errors of their own
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"mesh file '{file}' is no reduced tool written by rft reduce: {reason}") from None
+        raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {reason}") from None
 
 
 def _checked_surface(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

@@ -135,7 +135,7 @@ def test_a_reduced_tool_belongs_to_its_rule(tmp_path, capsys):
         (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
         (("--plates", "0"), "--plates is 0; it must be at least 1"),
         (("--scene", "nothing.csv"), "states file 'nothing.csv' cannot be read"),
-        (("--scene", "straigt"), "--scene 'straigt' is neither a file nor a family of motions: straight, plate_drag"),
+        (("--scene", "straigt"), "--scene 'straigt' is not a file or a family of motions (straight, plate_drag"),
         (("-o", "few.stl"), "output 'few.stl' must end in .npz"),
         (("-o", "/proc/none/few.npz"), "cannot be written"),
     ],
