@@ -84,13 +84,9 @@ class Straight(Motion):
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        return _line(
-            times,
-            start=(0.0, 0.0, self.start_height),
-            velocity=_velocity(self.speed, self.descent_deg, self.heading_deg),
-            yaw=math.radians(self.yaw_deg),
-            tilt=math.radians(self.tilt_deg),
-        )
+        velocity = _velocity(self.speed, self.descent_deg, self.heading_deg)
+        yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
+        return _line(times, start_height=self.start_height, velocity=velocity, yaw=yaw, tilt=tilt)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,13 +107,9 @@ class PlateDrag(Motion):
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        return _line(
-            times,
-            start=(0.0, 0.0, -self.depth),
-            velocity=_velocity(self.speed, self.phi_deg),
-            yaw=math.radians(self.psi_deg),
-            tilt=-math.radians(self.beta_deg),
-        )
+        velocity = _velocity(self.speed, self.phi_deg)
+        yaw, tilt = math.radians(self.psi_deg), -math.radians(self.beta_deg)
+        return _line(times, start_height=-self.depth, velocity=velocity, yaw=yaw, tilt=tilt)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,7 +133,7 @@ class OscillatingInsertion(Motion):
         omega = 2.0 * math.pi * self.frequency
         amplitude = math.radians(self.amplitude_deg)
         tilt = amplitude * np.sin(omega * t)
-        states = _line(t, start=(0.0, 0.0, self.start_height), velocity=(0.0, 0.0, -self.speed), yaw=0.0, tilt=tilt)
+        states = _line(t, start_height=self.start_height, velocity=(0.0, 0.0, -self.speed), yaw=0.0, tilt=tilt)
         states[:, 11] = amplitude * omega * np.cos(omega * t)
         return states
 
@@ -175,14 +167,8 @@ class Circumnutation(Motion):
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        rate = math.radians(self.rate_deg_s)
-        states = _line(
-            t,
-            start=(0.0, 0.0, self.start_height),
-            velocity=(0.0, 0.0, -self.speed),
-            yaw=rate * t,
-            tilt=math.radians(self.tilt_deg),
-        )
+        rate, tilt = math.radians(self.rate_deg_s), math.radians(self.tilt_deg)
+        states = _line(t, start_height=self.start_height, velocity=(0.0, 0.0, -self.speed), yaw=rate * t, tilt=tilt)
         states[:, 12] = rate
         return states
 
@@ -225,7 +211,7 @@ def _velocity(speed: float, descent_deg: float, heading_deg: float = 0.0) -> tup
 def _line(
     times: ArrayLike,
     *,
-    start: tuple[float, float, float],
+    start_height: float,
     velocity: tuple[float, float, float],
     yaw: float | Array,
     tilt: float | Array,
@@ -233,7 +219,7 @@ def _line(
     """States on a straight path at constant speed with attitude Rz(yaw) Ry(tilt) [rad] and no angular velocity."""
     t = np.atleast_1d(np.asarray(times, dtype=np.float64))
     states = np.zeros((len(t), len(STATE)))
-    states[:, 0:3] = np.asarray(start) + np.outer(t, velocity)
+    states[:, 0:3] = np.array([0.0, 0.0, start_height]) + np.outer(t, velocity)
     sin_y, cos_y, sin_t, cos_t = np.sin(yaw / 2.0), np.cos(yaw / 2.0), np.sin(tilt / 2.0), np.cos(tilt / 2.0)
     for column, part in zip(range(3, 7), (-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t), strict=True):
         states[:, column] = part
