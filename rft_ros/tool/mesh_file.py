@@ -143,9 +143,7 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
         raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception as error:  # each reader raises its own errors
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(
-            f"mesh file '{path}' is not a {path.suffix[1:].upper()} file that trimesh can read: {reason}"
-        ) from None
+        raise InputError(f"mesh file '{path}' is not a valid {path.suffix[1:].upper()} file: {reason}") from None
 
 
 def _is_binary_stl(data: bytes) -> bool:

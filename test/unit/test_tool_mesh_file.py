@@ -146,7 +146,7 @@ def test_not_a_mesh(tmp_path, suffix, content):
     path.write_bytes(content)
     message = refused(path)
     assert message.startswith(f"mesh file '{path}' ")
-    assert f"no {suffix.upper()} file" in message
+    assert f"not a valid {suffix.upper()} file" in message
 
 
 @pytest.mark.parametrize("options", [{}, {"file_type": "stl_ascii"}])
@@ -168,7 +168,7 @@ def test_word_among_the_numbers_of_an_ascii_stl(tmp_path):
     lines = path.read_text().splitlines()
     lines[12] = "vertex 1.0 oops 2.0"
     path.write_text("\n".join(lines))
-    assert "is not a STL file that trimesh can read" in refused(path)
+    assert "is not a valid STL file" in refused(path)
 
 
 def test_points_without_facets(tmp_path):
