@@ -32,7 +32,7 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
     whole = _Parser(
         prog=rft,
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
-        epilog=f"{rft} COMMAND --help says more of each. " + (__doc__ or "").partition("\n\n")[2],
+        epilog=f"{rft} COMMAND --help describes that command. " + (__doc__ or "").partition("\n\n")[2],
         formatter_class=_Help,
     )
     whole.add_argument("--version", action=_Version, nargs=0, help="show the installed version and exit")
@@ -48,7 +48,7 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
 
 
 class _Parser(argparse.ArgumentParser):
-    """Reports wrong usage in one sentence; argparse's own report repeats the usage."""
+    """Reports wrong usage in one sentence, without argparse's usage text."""
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{_short(self.prog)}: {message}; see {self.prog} --help\n")
@@ -91,7 +91,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a closed pipe is reported here instead of at exit, where it leaves a traceback
-    except BrokenPipeError:  # the reader, such as head, has what it wanted
+    except BrokenPipeError:  # the reader, such as head, has closed the pipe
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 128 + signal.SIGPIPE
 

@@ -1,4 +1,4 @@
-"""Where packages keep their shared files in this installation, and how to call this package's programs."""
+"""Folders of shared files in this installation, and the command lines of this package's programs."""
 
 import os
 import shutil
@@ -16,10 +16,10 @@ _MODULES = {"rft": "rft_ros.cli", "rft_node": "rft_ros.node.main"}
 
 
 def program(name: Literal["rft", "rft_node"]) -> str:
-    """What to type to run one of this package's programs here.
+    """The command line that runs one of this package's programs.
 
-    The name alone where it is on the PATH; ``ros2 run`` in a sourced ROS workspace, where it is not; else the script
-    beside the running Python, as after ``make venv``, or the module.
+    The name alone if it is on the PATH; else ``ros2 run``, in a sourced ROS workspace; else the script beside the
+    running Python, as after ``make venv``; else the module.
     """
     if shutil.which(name):
         return name
@@ -34,8 +34,8 @@ def program(name: Literal["rft", "rft_node"]) -> str:
 def share_directory(package: str) -> Path:
     """The package's share folder, which holds its meshes, configuration and launch files.
 
-    Prefixes in AMENT_PREFIX_PATH come first, as in ROS. Next, if rft_ros runs from a source checkout, the checkout:
-    its files belong to the running code, those of an older installation do not. Last, where pip puts data files.
+    Searched in this order: the prefixes in AMENT_PREFIX_PATH, as in ROS; the source checkout, if rft_ros runs from one,
+    because an older installation's files may not match the code; the folders where pip installs data files.
     Raises InputError if the package is in none of them.
     """
     for folder in _candidates(package) if package.strip(".") else []:

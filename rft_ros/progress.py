@@ -2,20 +2,17 @@
 
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TypeVar
 
-__all__ = ["bar", "busy", "each"]
-
-_T = TypeVar("_T")
+__all__ = ["bar", "busy"]
 
 
 @contextmanager
 def bar(label: str, total: float, *, delay: float = 1.0) -> Iterator[Callable[[float, str], None]]:
     """A progress bar with the time left, drawn once the work has taken `delay` [s].
 
-    Yields `update(completed, label)`. What is printed meanwhile damages the bar.
+    Yields `update(completed, label)`. Do not print while the bar is shown: it garbles both.
     """
     from rich.console import Console
     from rich.progress import Progress
@@ -34,14 +31,6 @@ def bar(label: str, total: float, *, delay: float = 1.0) -> Iterator[Callable[[f
         yield update
     finally:
         progress.stop()
-
-
-def each(items: Sequence[_T], name: Callable[[_T], str]) -> Iterator[_T]:
-    """Iterate over the items under a bar that names the current one."""
-    with bar("", len(items), delay=0.0) as update:
-        for number, item in enumerate(items):
-            update(number, f"{name(item)} {number}/{len(items)}")
-            yield item
 
 
 @contextmanager

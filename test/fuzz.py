@@ -206,7 +206,7 @@ def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
         signal.alarm(0)
     # warnings about the mesh come before the error
     text = "\n".join(line for line in said.getvalue().splitlines() if not line.startswith("warning: "))
-    if "Traceback" in text or status not in (0, 1, 2) or (status == 1 and "brought no estimate" not in text):
+    if "Traceback" in text or status not in (0, 1, 2) or (status == 1 and "has no estimate" not in text):
         return f"status {status}", text
     if status and (not text.startswith("rft ") or len(text.splitlines()) != 1):
         return f"status {status}", f"not one sentence: {text!r}"

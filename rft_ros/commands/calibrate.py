@@ -6,7 +6,7 @@ rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.png -o calibrated.
 import argparse
 from pathlib import Path
 
-from rft_ros.commands.options import BAG, finite, recording, recording_options, warn_of
+from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -17,7 +17,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=BAG)
     recording_options(command, required=True)
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="file to write")
+    output_option(command, "CALIBRATED.yaml", "file to write")
     command.add_argument(
         "--fit",
         action="append",
@@ -42,16 +42,16 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--figure", type=Path, metavar="FILE.png", help="draw the penetrations to this file (default: no figure)"
     )
-    command.add_argument(
+    number_option(
+        command,
         "--tare",
-        type=finite,
-        metavar="S",
-        help="zero each bag's load cell over its first S seconds; 0: no tare (default: the parameter file's, or none)",
+        "S",
+        "zero each bag's load cell over its first S seconds; 0: no tare (default: the parameter file's, or none)",
     )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Calibrate; exit status 1 if nothing is identifiable, or something asked for by --fit is not."""
+    """Calibrate; exit status 1 if nothing is identifiable, or a part named by --fit is not."""
     from rich.console import Console
 
     from rft_ros.calibration import PARTS, calibrate, read_track
@@ -61,7 +61,7 @@ def run(arguments: argparse.Namespace) -> int:
     parts = tuple(arguments.fit or PARTS)
     for part in parts:
         if part not in PARTS:
-            raise InputError(f"--fit '{part}' is none of {', '.join(PARTS)}")
+            raise InputError(f"--fit '{part}' is not one of {', '.join(PARTS)}")
     values, options = recording(arguments)
     meshes = _meshes(arguments.mesh, [bag.resolve().name for bag in arguments.bags])
     tracks = [

@@ -30,7 +30,7 @@ __all__ = [
     "warn_of",
 ]
 
-# copies of names in rft_ros.rft and rft_ros.tool, whose import would delay the help text by a second
+# Copies of names in rft_ros.rft and rft_ros.tool: importing those would delay the help text by a second.
 _INTEGRATIONS = ("centroid", "refined")
 _MEDIA = "generic, poppy_seeds_loose or poppy_seeds_close"
 MESH = "path, package:// URI or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
@@ -41,7 +41,7 @@ BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
 
 
 def finite(text: str) -> float:
-    """A finite number, as argparse's `type`."""
+    """Parse a finite number, as argparse's `type`."""
     try:
         value = float(text)
     except ValueError:
@@ -54,7 +54,7 @@ def finite(text: str) -> float:
 def number_option(
     command: argparse._ActionsContainer, name: str, metavar: str, meaning: str, default: float | None = None
 ) -> None:
-    """An option with one finite number; `meaning` gives its unit and its default."""
+    """Add an option with one finite number; `meaning` states its unit and default."""
     command.add_argument(name, type=finite, default=default, metavar=metavar, help=meaning)
 
 
@@ -115,7 +115,7 @@ def law_of(arguments: argparse.Namespace) -> "Law":
         medium = medium_named(arguments.medium)
         if name not in ALPHA_Y_MODELS or name == "table":
             if not Path(name).suffix:
-                raise InputError(f"--alpha-y '{name}' is neither constant nor linear, nor the CSV file of a table")
+                raise InputError(f"--alpha-y '{name}' is not constant, linear or the CSV file of a table")
             name, table = "table", read_alpha_y_table(name)
         return treers2021(medium, alpha_y_model(name, medium, table), zeta=arguments.zeta)
     except ValueError as error:

@@ -35,7 +35,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     mesh_options(command)
     law_options(command)
     number_option(
-        *(command, "--mobilization-length", "M"),
+        command,
+        "--mobilization-length",
+        "M",
         "displacement [m] to reach 63 percent of full resistance at 30 mm depth, for states in order of time (default"
         " 0: no memory)",
         0.0,
@@ -43,13 +45,16 @@ def add_options(command: argparse.ArgumentParser) -> None:
     surface_option(command)
     integration_option(command)
     number_option(
-        *(command, "--tolerance", "SHARE"),
+        command,
+        "--tolerance",
+        "SHARE",
         "reduce the tool to the fewest plates within this share of the force in any motion, such as 0.01 (default 0:"
         " full tool)",
         0.0,
     )
     output_option(
-        *(command, "OUT.csv"),
+        command,
+        "OUT.csv",
         "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin",
     )
 
@@ -84,15 +89,14 @@ def run(arguments: argparse.Namespace) -> int:
             f"states file '{arguments.states}': t goes back from {times[row - 1]:g} to {times[row]:g}; "
             "with --mobilization-length the states must be in the order of time"
         )
-    plates = tool.plates
     with busy("computing"):  # the first call compiles
         if length > 0.0:
-            memory = Memory(plates)
+            memory = Memory(tool.plates)
             result = wrenches_in_time(
-                *(plates, law, states, durations, memory), mobilization_length=length, surface_height=surface
+                tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
             )
         else:
-            result = wrenches(plates, law, states, surface_height=surface)
+            result = wrenches(tool.plates, law, states, surface_height=surface)
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
         raise InputError(

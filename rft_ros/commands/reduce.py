@@ -27,7 +27,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     integration_option(command)
     size = command.add_mutually_exclusive_group()
     number_option(
-        *(size, "--tolerance", "SHARE"),
+        size,
+        "--tolerance",
+        "SHARE",
         "error allowed, as a share of the force, at the 95th percentile of motions not used for the choice"
         " (default 0.025)",
         0.025,
@@ -36,7 +38,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--plates",
         type=int,
         metavar="N",
-        help="at most this many plates, whatever their error (default: --tolerance decides)",
+        help="at most this many plates, regardless of the error (default: --tolerance decides)",
     )
     command.add_argument(
         "--scene",
@@ -112,6 +114,6 @@ def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]"
     elif Path(name).suffix or Path(name).exists():
         states = read_states(Path(name))[1]
     else:
-        raise InputError(f"--scene '{name}' is neither a file nor a family of motions: {', '.join(FAMILIES)}")
+        raise InputError(f"--scene '{name}' is not a file or a family of motions ({', '.join(FAMILIES)})")
     states[:, 2] -= settings_of(values).surface_height if surface is None else surface
     return states

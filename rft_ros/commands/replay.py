@@ -20,24 +20,17 @@ __all__ = ["add_options", "run"]
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """Declare the command's arguments."""
-    command.add_argument(
-        "bag",
-        type=Path,
-        nargs="+",
-        metavar="BAG",
-        help=f"{BAG}; several get a folder each below DIR",
-    )
+    command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=f"{BAG}; several get a folder each below DIR")
     output_option(command, "DIR", "folder for the results")
     recording_options(command)
     number_option(
-        *(command, "--tare", "S"),
+        command,
+        "--tare",
+        "S",
         "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)",
     )
     command.add_argument(
-        "--check",
-        type=Path,
-        metavar="LIMITS.yaml",
-        help="exit with 1 if a metric of a bag's summary exceeds a limit",
+        "--check", type=Path, metavar="LIMITS.yaml", help="exit with 1 if a metric of a bag's summary exceeds a limit"
     )
     command.add_argument("--figures", action="store_true", help="write the report's figures as PNG too")
     command.add_argument("--no-report", action="store_true", help="write no report.html")
@@ -69,16 +62,16 @@ def run(arguments: argparse.Namespace) -> int:
 
     if len(arguments.bag) == 1:
         summary = one(arguments.bag[0], arguments.output)
-        _say(summary)
+        _print(summary)
         print(f"-> {arguments.output / ('summary.json' if arguments.no_report else 'report.html')}")
         return max(_checked({summary.bag: summary}, limits), _empty(summary))
-    batch = replay_all(arguments.bag, arguments.output, one, done=_say)
+    batch = replay_all(arguments.bag, arguments.output, one, done=_print)
     print("\n".join(batch.lines()))
     empty = max((_empty(summary) for summary in batch.summaries.values()), default=0)
     return max(_checked(batch.summaries, limits), empty, 1 if batch.failures else 0)
 
 
-def _say(outcome: "Summary | Exception") -> None:
+def _print(outcome: "Summary | Exception") -> None:
     if isinstance(outcome, Exception):
         print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
     else:
@@ -86,22 +79,21 @@ def _say(outcome: "Summary | Exception") -> None:
 
 
 def _empty(summary: "Summary") -> int:
-    """Report a bag without any estimate: exit status 1."""
+    """Print an error for a bag without any estimate; exit status 1 for it."""
     if summary.estimates:
         return 0
     poses = summary.messages["pose"]
-    print(f"rft replay: bag '{summary.bag}' brought no estimate from its {poses:,} poses", file=sys.stderr, flush=True)
+    print(f"rft replay: bag '{summary.bag}' has no estimate for its {poses:,} poses", file=sys.stderr, flush=True)
     return 1
 
 
 def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
-    """Print which limits each bag keeps; exit status 1 if one is not kept."""
+    """Print the checks of each bag; exit status 1 if one failed."""
     from rft_ros.bags.limits import check, limit_lines
 
-    status = 0
+    kept = True
     for name, summary in summaries.items() if limits else ():
         checks = check(limits, summary)
         print("\n".join([f"{name}: limits", *limit_lines(checks)]))
-        if not all(checked.kept for checked in checks):
-            status = 1
-    return status
+        kept &= all(checked.kept for checked in checks)
+    return 0 if kept else 1

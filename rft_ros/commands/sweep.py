@@ -4,10 +4,10 @@ rft sweep config/sweep_example.yaml -o out/sweep
 """
 
 import argparse
-import tempfile
 from pathlib import Path
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.commands.options import output_option
+from rft_ros.errors import InputError
 
 __all__ = ["add_options", "run"]
 
@@ -17,14 +17,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "study", type=Path, metavar="STUDY.yaml", help="tools, motions and media, as in config/sweep_example.yaml"
     )
-    command.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        required=True,
-        metavar="DIR",
-        help="folder for the results; a stopped sweep continues",
-    )
+    output_option(command, "DIR", "folder for the results; a stopped sweep continues")
     command.add_argument(
         "--scheduler", metavar="tcp://HOST:PORT", help="run on this Dask cluster (default: processes here)"
     )
@@ -33,16 +26,14 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Sweep; exit status 1 if no variant has numbers."""
+    """Sweep; exit status 1 if every variant failed."""
     from rft_ros.sweeps.design import read_design
     from rft_ros.sweeps.run import run as sweep
 
     if arguments.workers is not None and arguments.workers < 1:
         raise InputError(f"--workers is {arguments.workers}; it must be at least 1")
-    design = read_design(arguments.study)
-    _make_folder(arguments.output)
     report = sweep(
-        design,
+        read_design(arguments.study),
         arguments.output,
         scheduler=arguments.scheduler,
         workers=arguments.workers,
@@ -50,13 +41,3 @@ def run(arguments: argparse.Namespace) -> int:
     )
     print("\n".join(report.lines()))
     return 1 if report.failed == report.rows else 0
-
-
-def _make_folder(folder: Path) -> None:
-    """Make the folder before the work begins; InputError where it cannot be made or written to."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryFile(dir=folder):  # a folder's permissions alone do not decide
-            pass
-    except OSError as error:
-        raise InputError(f"output folder '{folder}' cannot be written: {reason_of(error)}") from None

@@ -9,7 +9,7 @@ __all__ = ["add_options", "run"]
 
 
 def add_options(_command: argparse.ArgumentParser) -> None:
-    """It has no arguments."""
+    """Declare nothing: the command has no arguments."""
 
 
 def run(_arguments: argparse.Namespace) -> int:

@@ -1,1 +1,1 @@
-"""The ROS 2 adapter: the only room that imports rclpy or messages."""
+"""The ROS 2 adapter: the only package that imports rclpy or messages."""

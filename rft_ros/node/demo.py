@@ -5,8 +5,9 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from types import FrameType
 from typing import Any, NoReturn
@@ -16,7 +17,6 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rich.box import SIMPLE
 from rich.console import Console
@@ -26,6 +26,8 @@ from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
+from rft_ros.estimator import PoseSample, Wrench, WrenchSample
+from rft_ros.estimator.messages import TYPES, decoder
 from rft_ros.installation import program
 from rft_ros.node.virtual_arm import PAUSE
 from rft_ros.report.pictures import DepthTrace
@@ -34,14 +36,6 @@ from rft_ros.tool import load_tool, share_directory
 
 __all__ = ["demo"]
 
-_TOPICS: dict[str, tuple[type, str]] = {
-    "/rft/pose": (PoseStamped, "geometry_msgs/msg/PoseStamped"),
-    "/rft/twist": (TwistStamped, "geometry_msgs/msg/TwistStamped"),
-    "/rft/wrench_measured": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
-    "/rft/wrench_predicted": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
-    "/rft/wrench_compensated": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
-    "/rft/wrench_residual": (WrenchStamped, "geometry_msgs/msg/WrenchStamped"),
-}
 _SHOWN = ("predicted", "compensated", "residual")
 _WAIT = 120.0  # s, for a node that compiles first
 _NODE, _ARM = "the node", "the virtual arm"
@@ -55,36 +49,34 @@ class Watcher:
         self._bag = bag
         self._tool = load_tool("ellipsoid")
         self.children: dict[str, subprocess.Popen[bytes]] = {}
-        self.counts = dict.fromkeys(_TOPICS, 0)
+        self.counts: dict[str, int] = {}
         self.depth: dict[int, float] = {}
         self.swap: float | None = None
-        self.forces: dict[str, list[tuple[int, float, float, float]]] = {name: [] for name in _SHOWN}
-        self.wrench: dict[str, tuple[float, ...]] = {}
-        for topic, (message_type, type_name) in _TOPICS.items():
-            self.node.create_subscription(
-                message_type, topic, self._recorder(topic, message_type, type_name), QoSProfile(depth=500), raw=True
-            )
+        self.wrenches: dict[str, list[tuple[int, Wrench]]] = {name: [] for name in _SHOWN}
+        self._decode_pose, self._decode_wrench = decoder("pose", ros1=False), decoder("wrench", ros1=False)
+        self._subscribe(PoseStamped, "/rft/pose", TYPES["pose"], self._on_pose)
+        self._subscribe(TwistStamped, "/rft/twist", TYPES["twist"], lambda _: None)
+        self._subscribe(WrenchStamped, "/rft/wrench_measured", TYPES["wrench"], lambda _: None)
+        for name in _SHOWN:
+            self._subscribe(WrenchStamped, f"/rft/wrench_{name}", TYPES["wrench"], partial(self._on_wrench, name))
 
-    def _recorder(self, topic: str, message_type: type, type_name: str) -> Any:
-        name = topic.rsplit("_", 1)[-1]
+    def _subscribe(self, message: type, topic: str, type_name: str, show: Callable[[bytes], None]) -> None:
+        self.counts[topic] = 0
 
         def record(data: bytes) -> None:
-            received = self.node.get_clock().now().nanoseconds
-            self._bag.write_raw(topic, type_name, received, data)
+            self._bag.write_raw(topic, type_name, self.node.get_clock().now().nanoseconds, data)
             self.counts[topic] += 1
-            if message_type is TwistStamped or name == "measured":
-                return
-            message = deserialize_message(data, message_type)
-            stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-            if message_type is PoseStamped:
-                q, p = message.pose.orientation, message.pose.position
-                self.depth[stamp] = -p.z - self._tool.lowest_point(rotation_matrix((q.x, q.y, q.z, q.w)))
-                return
-            f, t = message.wrench.force, message.wrench.torque
-            self.wrench[name] = (f.x, f.y, f.z, t.x, t.y, t.z)
-            self.forces[name].append((stamp, f.x, f.y, f.z))
+            show(data)
 
-        return record
+        self.node.create_subscription(message, topic, record, QoSProfile(depth=500), raw=True)
+
+    def _on_pose(self, data: bytes) -> None:
+        if isinstance(pose := self._decode_pose(data), PoseSample):
+            self.depth[pose.stamp] = -pose.position[2] - self._tool.lowest_point(rotation_matrix(pose.quaternion))
+
+    def _on_wrench(self, name: str, data: bytes) -> None:
+        if isinstance(sample := self._decode_wrench(data), WrenchSample):
+            self.wrenches[name].append((sample.stamp, sample.wrench))
 
     def spin(self, seconds: float) -> None:
         """Receive messages for a while [s]."""
@@ -122,8 +114,8 @@ class Watcher:
         """Force over depth on the way down, for the figure."""
         first = min(self.depth.values())
         columns = {
-            name: [(self.depth[s], x, y, z) for s, x, y, z in rows if self.depth.get(s, first) > first]
-            for name, rows in self.forces.items()
+            name: [(self.depth[s], *wrench[:3]) for s, wrench in rows if self.depth.get(s, first) > first]
+            for name, rows in self.wrenches.items()
         }
         return DepthTrace(
             measured=columns["compensated"],
@@ -135,7 +127,7 @@ class Watcher:
 
 @contextmanager
 def _process(module: str, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
-    """A child that is told to end, and made to, however this block ends."""
+    """A child process that ends with this block: by SIGTERM, or SIGKILL after 10 s."""
     process = subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True)
     try:
         yield process
@@ -149,7 +141,7 @@ def _process(module: str, *arguments: str) -> Iterator["subprocess.Popen[bytes]"
 
 
 def _terminated(number: int, _: FrameType | None) -> NoReturn:
-    """Leave all blocks, which end the children and close the bag; exit status as a shell reports this signal."""
+    """Leave all blocks, which ends the children and closes the bag. Exit status: that of a shell for this signal."""
     raise SystemExit(128 + number)
 
 
@@ -160,9 +152,8 @@ def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
     for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
         table.add_column(column, justify="right", min_width=6)
     for name in _SHOWN:
-        wrench = watcher.wrench.get(name)
-        cells = ["-"] * 6 if wrench is None else [f"{v:.3f}" for v in wrench]
-        table.add_row(name, *cells)
+        rows = watcher.wrenches[name]
+        table.add_row(name, *([f"{v:.3f}" for v in rows[-1][1]] if rows else ["-"] * 6))
     return table
 
 
@@ -244,7 +235,6 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
                 live.update(_table(watcher, elapsed, model))
             elif elapsed - said >= 1.0:
                 said = elapsed
-                shown = {n: watcher.wrench.get(n) for n in _SHOWN}
-                text = "  ".join(f"{n} {w[2]:6.3f}" for n, w in shown.items() if w is not None)
+                text = "  ".join(f"{name} {rows[-1][1][2]:6.3f}" for name, rows in watcher.wrenches.items() if rows)
                 console.print(f"t = {elapsed:4.1f} s  fz [N]: {text}", highlight=False)
     watcher.check_children()

@@ -2,67 +2,64 @@
 
 import math
 from collections import Counter
-from dataclasses import asdict, dataclass
-from statistics import median
+from dataclasses import asdict
 
+import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.node import Node
 
 from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.messages import TYPES, Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.node.learned_medium import surprise_sentence
 from rft_ros.node.swap import ToolSwap
 
-__all__ = ["Diagnostics", "LogLine"]
+__all__ = ["DIAGNOSTICS_PERIOD", "Diagnostics"]
 
-_LATENCIES = 1000
-_KINDS = ("pose", "twist", "wrench")
-_QUIET_REPORTS = 3
+DIAGNOSTICS_PERIOD = 1.0
+"""Time between two reports [s]."""
+
+_LATENCIES = 1000  # recorded per report, at most
+_QUIET_REPORTS = 3  # without a reason, before it counts as ended
 _NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value}
-"""Reasons that are part of normal operation: neither a warning in the log nor in the status."""
-
-
-@dataclass(frozen=True, slots=True)
-class LogLine:
-    """A reason that began or ended, in a sentence."""
-
-    text: str
-    warning: bool
+"""Reasons that are part of normal operation: no warning in the log or the status."""
 
 
 class Diagnostics:
-    """Adds up what happens between two reports."""
+    """Counts messages and estimates, and publishes and logs what happened since the last report."""
 
-    def __init__(self, name: str, estimator: Estimator, swap: ToolSwap) -> None:
-        self._name = name
+    def __init__(self, node: Node, estimator: Estimator, swap: ToolSwap) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._estimator = estimator
         self._swap = swap
         self._latencies: list[float] = []
         self._reported: Counter[str] = Counter()
         self._received: Counter[str] = Counter()
         self.newest: dict[str, int] = {}
-        """By kind of input: stamp [ns] of the last message."""
-        self._newest_estimate: Estimate | None = None
+        """Stamp [ns] of the last message, by role."""
+        self.newest_estimate: Estimate | None = None
+        """The last estimate."""
         self._fastest = 0.0
         self._quality_flags = 0
-        self._ongoing: dict[str, tuple[int, int]] = {}  # by reason: how often so far, reports since the last time
+        self._ongoing: dict[str, tuple[int, int]] = {}  # by reason: count, reports since the last occurrence
 
-    def received_one(self, kind: str, stamp: int) -> None:
-        """Note that a pose, twist or wrench with this stamp [ns] arrived."""
-        self._received[kind] += 1
-        self.newest[kind] = stamp
+    def received(self, role: Role, stamp: int) -> None:
+        """Count a message with this stamp [ns]."""
+        self._received[role] += 1
+        self.newest[role] = stamp
 
-    def tick(self, seconds: float, answer: Estimate) -> None:
-        """Note one answered pose and the time from its callback's start to the last publication [s]."""
+    def answered(self, estimate: Estimate, latency: float) -> None:
+        """Record an estimate, and the time from its pose's callback to its publication [s]."""
         if len(self._latencies) < _LATENCIES:
-            self._latencies.append(seconds)
-        self._newest_estimate = answer
-        self._quality_flags |= answer.quality_flags
-        if answer.speed > self._fastest:
-            self._fastest = answer.speed
+            self._latencies.append(latency)
+        self.newest_estimate = estimate
+        self._quality_flags |= estimate.quality_flags
+        self._fastest = max(self._fastest, estimate.speed)
 
     def status(self) -> tuple[bool, str]:
-        """Whether the last swap succeeded, and which tool is in force, being prepared or has failed, in a sentence."""
+        """Whether the last swap succeeded; and a sentence on the tool in force, in preparation or failed."""
         model = self._estimator.model
         force = f"generation {model.generation}: tool {model.tool.name} in force"
         preparing = f"; preparing {self._swap.preparing}" if self._swap.preparing else ""
@@ -70,8 +67,9 @@ class Diagnostics:
             return False, f"{force}{preparing}; the last swap failed: {self._swap.last_failure}"
         return True, force + preparing
 
-    def report(self, now: int, period: float) -> tuple[DiagnosticArray, list[LogLine]]:
-        """The message at time `now` [ns], and a log line for each reason that began or ended since the last report."""
+    def publish(self) -> None:
+        """Publish the statuses, and log each reason that began or ended since the last report."""
+        now = self._node.get_clock().now()
         new = Counter(self._estimator.counts)
         new.subtract(self._reported)
         self._reported = Counter(self._estimator.counts)
@@ -79,22 +77,26 @@ class Diagnostics:
         frames = self._estimator.unknown_frames()
         named = {r: f"{r} ({frames[r]})" if r in frames else r for r in reasons}
         array = DiagnosticArray()
-        array.header.stamp.sec, array.header.stamp.nanosec = divmod(now, 1_000_000_000)
-        array.status = [self._inputs(now, period, named), self._estimates(new, reasons), self._model()]
+        array.header.stamp = now.to_msg()
+        array.status = [self._inputs(now.nanoseconds, named), self._estimates(new, reasons), self._model()]
         if self._estimator.learning is not None:
             array.status.append(self._medium(self._estimator.learning))
+        self._publisher.publish(array)
         self._received.clear()
         self._latencies.clear()
         self._fastest = 0.0
         self._quality_flags = 0
-        return array, self._began_and_ended(reasons, named, period)
+        self._log_changes(reasons, named)
 
-    def _began_and_ended(self, reasons: dict[str, int], named: dict[str, str], period: float) -> list[LogLine]:
-        lines = []
+    def _log_changes(self, reasons: dict[str, int], named: dict[str, str]) -> None:
+        logger = self._node.get_logger()
         for reason, n in sorted(reasons.items()):
             if reason not in self._ongoing:
-                text = f"{named[reason]}: began, {n} in the last {period:.0f} s"
-                lines.append(LogLine(text, warning=reason not in _NORMAL))
+                began = f"{named[reason]}: began, {n} in the last {DIAGNOSTICS_PERIOD:.0f} s"
+                if reason in _NORMAL:  # two calls, because rclpy allows one severity per call site
+                    logger.info(began)
+                else:
+                    logger.warning(began)
             self._ongoing[reason] = self._ongoing.get(reason, (0, 0))[0] + n, 0
         for reason, (total, quiet) in list(self._ongoing.items()):
             if reason in reasons:
@@ -102,15 +104,15 @@ class Diagnostics:
             self._ongoing[reason] = total, quiet + 1
             if quiet + 1 >= _QUIET_REPORTS:
                 del self._ongoing[reason]
-                lines.append(LogLine(f"{reason}: ended, {total} in all", warning=False))
-        return lines
+                logger.info(f"{reason}: ended, {total} in all")
 
     def _status(self, component: str, level: bytes, message: str, values: dict[str, object]) -> DiagnosticStatus:
         pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
-        return DiagnosticStatus(level=level, name=f"{self._name}: {component}", message=message, values=pairs)
+        name = f"{self._node.get_fully_qualified_name()}: {component}"
+        return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
 
-    def _inputs(self, now: int, period: float, named: dict[str, str]) -> DiagnosticStatus:
-        values: dict[str, object] = {f"{k}_rate_hz": self._received[k] / period for k in _KINDS}
+    def _inputs(self, now: int, named: dict[str, str]) -> DiagnosticStatus:
+        values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in TYPES}
         values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self.newest.items()})
         values.update({f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"})
         if not self._received["pose"]:
@@ -129,18 +131,16 @@ class Diagnostics:
             "trust": (trust(flags) if new["estimates"] else Trust.NO).value,
             "quality_flags": ", ".join(flag_names(flags)),
         }
-        if (newest := self._newest_estimate) is not None:
+        if (newest := self.newest_estimate) is not None:
             values["speed_m_s"] = newest.speed
             values["force_sigma_n"] = math.hypot(*newest.sigma[:3])
             values["torque_sigma_nm"] = math.hypot(*newest.sigma[3:])
         if self._latencies:
-            ordered = sorted(self._latencies)
-            values["latency_median_us"] = 1e6 * median(ordered)
-            values["latency_p99_us"] = 1e6 * ordered[int(0.99 * (len(ordered) - 1))]
+            values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, (50, 99))
         if not new["estimates"]:
             return self._status("estimates", DiagnosticStatus.WARN, "no estimates", values)
         if flags:
-            speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # "faster" is the first sentence
+            speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST
             return self._status("estimates", DiagnosticStatus.WARN, speed + sentences(flags), values)
         return self._status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
 

@@ -1,4 +1,4 @@
-"""``rft_node``: start, warm up, spin until told to stop."""
+"""``rft_node``: start, warm up, spin until SIGINT or SIGTERM."""
 
 import os
 import signal
@@ -6,7 +6,6 @@ import socket
 import sys
 import threading
 import time
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -31,7 +30,7 @@ _GRACE = 0.4  # s
 
 def main() -> int:
     """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its arguments or parameters cannot be used."""
-    stop = _stop_when_told()
+    stop = _stop_on_signal()
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_HELP)
         return 0
@@ -40,26 +39,26 @@ def main() -> int:
     return _run(stop)
 
 
-def _stop_when_told() -> threading.Event:
+def _stop_on_signal() -> threading.Event:
     """An event that SIGINT or SIGTERM sets. If `main` does not return soon after, the process ends with status 0.
 
-    A thread receives the signals: while the main thread imports, compiles or loads it handles none.
+    A thread waits for the signals, because the main thread handles none while it imports, compiles or loads.
     """
-    told, tell = socket.socketpair()
-    tell.setblocking(False)
-    signal.set_wakeup_fd(tell.detach())
+    receiver, sender = socket.socketpair()
+    sender.setblocking(False)
+    signal.set_wakeup_fd(sender.detach())
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: None)
     stop = threading.Event()
-    threading.Thread(target=_await_signal, args=(told, stop), daemon=True).start()
+
+    def await_signal() -> None:
+        receiver.recv(1)
+        stop.set()
+        time.sleep(_GRACE)
+        os._exit(0)
+
+    threading.Thread(target=await_signal, daemon=True).start()
     return stop
-
-
-def _await_signal(told: socket.socket, stop: threading.Event) -> None:
-    told.recv(1)
-    stop.set()
-    time.sleep(_GRACE)
-    os._exit(0)
 
 
 def _refuse(sentence: str) -> int:
@@ -89,7 +88,7 @@ def _run(stop: threading.Event) -> int:
         if memory or learning:
             warm_up_all(memory=memory, learning=learning, on_cold_cache=_announce_compilation)
         gc.collect()
-        gc.freeze()  # a full collection with numba and trimesh loaded takes 22 ms and frees nothing of theirs
+        gc.freeze()  # collecting the objects of numba and trimesh takes 22 ms and frees none
         executor = _executor(node)
         executor.add_node(node)
         node.announce()
@@ -114,7 +113,7 @@ def _announce_compilation() -> None:
 
 
 def _executor(node: "Node") -> "Executor":
-    """The executor that the parameters ask for, if this rclpy has it."""
+    """The executor named by the parameter `executor`, if this rclpy has it."""
     from rclpy.executors import SingleThreadedExecutor
 
     if node.executor_name == "events":
@@ -123,19 +122,19 @@ def _executor(node: "Node") -> "Executor":
 
             return EventsExecutor()
         except ImportError:
-            node.get_logger().warning("this rclpy has no events executor (7.1.4 and later have); taking the single one")
+            node.get_logger().warning("this rclpy has no events executor (new in 7.1.4); using the single-threaded one")
     return SingleThreadedExecutor()
 
 
 def _refused_arguments() -> str:
-    """A sentence about arguments that are not ROS's: ROS ignores most of them, and the node would run on defaults."""
+    """A sentence about arguments that ROS would ignore, so that the node does not run with defaults by mistake."""
     from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
     from rclpy.utilities import remove_ros_args
 
     try:
         left = remove_ros_args(sys.argv)[1:]
     except UnknownROSArgsError as error:
-        return f"ROS knows no argument {str(error).strip('[]')}"
+        return f"unknown ROS argument {str(error).strip('[]')}"
     except RCLError:
         return ""  # rclpy.init says what is wrong with ROS's own arguments
     if not left:
@@ -144,18 +143,16 @@ def _refused_arguments() -> str:
 
 
 def _reason(error: Exception) -> str:
-    """What ROS could not use: for a parameter file the sentence that a replay gives, else ROS's own."""
-    import itertools
-
+    """Why ROS refused the arguments: for a parameter file the same sentence as from a replay, else ROS's own."""
     from rft_ros.errors import InputError
     from rft_ros.estimator.parameters import parameter_tree
+    from rft_ros.node.node_parameters import parameter_files
 
-    for option, value in itertools.pairwise(sys.argv):
-        if option == "--params-file":
-            try:
-                parameter_tree(Path(value))
-            except InputError as why:
-                return str(why)
+    for file in parameter_files():
+        try:
+            parameter_tree(file)
+        except InputError as why:
+            return str(why)
     return str(error).partition(", at ")[0]
 
 

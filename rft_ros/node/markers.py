@@ -1,9 +1,9 @@
-"""~/markers for RViz and Foxglove: the tool coloured by traction, the forces, the surface; nothing if nobody listens.
+"""~/markers for RViz and Foxglove: the tool coloured by traction, the forces and the surface.
 
 A reduced tool is drawn with its full mesh, coloured by the tractions on the mesh's own facets.
 
-Thousands of points and colours take 50 ms as Python messages, so the tool's marker is assembled as CDR bytes: a
-serialised marker without points, cut where its points and colours belong.
+Python messages with thousands of points and colours take 50 ms. The tool's marker is therefore assembled as CDR bytes:
+its points and colours are inserted into a serialised marker without any.
 """
 
 import struct
@@ -17,12 +17,13 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rft_ros.estimator import Estimate, Estimator, Measurement, Model, Wrench
+from rft_ros.estimator import Estimate, Estimator, Measurement, Wrench
 from rft_ros.rft import plate_forces, rotation_matrix
+from rft_ros.tool import Tool
 
 __all__ = ["Markers"]
 
-_MOST_FACETS = 5000  # of a finer tool every k-th facet is drawn, so that a report stays around a millisecond
+_MOST_FACETS = 5000  # of a finer tool every k-th facet is drawn, so that drawing takes about 1 ms
 _METRES_PER_NEWTON = 0.01
 _SENTINEL = 0x5AFEC0DE
 _PREDICTED, _MEASURED = (0.85, 0.1, 0.1), (0.1, 0.5, 0.1)
@@ -30,18 +31,18 @@ _PREDICTED, _MEASURED = (0.85, 0.1, 0.1), (0.1, 0.5, 0.1)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Drawn:
-    """The constant part of one model's tool: facets drawn, and the bytes of their corners in the tool frame."""
+    """The constant part of a tool's marker: facets drawn, and the bytes of their corners in the tool frame."""
 
-    model: Model
+    tool: Tool
     facets: NDArray[np.intp]
     corners: bytes
 
 
-def _drawn(model: Model) -> _Drawn:
-    count = len(model.tool.faces)
+def _drawn(tool: Tool) -> _Drawn:
+    count = len(tool.faces)
     facets = np.arange(0, count, 1 + (count - 1) // _MOST_FACETS)
-    corners = model.tool.vertices[model.tool.faces[facets]]
-    return _Drawn(model, facets, np.ascontiguousarray(corners, dtype="<f8").tobytes())
+    corners = tool.vertices[tool.faces[facets]]
+    return _Drawn(tool, facets, np.ascontiguousarray(corners, dtype="<f8").tobytes())
 
 
 def _colours(traction: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -57,7 +58,7 @@ def _colours(traction: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def _splice(marker: Marker, corners: bytes, colours: NDArray[np.float32]) -> bytes:
-    """The serialised MarkerArray of one marker, with points and colours put in.
+    """The serialised MarkerArray of one marker, with points and colours inserted.
 
     Points follow lifetime and frame_locked; all after them is aligned to 4 bytes at most, so nothing else moves.
     """
@@ -72,7 +73,7 @@ def _splice(marker: Marker, corners: bytes, colours: NDArray[np.float32]) -> byt
 
 
 class Markers:
-    """Publishes when someone listens and there is a new estimate; called by a timer, between ticks."""
+    """Publishes markers of the last estimate, called by a timer between ticks."""
 
     def __init__(self, node: Node, estimator: Estimator) -> None:
         self._estimator = estimator
@@ -81,14 +82,14 @@ class Markers:
         self._last = 0
 
     def publish(self, answer: Estimate | None, measurement: Measurement | None) -> None:
-        """Draw the last estimate and the last measurement, unless nobody listens or they have been drawn."""
+        """Draw the last estimate and measurement, if there is a subscriber and the estimate is new."""
         if answer is None or answer.stamp == self._last or not self._publisher.get_subscription_count():
             return
         self._last = answer.stamp
         model, settings = self._estimator.model, self._estimator.settings
         state = self._estimator.state
-        if self._drawn is None or self._drawn.model.tool is not model.tool:
-            self._drawn = _drawn(model)
+        if self._drawn is None or self._drawn.tool is not model.tool:
+            self._drawn = _drawn(model.tool)
         forces = plate_forces(model.tool.facets, model.law, state, surface_height=settings.surface_height)
         facets = self._drawn.facets
         traction = np.linalg.norm(forces[facets], axis=1) / model.tool.facets.packed[6, facets]

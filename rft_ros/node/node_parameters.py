@@ -23,7 +23,7 @@ from rft_ros.estimator.parameters import (
     table_path,
 )
 
-__all__ = ["NodeParameters"]
+__all__ = ["NodeParameters", "parameter_files"]
 
 _FLOAT_TYPES = {
     RosParameter.Type.INTEGER: RosParameter.Type.DOUBLE,
@@ -38,7 +38,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         description=parameter.description + unit,
         additional_constraints=f"one of: {', '.join(parameter.choices)}" if parameter.choices else "",
         read_only=parameter.applies == "restart",
-        dynamic_typing=True,  # the table's sentence refuses a wrong type, not rclpy's "Wrong parameter type"
+        dynamic_typing=True,  # so that `checked` refuses a wrong type, with a clearer sentence than rclpy's
     )
     if parameter.type == "double" and parameter.low > -float("inf"):
         descriptor.floating_point_range = [FloatingPointRange(from_value=parameter.low, to_value=parameter.high)]
@@ -46,11 +46,11 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 
 
 class NodeParameters:
-    """The node's values of the table.
+    """The node's values of the parameter table.
 
-    `validate(values, changed)` raises InputError if checked values cannot be used together; it has no side effects and
-    is called before a change. `apply(values, changed)` is called after it. A refused value changes nothing. Every
-    change is logged with the old value, the new one and, if the node itself made it, why.
+    `validate(values, changed)` is called before a change and raises InputError to refuse it; a refused change has no
+    effect. `apply(values, changed)` is called after a change. Each change is logged with old and new value and, if the
+    node itself made it, the reason.
     """
 
     def __init__(
@@ -66,7 +66,7 @@ class NodeParameters:
         self._own: dict[str, Value] = {}
         self._why = ""
         for p in PARAMETERS:
-            # `checked` refuses a value from a file with a sentence, and takes an integer for a double.
+            # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
             override = node._parameter_overrides.get(p.name)
             value = p.default if override is None else checked(p.name, _plain(override.value))
             if p.name == "alpha_y.table":
@@ -76,7 +76,6 @@ class NodeParameters:
         for name in node._parameter_overrides.keys() - node._parameters.keys():
             if not name.startswith("qos_overrides.") and name != "use_sim_time":
                 node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
-        validate(self._own, frozenset(self._own))
         node.add_pre_set_parameters_callback(self._with_doubles)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._after)
@@ -87,7 +86,7 @@ class NodeParameters:
         return self._own
 
     def set_all(self, values: Values, *, why: str) -> None:
-        """Set parameters together, from within the node."""
+        """Set parameters together, from within the node; `why` goes into the log."""
         self._why = why
         try:
             result = self._node.set_parameters_atomically(
@@ -135,8 +134,13 @@ def _plain(value: Any) -> Any:
 
 
 def _beside_its_file(table: str) -> str:
-    """A relative `alpha_y.table` from a parameter file on the command line, taken relative to that file's folder."""
-    for option, file in itertools.pairwise(sys.argv):
-        if table and option == "--params-file" and node_parameters(Path(file), NODE_KEYS).get("alpha_y.table") == table:
-            return table_path(Path(file), table)
+    """Path of an `alpha_y.table`: relative to the folder of the parameter file that names it, if one does."""
+    for file in parameter_files() if table else ():
+        if node_parameters(file, NODE_KEYS).get("alpha_y.table") == table:
+            return table_path(file, table)
     return table
+
+
+def parameter_files() -> list[Path]:
+    """The parameter files on the command line."""
+    return [Path(value) for option, value in itertools.pairwise(sys.argv) if option == "--params-file"]

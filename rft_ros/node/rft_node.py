@@ -4,7 +4,6 @@ from collections.abc import Callable
 from dataclasses import replace
 from time import perf_counter
 
-from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -18,7 +17,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, TwistSample, WrenchSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
 from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
-from rft_ros.node.diagnostics import Diagnostics
+from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
@@ -34,7 +33,6 @@ _INPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=Rel
 _OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE)
 
 _TARE_WINDOW = 1.0  # s
-_DIAGNOSTICS_PERIOD = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
 _BESIDE_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # of the medium, and no part of the model
@@ -42,7 +40,7 @@ _TOOL = frozenset(TOOL_PARAMETERS.values())
 
 
 class RftNode(Node):
-    """One estimator between three subscriptions and the publications."""
+    """Feeds poses, twists and wrenches to one estimator and publishes its results."""
 
     def __init__(self, worker: ToolWorker) -> None:
         super().__init__("rft")
@@ -53,8 +51,7 @@ class RftNode(Node):
         self._with_learning = self.estimator.learning is not None
         self._with_memory = self.estimator.model.mobilization_length > 0.0
         self._swap = ToolSwap(tool_request(values), worker)
-        self._diagnostics = Diagnostics(self.get_fully_qualified_name(), self.estimator, self._swap)
-        self._last_estimate: Estimate | None = None
+        self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
 
@@ -73,36 +70,33 @@ class RftNode(Node):
         self.create_service(
             Trigger, "~/save_medium", lambda _, response: self._medium.save(self._table.values, response)
         )
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_DIAGNOSTICS_PERIOD, self._on_diagnostics, clock=steady)
-        markers = Markers(self, self.estimator)
-        self.create_timer(
-            _MARKER_PERIOD, lambda: markers.publish(self._last_estimate, self._last_measurement), clock=steady
-        )
+        self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
+        self._markers = Markers(self, self.estimator)
+        self.create_timer(_MARKER_PERIOD, self._on_markers, clock=steady)
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
 
     def _subscribe(self, message: type, topic: str, callback: Callable[[bytes], None]) -> Subscription:
-        # As bytes: rclpy takes 16 us to make a message of them, and the estimator needs none.
+        # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
         overridable = QoSOverridingOptions.with_default_policies()
         return self.create_subscription(message, topic, callback, _INPUTS, raw=True, qos_overriding_options=overridable)
 
     @property
     def executor_name(self) -> str:
-        """Which executor the parameters ask for."""
+        """The parameter `executor`."""
         return str(self._table.values["executor"])
 
     def announce(self) -> None:
-        """Log that the node is ready, and what is wrong with its mesh."""
-        self.get_logger().info(f"ready: {self._describe()}")
+        """Log that the node is ready, and the issues of its mesh."""
+        self._log_model("ready")
         self._log_issues()
 
-    def _describe(self) -> str:
-        """Tool, medium and models in force, in one line."""
+    def _log_model(self, event: str) -> None:
         m = self.estimator.model
         plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
-        return f"tool {m.tool.name} ({plates}), medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
+        model = f"tool {m.tool.name} ({plates}), medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
+        self.get_logger().info(f"{event}: {model}")
 
     def _log_issues(self) -> None:
         tool = self.estimator.model.tool
@@ -117,7 +111,7 @@ class RftNode(Node):
         except UNREADABLE:
             self.estimator.counts[Reason.MESSAGE_UNREADABLE.value] += 1
             return None
-        self._diagnostics.received_one(role, sample.stamp)
+        self._diagnostics.received(role, sample.stamp)
         return sample
 
     def _on_wrench(self, data: bytes) -> None:
@@ -134,7 +128,7 @@ class RftNode(Node):
         sample = self._received("pose", data)
         if not isinstance(sample, PoseSample):
             return
-        # A twist that arrived before the pose must be pushed before it; rclpy may serve them in another order.
+        # Push first the twists that arrived before this pose: rclpy may call back in another order.
         if self._diagnostics.newest.get("twist", 0) < sample.stamp:
             while (taken := self._twists.handle.take_message(TwistStamped, True)) is not None:
                 self._on_twist(taken[0])
@@ -143,8 +137,7 @@ class RftNode(Node):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
             self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
             self._medium.publish(answer)
-            self._last_estimate = answer
-            self._diagnostics.tick(perf_counter() - start, answer)
+            self._diagnostics.answered(answer, perf_counter() - start)
         self._publish_measurements()
 
     def _publish_measurements(self) -> None:
@@ -157,17 +150,13 @@ class RftNode(Node):
     # --- parameters and swaps
 
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
-        starting = not hasattr(self, "estimator")
-        if changed & _TOOL and (starting or not self._swap.knows(tool_request(values))):
+        if changed & _TOOL and not self._swap.knows(tool_request(values)):
             path = locate_mesh(str(values["mesh.file"]))
             if not path.is_file():
                 raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
-        settings_of(values)
-        if starting:
-            return
         if not self._with_memory and values["medium.mobilization_length"]:
             raise InputError(
-                "medium.mobilization_length was 0.0 at the start, so that its kernels are not loaded; "
+                "medium.mobilization_length was 0.0 at the start, so the code for memory is not loaded; "
                 "set it in the parameter file and restart the node"
             )
         if not self._with_learning and values["learning.mode"] != "off":
@@ -190,7 +179,7 @@ class RftNode(Node):
 
     def _use(self, model: Model) -> None:
         self.estimator.use(model=model)
-        self.get_logger().info(f"generation {model.generation}: {self._describe()}")
+        self._log_model(f"generation {model.generation}")
 
     def _want(self, request: ToolRequest) -> None:
         self._swap.want(request)
@@ -209,7 +198,7 @@ class RftNode(Node):
             self._swap_timer.cancel()
 
     def _undo(self, failed: FailedSwap) -> None:
-        """Set the parameters of a failed swap back to those of the tool wanted before it."""
+        """Reset the tool's parameters to the tool requested before the failed swap."""
         stays = self.estimator.model.tool.name
         self.get_logger().error(f"mesh not swapped, {stays} stays in force: {failed.why}")
         wanted = self._swap.wanted._asdict()
@@ -234,11 +223,5 @@ class RftNode(Node):
         response.success, response.message = self._diagnostics.status()
         return response
 
-    def _on_diagnostics(self) -> None:
-        message, lines = self._diagnostics.report(self.get_clock().now().nanoseconds, _DIAGNOSTICS_PERIOD)
-        self._diagnostics_publisher.publish(message)
-        for line in lines:
-            if line.warning:  # rclpy wants one severity for each place in the code
-                self.get_logger().warning(line.text)
-            else:
-                self.get_logger().info(line.text)
+    def _on_markers(self) -> None:
+        self._markers.publish(self._diagnostics.newest_estimate, self._last_measurement)

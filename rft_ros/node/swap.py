@@ -1,4 +1,4 @@
-"""Tool swaps: which tool is in force, which one is wanted, and what a failed swap goes back to."""
+"""Tool swaps: the tool in force, the tools requested since, and the fallback of a failed swap."""
 
 from dataclasses import dataclass
 
@@ -17,9 +17,9 @@ class FailedSwap:
 
 
 class ToolSwap:
-    """One tool in force and a stack of wanted ones; the newest is being loaded.
+    """One tool in force and a stack of requested ones; the newest is being loaded.
 
-    If it loads, it comes into force and the stack is cleared. If it fails, the one wanted before it is wanted again.
+    Once it is loaded, it comes into force and the stack is cleared. If it fails, the request before it is next.
     """
 
     def __init__(self, in_force: ToolRequest, worker: ToolWorker) -> None:
@@ -31,7 +31,7 @@ class ToolSwap:
 
     @property
     def wanted(self) -> ToolRequest:
-        """What the parameters should say."""
+        """The newest request, else the tool in force: the values that the parameters should have."""
         return self._stack[-1] if self._stack else self._in_force
 
     @property
@@ -40,11 +40,11 @@ class ToolSwap:
         return self._worker.loading.file if self._worker.loading else ""
 
     def knows(self, request: ToolRequest) -> bool:
-        """Whether this tool is in force or has been wanted since."""
+        """Whether this tool is in force or requested."""
         return request == self._in_force or request in self._stack
 
     def want(self, request: ToolRequest) -> None:
-        """Load a tool, unless it is in force or being loaded already."""
+        """Request a tool: load it, unless it is in force or being loaded already."""
         if request == self._in_force:
             self._stack.clear()
             self._worker.cancel()
@@ -53,7 +53,7 @@ class ToolSwap:
             self._worker.load(request)
 
     def poll(self) -> Tool | FailedSwap | None:
-        """A tool that came into force, or a swap that failed, or None: nothing new."""
+        """The tool that came into force or the swap that failed since the last call, else None."""
         answer = self._worker.poll()
         if answer is None:
             return None

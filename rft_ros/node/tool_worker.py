@@ -1,4 +1,4 @@
-"""A process beside the node that loads tools. A busy thread in the node would cost one tick in six."""
+"""A process beside the node that loads tools. A thread in the node would delay one tick in six."""
 
 import mmap
 import os
@@ -15,14 +15,14 @@ from rft_ros.tool import Tool, ToolRequest
 __all__ = ["ToolWorker", "receive_tool", "send_tool", "serve"]
 
 _DEADLINE = 120.0  # s
-_NICENESS = 10  # a tenth of a core beside a busy process, all of an idle one
+_NICENESS = 10  # a tenth of a busy core, all of an idle one
 _ALIGNMENT = 64
 
 
 class ToolWorker:
-    """Loads one tool at a time in a niced process, started at once so that no swap waits for its imports.
+    """Loads one tool at a time in a low-priority process, started early so that no swap waits for its imports.
 
-    The process is replaced if it dies, exceeds the deadline [s], or is asked for another tool before it is done.
+    The process is replaced if it dies, exceeds the deadline [s], or gets a new request while it loads.
     """
 
     def __init__(self, *, deadline: float = _DEADLINE) -> None:
@@ -56,7 +56,7 @@ class ToolWorker:
             self._replace()
 
     def poll(self) -> Tool | str | None:
-        """The tool, or a sentence that says why there is none, or None while there is nothing to report."""
+        """The loaded tool, or a sentence on why loading failed; None while loading or idle."""
         if self.loading is None:
             return None
         answer: Tool | str
@@ -90,9 +90,9 @@ class ToolWorker:
 
 
 def send_tool(connection: Connection, answer: Tool | str) -> None:
-    """Send a tool or a sentence; a tool's arrays go into anonymous memory, which the receiver maps instead of reading.
+    """Send a tool or a sentence. A tool's arrays go into anonymous memory, which the receiver maps.
 
-    Reading 9 MB would delay a tick by 5 ms.
+    Reading 9 MB from the pipe would delay a tick by 5 ms.
     """
     spans: list[tuple[int, int]] = []
     with os.fdopen(os.memfd_create("rft_tool"), "wb") as memory:

@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, reason_of
 from rft_ros.rft import Law, plate_forces, rotation_matrix
-from rft_ros.tool import Tool
-from rft_ros.tool.drawing import drawable
+from rft_ros.tool import Tool, drawable
 
 __all__ = ["FILMS", "Animation", "animate", "animate_evenly", "animation_figure", "draw_moment", "write_film"]
 

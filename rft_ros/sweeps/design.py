@@ -26,7 +26,10 @@ Variant = dict[str, Any]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """Lists of tools, motions and media. Every combination is a variant; `picked` are those that a sample has drawn."""
+    """Lists of tools, motions and media. Every combination is a variant.
+
+    `picked`: numbers of the combinations in a random sample; None: all. `fingerprint`: checksum of the file.
+    """
 
     file: Path
     tools: tuple[dict[str, Any], ...]
@@ -70,7 +73,7 @@ def read_design(file: Path) -> Design:
 
 
 def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]]:
-    """Each entry, once for each combination of the values in its lists and ranges."""
+    """One dict for each combination of the values in an entry's lists and ranges."""
     if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
         raise InputError(f"study '{file}': {name} is {entries!r}; it must be a list of entries")
     for number, entry in enumerate(entries, start=1):
@@ -91,7 +94,7 @@ def _check_names(where: str, name: str, entry: Mapping[str, object]) -> None:
         if "states_file" in entry:
             allowed: tuple[str, ...] = ("states_file",)
         elif family in FAMILIES:
-            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[str(family)])))  # type: ignore[arg-type]
+            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[str(family)])))
         else:
             raise InputError(
                 f"{where}: family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file"

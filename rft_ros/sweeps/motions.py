@@ -12,8 +12,8 @@ unless the caller says otherwise. Positions are those of the tool frame's origin
 """
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
-from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,43 +21,53 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import STATE
 
-__all__ = ["FAMILIES", "Circumnutation", "Motion", "OscillatingInsertion", "PlateDrag", "Straight"]
-__all__ += ["sample", "sample_every"]
+__all__ = [
+    "FAMILIES",
+    "Circumnutation",
+    "Motion",
+    "OscillatingInsertion",
+    "PlateDrag",
+    "Straight",
+    "sample",
+    "sample_every",
+]
 
 Array = NDArray[np.float64]
 
 
-class Motion(Protocol):
-    """The interface of every family: its duration [s], and its states at any times."""
-
-    @property
-    def duration(self) -> float:
-        """Time from the first pose to the last [s]."""
-        ...
-
-    def at(self, times: ArrayLike) -> Array:
-        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        ...
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Steady:
-    """Motion at constant speed along a path; the fields that such families share."""
+class Motion(ABC):
+    """A path at constant speed. `travel`: its length [m].
 
-    speed: float = 0.01
+    Raises InputError for a parameter that is not finite, or not positive where it must be.
+    """
+
     travel: float = 0.05
 
     def __post_init__(self) -> None:
-        _check(self, positive=("speed", "travel"))
+        for field in fields(self):
+            value, positive = getattr(self, field.name), field.name in ("speed", "travel", "pitch")
+            if not math.isfinite(value) or (positive and value <= 0.0):
+                kind = "positive" if positive else "finite"
+                raise InputError(f"{type(self).__name__}.{field.name} is {value}; it must be a {kind} number")
+
+    @property
+    @abstractmethod
+    def speed(self) -> float:
+        """Speed along the path [m/s]."""
 
     @property
     def duration(self) -> float:
         """Time from the first pose to the last [s]."""
         return self.travel / self.speed
 
+    @abstractmethod
+    def at(self, times: ArrayLike) -> Array:
+        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Straight(_Steady):
+class Straight(Motion):
     """Insertion, penetration or withdrawal along a line, without turning.
 
     `start_height`: z of the origin at t = 0 [m]. `speed` [m/s]. `travel`: length of the path [m]. `descent_deg`: angle
@@ -65,6 +75,7 @@ class Straight(_Steady):
     from +x towards +y [deg]. `tilt_deg`, then `yaw_deg`: the tool's attitude, Rz(yaw) Ry(tilt) [deg].
     """
 
+    speed: float = 0.01
     start_height: float = 0.0
     descent_deg: float = 90.0
     heading_deg: float = 0.0
@@ -73,17 +84,13 @@ class Straight(_Steady):
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        return _line(
-            times,
-            start=(0.0, 0.0, self.start_height),
-            velocity=_velocity(self.speed, self.descent_deg, self.heading_deg),
-            yaw=math.radians(self.yaw_deg),
-            tilt=math.radians(self.tilt_deg),
-        )
+        velocity = _velocity(self.speed, self.descent_deg, self.heading_deg)
+        yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
+        return _line(times, start_height=self.start_height, velocity=velocity, yaw=yaw, tilt=tilt)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class PlateDrag(_Steady):
+class PlateDrag(Motion):
     """A plate dragged along +x without turning (paper Figs. 2 and 3; with `phi_deg`, Figs. 5 and 6).
 
     The plate's face is the tool's -z: it faces down at `beta_deg` = 0 and forwards at 90 [deg]. `psi_deg`: angle from
@@ -92,6 +99,7 @@ class PlateDrag(_Steady):
     `speed` [m/s], `travel`: length of the path [m].
     """
 
+    speed: float = 0.01
     psi_deg: float = 0.0
     beta_deg: float = 90.0
     phi_deg: float = 0.0
@@ -99,17 +107,13 @@ class PlateDrag(_Steady):
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        return _line(
-            times,
-            start=(0.0, 0.0, -self.depth),
-            velocity=_velocity(self.speed, self.phi_deg),
-            yaw=math.radians(self.psi_deg),
-            tilt=-math.radians(self.beta_deg),
-        )
+        velocity = _velocity(self.speed, self.phi_deg)
+        yaw, tilt = math.radians(self.psi_deg), -math.radians(self.beta_deg)
+        return _line(times, start_height=-self.depth, velocity=velocity, yaw=yaw, tilt=tilt)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class OscillatingInsertion(_Steady):
+class OscillatingInsertion(Motion):
     """Straight down while pitching about y as amplitude * sin(2π frequency t) (paper Fig. 7; its ellipsoid).
 
     `frequency`: of the pitch [Hz]; 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text.
@@ -129,18 +133,19 @@ class OscillatingInsertion(_Steady):
         omega = 2.0 * math.pi * self.frequency
         amplitude = math.radians(self.amplitude_deg)
         tilt = amplitude * np.sin(omega * t)
-        states = _line(t, start=(0.0, 0.0, self.start_height), velocity=(0.0, 0.0, -self.speed), yaw=0.0, tilt=tilt)
+        states = _line(t, start_height=self.start_height, velocity=(0.0, 0.0, -self.speed), yaw=0.0, tilt=tilt)
         states[:, 11] = amplitude * omega * np.cos(omega * t)
         return states
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Circumnutation:
+class Circumnutation(Motion):
     """A tilted root tip that descends a helix, turning about the vertical (paper Fig. 8).
 
-    `tilt_deg`: η, the root's axis from the vertical [deg]. `pitch`: P, depth gained per turn [m]. `rate_deg_s`: turning
-    about the vertical [deg/s], negative for clockwise from above. `travel`: depth gained [m]. `start_height`: z of the
-    origin, which lies on the axis of turning, at t = 0 [m]; 0 has the root's base at the surface, as the released code.
+    `tilt_deg`: η, angle of the root's axis from the vertical [deg]. `pitch`: P, depth gained per turn [m].
+    `rate_deg_s`: angular velocity about the vertical [deg/s], negative for clockwise from above. `travel`: depth gained
+    [m]. `start_height`: z of the origin, which lies on the axis of turning, at t = 0 [m]; 0 puts the root's base at the
+    surface, as in the released code.
     """
 
     tilt_deg: float = 10.0
@@ -150,36 +155,25 @@ class Circumnutation:
     start_height: float = 0.0
 
     def __post_init__(self) -> None:
-        _check(self, positive=("pitch", "travel"))
+        Motion.__post_init__(self)
         if self.rate_deg_s == 0.0:
-            raise InputError("Circumnutation.rate_deg_s is 0.0; it must not be 0, which has no pitch: use Straight")
+            raise InputError("Circumnutation.rate_deg_s is 0.0; it must not be 0; for no turning use Straight")
 
     @property
     def speed(self) -> float:
-        """Of the descent [m/s]."""
+        """Speed of the descent [m/s]."""
         return self.pitch * abs(self.rate_deg_s) / 360.0
-
-    @property
-    def duration(self) -> float:
-        """Time from the first pose to the last [s]."""
-        return self.travel / self.speed
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        rate = math.radians(self.rate_deg_s)
-        states = _line(
-            t,
-            start=(0.0, 0.0, self.start_height),
-            velocity=(0.0, 0.0, -self.speed),
-            yaw=rate * t,
-            tilt=math.radians(self.tilt_deg),
-        )
+        rate, tilt = math.radians(self.rate_deg_s), math.radians(self.tilt_deg)
+        states = _line(t, start_height=self.start_height, velocity=(0.0, 0.0, -self.speed), yaw=rate * t, tilt=tilt)
         states[:, 12] = rate
         return states
 
     def straight_limit(self) -> Straight:
-        """The same root pushed down without turning: the limit of infinite pitch (forces are rate-independent)."""
+        """The same root pushed straight down: the limit of infinite pitch, because forces do not depend on speed."""
         return Straight(start_height=self.start_height, speed=self.speed, travel=self.travel, tilt_deg=self.tilt_deg)
 
 
@@ -208,14 +202,6 @@ def sample_every(motion: Motion, step: float) -> tuple[Array, Array]:
     return times, motion.at(times)
 
 
-def _check(motion: Any, *, positive: tuple[str, ...]) -> None:
-    for field in fields(motion):
-        name, value = field.name, getattr(motion, field.name)
-        if not math.isfinite(value) or (name in positive and value <= 0.0):
-            kind = "positive" if name in positive else "finite"
-            raise InputError(f"{type(motion).__name__}.{name} is {value}; it must be a {kind} number")
-
-
 def _velocity(speed: float, descent_deg: float, heading_deg: float = 0.0) -> tuple[float, float, float]:
     descent, heading = math.radians(descent_deg), math.radians(heading_deg)
     forward = speed * math.cos(descent)
@@ -225,7 +211,7 @@ def _velocity(speed: float, descent_deg: float, heading_deg: float = 0.0) -> tup
 def _line(
     times: ArrayLike,
     *,
-    start: tuple[float, float, float],
+    start_height: float,
     velocity: tuple[float, float, float],
     yaw: float | Array,
     tilt: float | Array,
@@ -233,7 +219,7 @@ def _line(
     """States on a straight path at constant speed with attitude Rz(yaw) Ry(tilt) [rad] and no angular velocity."""
     t = np.atleast_1d(np.asarray(times, dtype=np.float64))
     states = np.zeros((len(t), len(STATE)))
-    states[:, 0:3] = np.asarray(start) + np.outer(t, velocity)
+    states[:, 0:3] = np.array([0.0, 0.0, start_height]) + np.outer(t, velocity)
     sin_y, cos_y, sin_t, cos_t = np.sin(yaw / 2.0), np.cos(yaw / 2.0), np.sin(tilt / 2.0), np.cos(tilt / 2.0)
     for column, part in zip(range(3, 7), (-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t), strict=True):
         states[:, column] = part

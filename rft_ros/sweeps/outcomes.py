@@ -1,4 +1,4 @@
-"""The row of one variant: the wrench's peaks and means, the work it costs, or the reason why there are no numbers."""
+"""The row of one variant: peaks and means of the wrench, and the work; or the reason why there are none."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,15 +10,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from rft_ros.errors import InputError
-from rft_ros.rft import (
-    Memory,
-    Treers2021,
-    alpha_y_model,
-    medium_named,
-    treers2021,
-    wrenches,
-    wrenches_in_time,
-)
+from rft_ros.rft import Memory, Treers2021, alpha_y_model, medium_named, treers2021, wrenches, wrenches_in_time
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import Variant
 from rft_ros.sweeps.motions import FAMILIES, Array, sample
@@ -45,8 +37,8 @@ _SAMPLES = 200
 class Work:
     """Work done on the grains [J], positive where they resist.
 
-    `vertical`: of the vertical force over the vertical displacement of the tool frame's origin. `total`: of the whole
-    wrench, so that turning and sideways motion count too.
+    `vertical`: by the vertical force over the vertical displacement of the tool frame's origin. `total`: by the whole
+    wrench, including rotation and horizontal motion.
     """
 
     vertical: float
@@ -71,27 +63,24 @@ def work(times: Array, states: Array, wrenches: Array) -> Work:
 
 
 @lru_cache(maxsize=64)
-def _tool(
-    mesh: str, scale: float, origin: tuple[float, float, float], integration: str | None, tolerance: float
-) -> Tool:
-    return ToolRequest(mesh, scale, origin, integration, tolerance).load()  # type: ignore[arg-type]
+def _loaded(request: ToolRequest) -> Tool:
+    return request.load()
 
 
-@lru_cache(maxsize=64)
-def _states(file: str) -> tuple[Array, Array]:
-    return read_states(Path(file))
+def _tool(entry: dict[str, Any]) -> Tool:
+    numbers = {name: float(entry[name]) for name in ("scale", "tolerance") if name in entry}
+    x, y, z = map(float, entry.get("origin", (0.0, 0.0, 0.0)))
+    return _loaded(ToolRequest(entry["mesh"], origin=(x, y, z), integration=entry.get("integration"), **numbers))
 
 
 @lru_cache(maxsize=4096)
-def _sampled(family: str, samples: int, parameters: tuple[tuple[str, float], ...]) -> tuple[Array, Array]:
-    return sample(FAMILIES[family](**dict(parameters)), samples)
-
-
-def _motion(motion: dict[str, Any]) -> tuple[Array, Array]:
-    if "states_file" in motion:
-        return _states(motion["states_file"])
-    parameters = tuple((k, float(v)) for k, v in motion.items() if k not in ("family", "samples"))
-    return _sampled(motion["family"], int(motion.get("samples", _SAMPLES)), parameters)
+def _motion(entry: tuple[tuple[str, Any], ...]) -> tuple[Array, Array]:
+    """Times and states of a motion, from the items of its entry."""
+    parameters = dict(entry)
+    if "states_file" in parameters:
+        return read_states(Path(parameters["states_file"]))
+    family, samples = parameters.pop("family"), parameters.pop("samples", _SAMPLES)
+    return sample(FAMILIES[family](**{name: float(value) for name, value in parameters.items()}), int(samples))
 
 
 def _law(medium: dict[str, Any]) -> Treers2021:
@@ -101,22 +90,14 @@ def _law(medium: dict[str, Any]) -> Treers2021:
 
 
 def evaluate(variant: Variant) -> dict[str, float]:
-    """The results of a variant by column. Raises InputError or ValueError if it has none."""
-    t = variant["tool"]
-    tool = _tool(
-        t["mesh"],
-        float(t.get("scale", 0.001)),
-        tuple(float(v) for v in t.get("origin", (0.0, 0.0, 0.0))),
-        t.get("integration"),
-        float(t.get("tolerance", 0.0)),
-    )
-    times, states = _motion(variant["motion"])
+    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed."""
+    tool = _tool(variant["tool"])
+    times, states = _motion(tuple(variant["motion"].items()))
     medium = variant["medium"]
     law, surface = _law(medium), float(medium.get("surface_height", 0.0))
     length = float(medium.get("mobilization_length", 0.0))
     if length > 0.0:
-        durations = np.diff(times, prepend=times[0])
-        memory = Memory(tool.plates)
+        durations, memory = np.diff(times, prepend=times[0]), Memory(tool.plates)
         result = wrenches_in_time(
             tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
         )
@@ -131,7 +112,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
 
 
 def row_of(variant: Variant, columns: Sequence[str]) -> list[str]:
-    """A row of the table: the variant's values, its results, or the reason why it has none."""
+    """A row of the table: the variant's values, then its results or the reason why it has none."""
     own = {f"{part}.{key}": value for part, values in variant.items() for key, value in values.items()}
     numbers: dict[str, float] = {}
     reason = ""

@@ -1,4 +1,4 @@
-"""Run a design study: chunks of variants go to workers, here or on a Dask cluster; every variant gets one row.
+"""Run a design study: chunks of variants go to workers, local or on a Dask cluster; every variant gets one row.
 
 The output folder holds the state of the run: `study.json` and a file for each finished chunk. The same study with the
 same folder continues where it stopped.
@@ -16,7 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Literal
 
@@ -27,8 +27,8 @@ from rft_ros.sweeps.outcomes import RESULTS, row_of
 
 __all__ = ["Report", "run"]
 
-_CHUNK_SECONDS = 0.5  # of one worker; a scheduler takes about 1 ms a task
-_PROBE_SECONDS = 0.1
+_CHUNK_SECONDS = 0.5  # of one worker; a scheduler takes about 1 ms per task
+_PROBE_SECONDS = 0.1  # spent on measuring the time per variant
 _RESTARTS = 5  # of the pool, when the system kills a worker
 
 Rows = tuple[list[list[str]], float]
@@ -37,7 +37,7 @@ Rows = tuple[list[list[str]], float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
-    """The outcome of a run. `computed`: rows computed by this run, without those found. `failed`: rows with a reason.
+    """The outcome of a run. `rows`: in the table. `computed`: of these, by this run. `failed`: rows without numbers.
 
     `seconds`: wall time. `busy`: the workers' time, summed [s]. `workers`: their number. `chunk`: variants per task.
     """
@@ -98,17 +98,15 @@ def run(
             ):
                 update(done, design.file.stem)
                 for k, (rows, seconds) in answers(tasks, columns):
-                    _write(_file(out, k), rows)
+                    _whole(_file(out, k), _text(rows))
                     computed, busy = computed + len(rows), busy + seconds
-                    rate = computed / (time.perf_counter() - start)
-                    update(
-                        done + computed, f"{design.file.stem}: {done + computed:,} of {len(design):,}, {rate:,.0f}/s"
-                    )
+                    rate, finished = computed / (time.perf_counter() - start), done + computed
+                    update(finished, f"{design.file.stem}: {finished:,} of {len(design):,}, {rate:,.0f}/s")
         seconds = time.perf_counter() - start
         rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
         file = _table(out, columns, rows, form)
     except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be used: {reason_of(error)}") from None
+        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     failed = sum(bool(row[-1]) for row in rows)
     return Report(
         file=file,
@@ -187,11 +185,11 @@ def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]
 
 def _end_with_parent() -> None:
     """In a worker: end when the parent process has ended, even if it was killed."""
-    parent = os.getppid()
+    parent = parent_process()
+    assert parent is not None
 
     def watch() -> None:
-        while os.getppid() == parent:
-            time.sleep(0.5)
+        parent.join()
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
@@ -220,6 +218,7 @@ def _file(out: Path, chunk: int) -> Path:
 
 
 def _whole(file: Path, text: str) -> None:
+    """Write the whole file or nothing, so that a killed run leaves no half chunk."""
     part = file.with_suffix(".part")
     part.write_text(text, encoding="utf-8")
     part.replace(file)
@@ -229,10 +228,6 @@ def _text(rows: Iterable[Sequence[str]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
     return text.getvalue()
-
-
-def _write(file: Path, rows: list[list[str]]) -> None:
-    _whole(file, _text(rows))
 
 
 def _read(file: Path) -> list[list[str]]:

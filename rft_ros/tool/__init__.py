@@ -4,7 +4,7 @@ from rft_ros.installation import share_directory
 from rft_ros.tool.check import MeshIssue, check_mesh
 from rft_ros.tool.mesh_file import locate_mesh, read_mesh
 from rft_ros.tool.reduce import Reduction
-from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, load_tool
+from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, drawable, load_tool
 
 __all__ = [
     "MeshIssue",
@@ -13,6 +13,7 @@ __all__ = [
     "ToolRequest",
     "check_mesh",
     "describe_tool",
+    "drawable",
     "load_tool",
     "locate_mesh",
     "read_mesh",

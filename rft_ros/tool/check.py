@@ -1,4 +1,4 @@
-"""What is wrong with a mesh that can be used all the same: issues, each a sentence with numbers."""
+"""Issues of a usable mesh: holes, winding, hollows, units; each a sentence with numbers."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -12,51 +12,37 @@ from rft_ros.tool.refine import welded
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["LARGEST", "SMALLEST", "IssueKind", "MeshIssue", "check_mesh", "coarse_for_centroids", "degenerate_facets"]
+__all__ = ["MeshIssue", "check_mesh", "coarse_for_centroids", "degenerate_facets"]
 
-LARGEST = 5.0
-"""A tool with a larger extent [m] probably has the wrong unit."""
-
-SMALLEST = 1e-3
-"""A tool with a smaller extent [m] probably has the wrong unit."""
-
+_SMALLEST, _LARGEST = 1e-3, 5.0  # m: an extent outside this range suggests a wrong unit
 _COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
-
-_CLOSED = 0.01  # of the area: area vectors of a closed surface sum to zero, with small holes to little
-
+_CLOSED = 0.01  # of the area: the area vectors of a closed surface sum to zero, with small holes almost
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
-
 _CONCAVE_SHARE = 0.05  # of the area
-
 _LONG = 0.25  # of the largest extent: the longest facet that may count as a point
-
 _COARSE_SHARE = 0.5  # of the area
-
-_SAMPLED = 2000  # facets, and points, that concavity is judged by
-
-IssueKind = Literal[
-    "not_closed",
-    "inconsistent_winding",
-    "inside_out",
-    "duplicate_facets",
-    "degenerate_facets",
-    "concave",
-    "size",
-    "coarse",
-]
-"""The kinds of issue."""
+_SAMPLED = 2000  # facets, and points, in the check for hollows
 
 
 @dataclass(frozen=True, slots=True)
 class MeshIssue:
-    """One thing that the user should know of a mesh: a sentence with numbers."""
+    """One issue of a mesh: its kind, and a sentence with numbers."""
 
-    kind: IssueKind
+    kind: Literal[
+        "not_closed",
+        "inconsistent_winding",
+        "inside_out",
+        "duplicate_facets",
+        "degenerate_facets",
+        "concave",
+        "size",
+        "coarse",
+    ]
     message: str
 
 
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
-    """Which facets have no area, and so no normal: shape [m]."""
+    """True for facets without area, which have no normal; shape [m]."""
     triangles = np.asarray(mesh.triangles)
     longest = ((np.roll(triangles, -1, axis=1) - triangles) ** 2).sum(axis=2).max(axis=1)
     doubled_area = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
@@ -64,12 +50,12 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
 
 
 def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
-    """Issues of a mesh in metres, of which at least one facet has an area; none if it is good."""
+    """Issues of a mesh in metres. At least one of its facets must have an area."""
     return (*_of_surface(mesh), *_of_shape(mesh), *_of_size(mesh))
 
 
 def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[MeshIssue, ...]:
-    """An issue if the published rule takes long facets for points.
+    """An issue if most of the area is in facets too long for the published rule, which treats facets as points.
 
     `vertices`: shape [n, 3], in any unit; `faces`: shape [m, 3].
     """
@@ -89,7 +75,7 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
 
 
 def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
-    """Issues of facets: whether they have an area, how they join and which way they face."""
+    """Issues of single facets, of how they join, and of their winding."""
     import trimesh
 
     if flat := int(degenerate_facets(mesh).sum()):
@@ -106,7 +92,7 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
             f"the surface is not closed (open edges: {open_edges:,}; edges of three or more facets: {crowded:,})",
         )
 
-    # two facets that face the same way run along their common edge in opposite directions
+    # consistently wound facets traverse their common edge in opposite directions
     direction = np.where(joined.edges[:, 0] == joined.edges_sorted[:, 0], 1.0, -1.0)
     if twisted := int(((facets == 2) & (np.bincount(joined.edges_unique_inverse, direction) != 0.0)).sum()):
         yield MeshIssue(
@@ -126,7 +112,7 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
-    """Signed volume [m³] of a closed surface, also of one without shared edges; 0 of an open one."""
+    """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
     triangles = mesh.triangles - mesh.triangles.mean(axis=(0, 1))
     area_vectors = np.asarray(mesh.triangles_cross) / 2.0
     closed = np.linalg.norm(area_vectors.sum(axis=0)) < _CLOSED * np.linalg.norm(area_vectors, axis=1).sum()
@@ -134,7 +120,7 @@ def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
 
 
 def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
-    """Facets with other parts of the tool in front of them: the method counts each as if it stood alone."""
+    """Facets with other parts of the tool in front of them. RFT ignores such shielding."""
     keep = np.flatnonzero(~degenerate_facets(mesh))
     keep = keep[:: 1 + len(keep) // _SAMPLED]
     doubled = np.asarray(mesh.triangles_cross)[keep]
@@ -143,7 +129,7 @@ def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     points = points[:: 1 + len(points) // _SAMPLED]
     outward = -1.0 if _volume_if_closed(mesh) < 0.0 else 1.0  # `_of_surface` reports a surface that is inside out
     normal = outward * doubled / area[:, None]
-    # in parts: a process that clears 32 MB at once delays every other process on the processor
+    # in chunks: clearing 32 MB at once would delay the node, which shares the processor
     farthest = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, 1 + len(normal) // 64)])
     beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
     share = float(area[beyond > _HOLLOW * mesh.extents.max()].sum() / area.sum())
@@ -156,9 +142,9 @@ def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
 
 def _of_size(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     extent = float(mesh.extents.max())
-    step = 1e-3 if extent > LARGEST else 1e3
+    step = 1e-3 if extent > _LARGEST else 1e3
     factor = 1.0
-    while not SMALLEST <= extent * factor <= LARGEST:
+    while not _SMALLEST <= extent * factor <= _LARGEST:
         factor *= step
     if factor != 1.0:
         meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale by {factor:g}"

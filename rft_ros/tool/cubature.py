@@ -1,7 +1,7 @@
 """Fewer plates for a known scene: empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008).
 
-Selects some of a tool's plates and gives them new areas, so that their wrench over sampled states is the whole tool's.
-Plates are added one by one, the one most like the missing wrench first; the areas are a non-negative least-squares fit.
+Selects some of a tool's plates and scales their areas so that they reproduce the whole tool's wrench over the scene.
+A greedy search adds the plate most like the missing wrench. The areas are a non-negative least-squares fit.
 """
 
 from collections.abc import Iterator
@@ -12,24 +12,21 @@ from numpy.typing import NDArray
 from rft_ros.rft import Plates, plate_forces, rotation_matrix
 from rft_ros.tool.random_motions import LAWS
 
-__all__ = ["MOST_NUMBERS", "chosen_plates"]
+__all__ = ["chosen_plates"]
 
 Array = NDArray[np.float64]
 
-MOST_NUMBERS = 30_000_000
-"""Size limit of the matrix of all plates' wrenches; beyond it, only every k-th state is used."""
-
+_MOST_NUMBERS = 30_000_000  # in the matrix of all plates' wrenches; beyond it, every k-th state is used
 _FAINT = 1e-3  # of the strongest plate: weaker ones would get meaningless areas
-
 _RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable for plates that are alike
 
 
 def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
-    """Growing selections of plates that stand for all over the states, shape [n, 13], units as `rft_ros.rft.STATE`.
+    """Selections of plates, each one plate larger, that reproduce the wrench of all plates over `states`.
 
-    Ends when one more plate does not improve the fit.
+    `states`: shape [n, 13], units as `rft_ros.rft.STATE`. Ends when one more plate does not improve the fit.
     """
-    every = 1 + len(LAWS) * 6 * len(states) * len(plates) // MOST_NUMBERS
+    every = 1 + len(LAWS) * 6 * len(states) * len(plates) // _MOST_NUMBERS
     matrix = _wrenches_of_plates(plates, states[::every])
     target = matrix.sum(axis=1)
     norm = np.linalg.norm(matrix, axis=0)

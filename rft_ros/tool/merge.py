@@ -15,12 +15,12 @@ __all__ = ["Merger"]
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-_CELLS = 4096  # the most cells to be grouped: finer plates are first joined to so many
-_ROUNDS = 6  # of k-means; more change the error less than it scatters
+_CELLS = 4096  # k-means groups at most this many; a finer tool is first divided into cells
+_ROUNDS = 6  # of k-means; more change the error less than its scatter
 
 
 class Merger:
-    """Merges plates to any number of plates; work common to all numbers is done once."""
+    """Merges plates into any smaller number of plates; the work common to all numbers is done once."""
 
     def __init__(self, plates: Plates) -> None:
         self._rows = rows = plates.rows
@@ -34,7 +34,7 @@ class Merger:
 
     @property
     def most(self) -> int:
-        """The largest number of plates that it can make."""
+        """The largest number of plates that `merged` can return."""
         return len(self._areas)
 
     def merged(self, count: int) -> Plates:

@@ -1,4 +1,4 @@
-"""Mesh files: which file a name means, and its mesh in the tool frame, in metres."""
+"""Mesh files: find the file, read its mesh, and place it in the tool frame, in metres."""
 
 import io
 import logging
@@ -21,10 +21,7 @@ from rft_ros.tool.reduced_file import read_reduced
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MAX_BYTES", "MAX_FACETS", "SUFFIXES", "locate_mesh", "read_mesh", "shipped_meshes"]
-
-SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
-"""Suffixes of the mesh formats that can be read."""
+__all__ = ["MAX_BYTES", "MAX_FACETS", "locate_mesh", "read_mesh"]
 
 MAX_BYTES = 256 * 2**20
 """The largest mesh file that is read."""
@@ -32,6 +29,7 @@ MAX_BYTES = 256 * 2**20
 MAX_FACETS = 2_000_000
 """The most facets that a mesh may have."""
 
+_SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
 # trimesh starts another mesh at these lines, which reorders the facets and drops those with NaN.
 _SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n]*"}
 
@@ -41,11 +39,6 @@ _SCHEME = "package://"
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
-
-
-def shipped_meshes() -> dict[str, Path]:
-    """Files of the meshes that come with rft_ros, by name."""
-    return {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
 
 
 def locate_mesh(file: str) -> Path:
@@ -58,17 +51,17 @@ def locate_mesh(file: str) -> Path:
         package, _, inside = file.removeprefix(_SCHEME).partition("/")
         return share_directory(package) / inside
     if file == Path(file).stem:
-        shipped = shipped_meshes()
+        shipped = {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
         if file in shipped:
             return shipped[file]
         raise InputError(
-            f"mesh.file '{file}' is no shipped mesh ({', '.join(shipped)}), nor the path of a mesh file, "
-            f"nor a {_SCHEME} URI"
+            f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); "
+            f"give one of these, a path with suffix or a {_SCHEME} URI"
         )
     try:
         return Path(file).expanduser()
     except RuntimeError as error:
-        raise InputError(f"mesh.file '{file}' names no home folder: {error}") from None
+        raise InputError(f"mesh.file '{file}' has an unknown home folder: {error}") from None
 
 
 def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
@@ -87,7 +80,9 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
         return _in_tool_frame(reduced.vertices, reduced.faces, path, scale, origin)
     loaded = _load(_bytes_of(path), path)
     if len(getattr(loaded, "faces", ())) == 0:  # a point cloud has no attribute `faces`
-        raise InputError(f"mesh file '{path}' has no facets: it is empty, cut short or no {_kind(path)} file")
+        raise InputError(
+            f"mesh file '{path}' has no facets: it is empty, cut short or not a valid {path.suffix[1:].upper()} file"
+        )
     if len(loaded.faces) > MAX_FACETS:
         raise InputError(f"mesh file '{path}' has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
     if loaded.vertices.shape[1] != 3:
@@ -105,15 +100,11 @@ def _check_placement(scale: float, origin: Sequence[float]) -> None:
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
 
 
-def _kind(path: Path) -> str:
-    return path.suffix[1:].upper()
-
-
 def _bytes_of(path: Path) -> bytes:
     if path.is_dir():
         raise InputError(f"mesh file '{path}' is a folder")
-    if path.suffix.lower() not in SUFFIXES:
-        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join((*SUFFIXES, REDUCED))}")
+    if path.suffix.lower() not in _SUFFIXES:
+        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join((*_SUFFIXES, REDUCED))}")
     try:
         size = path.stat().st_size
         if size > MAX_BYTES:
@@ -138,7 +129,7 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            # numpy before 2.3 only warns of a word among the numbers
+            # numpy before 2.3 only warns about a word among the numbers
             warnings.filterwarnings("error", message="string or file could not be read")
             return trimesh.load(
                 io.BytesIO(data),
@@ -152,11 +143,11 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
         raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception as error:  # each reader raises its own errors
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"mesh file '{path}' is no {_kind(path)} file that trimesh can read: {reason}") from None
+        raise InputError(f"mesh file '{path}' is not a valid {path.suffix[1:].upper()} file: {reason}") from None
 
 
 def _is_binary_stl(data: bytes) -> bool:
-    return len(data) >= 84 and len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    return len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
 def _in_tool_frame(
@@ -171,5 +162,5 @@ def _in_tool_frame(
         raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if degenerate_facets(mesh).all():
-        raise InputError(f"mesh file '{path}' has no facet of any area, at mesh.scale {scale}")
+        raise InputError(f"mesh file '{path}' has no facet with an area, at mesh.scale {scale}")
     return mesh

@@ -14,11 +14,11 @@ Array = NDArray[np.float64]
 LAWS: tuple[Law, ...] = tuple(
     treers2021(MEDIA["generic"], alpha_y_model(name, MEDIA["generic"])) for name in ("constant", "linear")
 )
-"""Laws that the error is measured with. Plates chosen with one α_y model are off by 2 % with the other."""
+"""Laws that the error is measured with: plates chosen with one α_y model have errors of 2 % with the other."""
 
 _SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's height
 
-_FEEBLE = 0.01  # of the median force: the smallest force that an error is divided by
+_FEEBLE = 0.01  # of the median force: errors are divided by at least this force
 
 
 @dataclass(frozen=True, slots=True, eq=False)

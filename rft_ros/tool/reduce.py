@@ -15,17 +15,15 @@ from rft_ros.tool.cubature import chosen_plates
 from rft_ros.tool.merge import Merger
 from rft_ros.tool.random_motions import Comparison, random_motions
 
-__all__ = ["FEWEST_STATES", "Reduction", "checked_tolerance", "reduced_for_any_motion", "reduced_for_scene"]
+__all__ = ["Reduction", "reduced_for_any_motion", "reduced_for_scene"]
 
 Array = NDArray[np.float64]
 
-FEWEST_STATES = 20
-"""The fewest states of a scene. Of six states, four select the plates, one decides when to stop, one measures."""
-
+_FEWEST_STATES = 20  # of a scene: of each six, four select plates, one decides when to stop, one measures the error
 _CHOOSING, _MEASURING = 1, 2  # seeds
 _STATES = 1000  # for each; the percentile scatters by about 5 % of itself
 _FIRST = 16  # plates tried first; then doubled
-_WORTH = 0.7  # of the facets: the largest reduced tool that is worth having
+_WORTH = 0.7  # of the facets: the most plates of a reduced tool; beyond, keep the full tool
 _STEPS = 5  # of the bisection between two numbers of plates
 _NEAR = 0.3  # rad, and of the tool's reach: the largest gap between samples that may be interpolated
 _MORE = 1.1  # times the plates, where the measured error exceeds the tolerance
@@ -35,8 +33,8 @@ _MORE = 1.1  # times the plates, where the measured error exceeds the tolerance
 class Reduction:
     """Result of a reduction.
 
-    `facets`: plates of the full tool. `plates`: of the reduced one. `error`: relative, the 95th percentile over the
-    motions; divided by each state's own force for any motion, by the greatest force for a scene. `motions`: which.
+    `facets`: number of plates of the full tool. `plates`: of the reduced tool. `error`: 95th percentile over `motions`,
+    relative to each state's own force (any motion) or to the greatest force (a scene). `tolerance`: of that error.
     """
 
     facets: int
@@ -52,17 +50,10 @@ class Reduction:
         return f"{self.facets:,} facets -> {self.plates:,} plates, {100.0 * self.error:.1f} % at the 95th percentile"
 
 
-def checked_tolerance(tolerance: float) -> float:
-    """The tolerance; InputError unless it is a share of the force."""
-    if not 0.0 <= tolerance <= 1.0:
-        raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
-    return tolerance
-
-
 def reduced_for_any_motion(
     plates: Plates, corners: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance, or about `count` plates whatever their error.
+    """The fewest plates within the tolerance, or about `count` plates regardless of their error.
 
     `corners`: of the tool's convex hull [m], shape [k, 3].
     """
@@ -111,13 +102,13 @@ def _fewest(
 def reduced_for_scene(
     plates: Plates, states: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance over a scene's states, or at most `count` plates whatever their error.
+    """The fewest plates within the tolerance over a scene's states, or at most `count` plates regardless of the error.
 
     `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. InputError where there are too few
     states, or none with a force.
     """
-    if len(states) < FEWEST_STATES:
-        raise InputError(f"the scene has {len(states)} states; it needs at least {FEWEST_STATES}")
+    if len(states) < _FEWEST_STATES:
+        raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
     part = np.arange(len(states)) % 6
     between = _halfway(states, plates.reach)
     stopping, measuring = (Comparison.of(plates, between[part == k], own_force=False) for k in (2, 5))
@@ -137,7 +128,7 @@ def reduced_for_scene(
 
 
 def _halfway(states: Array, reach: float) -> Array:
-    """Each state moved halfway to the next, where that is near; shape as given.
+    """Each state moved halfway to the next, where the next is near; shape as given.
 
     A periodic motion may be sampled at the same phases in every period. Held-out samples would then repeat those used
     for the choice, and their error would be a tenth of the error between samples.

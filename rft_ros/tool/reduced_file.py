@@ -29,7 +29,7 @@ __all__ = ["SUFFIX", "ReducedMesh", "placed", "read_reduced", "save_reduced"]
 Array = NDArray[np.float64]
 
 SUFFIX = ".npz"
-"""Of the file of a reduced tool."""
+"""Suffix of a reduced tool's file."""
 
 _FORMAT = "rft_ros reduced tool 1"
 
@@ -49,7 +49,7 @@ class ReducedMesh:
 
 
 def placed(rows: Array, scale: float, origin: Sequence[float] | Array) -> Array:
-    """Rows of plates, shape [7 or 14, n], moved as `read_mesh` moves vertices: (p - origin) * scale.
+    """Rows of plates, shape [7 or 14, n], placed as `read_mesh` places vertices: (p - origin) * scale.
 
     `scale`: metres per mesh unit; `origin`: in mesh units, shape [3].
     """
@@ -69,15 +69,14 @@ def save_reduced(
     """
     if file.suffix.lower() != SUFFIX:
         raise InputError(f"output '{file}' must end in {SUFFIX}, the suffix of reduced tools")
-    x, y, z = (float(value) for value in origin)
-    shift = np.array([x, y, z])
+    shift = np.array(origin, dtype=np.float64)
     about = {
         "format": _FORMAT,
         "mesh": Path(tool.file).name,
         "sha256": hashlib.sha256(Path(tool.file).read_bytes()).hexdigest(),
         "integration": plates.integration,
         "scale": scale,
-        "origin": (x, y, z),
+        "origin": shift.tolist(),
         "reduction": asdict(reduction),
     }
     data = io.BytesIO()
@@ -114,7 +113,7 @@ def read_reduced(file: Path) -> ReducedMesh:
         raise InputError(f"mesh file '{file}' cannot be read: {error.strerror or error}") from None
     except Exception as error:  # zip, numpy's header and JSON raise errors of their own
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"mesh file '{file}' is no reduced tool written by rft reduce: {reason}") from None
+        raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {reason}") from None
 
 
 def _checked_surface(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:

@@ -1,8 +1,8 @@
-"""Triangles for the refined rule: a curved surface gets back the area that its inscribed facets lack.
+"""Triangles for the refined rule: inscribed facets have less area than the curved surface they sample; restore it.
 
-A facet stands for a patch of the surface that the mesh samples. The patch's curvature comes from the normals at the
-corners, averaged by area and angle over the facets that join smoothly: a large flat face beside a narrow fillet stays
-flat. The tip of a cone, where facets join smoothly but the surface has no normal, does not move.
+The curvature of a facet's patch comes from the normals at its corners, which are averaged by area and angle over the
+facets that join smoothly: a large flat face beside a narrow fillet stays flat. The tip of a cone does not move: its
+facets join smoothly, but the surface has no normal there.
 """
 
 import numpy as np
@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 
 
 def refined_plates(vertices: Array, faces: NDArray[np.int64]) -> Plates:
-    """Plates of a mesh in the tool frame [m] for the refined rule, one a face, in the same order.
+    """Plates of a mesh in the tool frame [m] for the refined rule, one per face, in the same order.
 
     `vertices`: shape [n, 3]; `faces`: indices of vertices, shape [m, 3].
     """
@@ -48,7 +48,7 @@ def refined_plates(vertices: Array, faces: NDArray[np.int64]) -> Plates:
 
 
 def welded(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
-    """Points and faces in which facets share corners, as those of an STL file do not; shapes [k, 3] and [m, 3]."""
+    """Merge coincident vertices, which STL files repeat for each facet: points, shape [k, 3], faces, shape [m, 3]."""
     size = float(np.ptp(vertices[faces.ravel()], axis=0).max())
     _, first, point = np.unique(
         np.round(vertices / (_WELD * size)).astype(np.int64), axis=0, return_index=True, return_inverse=True
@@ -179,7 +179,7 @@ def _divided(points: Array, normals: Array) -> tuple[Array, Array, Array]:
     between = _unit(normals + normal_after)
 
     def height(w: Array) -> Array:
-        """Of an arc over its chord, from the chord's component along the normal at one end."""
+        """Height of an arc over its chord, from the chord's component along the normal at one end."""
         sine = np.clip(w / np.where(length > 0.0, length, 1.0), -1.0, 1.0)
         return np.asarray(-0.5 * length * sine / (1.0 + np.sqrt(1.0 - sine * sine)))
 

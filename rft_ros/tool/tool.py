@@ -1,7 +1,8 @@
-"""A tool: the plates of a mesh, and what else is needed to place and draw it."""
+"""A tool: the plates of a mesh, and the mesh to draw it."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,21 +12,21 @@ from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
 from rft_ros.tool.check import MeshIssue, check_mesh, coarse_for_centroids, degenerate_facets
 from rft_ros.tool.mesh_file import locate_mesh, read_mesh
-from rft_ros.tool.reduce import Reduction, checked_tolerance, reduced_for_any_motion
+from rft_ros.tool.reduce import Reduction, reduced_for_any_motion
 from rft_ros.tool.reduced_file import SUFFIX, placed, read_reduced
 from rft_ros.tool.refine import refined_plates
 
-__all__ = ["Tool", "ToolRequest", "describe_tool", "load_tool"]
+__all__ = ["Tool", "ToolRequest", "centroid_plates", "describe_tool", "drawable", "load_tool"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class Tool:
     """A rigid tool in its own frame [m]. Its arrays are read-only, also after unpickling.
 
-    `name`: the mesh file's stem. `file`: the path it was read from. `plates`: the elements of the wrench's sum.
-    `facets`: one plate element a face, same order; the same object as `plates` unless the tool was reduced.
+    `name`: the mesh file's stem. `file`: its path. `plates`: the plates whose wrenches are summed.
+    `facets`: one plate per face, in the same order; the same object as `plates` unless the tool was reduced.
     `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
-    `issues`: what looks wrong with the mesh. `corners`: vertices of the convex hull, shape [k, 3].
+    `issues`: of the mesh. `corners`: vertices of the convex hull, shape [k, 3].
     `reduction`: how `plates` came from `facets`, if a reduction was requested.
     """
 
@@ -44,16 +45,12 @@ class Tool:
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # numba compiles anew for writeable arrays, which unpickled ones are: the first tick would wait for that.
-        return _restore, ({f.name: getattr(self, f.name) for f in fields(self)},)
+        # Unpickled arrays are writeable. numba would compile again for them, so `__post_init__` must run.
+        return partial(Tool, **{f.name: getattr(self, f.name) for f in fields(self)}), ()
 
     def lowest_point(self, rotation: NDArray[np.float64]) -> float:
         """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3]."""
         return float((self.corners @ rotation[2]).min())
-
-
-def _restore(values: dict[str, Any]) -> Tool:
-    return Tool(**values)
 
 
 def load_tool(
@@ -67,8 +64,8 @@ def load_tool(
     """Load a tool from a mesh file or a reduced tool (.npz): a path, package:// URI or name of a shipped mesh.
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
-    `integration`: the plates' rule; ``refined`` also gives them the area of the surface that the mesh samples. None:
-    the rule of a reduced tool, ``refined`` for a mesh.
+    `integration`: the plates' rule; ``refined`` also corrects their areas for the curvature of the sampled surface.
+    None: the rule of a reduced tool, ``refined`` for a mesh.
     `tolerance`: over 0, use the fewest plates whose wrench stays within this share of the full tool's in any motion, at
     the 95th percentile (`rft_ros.tool.reduce`). A reduced tool stays as it is.
     Normals come from the facets' winding, not from the file. Facets without area are dropped.
@@ -76,7 +73,8 @@ def load_tool(
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
-    checked_tolerance(tolerance)
+    if not 0.0 <= tolerance <= 1.0:
+        raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
     path = locate_mesh(file)
     mesh = read_mesh(path, scale=scale, origin=origin)
     reduced = read_reduced(path) if path.suffix.lower() == SUFFIX else None
@@ -86,7 +84,7 @@ def load_tool(
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
     facets = refined_plates(vertices, faces) if rule == "refined" else centroid_plates(vertices, faces)
-    corners = _corners(vertices[_used(vertices, faces)])
+    corners = _corners(vertices[np.unique(faces)])
     plates, reduction = facets, None
     if reduced:
         plates, reduction = Plates(placed(reduced.plates, scale, origin)), reduced.reduction
@@ -106,13 +104,17 @@ def load_tool(
 
 
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
+    """Plates of a mesh in the tool frame [m] for the published rule, one per face, in the same order.
+
+    `vertices`: shape [n, 3]; `faces`: indices of vertices, shape [m, 3].
+    """
     a, b, c = vertices[faces.T]
     area_vectors = np.cross(b - a, c - a) / 2.0
     return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
 
 
 class ToolRequest(NamedTuple):
-    """Arguments of `load_tool`, for another time or process."""
+    """Arguments of `load_tool`, to load the tool later or in another process."""
 
     file: str
     scale: float = 0.001
@@ -122,19 +124,7 @@ class ToolRequest(NamedTuple):
 
     def load(self) -> Tool:
         """Call `load_tool`."""
-        return load_tool(
-            self.file,
-            scale=self.scale,
-            origin=self.origin,
-            integration=self.integration,
-            tolerance=self.tolerance,
-        )
-
-
-def _used(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> NDArray[np.bool_]:
-    used = np.zeros(len(vertices), dtype=np.bool_)
-    used[faces] = True
-    return used
+        return load_tool(**self._asdict())
 
 
 def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -147,9 +137,21 @@ def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.unique(vertices, axis=0)
 
 
+def drawable(tool: Tool, *, most_faces: int) -> tuple[NDArray[np.float64], NDArray[np.int64], Plates]:
+    """The mesh simplified to about `most_faces`: vertices [m], shape [n, 3], faces, shape [m, 3], a plate per face."""
+    import trimesh
+
+    mesh = trimesh.Trimesh(tool.vertices, tool.faces, process=True)
+    if len(mesh.faces) > most_faces:
+        mesh = mesh.simplify_quadric_decimation(face_count=most_faces)
+    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
+    faces = faces[np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1) > 0.0]
+    return vertices, faces, centroid_plates(vertices, faces)
+
+
 def describe_tool(tool: Tool) -> list[str]:
-    """Lines for a user: file, size and place in the tool frame, reduction, area, volume, issues."""
-    used = 1e3 * tool.vertices[_used(tool.vertices, tool.faces)]
+    """Lines of text: file, extent in the tool frame, reduction, area, volume, issues."""
+    used = 1e3 * tool.vertices[np.unique(tool.faces)]
     x, y, z, nx, ny, nz, area = tool.facets.packed
     lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]
     if tool.reduction:

@@ -1,4 +1,4 @@
-"""~/markers: drawn for whoever listens, from real estimates."""
+"""~/markers: the tool, its forces and the surface, drawn from real estimates."""
 
 import numpy as np
 import pytest
@@ -21,9 +21,9 @@ def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(rft):
     assert tool.pose.position.z == -0.01
     assert tool.lifetime.sec == 0
     colours = np.array([(c.r, c.g, c.b, c.a) for c in tool.colors])[::3]
-    leading = mesh.plates.packed[5] < -0.5  # moving down, the lower face leads
-    np.testing.assert_allclose(colours[leading, 2], 0.1, atol=1e-6)
-    np.testing.assert_allclose(colours[~leading, 2], 0.8, atol=1e-6)
+    normal_z = mesh.facets.packed[5]  # moving down, the lower face leads, the upper one trails
+    np.testing.assert_allclose(colours[normal_z < -0.5, 2], 0.1, atol=1e-6)
+    np.testing.assert_allclose(colours[normal_z > 0.5, 2], 0.8, atol=1e-6)
     predicted, measured, surface = by_id[1], by_id[2], by_id[3]
     assert predicted.points[1].z - predicted.points[0].z > 0.0
     assert measured.points[1].z - measured.points[0].z == pytest.approx(0.04)

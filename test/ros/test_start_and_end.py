@@ -128,7 +128,7 @@ def test_after_compiling_ahead_nothing_is_left_to_compile():
         (("--params-file", "cell.yaml"), "cannot use '--params-file cell.yaml'; ROS arguments, such as"),
         (("--foo", "--ros-args", "-p", "mesh.file:=plate"), "cannot use '--foo'; ROS arguments, such as"),
         (("--ros-args", "-p", "mesh.file:=plate", "--", "plate"), "cannot use 'plate'; ROS arguments, such as"),
-        (("--ros-args", "--foo"), "ROS knows no argument '--foo'"),
+        (("--ros-args", "--foo"), "unknown ROS argument '--foo'"),
     ],
 )
 def test_arguments_that_ros_would_ignore_are_refused(arguments, sentence):

@@ -180,7 +180,7 @@ def test_nothing_identifiable_writes_no_file(cell, tmp_path):
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        (("--fit", "colour"), "--fit 'colour' is none of sensor, surface, zeta, mobilization, alpha_y"),
+        (("--fit", "colour"), "--fit 'colour' is not one of sensor, surface, zeta, mobilization, alpha_y"),
         (("--mesh", "elsewhere=plate"), "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags pressed"),
         (("--tare", "-1"), "tare is -1.0 s"),
         (("--start", "1e6"), "pressed"),

@@ -43,7 +43,7 @@ def test_a_mistyped_command_gets_the_nearest_as_a_suggestion(tmp_path):
         (("--mesh", "plate", "--zeta", "inf", "-o", "o"), "argument --zeta: 'inf' is not a finite number"),
         (
             ("--mesh", "plate", "--alpha-y", "linaer", "-o", "o"),
-            "--alpha-y 'linaer' is neither constant nor linear, nor the CSV",
+            "--alpha-y 'linaer' is not constant, linear or the CSV",
         ),
     ],
 )

@@ -18,7 +18,7 @@ ALLOWED = {
     "progress": set(),
     "states_file": {"rft", "errors"},
     "bags": {"estimator", "tool", "rft", "report", "errors", "progress", "yaml_file"},
-    "node": {"installation", "child_process", "bags", "estimator", "tool", "rft", "report", "errors"},
+    "node": {"installation", "child_process", "bags", "estimator", "sweeps", "tool", "rft", "report", "errors"},
     "calibration": {"bags", "estimator", "tool", "rft", "report", "errors"},
     "sweeps": {"tool", "rft", "states_file", "progress", "errors", "yaml_file"},
     "commands": {

@@ -34,7 +34,7 @@ def test_tilde_is_the_home_folder(monkeypatch, tmp_path):
 
 
 def test_unknown_home_is_named():
-    with pytest.raises(InputError, match=r"'~no_such_user_1/a.stl' names no home folder"):
+    with pytest.raises(InputError, match=r"'~no_such_user_1/a.stl' has an unknown home folder"):
         locate_mesh("~no_such_user_1/a.stl")
 
 
@@ -72,7 +72,7 @@ def test_shipped_mesh_by_name_and_by_uri(name):
 
 @pytest.mark.parametrize("name", ["elipsoid", "", "~", ".."])
 def test_unknown_name_lists_the_shipped_ones(name):
-    with pytest.raises(InputError, match=f"mesh.file '{name}' is no shipped mesh .*{', '.join(SHIPPED)}"):
+    with pytest.raises(InputError, match=f"mesh.file '{name}' is not a shipped mesh .*{', '.join(SHIPPED)}"):
         locate_mesh(name)
 
 

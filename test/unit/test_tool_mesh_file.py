@@ -146,13 +146,13 @@ def test_not_a_mesh(tmp_path, suffix, content):
     path.write_bytes(content)
     message = refused(path)
     assert message.startswith(f"mesh file '{path}' ")
-    assert f"no {suffix.upper()} file" in message
+    assert f"not a valid {suffix.upper()} file" in message
 
 
 @pytest.mark.parametrize("options", [{}, {"file_type": "stl_ascii"}])
 def test_stl_without_facets(tmp_path, options):
     path = written(tmp_path, TRIANGLES[:0], **options)
-    assert refused(path) == f"mesh file '{path}' has no facets: it is empty, cut short or no STL file"
+    assert refused(path) == f"mesh file '{path}' has no facets: it is empty, cut short or not a valid STL file"
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -168,7 +168,7 @@ def test_word_among_the_numbers_of_an_ascii_stl(tmp_path):
     lines = path.read_text().splitlines()
     lines[12] = "vertex 1.0 oops 2.0"
     path.write_text("\n".join(lines))
-    assert "is no STL file that trimesh can read" in refused(path)
+    assert "is not a valid STL file" in refused(path)
 
 
 def test_points_without_facets(tmp_path):
@@ -209,7 +209,7 @@ def test_nan_in_the_second_solid_is_not_lost(tmp_path):
 
 def test_only_facets_without_area(tmp_path):
     line = [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], [[5.0, 5.0, 5.0]] * 3]
-    assert "has no facet of any area" in refused(written(tmp_path, np.array(line)))
+    assert "has no facet with an area" in refused(written(tmp_path, np.array(line)))
 
 
 def test_too_large_a_file(tmp_path, monkeypatch):

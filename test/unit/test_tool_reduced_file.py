@@ -135,7 +135,7 @@ def test_a_reduced_tool_belongs_to_its_rule(tmp_path, capsys):
         (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
         (("--plates", "0"), "--plates is 0; it must be at least 1"),
         (("--scene", "nothing.csv"), "states file 'nothing.csv' cannot be read"),
-        (("--scene", "straigt"), "--scene 'straigt' is neither a file nor a family of motions: straight, plate_drag"),
+        (("--scene", "straigt"), "--scene 'straigt' is not a file or a family of motions (straight, plate_drag"),
         (("-o", "few.stl"), "output 'few.stl' must end in .npz"),
         (("-o", "/proc/none/few.npz"), "cannot be written"),
     ],
@@ -158,7 +158,7 @@ def broken(tmp_path, change):
     [
         (lambda c: c.pop("plates"), "plates"),
         (lambda c: c.update(about=np.array("{}")), "its format is 'None'"),
-        (lambda c: c.update(about=np.array("no json")), "no reduced tool"),
+        (lambda c: c.update(about=np.array("no json")), "not a reduced tool"),
         (lambda c: c.update(plates=c["plates"][:5]), "plates have 7 rows, or 14"),
         (lambda c: c.update(plates=np.full((7, 3), np.nan)), "must be finite numbers"),
         (lambda c: c.update(plates=c["plates"][:, :0]), "at least one plate element"),
@@ -198,5 +198,5 @@ def test_a_reduced_tool_with_a_damaged_header_is_a_sentence(tmp_path):
     with zipfile.ZipFile(file, "w") as archive:
         header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,\n"
         archive.writestr("vertices.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
-    with pytest.raises(InputError, match="no reduced tool"):
+    with pytest.raises(InputError, match="not a reduced tool"):
         load_tool(str(file))
