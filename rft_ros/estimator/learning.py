@@ -1,87 +1,169 @@
-"""The medium, learned from the load cell: a Kalman filter on four numbers, along the tool's path.
+"""Learning the medium: a Kalman filter with four states over the path of the tool.
 
 The model's force F (any law, rule or memory; world axes, z up) is corrected by θ = (s_v, s_h, ρ, δ):
 
-    F' = [ s_h (Fx, Fy) + ρ (-Fy, Fx);  s_v Fz ] + δ dF/dh                                      Eq. (L1)
+    F' = [ s_h (Fx, Fy) + ρ (-Fy, Fx);  s_v Fz ] + δ dF/dh  =  H θ                                  (L1)
 
 s_v and s_h scale the vertical and the horizontal part, ρ turns the horizontal part about the vertical, and δ [m] moves
-the surface. θ is linear in F', so that the torque follows from the same numbers and the sums Σ r_j f_l. Path of the
-tool's fastest point stands in for time: rest teaches nothing and speed does not matter. docs/learning.md has the
-derivation, the data that the constants were chosen on, and what was tried and discarded.
+the surface. F' is linear in θ, so the torque follows from the same θ and the sums Σ r_j f_l over the plates. The path
+of the tool's fastest point takes the place of time: at rest nothing changes, and speed does not matter. Equation
+numbers are those of docs/learning.md, which also has the data that the constants were chosen on.
 """
 
 import math
 from dataclasses import dataclass
 from enum import Enum, IntEnum
-from typing import Any
+from typing import Any, NamedTuple
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from rft_ros.rft.compilation import compiled, inlined, machine_code
 
 __all__ = ["Belief", "BeliefIssue", "Learning", "LearningSettings", "Lesson", "Surprise"]
 
 Array = NDArray[np.float64]
 
-# Chosen on the data of docs/learning.md. Lengths are of path [m].
-_PRIOR_EACH = 0.3  # standard deviation of s_v, s_h and ρ each, beside what s_v and s_h share
-_PRIOR_SURFACE = 0.003  # [m]
-_GROWTH = 0.01  # path over which the variances below are added
-_GROWTH_COMMON, _GROWTH_EACH, _GROWTH_SURFACE = 0.28, 0.42, 0.0023
-_NOISE, _NOISE_FLOOR = 0.093, 0.025  # share of the predicted force; [N]
-_NOISE_LENGTH = 0.003  # samples closer than this say the same
-_TEMPO_LENGTH, _TEMPO_POWER, _TEMPO_LEAST, _TEMPO_MOST = 0.01, 1.6, 0.14, 10.0
-_SCALE_LENGTH = 0.005
-_LARGEST_SQUARE = 9.0  # of a normalised error: one sample must not decide a mean
-_CLIP = 3.0  # standard deviations that a sample may pull
-_LEAST_STRENGTH, _MOST_STRENGTH = 0.1, 10.0
-_MOST_VARIANCE = (1.0, 1.0, 1.0, 1e-4)
-_AIR_LOCAL, _AIR_STRENGTH = 0.005, 0.5  # path in the air over which the surface and the turn, and the strength, fade
-_ENTRY = 0.008  # after entering, the surface is being learned: nothing surprises
-_SURPRISE_LENGTH, _SURPRISING, _SETTLED = 0.0003, 2.4, 1.2
-_DRIFT_LENGTH, _DRIFTED = 0.05, 3.0  # the reference of the drift follows over this path; prior standard deviations
-_SUM_LENGTH = 0.005
-_LEVER = 0.07  # standard deviation of the point where the force acts, over the tool's reach
-_STUCK, _STUCK_SAMPLES = 0.0005, 3
-_OPPOSING = 0.05  # [N]: smaller forces oppose by chance
-_LARGEST_SHARE = 10.0  # of the model's force, in the means that judge the model
-_MOST_SURFACE = 0.03  # [m]
-_LONGEST_STEP = 1.0
-_ABSURD = 1e100  # [N]: squares of larger forces overflow
-_RECORDS = 2048
-_PER_LAG = 1024  # records kept over one lag of path
 
-# columns of a record
-_PATH, _WET, _EVENT, _AIR, _PASSING, _STATE, _F, _G, _PRED, _S, _Y, _NOISE_VARIANCE, _WIDTH = (
-    0, 1, 2, 3, 4, 5, 6, 9, 12, 15, 21, 24, 25,
-)  # fmt: skip
-_PENDING, _MEASURED, _VOID = 0.0, 1.0, 2.0
+class _Constants(NamedTuple):
+    """All constants of the filter; lengths are path [m], deviations are standard deviations."""
 
-# places of single numbers beside θ and its covariance
-(
-    _TOTAL, _GRAINS, _LEARNED, _TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V, _SPEED, _AWAY,
-    _AIR_PENDING, _ENTERED, _SCORE, _SCORED, _EXCESS, _FORCE, _ALONG, _SQUARE, _STUCK_PATH,
-    _REPEATS, _DRIFT, _REFERENCE, _DOT, _CROSS, _FLAT, _SURPRISE, _BED,
-) = range(26)  # fmt: skip
+    # prior and growth of P
+    prior_each: float = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
+    prior_surface: float = 0.003  # deviation of δ [m]
+    growth_length: float = 0.01  # the variances of growth are added over this path
+    growth_common: float = 0.28  # deviation that s_v and s_h share
+    growth_each: float = 0.42  # deviation of s_v, s_h and ρ
+    growth_surface: float = 0.0023  # deviation of δ [m]
+    # measurement
+    noise: float = 0.093  # deviation over the predicted force
+    noise_floor: float = 0.025  # deviation [N]
+    noise_length: float = 0.003  # errors of samples closer than this are correlated
+    gate: float = 3.0  # a larger innovation, in deviations, is reduced to this
+    lever: float = 0.07  # deviation of the point where the force acts, over the tool's reach
+    # adaptation to the errors of past predictions
+    tempo_length: float = 0.01  # of the mean of the squared errors
+    tempo_power: float = 1.6
+    tempo_least: float = 0.14
+    tempo_most: float = 10.0
+    scale_rise: float = 0.0025  # of the mean of the squared errors by component, while it grows
+    scale_fall: float = 0.005  # and while it falls
+    square_most: float = 9.0  # a larger squared error, in variances, counts as this
+    # bounds of θ and P
+    strength_least: float = 0.1
+    strength_most: float = 10.0
+    surface_most: float = 0.03  # of |δ| [m]
+    variance_most: float = 1.0  # of s_v, s_h and ρ
+    surface_variance_most: float = 1e-4  # of δ [m²]
+    # path through air
+    air_local: float = 0.005  # δ and ρ return to the prior over this length
+    air_strength: float = 0.5  # s_v and s_h return to the prior over this length
+    # surprise and checks of the model
+    entry: float = 0.008  # not judged over this path after entering, while δ is being learned
+    surprise_length: float = 0.0003  # of the mean of the normalised error
+    surprise_on: float = 2.4  # mean normalised error
+    surprise_off: float = 1.2
+    score_most: float = 6.0  # a larger normalised error counts as this
+    drift_length: float = 0.05  # the reference of the drift follows the strength over this length
+    drift_on: float = 3.0  # in deviations of the prior
+    drift_off: float = 1.5
+    sum_length: float = 0.005  # of the means that compare measurement and model
+    opposing: float = 0.05  # [N]; below this the direction of a force is chance
+    ratio_most: float = 10.0  # a larger ratio of measured to model force counts as this
+    stuck_length: float = 0.0005  # repeated readings over more than this path are a fault
+    stuck_samples: int = 3
+    # limits of the records
+    step_most: float = 1.0  # path between two poses
+    records: int = 2048
+    records_per_lag: int = 1024
 
-_NUMBERS = _BED + 20  # the belief of the last push: θ and its covariance
-_SINGLE, _PRIOR = 20, 20 + _NUMBERS  # parts of the work array, after θ and its covariance
-_ADDED, _NOW, _H, _K, _WORK = _PRIOR + 16, _PRIOR + 32, _PRIOR + 52, _PRIOR + 64, _PRIOR + 124
 
-_HEAD, _COUNT, _NEXT = 0, 1, 2  # of the ring: oldest record, records, records whose measurement is final
+C = _Constants()
+_FORCE_MOST = 1e100  # [N]; squares of larger forces overflow
+
+_GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
+"""Mean and covariance of θ."""
+
+_RECORD = np.dtype(
+    [
+        ("stamp", np.int64),
+        ("travel", float),  # path in air and grains
+        ("path", float),  # path in the grains
+        ("air", float),  # path through the air before this record, if it enters
+        ("enters", np.bool_),
+        ("passing", np.bool_),
+        ("teaches", np.bool_),
+        ("measured", np.bool_),  # y holds a measurement that teaches
+        ("force", float, 3),  # of the model, F
+        ("h", float, (6, 4)),  # H of force and torque
+        ("predicted", float, 3),  # F' as it was predicted, and its covariance S
+        ("s", float, (3, 3)),
+        ("r", float),  # variance of the noise
+        ("y", float, 3),  # measured force
+    ],
+    align=True,
+)
+"""A pose in the grains that waits for its measurement, or until the tool is `lag` further."""
+
+_STATE = np.dtype(
+    [
+        ("latest", _GAUSSIAN),  # after the last record taken
+        ("push", _GAUSSIAN),  # the same, without what withdrawals and fast motion taught
+        ("now", _GAUSSIAN),  # at the pose that is predicted
+        ("prior", _GAUSSIAN),
+        ("growth", float, (4, 4)),  # G of (L2)
+        ("first", np.int64),  # records are numbered without end; number n is at n modulo their count
+        ("open", np.int64),  # the first record whose measurement is not final
+        ("end", np.int64),
+        ("entries", np.int64),  # records kept that enter
+        ("travel", float),
+        ("path", float),
+        ("learned", float),  # path of the last record that taught
+        ("judged", float),  # path of the last record that was judged
+        ("entered", float),  # path at which the tool last entered
+        ("speed", float),
+        ("pushing", np.bool_),  # in the grains, neither withdrawn nor fast
+        ("air", float),  # path through the air since the last push
+        ("entry_air", float),  # the same at the last entry
+        ("mean_square", float),
+        ("tempo", float),  # m of (L5)
+        ("scale", float, 3),  # c of (L6) by component; x and y are equal
+        ("score", float),  # means over surprise_length: normalised error, error [N], force [N]
+        ("excess", float),
+        ("size", float),
+        ("reference", float),  # mean of the logarithm of the strength
+        ("drift", float),
+        ("surprise", np.int64),
+        ("along", float),  # means over sum_length: y·F, F·F, and dot, cross product and square of horizontal parts
+        ("square", float),
+        ("flat_along", float),
+        ("flat_cross", float),
+        ("flat_square", float),
+        ("stuck_path", float),
+        ("repeats", np.int64),
+        ("fitted", float, 3),  # work space of the update
+        ("s", float, (3, 3)),
+        ("gain", float, 4),
+        ("a", float, (4, 4)),
+    ],
+    align=True,
+)
 
 
 class Lesson(IntEnum):
     """What became of a load-cell sample."""
 
     NONE = 0
-    """No pose in the grains that moved has this stamp, or the sample is missing or not finite."""
+    """No moving pose in the grains has this stamp, or the sample is missing or not finite."""
     TAKEN = 1
-    """It will teach once the tool is `lag` further."""
+    """It is learned once the tool is `lag` further."""
     STUCK = 2
-    """The load cell repeats the same numbers while the tool moves on."""
+    """The load cell repeats the same reading while the tool moves."""
     OPPOSED = 3
     """The measured force points against the model's."""
+
+
+_LESSONS = tuple(Lesson)
 
 
 class Surprise(IntEnum):
@@ -106,10 +188,10 @@ class BeliefIssue(str, Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LearningSettings:
-    """`lag`: path [m] between a sample and the first prediction that it may change, over 0.
+    """`lag`: path [m] between a sample and the first prediction that it may change.
 
-    `strength_error`: relative standard error of ζ, as calibrated; without a calibration the default. Raises ValueError
-    on values out of range.
+    `strength_error`: relative standard error of ζ from the calibration; without a calibration keep the default. Raises
+    ValueError on values out of range.
     """
 
     lag: float = 0.002
@@ -126,10 +208,11 @@ class LearningSettings:
 class Belief:
     """What is believed of the grains after every sample that lies `lag` behind.
 
-    Strengths, no unit; `turn` [rad] of the horizontal force about the vertical; `surface` [m] above `surface_height`;
-    their standard errors. `path` [m] in the grains. `surprise`: measured less predicted force along the predicted one,
-    in standard deviations, mean over 0.3 mm of path; `excess`: the same over the predicted force. `drift`: how far
-    the logarithm of the strength has left its mean over 50 mm of path, in standard deviations of the prior.
+    `vertical`, `horizontal`: strengths, no unit. `turn` [rad] of the horizontal force about the vertical. `surface`
+    [m] above `surface_height`. Then their standard errors. `path` [m] in the grains. `surprise`: measured less
+    predicted force along the predicted one, in standard deviations, mean over 0.3 mm of path. `excess`: the same over
+    the predicted force. `drift`: the logarithm of the strength less its mean over 50 mm of path, in standard
+    deviations of the prior.
     """
 
     vertical: float
@@ -147,417 +230,384 @@ class Belief:
 
 
 def _covariance(common: float, each: float, surface: float) -> Array:
-    p = np.diag([each * each, each * each, each * each, surface * surface])
-    p[:2, :2] += common * common
+    p = np.diag([each**2, each**2, each**2, surface**2])
+    p[:2, :2] += common**2
     return p
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _parts(work):  # type: ignore[no-untyped-def]
-    """θ, its covariance, the single numbers, the prior's covariance and what is added to it over `_GROWTH`."""
-    return (
-        work[:4],
-        work[4:20].reshape((4, 4)),
-        work[_SINGLE : _SINGLE + _NUMBERS],
-        work[_PRIOR : _PRIOR + 16].reshape((4, 4)),
-        work[_ADDED : _ADDED + 16].reshape((4, 4)),
-    )
+@inlined
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _design(f, g, h):  # type: ignore[no-untyped-def]
-    """The rows of Eq. (L1): force over θ."""
+@inlined
+def _form(a, m, b):  # type: ignore[no-untyped-def]
+    """aᵀ M b."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * _dot(m[i], b)
+    return total
+
+
+@inlined
+def _toward(mean, value, step, length):  # type: ignore[no-untyped-def]
+    """Exponential mean over `length` of path."""
+    return mean + (1.0 - math.exp(-step / length)) * (value - mean)
+
+
+@inlined
+def _mahalanobis(s, y, predicted):  # type: ignore[no-untyped-def]
+    """eᵀ S⁻¹ e of e = y - predicted, by the Cholesky factor of S, shape [3, 3]; finite if S is nearly singular."""
+    l00 = math.sqrt(s[0, 0])
+    l10, l20 = s[1, 0] / l00, s[2, 0] / l00
+    l11 = math.sqrt(max(s[1, 1] - l10 * l10, 1e-12 * s[1, 1]))
+    l21 = (s[2, 1] - l20 * l10) / l11
+    l22 = math.sqrt(max(s[2, 2] - l20 * l20 - l21 * l21, 1e-12 * s[2, 2]))
+    u = (y[0] - predicted[0]) / l00
+    v = (y[1] - predicted[1] - l10 * u) / l11
+    w = (y[2] - predicted[2] - l20 * u - l21 * v) / l22
+    return u * u + v * v + w * w
+
+
+@inlined
+def _copy(target, source):  # type: ignore[no-untyped-def]
+    target.theta[:] = source.theta
+    target.p[:] = source.p
+
+
+@inlined
+def _design(h, row):  # type: ignore[no-untyped-def]
+    """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
+    f, g, m = row[0:3], row[7:10], row[10:19]  # F, dF/dh, and Σ r_j f_l row by row
+    square = _dot(f, f)
+    per_force = _dot(f, g) / square if square > 0.0 else 0.0
     h[0, 0], h[0, 1], h[0, 2], h[0, 3] = 0.0, f[0], -f[1], g[0]
     h[1, 0], h[1, 1], h[1, 2], h[1, 3] = 0.0, f[1], f[0], g[1]
     h[2, 0], h[2, 1], h[2, 2], h[2, 3] = f[2], 0.0, 0.0, g[2]
+    h[3, 0], h[3, 1], h[3, 2] = m[5], -m[7], -m[6]
+    h[4, 0], h[4, 1], h[4, 2] = -m[2], m[6], -m[7]
+    h[5, 0], h[5, 1], h[5, 2] = 0.0, m[1] - m[3], m[0] + m[4]
+    for i in range(3, 6):
+        h[i, 3] = per_force * (h[i, 0] + h[i, 1])
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _bounded(theta, p):  # type: ignore[no-untyped-def]
-    """Keep θ where the model still means something, and the variances of what is not observed finite."""
-    for i in range(2):
-        theta[i] = min(max(theta[i], _LEAST_STRENGTH), _MOST_STRENGTH)
-    theta[2] = min(max(theta[2], -theta[1]), theta[1])
-    theta[3] = min(max(theta[3], -_MOST_SURFACE), _MOST_SURFACE)
+@inlined
+def _grow(belief, growth, amount):  # type: ignore[no-untyped-def]
+    """P of (L2)."""
     for i in range(4):
-        if p[i, i] > _MOST_VARIANCE[i]:
-            share = math.sqrt(_MOST_VARIANCE[i] / p[i, i])
+        for j in range(4):
+            belief.p[i, j] += amount * growth[i, j]
+
+
+@inlined
+def _innovate(s, h, belief, r):  # type: ignore[no-untyped-def]
+    """S = H P Hᵀ + r I of the force."""
+    for i in range(3):
+        for j in range(3):
+            s[i, j] = _form(h[i], belief.p, h[j]) + (r if i == j else 0.0)
+
+
+@inlined
+def _update(state, belief, h, y, variance):  # type: ignore[no-untyped-def]
+    """One component of the force into the belief, in Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ."""
+    gain, a = state.gain, state.a
+    for i in range(4):
+        gain[i] = _dot(belief.p[i], h)
+    s = _dot(h, gain) + variance
+    innovation = y - _dot(h, belief.theta)
+    for i in range(4):
+        for j in range(4):
+            a[i, j] = belief.p[i, j] - gain[i] * gain[j] / s
+    for i in range(4):
+        gain[i] /= s
+        belief.theta[i] += gain[i] * innovation
+    for i in range(4):
+        ah = _dot(a[i], h)
+        for j in range(4):
+            belief.p[i, j] = a[i, j] - ah * gain[j] + variance * gain[i] * gain[j]
+
+
+@inlined
+def _bound(belief):  # type: ignore[no-untyped-def]
+    """Keep θ where the model has a meaning, P symmetric, and the variances of what is not observed finite."""
+    theta, p = belief.theta, belief.p
+    for i in range(2):
+        theta[i] = min(max(theta[i], C.strength_least), C.strength_most)
+    theta[2] = min(max(theta[2], -theta[1]), theta[1])
+    theta[3] = min(max(theta[3], -C.surface_most), C.surface_most)
+    for i in range(4):
+        most = C.variance_most if i < 3 else C.surface_variance_most
+        if p[i, i] > most:
+            share = math.sqrt(most / p[i, i])
             for j in range(4):
                 p[i, j] *= share
                 p[j, i] *= share
     for i in range(4):
         for j in range(i):
-            mean = 0.5 * (p[i, j] + p[j, i])
-            p[i, j], p[j, i] = mean, mean
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _reenter(theta, p, bed, prior, air):  # type: ignore[no-untyped-def]
-    """The belief with which the tool pushes again after it rose or left.
-
-    It is that of the last push, not what it came to while the grains let go. The strength fades slowly with the path
-    through the air, surface and turn fade fast.
-    """
+@inlined
+def _reenter(belief, push, prior, air):  # type: ignore[no-untyped-def]
+    """The belief of the last push, faded towards the prior by the path through the air."""
+    local, strength = math.exp(-air / C.air_local), math.exp(-air / C.air_strength)
     for i in range(4):
-        keep_i = math.exp(-air / (_AIR_STRENGTH if i < 2 else _AIR_LOCAL))
-        mean = 1.0 if i < 2 else 0.0
-        theta[i] = mean + keep_i * (bed[i] - mean)
+        keep = strength if i < 2 else local
+        belief.theta[i] = prior.theta[i] + keep * (push.theta[i] - prior.theta[i])
         for j in range(4):
-            keep = keep_i * math.exp(-air / (_AIR_STRENGTH if j < 2 else _AIR_LOCAL))
-            p[i, j] = keep * bed[4 + 4 * i + j] + (1.0 - keep) * prior[i, j]
+            both = keep * (strength if j < 2 else local)
+            belief.p[i, j] = both * push.p[i, j] + (1.0 - both) * prior.p[i, j]
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _solved(s, x):  # type: ignore[no-untyped-def]
-    """x' S⁻¹ x of a symmetric positive definite S, given as xx, xy, xz, yy, yz, zz."""
-    a, b, c, d, e, f = s[0], s[1], s[2], s[3], s[4], s[5]
-    l0 = math.sqrt(a)
-    l1, l2 = b / l0, c / l0
-    m0 = math.sqrt(max(d - l1 * l1, 1e-12 * d))
-    m1 = (e - l1 * l2) / m0
-    n0 = math.sqrt(max(f - l2 * l2 - m1 * m1, 1e-12 * f))
-    u = x[0] / l0
-    v = (x[1] - l1 * u) / m0
-    w = (x[2] - l2 * u - m1 * v) / n0
-    return u * u + v * v + w * w
+@inlined
+def _adapt(state, record, step):  # type: ignore[no-untyped-def]
+    """m of (L5) and c of (L6) from the error of a prediction as it was made."""
+    y, predicted, s = record.y, record.predicted, record.s
+    square = min(_mahalanobis(s, y, predicted) / 3.0, C.square_most)
+    state.mean_square = _toward(state.mean_square, square, step, C.tempo_length)
+    state.tempo = min(max(state.mean_square**C.tempo_power, C.tempo_least), C.tempo_most)
+    flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
+    vertical = (y[2] - predicted[2]) ** 2 / s[2, 2]
+    for i in range(3):
+        square = min(vertical if i == 2 else flat, C.square_most)
+        length = C.scale_rise if square > state.scale[i] else C.scale_fall
+        state.scale[i] = _toward(state.scale[i], square, step, length)
 
 
-@numba.njit(cache=True, error_model="numpy")
-def _take(record, theta, p, numbers, prior, growth, h, k):  # type: ignore[no-untyped-def]
-    """One record into the belief: growth over the path since the last, then its measurement."""
-    if record[_EVENT] > 0.0:
-        _reenter(theta, p, numbers[_BED : _BED + 20], prior, record[_AIR])
-        numbers[_AIR_PENDING] = max(numbers[_AIR_PENDING] - 1.0, 0.0)
-    if record[_STATE] != _MEASURED:
+@inlined
+def _drift(state, record, step):  # type: ignore[no-untyped-def]
+    """Strength, weighted as s_v and s_h make up the force, against its mean since the entry, then over 50 mm."""
+    f, theta = record.force, state.latest.theta
+    square, since = _dot(f, f), record.path - state.entered - C.entry
+    if square > 0.0 and since >= 0.0:
+        logarithm = math.log((theta[1] * (f[0] * f[0] + f[1] * f[1]) + theta[0] * f[2] * f[2]) / square)
+        weight = 1.0 if since <= step else min(max(step / (since + C.sum_length), step / C.drift_length), 1.0)
+        state.reference += weight * (logarithm - state.reference)
+        state.drift = (logarithm - state.reference) / math.sqrt(state.prior.p[0, 0])
+
+
+@inlined
+def _take(state, record):  # type: ignore[no-untyped-def]
+    """One record into the belief: entry, adaptation, growth (L2), and update with the noise of (L3)."""
+    belief, h = state.latest, record.h
+    if record.enters:
+        _reenter(belief, state.push, state.prior, record.air)
+        state.entries -= 1
+    step = record.path - state.learned
+    if not (record.measured and step > 0.0):
         return
-    step = record[_WET] - numbers[_LEARNED]
-    if not step > 0.0:
-        return
-    numbers[_LEARNED] = record[_WET]
-    force, design = record[_F : _F + 3], record[_G : _G + 3]
-    _design(force, design, h)
-    noise = record[_NOISE_VARIANCE]
-    y, predicted, s = record[_Y : _Y + 3], record[_PRED : _PRED + 3], record[_S : _S + 6]
-
-    # The errors of predictions as they were made set how fast θ may change, and how wide the errors are told.
-    e0, e1, e2 = y[0] - predicted[0], y[1] - predicted[1], y[2] - predicted[2]
-    k[0, 0], k[0, 1], k[0, 2] = e0, e1, e2
-    square = _solved(s, k[0, :3]) / 3.0
-    w = 1.0 - math.exp(-step / _TEMPO_LENGTH)
-    numbers[_MEAN_SQUARE] += w * (min(square, _LARGEST_SQUARE) - numbers[_MEAN_SQUARE])
-    numbers[_TEMPO] = min(max(numbers[_MEAN_SQUARE] ** _TEMPO_POWER, _TEMPO_LEAST), _TEMPO_MOST)
-    w = 1.0 - math.exp(-step / _SCALE_LENGTH)
-    level = (e0 * e0 + e1 * e1) / (s[0] + s[3])
-    numbers[_SCALE_H] += w * (min(level, _LARGEST_SQUARE) - numbers[_SCALE_H])
-    numbers[_SCALE_V] += w * (min(e2 * e2 / s[5], _LARGEST_SQUARE) - numbers[_SCALE_V])
-
-    grown = numbers[_TEMPO] * step / _GROWTH
-    for i in range(4):
-        for j in range(4):
-            p[i, j] += grown * growth[i, j]
-
-    # A sample pulls by at most _CLIP deviations.
+    state.learned = record.path
+    _adapt(state, record, step)
+    _grow(belief, state.growth, state.tempo * step / C.growth_length)
     for i in range(3):
-        k[0, i] = y[i]
-        for j in range(4):
-            k[0, i] -= h[i, j] * theta[j]
-    n = 0
+        state.fitted[i] = _dot(h[i], belief.theta)
+    _innovate(state.s, h, belief, record.r)
+    distance = math.sqrt(_mahalanobis(state.s, record.y, state.fitted))
+    share = min(1.0, C.gate / max(distance, 1e-300))
+    variance = record.r * max(1.0, C.noise_length / step)
     for i in range(3):
-        for m in range(i, 3):
-            total = noise if i == m else 0.0
-            for a in range(4):
-                for b in range(4):
-                    total += h[i, a] * p[a, b] * h[m, b]
-            k[1, n] = total
-            n += 1
-    distance = math.sqrt(_solved(k[1, :6], k[0, :3]))
-    share = min(1.0, _CLIP / max(distance, 1e-300))
-    # what is left of the measurement, to be matched one component after another: R is a multiple of the identity
+        _update(state, belief, h[i], state.fitted[i] + share * (record.y[i] - state.fitted[i]), variance)
+    _bound(belief)
+    if not record.passing:
+        _copy(state.push, belief)
+        _drift(state, record, step)
+
+
+@inlined
+def _move(state, step, wet, passing):  # type: ignore[no-untyped-def]
+    """Advance the path; whether the tool begins to push here."""
+    state.travel += step
+    if not wet:
+        state.pushing = False
+        state.air += step
+        return False
+    state.path += step
+    if passing:
+        state.pushing = False
+        return False
+    if state.pushing or not step > 0.0:
+        return False
+    state.pushing = True
+    state.entered = state.path
+    return True
+
+
+@compiled
+def _predict(states, records, row, out, stamp, duration, speed, passing, teaches, apply, lag, reach):  # type: ignore[no-untyped-def]
+    """Move, take the records that lie `lag` behind, predict with (L4), and keep a record for the measurement."""
+    state, now = states[0], states[0].now
+    force, wet = row[0:3], row[6] > 0.0
+    step = min(0.5 * (speed + state.speed) * duration, C.step_most)
+    state.speed = speed
+    passing = passing or force[2] < -0.5 * math.sqrt(_dot(force, force))  # only a withdrawn tool is pulled down
+    enters = _move(state, step, wet, passing)
+
+    while state.first < state.open and records[state.first % C.records].travel <= state.travel - lag:
+        _take(state, records[state.first % C.records])
+        state.first += 1
+    if state.end - state.first == C.records:  # measurements never came: the oldest will not teach
+        records[state.first % C.records].measured = False
+        _take(state, records[state.first % C.records])
+        state.first += 1
+        state.open = max(state.open, state.first)
+
+    if enters:
+        state.entries += 1
+        state.entry_air, state.air = state.air, 0.0
+    _copy(now, state.latest)
+    if state.entries > 0:  # the record of the entry is not taken yet
+        _reenter(now, state.push, state.prior, state.entry_air)
+    _grow(now, state.growth, state.tempo * max(state.path - state.learned, 0.0) / C.growth_length)
+    _bound(now)
+
+    record = records[state.end % C.records]
+    h, scale = record.h, state.scale
+    _design(h, row)
     for i in range(3):
-        k[2, i] = share * k[0, i]
-        for j in range(4):
-            k[2, i] += h[i, j] * theta[j]
-    variance = noise * max(1.0, _NOISE_LENGTH / step)
-    for i in range(3):
-        innovation = k[2, i]
-        s_i = variance
-        for a in range(4):
-            innovation -= h[i, a] * theta[a]
-            k[3, a] = 0.0
-            for b in range(4):
-                k[3, a] += p[a, b] * h[i, b]
-        for a in range(4):
-            s_i += h[i, a] * k[3, a]
-        for a in range(4):
-            k[4, a] = k[3, a] / s_i
-            theta[a] += k[4, a] * innovation
-        # Joseph: (I - K H) P (I - K H)' + K R K'
-        for a in range(4):
-            for b in range(4):
-                k[5 + a, b] = p[a, b] - k[4, a] * k[3, b]
-        for a in range(4):
-            k[9, a] = 0.0
-            for b in range(4):
-                k[9, a] += k[5 + a, b] * h[i, b]
-        for a in range(4):
-            for b in range(4):
-                p[a, b] = k[5 + a, b] - k[9, a] * k[4, b] + variance * k[4, a] * k[4, b]
-    _bounded(theta, p)
-    if record[_PASSING] == 0.0:
-        for i in range(4):
-            numbers[_BED + i] = theta[i]
-            for j in range(4):
-                numbers[_BED + 4 + 4 * i + j] = p[i, j]
-        full = force[0] ** 2 + force[1] ** 2 + force[2] ** 2
-        since = record[_WET] - numbers[_ENTERED] - _ENTRY
-        if full > 0.0 and since >= 0.0:
-            strength = (theta[1] * (force[0] ** 2 + force[1] ** 2) + theta[0] * force[2] ** 2) / full
-            # a mean of all that was since the entry, then of the last _DRIFT_LENGTH
-            w = 1.0 if since <= step else max(step / (since + _SUM_LENGTH), step / _DRIFT_LENGTH)
-            numbers[_REFERENCE] += min(w, 1.0) * (math.log(strength) - numbers[_REFERENCE])
-            numbers[_DRIFT] = (math.log(strength) - numbers[_REFERENCE]) / math.sqrt(prior[0, 0])
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _tick(stamp, duration, speed, passing, teaches, apply, lag, reach, row, work, ring, stamps, places, out):  # type: ignore[no-untyped-def]
-    """Advance the path, take what lies `lag` behind, predict, and keep a record for the measurement to come."""
-    theta, p, numbers, prior, growth = _parts(work)
-    now, p_now = work[_NOW : _NOW + 4], work[_NOW + 4 : _NOW + 20].reshape((4, 4))
-    h, k = work[_H : _H + 12].reshape((3, 4)), work[_K : _K + 60].reshape((10, 6))
-    force, wet, per_height, moments = row[0:3], row[6] > 0.0, row[7:10], row[10:19]
-    step = min(0.5 * (speed + numbers[_SPEED]) * duration, _LONGEST_STEP)
-    numbers[_SPEED] = speed
-    numbers[_TOTAL] += step
-    size_f = math.sqrt(force[0] * force[0] + force[1] * force[1] + force[2] * force[2])
-    # a law that pulls the tool down speaks of a withdrawal
-    passing = passing or force[2] < -0.5 * size_f
-    event = air = 0.0
-    if wet:
-        numbers[_GRAINS] += step
-        if numbers[_AWAY] != 0.0 and not passing and step > 0.0:
-            event, air = 1.0, max(numbers[_AWAY], 0.0)
-            numbers[_AWAY] = 0.0
-            numbers[_ENTERED] = numbers[_GRAINS]
-        elif passing and numbers[_AWAY] == 0.0:
-            numbers[_AWAY] = -1.0  # rose, did not leave
-    else:
-        numbers[_AWAY] = max(numbers[_AWAY], 0.0) + step
-        if numbers[_AWAY] == 0.0:
-            numbers[_AWAY] = -1.0
-
-    size = ring.shape[0]
-    while places[_COUNT] > 0:
-        i = places[_HEAD]
-        if ring[i, _STATE] == _PENDING or ring[i, _PATH] > numbers[_TOTAL] - lag:
-            break
-        _take(ring[i], theta, p, numbers, prior, growth, h, k)
-        places[_HEAD] = (i + 1) % size
-        places[_COUNT] -= 1
-        places[_NEXT] -= 1
-
-    for i in range(4):
-        now[i] = theta[i]
-        for j in range(4):
-            p_now[i, j] = p[i, j]
-    if event > 0.0:
-        _reenter(now, p_now, numbers[_BED : _BED + 20], prior, air)
-    elif numbers[_AIR_PENDING] > 0.0:  # entered less than a lag ago
-        for n in range(places[_COUNT]):
-            i = (places[_HEAD] + n) % size
-            if ring[i, _EVENT] > 0.0:
-                _reenter(now, p_now, numbers[_BED : _BED + 20], prior, ring[i, _AIR])
-    grown = numbers[_TEMPO] * max(numbers[_GRAINS] - numbers[_LEARNED], 0.0) / _GROWTH
-    for i in range(4):
-        for j in range(4):
-            p_now[i, j] += grown * growth[i, j]
-    _bounded(now, p_now)
-
-    _design(force, per_height, h)
-    squares = 0.0
-    for i in range(3):
-        k[0, i] = 0.0
-        for a in range(4):
-            k[0, i] += h[i, a] * now[a]
-        squares += k[0, i] * k[0, i]
-    noise = _NOISE * _NOISE * squares + _NOISE_FLOOR * _NOISE_FLOOR
-    n = 0
-    for i in range(3):
-        for m in range(i, 3):
-            total = noise if i == m else 0.0
-            for a in range(4):
-                for b in range(4):
-                    total += h[i, a] * p_now[a, b] * h[m, b]
-            k[1, n] = total
-            n += 1
-    scale_h, scale_v = numbers[_SCALE_H], numbers[_SCALE_V]
-    # without the correction its size is an error too
-    for i in range(3):
-        left = 0.0 if apply else k[0, i] - force[i]
-        n = 0 if i == 0 else (3 if i == 1 else 5)
-        out[i] = k[0, i] if apply else force[i]
-        out[6 + i] = math.sqrt((scale_v if i == 2 else scale_h) * k[1, n] + left * left)
-
-    # torque = Σ r × f' over θ; moments: Σ r_j f_l, row by row
-    k[2, 0], k[2, 1], k[2, 2] = moments[5], -moments[7], -moments[6]
-    k[3, 0], k[3, 1], k[3, 2] = -moments[2], moments[6], -moments[7]
-    k[4, 0], k[4, 1], k[4, 2] = 0.0, moments[1] - moments[3], moments[0] + moments[4]
-    # what the surface adds acts where the force does
-    along = force[0] * per_height[0] + force[1] * per_height[1] + force[2] * per_height[2]
-    per_force = along / (size_f * size_f) if size_f > 0.0 else 0.0
-    for i in range(3):
-        k[2 + i, 3] = per_force * (k[2 + i, 0] + k[2 + i, 1])
-    lever = _LEVER * reach * math.sqrt(squares)
-    for i in range(3):
-        torque = variance = 0.0
-        for a in range(4):
-            torque += k[2 + i, a] * now[a]
-            for b in range(4):
-                variance += k[2 + i, a] * p_now[a, b] * k[2 + i, b]
-        plain = k[2 + i, 0] + k[2 + i, 1]
-        left = 0.0 if apply else torque - plain
-        variance = max(scale_h, scale_v) * (variance + _NOISE * _NOISE * torque * torque)
-        out[3 + i] = torque if apply else plain
-        out[9 + i] = math.sqrt(variance + lever * lever + left * left)
-
-    if not wet or not step > 0.0:
-        return
-    if places[_COUNT] > 0:
-        last = (places[_HEAD] + places[_COUNT] - 1) % size
-        if event == 0.0 and numbers[_TOTAL] - ring[last, _PATH] < lag / _PER_LAG:
-            return
-    if places[_COUNT] == size:  # measurements never came: the oldest will not teach
-        if ring[places[_HEAD], _EVENT] > 0.0:
-            ring[(places[_HEAD] + 1) % size, _EVENT] = 1.0
-            ring[(places[_HEAD] + 1) % size, _AIR] = ring[places[_HEAD], _AIR]
-        places[_HEAD] = (places[_HEAD] + 1) % size
-        places[_COUNT] -= 1
-        places[_NEXT] = max(places[_NEXT] - 1, 0)
-    i = (places[_HEAD] + places[_COUNT]) % size
-    places[_COUNT] += 1
-    stamps[i] = stamp
-    r = ring[i]
-    r[_PATH], r[_WET], r[_EVENT], r[_AIR] = numbers[_TOTAL], numbers[_GRAINS], event, air
-    r[_PASSING] = 1.0 if passing else 0.0
-    numbers[_AIR_PENDING] += event
-    r[_STATE] = _PENDING
-    r[_NOISE_VARIANCE] = noise if teaches else -1.0
-    for a in range(3):
-        r[_F + a], r[_G + a] = force[a], per_height[a]
-        r[_PRED + a] = 0.0
-        for b in range(4):
-            r[_PRED + a] += h[a, b] * now[b]
-    for a in range(6):
-        r[_S + a] = k[1, a]
-
-
-@numba.njit(cache=True, error_model="numpy")
-def _learn(stamp, y0, y1, y2, usable, repeated, work, ring, stamps, places):  # type: ignore[no-untyped-def]
-    """Give the record of a stamp its measurement; what becomes of it, as `Lesson`."""
-    numbers = work[_SINGLE : _SINGLE + _NUMBERS]
-    size = ring.shape[0]
-    while places[_NEXT] < places[_COUNT]:
-        i = (places[_HEAD] + places[_NEXT]) % size
-        if stamps[i] > stamp:
-            return 0
-        places[_NEXT] += 1
-        r = ring[i]
-        r[_STATE] = _VOID
-        if stamps[i] < stamp:
-            continue
-        if not usable:
-            return 0
-        step = min(r[_WET] - numbers[_SCORED], _LONGEST_STEP)
-        numbers[_SCORED] = r[_WET]
-        numbers[_STUCK_PATH] = numbers[_STUCK_PATH] + step if repeated else 0.0
-        numbers[_REPEATS] = numbers[_REPEATS] + 1.0 if repeated else 0.0
-        if numbers[_STUCK_PATH] > _STUCK and numbers[_REPEATS] >= _STUCK_SAMPLES:
-            return 2
-        if r[_NOISE_VARIANCE] < 0.0:
-            return 0
-        f, p, s = r[_F : _F + 3], r[_PRED : _PRED + 3], r[_S : _S + 6]
-        if r[_PASSING] == 0.0:
-            square = f[0] * f[0] + f[1] * f[1] + f[2] * f[2]
-            most = _LARGEST_SHARE * math.sqrt(square) + _OPPOSING
-            share = min(1.0, most / max(math.sqrt(y0 * y0 + y1 * y1 + y2 * y2), 1e-300))
-            w = 1.0 - math.exp(-step / _SUM_LENGTH)
-            numbers[_ALONG] += w * (share * (y0 * f[0] + y1 * f[1] + y2 * f[2]) - numbers[_ALONG])
-            numbers[_SQUARE] += w * (square - numbers[_SQUARE])
-            numbers[_DOT] += w * (share * (y0 * f[0] + y1 * f[1]) - numbers[_DOT])
-            numbers[_CROSS] += w * (share * (y1 * f[0] - y0 * f[1]) - numbers[_CROSS])
-            numbers[_FLAT] += w * (f[0] * f[0] + f[1] * f[1] - numbers[_FLAT])
-            if numbers[_ALONG] < -_OPPOSING * _OPPOSING:
-                return 3
-        r[_Y], r[_Y + 1], r[_Y + 2] = y0, y1, y2
-        r[_STATE] = _MEASURED
-        size_p = math.sqrt(p[0] * p[0] + p[1] * p[1] + p[2] * p[2])
-        if r[_PASSING] == 0.0 and r[_WET] - numbers[_ENTERED] >= _ENTRY and size_p > 0.0:
-            u0, u1, u2 = p[0] / size_p, p[1] / size_p, p[2] / size_p
-            variance = (
-                u0 * u0 * s[0] + u1 * u1 * s[3] + u2 * u2 * s[5]
-                + 2.0 * (u0 * u1 * s[1] + u0 * u2 * s[2] + u1 * u2 * s[4])
-            )  # fmt: skip
-            error = u0 * (y0 - p[0]) + u1 * (y1 - p[1]) + u2 * (y2 - p[2])
-            score = min(max(error / math.sqrt(variance), -6.0), 6.0)
-            w = 1.0 - math.exp(-step / _SURPRISE_LENGTH)
-            numbers[_SCORE] += w * (score - numbers[_SCORE])
-            numbers[_EXCESS] += w * (error - numbers[_EXCESS])
-            numbers[_FORCE] += w * (size_p - numbers[_FORCE])
+        record.force[i] = force[i]
+        record.predicted[i] = _dot(h[i], now.theta)
+    square = _dot(record.predicted, record.predicted)
+    record.r = C.noise**2 * square + C.noise_floor**2
+    _innovate(record.s, h, now, record.r)
+    for i in range(6):
+        model, learned = h[i, 0] + h[i, 1], _dot(h[i], now.theta)
+        if i < 3:
+            variance = scale[i] * record.s[i, i]
         else:
-            numbers[_SCORE] = numbers[_EXCESS] = numbers[_FORCE] = 0.0
-        score, drift = numbers[_SCORE], numbers[_DRIFT]
-        if abs(score) > _SURPRISING:
-            numbers[_SURPRISE] = 1.0 if score > 0.0 else -1.0
-        elif abs(drift) > _DRIFTED:
-            numbers[_SURPRISE] = 1.0 if drift > 0.0 else -1.0
-        elif abs(score) < _SETTLED and abs(drift) < 0.5 * _DRIFTED:
-            numbers[_SURPRISE] = 0.0
-        return 1
-    return 0
+            variance = max(scale[0], scale[2]) * (_form(h[i], now.p, h[i]) + (C.noise * learned) ** 2)
+            variance += (C.lever * reach) ** 2 * square
+        out[i] = learned if apply else model
+        out[6 + i] = math.sqrt(variance + (learned - out[i]) ** 2)  # without the correction its size is an error too
+
+    last = records[(state.end - 1) % C.records].travel
+    close = state.end > state.first and state.travel - last < lag / C.records_per_lag
+    if wet and step > 0.0 and (enters or not close):
+        record.stamp, record.travel, record.path = stamp, state.travel, state.path
+        record.enters, record.air = enters, state.entry_air
+        record.passing, record.measured = passing, False
+        record.teaches = teaches and math.isfinite(record.s[0, 0] + record.s[1, 1] + record.s[2, 2])
+        state.end += 1
 
 
-_LESSONS = tuple(Lesson)
+@inlined
+def _compare(state, record, y, step):  # type: ignore[no-untyped-def]
+    """Means of the measured against the model's force, for `issues`."""
+    f, length = record.force, C.sum_length
+    flat, square = f[0] * f[0] + f[1] * f[1], _dot(f, f)
+    share = min(1.0, (C.ratio_most * math.sqrt(square) + C.opposing) / max(math.sqrt(_dot(y, y)), 1e-300))
+    state.along = _toward(state.along, share * _dot(y, f), step, length)
+    state.square = _toward(state.square, square, step, length)
+    state.flat_along = _toward(state.flat_along, share * (y[0] * f[0] + y[1] * f[1]), step, length)
+    state.flat_cross = _toward(state.flat_cross, share * (y[1] * f[0] - y[0] * f[1]), step, length)
+    state.flat_square = _toward(state.flat_square, flat, step, length)
+
+
+@inlined
+def _score(state, record, step):  # type: ignore[no-untyped-def]
+    """Mean error along the predicted force, in its standard deviations by S; 0 where it is not judged."""
+    y, predicted = record.y, record.predicted
+    size = math.sqrt(_dot(predicted, predicted))
+    if record.passing or record.path - state.entered < C.entry or not size > 0.0:
+        state.score = state.excess = state.size = 0.0
+        return
+    error = _dot(predicted, y) / size - size
+    normalised = error * size / math.sqrt(_form(predicted, record.s, predicted))
+    normalised = min(max(normalised, -C.score_most), C.score_most)
+    state.score = _toward(state.score, normalised, step, C.surprise_length)
+    state.excess = _toward(state.excess, error, step, C.surprise_length)
+    state.size = _toward(state.size, size, step, C.surprise_length)
+
+
+@inlined
+def _judge(state):  # type: ignore[no-untyped-def]
+    """Surprise at once or by drift, held until both have settled."""
+    if abs(state.score) > C.surprise_on:
+        state.surprise = 1 if state.score > 0.0 else -1
+    elif abs(state.drift) > C.drift_on:
+        state.surprise = 1 if state.drift > 0.0 else -1
+    elif abs(state.score) < C.surprise_off and abs(state.drift) < C.drift_off:
+        state.surprise = 0
+
+
+@compiled
+def _learn(states, records, y, stamp, usable, repeated):  # type: ignore[no-untyped-def]
+    """Give the record of a stamp its measurement; the value of the `Lesson`."""
+    state = states[0]
+    while state.open < state.end and records[state.open % C.records].stamp < stamp:
+        state.open += 1
+    record = records[state.open % C.records]
+    if state.open == state.end or record.stamp > stamp:
+        return 0
+    state.open += 1
+    if not usable:
+        return 0
+    step = min(record.path - state.judged, C.step_most)
+    state.judged = record.path
+    state.stuck_path = state.stuck_path + step if repeated else 0.0
+    state.repeats = state.repeats + 1 if repeated else 0
+    if state.stuck_path > C.stuck_length and state.repeats >= C.stuck_samples:
+        return 2
+    if not record.teaches:
+        return 0
+    if not record.passing:
+        _compare(state, record, y, step)
+        if state.along < -(C.opposing**2):
+            return 3
+    record.measured = True
+    record.y[:] = y
+    _score(state, record, step)
+    _judge(state)
+    return 1
 
 
 class Learning:
-    """What the load cell says of the grains, for one tool in one medium.
+    """What the load cell tells about the grains, for one tool in one medium.
 
-    At each pose call `predict`; once its compensated force is known, `learn` with the pose's stamp, in the order of
-    stamps. A prediction uses θ after every measurement whose path is at least `lag` behind, so that no sample is part
-    of its own prediction. Same calls, same bytes.
+    At each pose call `predict`. When its compensated force is known, call `learn` with the pose's stamp, in the order
+    of stamps. A prediction uses the measurements whose path is at least `lag` behind, so no sample is part of its own
+    prediction. The same calls give the same bytes.
+
+    `reach`: largest distance [m] of the tool's surface from the tool frame's origin.
     """
 
     def __init__(self, settings: LearningSettings, *, reach: float = 0.0) -> None:
         self.settings = settings
+        self._states = np.zeros(1, _STATE)
+        self._state: Any = self._states[0]
+        self._records = np.zeros(C.records, _RECORD)
+        self._row, self._y, self._out = np.zeros(19), np.zeros(3), np.zeros(12)
         self.reach = reach
-        self._work = np.zeros(_WORK)
-        self._theta, self._covariance, self._numbers, self._prior, growth = _parts.py_func(self._work)
-        self._prior[:] = _covariance(settings.strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
-        growth[:] = _covariance(_GROWTH_COMMON, _GROWTH_EACH, _GROWTH_SURFACE)
-        self._ring = np.zeros((_RECORDS, _WIDTH))
-        self._stamps = np.zeros(_RECORDS, dtype=np.int64)
-        self._places = np.zeros(3, dtype=np.int64)
-        self._out = np.zeros(12)
         self._last = 0
+        arrays = self._states, self._records
+        pose = 0, 0.0, 0.0, False, True, True, 0.0, 0.0
+        self._predict = machine_code(_predict, (*arrays, self._row, self._out, *pose))
+        self._learn: Any = machine_code(_learn, (*arrays, self._y, 0, True, False))
         self.forget()
 
     def forget(self) -> None:
         """Go back to the calibration."""
-        self._theta[:] = 1.0, 1.0, 0.0, 0.0
-        self._covariance[:] = self._prior
-        self._numbers[:] = 0.0
-        self._numbers[[_TEMPO, _MEAN_SQUARE, _SCALE_H, _SCALE_V]] = 1.0
-        self._numbers[_BED : _BED + 4] = self._theta
-        self._numbers[_BED + 4 : _BED + 20] = self._prior.ravel()
-        self._places[:] = 0
+        state = self._state
+        self._states[:] = np.zeros(1, _STATE)
+        state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
+        state["prior"]["p"] = _covariance(self.settings.strength_error, C.prior_each, C.prior_surface)
+        state["growth"] = _covariance(C.growth_common, C.growth_each, C.growth_surface)
+        state["latest"] = state["push"] = state["prior"]
+        state["mean_square"] = state["tempo"] = state["scale"] = 1.0
+        state["pushing"] = True
         self._last = 0
 
     def leave(self) -> None:
-        """The tool is elsewhere, is another one, or time has jumped: keep the bed's strength, forget place and turn."""
-        self._places[:] = 0
-        self._numbers[_AIR_PENDING] = 0.0
-        self._numbers[_SPEED] = 0.0
-        self._numbers[_LEARNED] = self._numbers[_SCORED] = self._numbers[_GRAINS]
-        self._numbers[_AWAY] = 10.0 * _AIR_LOCAL
+        """The tool is elsewhere or another one, or time has jumped: keep the strength, forget surface and turn."""
+        state = self._state
+        state["first"] = state["open"] = state["end"]
+        state["entries"] = 0
+        state["learned"] = state["judged"] = state["path"]
+        state["speed"] = 0.0
+        state["pushing"] = False
+        state["air"] = 10.0 * C.air_local
         self._last = 0
 
     def predict(
@@ -565,12 +615,12 @@ class Learning:
     ) -> Array:
         """Corrected wrench and its standard deviations at a pose, world axes; overwritten by the next call.
 
-        `stamp` [ns], increasing (an earlier one calls `leave`). `row`, shape [19]: what the model has at the pose:
-        force F [N], torque [N m], submerged area [m²], dF/dh [N/m], and Σ r_j f_l [N m] row by row; finite. `speed` of
-        the tool's fastest point [m/s], 0 at rest. `passing`: the tool is withdrawn, or so fast that inertia matters;
-        what it teaches here is dropped afterwards, and nothing surprises. `teaches` False: the estimate must not be
-        learned from. `apply` False leaves the wrench as the model has it. Returns shape [12]: force [N], torque about
-        the tool frame's origin [N m], then the standard deviations of each.
+        `stamp` [ns], increasing (an earlier one calls `leave`). `row`, shape [19]: the model at the pose: force F [N],
+        torque [N m], submerged area [m²], dF/dh [N/m], and Σ r_j f_l [N m] row by row; finite. `speed` of the tool's
+        fastest point [m/s], 0 at rest. `passing`: the tool is withdrawn, or so fast that inertia matters; what is
+        learned here is dropped afterwards, and nothing surprises. `teaches` False: do not learn from this pose.
+        `apply` False leaves the wrench as the model has it. Returns shape [12]: force [N], torque about the tool
+        frame's origin [N m], then the standard deviation of each.
         """
         if stamp <= self._last:
             self.leave()
@@ -578,9 +628,11 @@ class Learning:
         self._last = stamp
         if not 0.0 <= speed < math.inf:
             speed, teaches = 0.0, False
-        _tick(
-            stamp, duration, speed, passing, teaches, apply, self.settings.lag, self.reach,
-            row, self._work, self._ring, self._stamps, self._places, self._out,
+        self._row[:] = row
+        self._predict(
+            self._states, self._records, self._row, self._out,
+            int(stamp), duration, float(speed), bool(passing), bool(teaches), bool(apply),
+            float(self.settings.lag), float(self.reach),
         )  # fmt: skip
         return self._out
 
@@ -589,32 +641,33 @@ class Learning:
 
         `repeated`: the load cell's raw reading equals the one before, bit by bit.
         """
-        x, y, z = (math.nan,) * 3 if force is None else (float(force[0]), float(force[1]), float(force[2]))
-        usable = math.hypot(x, y, z) < _ABSURD
-        arrays = self._work, self._ring, self._stamps, self._places
-        lesson: Lesson = _LESSONS[_learn(stamp, x, y, z, usable, repeated, *arrays)]
+        self._y[:] = math.nan if force is None else force
+        usable = math.hypot(*self._y.tolist()) < _FORCE_MOST
+        code = self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated))
+        lesson: Lesson = _LESSONS[code]
         return lesson
 
     @property
     def surprise(self) -> Surprise:
         """Whether the grains at the last measurement were harder or softer than believed."""
-        return Surprise(int(self._numbers[_SURPRISE]))
+        return Surprise(int(self._state["surprise"]))
 
     @property
     def theta(self) -> Array:
         """s_v, s_h, ρ, δ [m], shape [4]: a copy."""
-        return np.array(self._theta)
+        return np.array(self._state["latest"]["theta"])
 
     @property
     def covariance(self) -> Array:
         """Of `theta`, shape [4, 4]: a copy."""
-        return np.array(self._covariance)
+        return np.array(self._state["latest"]["p"])
 
     def belief(self) -> Belief:
         """θ in the user's terms."""
-        v, h, turn, surface = self._theta.tolist()
-        dv, dh, dt, ds = np.sqrt(np.diag(self._covariance)).tolist()
-        force = float(self._numbers[_FORCE])
+        state = self._state
+        v, h, turn, surface = self.theta.tolist()
+        dv, dh, dt, ds = np.sqrt(np.diag(self.covariance)).tolist()
+        size = float(state["size"])
         return Belief(
             vertical=v,
             horizontal=h,
@@ -624,10 +677,10 @@ class Learning:
             horizontal_error=dh,
             turn_error=dt / h,
             surface_error=ds,
-            path=float(self._numbers[_GRAINS]),
-            surprise=float(self._numbers[_SCORE]),
-            excess=float(self._numbers[_EXCESS]) / force if force > 0.0 else 0.0,
-            drift=float(self._numbers[_DRIFT]),
+            path=float(state["path"]),
+            surprise=float(state["score"]),
+            excess=float(state["excess"]) / size if size > 0.0 else 0.0,
+            drift=float(state["drift"]),
         )
 
     def strength(self) -> tuple[float, float] | None:
@@ -635,20 +688,19 @@ class Learning:
 
         s_v and s_h by the inverse of their variances.
         """
-        bed: Array = self._numbers[_BED : _BED + 20]
-        covariance = bed[4:].reshape(4, 4)[:2, :2]
-        if np.array_equal(bed[:4], (1.0, 1.0, 0.0, 0.0)):
+        mean, covariance = self._state["push"]["theta"], self._state["push"]["p"][:2, :2]
+        if np.array_equal(mean, (1.0, 1.0, 0.0, 0.0)):
             return None
         weights = 1.0 / np.diag(covariance)
         weights /= weights.sum()
-        return float(weights @ bed[:2]), math.sqrt(float(weights @ covariance @ weights))
+        return float(weights @ mean[:2]), math.sqrt(float(weights @ covariance @ weights))
 
     def issues(self) -> list[BeliefIssue]:
         """Why the model cannot be right: judged over 5 mm of path, from 8 mm after the tool entered."""
-        numbers: Any = self._numbers
-        if not numbers[_SQUARE] > 0.0 or numbers[_SCORED] - numbers[_ENTERED] < _ENTRY:
+        state = self._state
+        if not state["square"] > 0.0 or state["judged"] - state["entered"] < C.entry:
             return []
-        ratio = numbers[_ALONG] / numbers[_SQUARE]
+        ratio = state["along"] / state["square"]
         found = []
         if ratio < 0.0:
             found.append(BeliefIssue.OPPOSED)
@@ -656,6 +708,7 @@ class Learning:
             found.append(BeliefIssue.WEAK)
         elif ratio > 5.0:
             found.append(BeliefIssue.STRONG)
-        if ratio >= 0.0 and numbers[_FLAT] > 0.05 * numbers[_SQUARE] and abs(numbers[_CROSS]) > numbers[_DOT]:
+        sideways = state["flat_square"] > 0.05 * state["square"]
+        if ratio >= 0.0 and sideways and abs(state["flat_cross"]) > state["flat_along"]:
             found.append(BeliefIssue.TURNED)
         return found

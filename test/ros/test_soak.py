@@ -1,12 +1,10 @@
 """A short soak; ``make soak`` runs the long one."""
 
-import pytest
 from soak import soak
 
 
-@pytest.mark.parametrize("executor", ["events", "single"])
-def test_every_pose_is_an_estimate_or_a_counted_reason_and_nothing_breaks(start_node, executor):
-    rft = start_node("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
+def test_every_pose_is_an_estimate_or_a_counted_reason_and_nothing_breaks(start_node):
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
     result = soak(rft, seconds=8.0, rate=250.0)
     assert result.unaccounted == 0, result
     assert result.answered == result.calls > 12

@@ -368,6 +368,19 @@ def test_what_must_not_be_learned_changes_nothing() -> None:
     assert learning.theta.tolist() == [1.0, 1.0, 0.0, 0.0]
 
 
+@pytest.mark.parametrize("column", [0, 2, 5, 8, 15])
+def test_a_model_force_that_is_not_finite_teaches_nothing(column: int) -> None:
+    series = plunge(strength=1.5, seed=15)
+    rows = series.rows.copy()
+    rows[500, column] = math.nan
+    learning, healthy = learner(), learner()
+    run(replace(series, rows=rows), learning)
+    run(series, healthy)
+    assert learning.theta == pytest.approx(healthy.theta, rel=0.05, abs=0.01)
+    assert np.isfinite(learning.covariance).all()
+    assert not learning.issues()
+
+
 def test_observing_leaves_the_wrench_and_widens_its_error_by_the_correction() -> None:
     series = plunge(strength=1.5, seed=14)
     observing, applying = learner(), learner()

@@ -45,13 +45,13 @@ def test_simulated_grains(grains, choice, lag, limit):
 @pytest.mark.usefixtures("shared_data")
 @pytest.mark.parametrize(("group", "limits"), [("abb", (0.035, 0.043)), ("cmu", (0.055, 0.09))])
 def test_recordings(group, limits):
-    """At 2 and 5 mm; the coverage is held at 2 mm (at 5 mm 90 % of the CMU components lie within two deviations)."""
+    """Errors and coverage at 2 and 5 mm; nothing surprises at 2 mm."""
     series = bag_series(group, REFINED)
     for lag, limit in zip((0.002, 0.005), limits, strict=True):
         outs = [learned(run, lag=lag).out for run in series]
         assert np.mean([peak_error(run, out) for run, out in zip(series, outs, strict=True)]) <= limit
+        assert is_covered(series, outs)
         if lag == 0.002:
-            assert is_covered(series, outs)
             assert not any(len(learned(run, lag=lag).reports()) for run in series)
 
 
