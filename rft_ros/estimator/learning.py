@@ -579,11 +579,10 @@ class Learning:
         self._state: Any = self._states[0]
         self._records = np.zeros(C.records, _RECORD)
         self._row, self._y, self._out = np.zeros(19), np.zeros(3), np.zeros(12)
-        self.reach = float(reach)
-        self._lag = float(settings.lag)
+        self.reach = reach
         self._last = 0
         arrays = self._states, self._records
-        pose = 0, 0.0, 0.0, False, True, True, self._lag, self.reach
+        pose = 0, 0.0, 0.0, False, True, True, 0.0, 0.0
         self._predict = machine_code(_predict, (*arrays, self._row, self._out, *pose))
         self._learn: Any = machine_code(_learn, (*arrays, self._y, 0, True, False))
         self.forget()
@@ -632,7 +631,8 @@ class Learning:
         self._row[:] = row
         self._predict(
             self._states, self._records, self._row, self._out,
-            int(stamp), duration, float(speed), bool(passing), bool(teaches), bool(apply), self._lag, self.reach,
+            int(stamp), duration, float(speed), bool(passing), bool(teaches), bool(apply),
+            float(self.settings.lag), float(self.reach),
         )  # fmt: skip
         return self._out
 
@@ -688,14 +688,12 @@ class Learning:
 
         s_v and s_h by the inverse of their variances.
         """
-        push = self._state["push"]
-        theta: Array = push["theta"]
-        covariance: Array = push["p"][:2, :2]
-        if np.array_equal(theta, (1.0, 1.0, 0.0, 0.0)):
+        mean, covariance = self._state["push"]["theta"], self._state["push"]["p"][:2, :2]
+        if np.array_equal(mean, (1.0, 1.0, 0.0, 0.0)):
             return None
         weights = 1.0 / np.diag(covariance)
         weights /= weights.sum()
-        return float(weights @ theta[:2]), math.sqrt(float(weights @ covariance @ weights))
+        return float(weights @ mean[:2]), math.sqrt(float(weights @ covariance @ weights))
 
     def issues(self) -> list[BeliefIssue]:
         """Why the model cannot be right: judged over 5 mm of path, from 8 mm after the tool entered."""

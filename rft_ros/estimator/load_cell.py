@@ -86,6 +86,8 @@ class LoadCellFrame:
 
         `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin.
         """
+        if answer.shape != (12,) or quaternion.shape != (4,):
+            raise ValueError(f"answer has shape {answer.shape} and quaternion {quaternion.shape}; need (12,) and (4,)")
         _into_sensor(self._mount, quaternion, answer, self._out)
         return self._out.tolist()
 

@@ -80,8 +80,9 @@ def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0), memory=0.8
     frame = LoadCellFrame(cell)
     rows = []
     for state, wrench in zip(states, wrench_rows, strict=True):
-        numbers = np.array(frame.into_sensor(state[3:7], np.append(wrench[:6], np.zeros(6))))
-        rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:12]))
+        answer = np.concatenate([wrench[:6], np.zeros(6)])
+        numbers = np.array(frame.into_sensor(state[3:7], answer)[:12])
+        rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:]))
     readings = np.array(rows)
     if rng is not None:
         white = rng.normal(size=readings.shape) * np.repeat(noise, 3) * np.sqrt(1.0 - memory**2)
