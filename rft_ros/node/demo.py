@@ -1,5 +1,6 @@
 """``rft demo``: a real node and a virtual arm; the demo itself watches, tares, swaps and records, as a user would."""
 
+import math
 import os
 import signal
 import subprocess
@@ -214,16 +215,16 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
             raise InputError("the virtual arm did not start")
     start = time.monotonic()
     swap_at = PAUSE + (seconds - PAUSE) / 2.0
-    model, tared, said = "constant", False, -1.0
+    model, tare_at, said = "constant", PAUSE / 2.0, -1.0
     with Live(console=console, refresh_per_second=8, transient=False) as live:
         while arm.poll() is None:
             watcher.spin(0.1)
             watcher.check_children()
             elapsed = time.monotonic() - start
-            if not tared and elapsed > PAUSE - 0.7:
-                tared = True
+            if elapsed > tare_at:
                 answer = watcher.call(Trigger, "/rft/tare", Trigger.Request())
                 live.console.print(f"t = {elapsed:4.1f} s  tare: {answer.message}", highlight=False, soft_wrap=True)
+                tare_at = math.inf if answer.success else elapsed + 0.3  # a busy machine may have delayed a twist
             if model == "constant" and elapsed > swap_at:
                 value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="linear")
                 request = SetParameters.Request(parameters=[Parameter(name="alpha_y.model", value=value)])
