@@ -144,8 +144,8 @@ class Estimator:
     def _keep_or_begin_learning(self, old_model: Model, old: Settings) -> None:
         """After new settings or a new model: keep what was learned as far as it still holds.
 
-        Another mode than before from or to off, or another error of ζ, begins again; another law forgets; another tool
-        keeps the strength.
+        A switch from or to off, or another error of ζ, begins again. Another law or mobilization length forgets.
+        Another tool keeps the strength.
         """
         model, new, learning = self.model, self.settings, self.learning
         if learning is None or new.learning_mode == "off" or new.zeta_error != old.zeta_error:

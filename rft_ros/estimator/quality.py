@@ -85,7 +85,7 @@ _STRENGTH_ERROR = 0.15  # relative standard error of a calibrated ζ whose error
 _DIRECTION_ERROR = 0.15  # of the force's horizontal and vertical part each, beside ζ's
 _NOISE, _NOISE_FLOOR = 0.093, 0.025  # as in docs/learning.md: share of the force; [N]
 _LEVER = 0.07  # standard deviation of the point where the force acts, over the tool's reach
-# the last three as in `learning._Constants`; not imported, because the cache of compiled code tracks this file only
+# the last three repeat `learning._Constants`: an import would escape the key of the compiled code's cache
 
 
 @compiled
