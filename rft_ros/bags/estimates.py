@@ -31,10 +31,10 @@ COLUMNS = (
     "phase",
     "quality_flags",
 )
-"""Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; speed of its fastest
-plate [m/s]; wrenches in the sensor frame [N], [N m], and one standard deviation of the predicted; or the reason for no
-estimate; generation of the model; `Phase`, empty where the pose or its velocity is unknown; names of `QualityFlag`s,
-joined by +."""
+"""Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; upper bound on the
+plates' speeds [m/s]; wrenches in the sensor frame [N], [N m], and one standard deviation of the predicted; or the
+reason for no estimate; generation of the model; `Phase`, empty where the pose or its velocity is unknown; names of
+`QualityFlag`s, joined by +."""
 
 _BELIEF = ("s_v", "s_h", "rho", "delta")
 

@@ -19,7 +19,7 @@ _SECOND_LAG = 0.005
 
 @dataclass(frozen=True, slots=True)
 class LearningError:
-    """As in `Group`, over all estimates. No prediction uses its own sample."""
+    """Metrics as in `Group`, over all estimates of one run. No prediction uses its own load-cell sample."""
 
     rms_over_peak: float | None
     median_relative_error: float | None
@@ -28,7 +28,7 @@ class LearningError:
 
 
 class LearningErrors:
-    """Runs beside a replay, by name: without learning, at `learning_lag`, and at 5 mm."""
+    """Runs beside a replay, by name: without learning, with learning at `learning_lag`, and with a lag of 5 mm."""
 
     def __init__(self, settings: Settings, model: Model, traces: ExitStack, folder: Path) -> None:
         runs = {"off": replace(settings, learning_mode="off")}
@@ -56,6 +56,7 @@ class LearningErrors:
 
     def _collect(self, estimator: Estimator, trace: Trace, waiting: deque[Estimate]) -> None:
         for measurement in estimator.measurements():
+            # depth and state are those of a later pose; `finish` uses neither
             trace.add(estimator.depth(), waiting.popleft(), measurement, None, estimator.state.tobytes())
 
     def finish(self) -> dict[str, LearningError]:

@@ -37,7 +37,7 @@ class Moment(NamedTuple):
     """Position and motion of the tool's lowest point at a stamp [ns].
 
     `depth` [m]: negative above the surface. `sinking`: downward velocity, `travel`: speed of the lowest point, `speed`:
-    of the tool's fastest point [m/s].
+    upper bound on the speeds of the tool's plates [m/s].
     """
 
     stamp: int
@@ -173,7 +173,7 @@ class Phases(Generic[_Item]):
             yield item, phase if known else None
 
     def _phase_of(self, moment: Moment) -> Phase:
-        """The phase by this moment alone, with hysteresis in favour of the current phase."""
+        """The phase at this moment, without the hold time; thresholds favour the current phase."""
         now = self._phase
         rest, travel = self._rest_speed, moment.travel
         down = moment.sinking >= max(rest, travel * (_STILL_STEEP if now is Phase.PENETRATION else _STEEP))

@@ -85,7 +85,7 @@ class _Sums:
 
     def add(self, rows: _Block, least_force: float) -> None:
         self.estimates += len(rows)
-        rows, scores = rows[:, :24], rows[:, 24:]
+        rows, scores = rows[:, :24], rows[:, 24:]  # see `_columns`
         known = ~np.isnan(rows)
         values = np.where(known, rows, 0.0)
         self._scores += int((~np.isnan(scores)).sum())
@@ -94,7 +94,7 @@ class _Sums:
         self._sum += values.sum(axis=0)
         self._squares += (values * values).sum(axis=0)
         self._peaks = np.maximum(self._peaks, np.abs(values).max(axis=0, initial=0.0))
-        force, residual = rows[:, 6], rows[:, 22]
+        force, residual = rows[:, 6], rows[:, 22]  # magnitudes: of the measured force and of its residual
         big = force > least_force
         self._ratios += np.histogram(np.minimum(residual[big] / force[big], _RATIOS[-1]), _RATIOS)[0]
 
@@ -198,7 +198,7 @@ def count_flags(trace: Trace) -> tuple[dict[str, int], dict[str, int]]:
         answered = ~np.isnan(block["predicted"][:, 0])
         found, counts = np.unique(block["quality_flags"][answered], return_counts=True)
         sets.update(dict(zip(found.tolist(), counts.tolist(), strict=True)))
-    by_flag = dict.fromkeys(flag_names(-1), 0)
+    by_flag = dict.fromkeys(flag_names(-1), 0)  # -1: all flags
     by_trust = {level.value: 0 for level in Trust}
     for quality_flags, count in sets.items():
         by_trust[trust(quality_flags).value] += count

@@ -129,9 +129,9 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, 
     Raises NotIdentifiable for a tool that is not a plate, a run that is too short or shallow, and a horizontal plate,
     which has no e1.
     """
-    plates = track.tool.plates.packed
+    packed = track.tool.plates.packed
     normal, faces = faces_of(track.tool.plates, track.tool.name)
-    centers, areas = plates[:3, faces], 0.5 * plates[6, faces]  # areas of both faces add up to one
+    centers, areas = packed[:3, faces], 0.5 * packed[6, faces]  # areas of both faces add up to one
     path = np.linalg.norm(np.diff(track.states[rows, :2], axis=0), axis=1).cumsum()
     length = float(path[-1])
     steady = rows[1:][path >= (1.0 - _STEADY) * length]
@@ -156,9 +156,9 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, 
     e1 = np.array([e2[1], -e2[0], 0.0])
 
     force = track.grain_forces(sensor.cell)[steady]
-    in_tool = rotation.mean(axis=0).T @ velocity
+    velocity_in_tool = rotation.mean(axis=0).T @ velocity
     # the plate slides along its other edges, and rounding would decide whether they lead
-    edges = plates[:, ~faces & (in_tool @ plates[3:6] > _LEADING * np.linalg.norm(in_tool))]
+    edges = packed[:, ~faces & (velocity_in_tool @ packed[3:6] > _LEADING * np.linalg.norm(velocity_in_tool))]
     if edges.size:
         leading = Plates.from_arrays(edges[:3].T, edges[3:6].T, edges[6])
         force = force - wrenches(leading, law, track.smooth_states()[steady], surface_height=surface, threads=1)[:, :3]

@@ -94,9 +94,9 @@ def first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Con
     low, high = float(height.min()), float(height.max())
     depths, shape = _force_over_depth(track, int(rows[-1]), law, high - low)
 
-    def fit(used: NDArray[np.bool_], low: float, high: float) -> ProfileFit:
+    def fit(used: NDArray[np.bool_], least: float, most: float) -> ProfileFit:
         z = height[used]
-        return fit_profile(force[used], lambda s: np.interp(s - z, depths, shape), low=low, high=high, offset=True)
+        return fit_profile(force[used], lambda s: np.interp(s - z, depths, shape), low=least, high=most, offset=True)
 
     used, found = moving, fit(moving, low, high)
     bottom = low

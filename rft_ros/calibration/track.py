@@ -61,7 +61,7 @@ class Track:
         return np.hstack([self.states[:, :7], self.smooth_twists()])
 
     def speeds(self) -> NDArray[np.float64]:
-        """An upper bound of the speed of the tool's plates [m/s], shape [n]."""
+        """An upper bound on the speed of the tool's plates [m/s], shape [n]."""
         twists = self.smooth_twists()
         turning = np.linalg.norm(twists[:, 3:], axis=1) * self.tool.plates.reach
         return np.asarray(np.linalg.norm(twists[:, :3], axis=1) + turning)
@@ -75,7 +75,7 @@ class Track:
         return -GRAVITY * self.sensor_rotations(cell)[:, 2, :]
 
     def grain_forces(self, cell: LoadCell) -> NDArray[np.float64]:
-        """Measured force of the grains on the tool, less bias and weight, world axes [N], shape [n, 3]."""
+        """Measured force of the grains on the tool, minus bias and weight, world axes [N], shape [n, 3]."""
         measured = cell.sign * (self.readings[:, :3] - np.array(cell.bias[:3]))
         in_sensor = measured - cell.mass * self.gravity_in_sensor(cell)
         return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))

@@ -15,7 +15,7 @@ from rft_ros.rft import Law, rotation_matrix, wrenches
 __all__ = ["Penetration", "ZetaFit", "fit_zeta"]
 
 _SHALLOWEST = 0.005
-"""Least depth of a penetration [m]: less deep, its force depends more on the surface height than on ζ."""
+"""Least depth of a penetration [m]: the force of a shallower one depends more on the surface height than on ζ."""
 
 _NOTEWORTHY = 0.1
 """Greatest relative difference of ζ between tools of different size without a note."""
@@ -94,8 +94,8 @@ class ZetaFit:
         for p in self.penetrations:
             sizes.setdefault(round(p.area * 1e4, 1), []).append(p)
         means = {a: mean_of([p.zeta for p in g], [p.error for p in g]) for a, g in sorted(sizes.items())}
-        (small, small_error), (large, large_error) = min(means.values()), max(means.values())
-        if large - small <= max(_NOTEWORTHY * small, 3.0 * np.hypot(small_error, large_error)):
+        (low, low_error), (high, high_error) = min(means.values()), max(means.values())
+        if high - low <= max(_NOTEWORTHY * low, 3.0 * np.hypot(low_error, high_error)):
             return []
         each = ", ".join(
             f"{np.mean([p.pressure_slope() for p in sizes[area]]):.2f} N/cm³ under {area:g} cm² (ζ {zeta:.2f})"

@@ -44,7 +44,7 @@ _ABSURD = 1e100
 
 _INERTIAL_SPEED = 0.2  # m/s, of the tool frame's origin
 _WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
-_UNKNOWN_ZETA_ERROR = 1.0  # for the prior: with ζ = 1 in any grains, predictions become right within centimetres
+_UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 _TWISTS = 256
 """Twists kept: a pose that waited in a queue of 200 messages still finds the twist of its own time."""
@@ -61,14 +61,15 @@ class Estimator:
     `max_input_age` from the pose is used.
     With `learning_mode` observe or apply, `learning` follows the compensated force. An estimate uses what was learned
     at least `learning_lag` of path before.
-    `counts`: the estimates, and for each reason how often a sample was refused or an estimate or residual missing.
+    `counts`: under "estimates" the number of estimates; under each `Reason`, how often it refused a sample, or left a
+    pose without an estimate or a residual.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
         self.counts: Counter[str] = Counter()
         self._unknown_frames: dict[Reason, str] = {}
         self._state = np.zeros((1, len(STATE)))  # of the last answer
-        self._next = np.zeros((1, len(STATE)))  # of the pose being answered
+        self._candidate = np.zeros((1, len(STATE)))  # of the pose being answered; becomes `_state` with its answer
         self._result = np.zeros((1, len(COLUMNS)))
         self._answer = np.zeros(12)  # wrench and its standard deviations, world axes, about the tool frame's origin
         self.learning: Learning | None = None
@@ -141,7 +142,11 @@ class Estimator:
         self._keep_or_begin_learning(*old)
 
     def _keep_or_begin_learning(self, old_model: Model, old: Settings) -> None:
-        """After new settings or a new model: keep of what was learned what still holds."""
+        """After new settings or a new model: keep what was learned as far as it still holds.
+
+        A switch from or to off, or another error of ζ, begins again. Another law or mobilization length forgets.
+        Another tool keeps the strength.
+        """
         model, new, learning = self.model, self.settings, self.learning
         if learning is None or new.learning_mode == "off" or new.zeta_error != old.zeta_error:
             if (new.learning_mode, new.zeta_error) != (old.learning_mode, old.zeta_error):
@@ -233,6 +238,7 @@ class Estimator:
         the grains or had an unknown velocity, or if there are too few load-cell samples.
         """
         mean = self._tare.mean(self._wrenches, window)
+        # only the weight's wrench is used; it does not depend on the answer
         sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._answer)[6:12]
         fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
         return fx, fy, fz, tx, ty, tz
@@ -253,12 +259,12 @@ class Estimator:
         if isinstance(pose, Reason):
             return pose
         self._comparison.settle(pose.stamp)
-        no_twist = self._find_velocity(pose)
-        if self._is_rate_limited(pose.stamp, answered=no_twist is None):
+        no_velocity = self._write_state(pose)
+        if self._limit_rate(pose.stamp, answered=no_velocity is None):
             return Reason.POSE_RATE_LIMITED
-        if no_twist is not None:
-            self._tare.disturb(pose.stamp, f"the tool's velocity was unknown ({no_twist.value})")
-            return no_twist
+        if no_velocity is not None:
+            self._tare.disturb(pose.stamp, f"the tool's velocity was unknown ({no_velocity.value})")
+            return no_velocity
         speed = self._speed()
         area = self._evaluate(pose.stamp, speed)
         in_grains = area > 0.0
@@ -267,7 +273,7 @@ class Estimator:
         if in_grains and speed < self.settings.rest_speed and self._memory is None:
             self._keep_state()
             return Reason.AT_REST
-        numbers = self._frame.into_sensor(self._next[0, 3:7], self._answer)
+        numbers = self._frame.into_sensor(self._candidate[0, 3:7], self._answer)
         if not math.hypot(*numbers[:12]) < _ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
         self._keep_state()
@@ -305,7 +311,7 @@ class Estimator:
         return self._pose
 
     def _begin_again(self, stamp: int) -> None:
-        """Start a new run at `stamp` after a time jump: drop what is later."""
+        """Start a new run at `stamp` after a time jump: drop the samples of the run before."""
         self.counts[Reason.TIME_JUMP.value] += 1
         self._due = 0
         self._difference.reset()
@@ -318,9 +324,9 @@ class Estimator:
         if self._wrenches and self._wrenches[-1].stamp - stamp >= TIME_JUMP:
             self._wrenches.clear()
 
-    def _find_velocity(self, pose: PoseSample) -> Reason | None:
-        """Write the state at the pose, velocity in world axes; returns the reason if the velocity is unknown."""
-        state = self._next[0]
+    def _write_state(self, pose: PoseSample) -> Reason | None:
+        """Write the pose and its velocity, world axes, to the candidate state; return the reason if it has none."""
+        state = self._candidate[0]
         if self.settings.twist_source == "pose_difference":
             ready = self._difference.push(pose)
             state[0:7] = (*pose.position, *pose.quaternion)
@@ -340,8 +346,8 @@ class Estimator:
             state[10:13] = to_world @ state[10:13]
         return None
 
-    def _is_rate_limited(self, stamp: int, *, answered: bool) -> bool:
-        """Whether a pose comes sooner than `max_rate` allows; if not, and it is `answered`, the next period starts.
+    def _limit_rate(self, stamp: int, *, answered: bool) -> bool:
+        """Whether to refuse a pose that comes sooner than `max_rate` allows. A pose that is `answered` starts a period.
 
         A tolerance of a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz.
         """
@@ -353,17 +359,20 @@ class Estimator:
 
     def _speed(self) -> float:
         """An upper bound on the speed of the tool's plates [m/s]."""
-        vx, vy, vz, wx, wy, wz = self._next[0, 7:13].tolist()
+        vx, vy, vz, wx, wy, wz = self._candidate[0, 7:13].tolist()
         return math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.model.tool.plates.reach
 
     def _evaluate(self, stamp: int, speed: float) -> float:
-        """Write the wrench at the next state to the result; returns the submerged area [m²]."""
+        """Write the model's wrench at the candidate state to the result; returns the submerged area [m²].
+
+        With memory it also advances the memory to `stamp`, and sets the candidate's velocity to 0 at rest.
+        """
         plates, law, surface = self.model.tool.plates, self.model.law, self.settings.surface_height
         if self._memory is None:
             wrenches(
                 plates,
                 law,
-                self._next,
+                self._candidate,
                 surface_height=surface,
                 threads=1,
                 sensitivities=self.learning is not None,
@@ -371,14 +380,14 @@ class Estimator:
             )
             return float(self._result[0, 6])
         if speed < self.settings.rest_speed:  # noise at rest must not add to the path
-            self._next[0, 7:13] = 0.0
+            self._candidate[0, 7:13] = 0.0
         self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
         self._remembered = stamp
         length = self.model.mobilization_length
         wrenches_in_time(
             plates,
             law,
-            self._next,
+            self._candidate,
             self._duration,
             self._memory,
             mobilization_length=length,
@@ -395,7 +404,7 @@ class Estimator:
             answer[:6] = result[:6]
             write_prior_sigma(answer, zeta_error=self.settings.zeta_error, reach=reach)
             return
-        vx, vy, vz = self._next[0, 7:10].tolist()
+        vx, vy, vz = self._candidate[0, 7:10].tolist()
         apply = self.settings.learning_mode == "apply"
         answer[:] = self.learning.predict(
             stamp,
@@ -422,4 +431,4 @@ class Estimator:
 
     def _keep_state(self) -> None:
         """Make the state of the pose being answered the public `state`."""
-        self._state, self._next = self._next, self._state
+        self._state, self._candidate = self._candidate, self._state

@@ -209,9 +209,9 @@ class Belief:
     """What is believed of the grains after every sample that lies `lag` behind.
 
     `vertical`, `horizontal`: strengths, no unit. `turn` [rad] of the horizontal force about the vertical. `surface`
-    [m] above `surface_height`. Then their standard errors. `path` [m] in the grains. `surprise`: measured less
+    [m] above `surface_height`. Then their standard errors. `path` [m] in the grains. `surprise`: measured minus
     predicted force along the predicted one, in standard deviations, mean over 0.3 mm of path. `excess`: the same over
-    the predicted force. `drift`: the logarithm of the strength less its mean over 50 mm of path, in standard
+    the predicted force. `drift`: the logarithm of the strength minus its mean over 50 mm of path, in standard
     deviations of the prior.
     """
 
@@ -534,7 +534,7 @@ def _judge(state):  # type: ignore[no-untyped-def]
 
 @compiled
 def _learn(states, records, y, stamp, usable, repeated):  # type: ignore[no-untyped-def]
-    """Give the record of a stamp its measurement; the value of the `Lesson`."""
+    """Give the record of a stamp its measurement; returns the number of the `Lesson`."""
     state = states[0]
     while state.open < state.end and records[state.open % C.records].stamp < stamp:
         state.open += 1
@@ -600,14 +600,14 @@ class Learning:
         self._last = 0
 
     def leave(self) -> None:
-        """The tool is elsewhere or another one, or time has jumped: keep the strength, forget surface and turn."""
+        """Keep the strength, forget surface and turn: the tool is elsewhere or another one, or time has jumped."""
         state = self._state
         state["first"] = state["open"] = state["end"]
         state["entries"] = 0
         state["learned"] = state["judged"] = state["path"]
         state["speed"] = 0.0
         state["pushing"] = False
-        state["air"] = 10.0 * C.air_local
+        state["air"] = 10.0 * C.air_local  # at the next entry surface and turn have returned to the prior
         self._last = 0
 
     def predict(

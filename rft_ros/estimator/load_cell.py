@@ -23,8 +23,8 @@ GRAVITY = 9.80665
 HISTORY = 8192
 """Load-cell samples kept: 8 s of a 1 kHz stream for the tare."""
 
-_LOOK_BACK = 1024
-_MOST_PENDING = 4096
+_LOOK_BACK = 1024  # samples searched for those around a pose; an older pose counts as without any
+_MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
 _FEWEST_FOR_TARE = 10
 
 
@@ -82,7 +82,7 @@ class LoadCellFrame:
         self._force = np.zeros(3)
 
     def into_sensor(self, quaternion: NDArray[np.float64], answer: NDArray[np.float64]) -> list[float]:
-        """18 numbers in the sensor frame: the wrench, the weight's wrench, and the wrench's standard deviations.
+        """Six numbers each, in the sensor frame: the wrench, the weight's wrench, the wrench's standard deviations.
 
         `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin.
         """
@@ -118,7 +118,7 @@ class Comparison:
     def __init__(
         self,
         samples: deque[WrenchSample],
-        counts: "Counter[str]",
+        counts: Counter[str],
         learn: Callable[[int, NDArray[np.float64] | None, bool], None],
     ) -> None:
         self._samples = samples
@@ -165,8 +165,9 @@ class Comparison:
             self._counts[reason.value] += 1
             self._learn(stamp, None, False)
             return Measurement(stamp, None, None, reason)
-        neighbour = next(newest_first, None)
-        # written out by component: loops take twice as long
+        neighbour = next(newest_first, None)  # the sample before `before`; a repeated reading equals it
+        # written out by component: loops take twice as long. a, d: force and torque, as measured, then compensated;
+        # b, e: of the sample after, then the bias; f, t: the prediction; w, u: the weight
         ax, ay, az, dx, dy, dz = before.wrench
         if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
             neighbour = after
@@ -176,7 +177,7 @@ class Comparison:
             dx, dy, dz = dx + share * (ex - dx), dy + share * (ey - dy), dz + share * (ez - dz)
         sign = frame.sign
         bx, by, bz, ex, ey, ez = frame.bias
-        fx, fy, fz, tx, ty, tz, wx, wy, wz, ux, uy, uz = numbers  # the prediction, then the weight
+        fx, fy, fz, tx, ty, tz, wx, wy, wz, ux, uy, uz = numbers
         ax, ay, az = sign * (ax - bx) - wx, sign * (ay - by) - wy, sign * (az - bz) - wz
         dx, dy, dz = sign * (dx - ex) - ux, sign * (dy - ey) - uy, sign * (dz - ez) - uz
         repeated = neighbour is not None and neighbour.wrench == before.wrench

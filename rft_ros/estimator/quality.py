@@ -1,4 +1,4 @@
-"""Quality flags of estimates, the trust they leave, and the standard deviation without learning."""
+"""Quality flags of estimates, the trust that follows from them, and the standard deviation without learning."""
 
 import math
 from collections.abc import Callable
@@ -85,6 +85,7 @@ _STRENGTH_ERROR = 0.15  # relative standard error of a calibrated ζ whose error
 _DIRECTION_ERROR = 0.15  # of the force's horizontal and vertical part each, beside ζ's
 _NOISE, _NOISE_FLOOR = 0.093, 0.025  # as in docs/learning.md: share of the force; [N]
 _LEVER = 0.07  # standard deviation of the point where the force acts, over the tool's reach
+# the last three repeat `learning._Constants`: an import would escape the key of the compiled code's cache
 
 
 @compiled
@@ -109,7 +110,7 @@ def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: 
     _write_prior_sigma(zeta_error or _STRENGTH_ERROR, reach, answer)
 
 
-# plain integers: an operation on IntFlag takes a microsecond
+# plain integers, in the order of `_SENTENCES`: an operation on IntFlag takes a microsecond
 _FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP, SURPRISE = map(int, _SENTENCES)
 
 _FAST_SPEED = 0.025  # m/s
@@ -140,12 +141,12 @@ class QualityMonitor:
         depth: Callable[[], float],
         settings: Settings,
     ) -> int:
-        """Flags of an estimate at a state, shape [13], columns `rft_ros.rft.STATE`: a bitwise or of `QualityFlag`.
+        """Flags of the next estimate, at a state, shape [13], columns `rft_ros.rft.STATE`: bitwise or of `QualityFlag`.
 
-        `speed`: of the fastest point [m/s]. `depth`: returns the depth of the lowest point [m]; called only if needed.
+        `speed`: as in `Estimate` [m/s]. `depth`: returns the depth of the lowest point [m]; called only if needed.
         """
         if not submerged:
-            self._path.leave()
+            self._path.clear()
             self._countdown = 0
             return 0
         flags = 0
@@ -162,7 +163,7 @@ class QualityMonitor:
     def _evaluate_slow_flags(self, state: NDArray[np.float64], depth: Callable[[], float], settings: Settings) -> int:
         """The flags that are expensive to evaluate and change slowly."""
         flags = self._tool_flags
-        if self._path.crosses(state):
+        if self._path.add(state):
             flags |= _WAKE
         if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
             flags |= _DEEP
@@ -176,8 +177,9 @@ class _Path:
     """The path of the tool's centre since it entered the grains, and whether the tool returns to it.
 
     On a straight path the distance from an earlier place equals the path length since. The tool passes the same grains
-    again where the distance is below `_BENT` times that length and below two widths of the tool. This flags a root
-    tip's helix of 20 mm pitch, where the measured forces deviate, but not one of 40 mm (Treers et al. 2021, V-B).
+    again where, two or more widths of path later, the distance is below `_BENT` times that length and below two widths
+    of the tool. This flags a root tip's helix of 20 mm pitch, where the measured forces deviate, but not one of 40 mm
+    (Treers et al. 2021, V-B).
     """
 
     _KEPT = 512
@@ -189,13 +191,13 @@ class _Path:
         self._width = float(np.median(high - low))
         self._places = np.zeros((self._KEPT, 3))
         self._lengths = np.zeros(self._KEPT)
-        self.leave()
+        self.clear()
 
-    def leave(self) -> None:
+    def clear(self) -> None:
         """Clear the path: the tool has left the grains, and they refill it."""
         self._count, self._length, self._crosses = 0, 0.0, False
 
-    def crosses(self, state: NDArray[np.float64]) -> bool:
+    def add(self, state: NDArray[np.float64]) -> bool:
         """Add the next state, shape [13]; returns whether the tool crosses its earlier path."""
         place = state[:3] + rotation_matrix(state[3:7]) @ self._centre
         if self._count:

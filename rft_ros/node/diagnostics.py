@@ -21,7 +21,7 @@ DIAGNOSTICS_PERIOD = 1.0
 """Time between two reports [s]."""
 
 _LATENCIES = 1000  # recorded per report, at most
-_QUIET_REPORTS = 3  # without a reason, before it counts as ended
+_QUIET_REPORTS = 3  # a reason that is missing in this many successive reports has ended
 _NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value}
 """Reasons that are part of normal operation: no warning in the log or the status."""
 
@@ -59,7 +59,7 @@ class Diagnostics:
         self._fastest = max(self._fastest, estimate.speed)
 
     def status(self) -> tuple[bool, str]:
-        """Whether the last swap succeeded; and a sentence on the tool in force, in preparation or failed."""
+        """For the service ~/status: whether the last swap succeeded, and a sentence on the tool and the swap."""
         model = self._estimator.model
         force = f"generation {model.generation}: tool {model.tool.name} in force"
         preparing = f"; preparing {self._swap.preparing}" if self._swap.preparing else ""
@@ -106,7 +106,9 @@ class Diagnostics:
                 del self._ongoing[reason]
                 logger.info(f"{reason}: ended, {total} in all")
 
-    def _status(self, component: str, level: bytes, message: str, values: dict[str, object]) -> DiagnosticStatus:
+    def _component_status(
+        self, component: str, level: bytes, message: str, values: dict[str, object]
+    ) -> DiagnosticStatus:
         pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
         name = f"{self._node.get_fully_qualified_name()}: {component}"
         return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
@@ -116,10 +118,10 @@ class Diagnostics:
         values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self.newest.items()})
         values.update({f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"})
         if not self._received["pose"]:
-            return self._status("inputs", DiagnosticStatus.ERROR, "no poses", values)
+            return self._component_status("inputs", DiagnosticStatus.ERROR, "no poses", values)
         if bad := sorted(text for reason, text in named.items() if reason not in _NORMAL):
-            return self._status("inputs", DiagnosticStatus.WARN, ", ".join(bad), values)
-        return self._status("inputs", DiagnosticStatus.OK, "inputs arrive", values)
+            return self._component_status("inputs", DiagnosticStatus.WARN, ", ".join(bad), values)
+        return self._component_status("inputs", DiagnosticStatus.OK, "inputs arrive", values)
 
     def _estimates(self, new: Counter[str], reasons: dict[str, int]) -> DiagnosticStatus:
         flags = self._quality_flags
@@ -138,11 +140,11 @@ class Diagnostics:
         if self._latencies:
             values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, (50, 99))
         if not new["estimates"]:
-            return self._status("estimates", DiagnosticStatus.WARN, "no estimates", values)
+            return self._component_status("estimates", DiagnosticStatus.WARN, "no estimates", values)
         if flags:
             speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST
-            return self._status("estimates", DiagnosticStatus.WARN, speed + sentences(flags), values)
-        return self._status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
+            return self._component_status("estimates", DiagnosticStatus.WARN, speed + sentences(flags), values)
+        return self._component_status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
 
     def _model(self) -> DiagnosticStatus:
         model = self._estimator.model
@@ -160,13 +162,13 @@ class Diagnostics:
         }
         problems = failure or "; ".join(issue.message for issue in model.tool.issues)
         level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
-        return self._status("model", level, problems or "in force", values)
+        return self._component_status("model", level, problems or "in force", values)
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:
         issues = [str(issue) for issue in learning.issues()]
         values: dict[str, object] = {**asdict(learning.belief()), "issues": "; ".join(issues)}
         if issues:
-            return self._status("medium", DiagnosticStatus.WARN, "; ".join(issues), values)
+            return self._component_status("medium", DiagnosticStatus.WARN, "; ".join(issues), values)
         if learning.surprise:
-            return self._status("medium", DiagnosticStatus.WARN, surprise_sentence(learning), values)
-        return self._status("medium", DiagnosticStatus.OK, "as learned", values)
+            return self._component_status("medium", DiagnosticStatus.WARN, surprise_sentence(learning), values)
+        return self._component_status("medium", DiagnosticStatus.OK, "as learned", values)

@@ -1,4 +1,4 @@
-"""What was learned of the medium, as the node tells it: a topic, log lines, and a parameter file."""
+"""How the node reports what it learned of the medium: a topic, log lines, and a parameter file."""
 
 import os
 from datetime import datetime, timezone
@@ -22,16 +22,16 @@ _OFF = "learning.mode is off"
 
 
 def surprise_sentence(learning: Learning) -> str:
-    """That the grains are harder or softer than learned, and by how much."""
+    """A sentence: the grains are harder or softer than learned, and by how much."""
     kind = "harder" if learning.surprise is Surprise.HARDER else "softer"
     return f"grains {kind} than learned: force {100.0 * learning.belief().excess:+.0f} %"
 
 
 class LearnedMedium:
-    """Publishes ``~/medium_learned`` beside the estimates, and logs surprises and what shows that the model is wrong.
+    """Publishes ``~/medium_learned`` beside the estimates, and logs surprises and signs of a wrong model.
 
     JointState: `name` as `_NAMES`, `position` the value (turn [rad], surface [m]), `effort` its standard error. The
-    surprise is in standard deviations, so that its error is 1.
+    surprise is in standard deviations, so its `effort` is 1.
     """
 
     def __init__(self, node: Node, estimator: Estimator, qos: QoSProfile) -> None:

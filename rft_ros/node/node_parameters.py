@@ -63,27 +63,27 @@ class NodeParameters:
         self._node = node
         self._validate = validate
         self._apply = apply
-        self._own: dict[str, Value] = {}
+        self._values: dict[str, Value] = {}
         self._why = ""
         for p in PARAMETERS:
             # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
             override = node._parameter_overrides.get(p.name)
             value = p.default if override is None else checked(p.name, _plain(override.value))
             if p.name == "alpha_y.table":
-                value = _beside_its_file(str(value))
-            self._own[p.name] = value
+                value = _resolved_table(str(value))
+            self._values[p.name] = value
             node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
         for name in node._parameter_overrides.keys() - node._parameters.keys():
             if not name.startswith("qos_overrides.") and name != "use_sim_time":
                 node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
         node.add_pre_set_parameters_callback(self._with_doubles)
         node.add_on_set_parameters_callback(self._on_set)
-        node.add_post_set_parameters_callback(self._after)
+        node.add_post_set_parameters_callback(self._on_post_set)
 
     @property
     def values(self) -> Values:
-        """The checked values in force."""
-        return self._own
+        """The checked values in force; replaced, not changed, when parameters are set."""
+        return self._values
 
     def set_all(self, values: Values, *, why: str) -> None:
         """Set parameters together, from within the node; `why` goes into the log."""
@@ -98,12 +98,12 @@ class NodeParameters:
             self._node.get_logger().error(f"not set ({why}): {result.reason}")
 
     def _with_doubles(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        own = {p.name for p in PARAMETERS if p.type != "string"}
-        return [_as_double(p) if p.name in own and p.type_ in _FLOAT_TYPES else p for p in parameters]
+        numeric = {p.name for p in PARAMETERS if p.type != "string"}
+        return [_as_double(p) if p.name in numeric and p.type_ in _FLOAT_TYPES else p for p in parameters]
 
     def _merged(self, parameters: list[RosParameter]) -> tuple[dict[str, Value], frozenset[str]]:
-        changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self._own}
-        return {**self._own, **changes}, frozenset(n for n, value in changes.items() if value != self._own[n])
+        changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self._values}
+        return {**self._values, **changes}, frozenset(n for n, value in changes.items() if value != self._values[n])
 
     def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -114,12 +114,12 @@ class NodeParameters:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _after(self, parameters: list[RosParameter]) -> None:
+    def _on_post_set(self, parameters: list[RosParameter]) -> None:
         merged, changed = self._merged(parameters)
         if changed:
-            changes = ", ".join(f"{name} {self._own[name]!r} -> {merged[name]!r}" for name in sorted(changed))
+            changes = ", ".join(f"{name} {self._values[name]!r} -> {merged[name]!r}" for name in sorted(changed))
             self._node.get_logger().info(f"parameters set: {changes}" + (f" ({self._why})" if self._why else ""))
-            self._own = merged
+            self._values = merged
             self._apply(merged, changed)
 
 
@@ -133,8 +133,8 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, array | tuple) else value
 
 
-def _beside_its_file(table: str) -> str:
-    """Path of an `alpha_y.table`: relative to the folder of the parameter file that names it, if one does."""
+def _resolved_table(table: str) -> str:
+    """The path of an `alpha_y.table`; one that a parameter file names is relative to that file's folder."""
     for file in parameter_files() if table else ():
         if node_parameters(file, NODE_KEYS).get("alpha_y.table") == table:
             return table_path(file, table)

@@ -35,8 +35,8 @@ _OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=Re
 _TARE_WINDOW = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
-_BESIDE_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # of the medium, and no part of the model
-_TOOL = frozenset(TOOL_PARAMETERS.values())
+_NOT_IN_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # they change the settings only
+_TOOL_NAMES = frozenset(TOOL_PARAMETERS.values())
 
 
 class RftNode(Node):
@@ -150,7 +150,7 @@ class RftNode(Node):
     # --- parameters and swaps
 
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
-        if changed & _TOOL and not self._swap.knows(tool_request(values)):
+        if changed & _TOOL_NAMES and not self._swap.knows(tool_request(values)):
             path = locate_mesh(str(values["mesh.file"]))
             if not path.is_file():
                 raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
@@ -165,7 +165,7 @@ class RftNode(Node):
                 "set it in the parameter file and restart the node"
             )
         self._next_model = None
-        if any(name.startswith(("medium.", "alpha_y.")) for name in changed - _BESIDE_MODEL):
+        if any(name.startswith(("medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
             m = self.estimator.model
             self._next_model = model_of(values, tool=m.tool, generation=m.generation + 1)
 
@@ -174,7 +174,7 @@ class RftNode(Node):
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         if self._next_model is not None:
             self._use(self._next_model)
-        if changed & _TOOL:
+        if changed & _TOOL_NAMES:
             self._want(tool_request(values))
 
     def _use(self, model: Model) -> None:

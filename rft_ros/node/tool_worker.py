@@ -15,7 +15,7 @@ from rft_ros.tool import Tool, ToolRequest
 __all__ = ["ToolWorker", "receive_tool", "send_tool", "serve"]
 
 _DEADLINE = 120.0  # s
-_NICENESS = 10  # a tenth of a busy core, all of an idle one
+_NICENESS = 10  # the worker gets a tenth of a busy core, and all of an idle one
 _ALIGNMENT = 64
 
 

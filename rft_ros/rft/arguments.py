@@ -27,8 +27,8 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
 def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None) -> NDArray[np.float64]:
     """Values as a C-contiguous float64 array, shape [n, *row], in the unit of `values`; not copied if already one.
 
-    A single row, shape `row`, becomes shape [1, *row]. `rows`: the required n. Raises ValueError that names the
-    argument.
+    `row`: shape of one row; a single row becomes shape [1, *row]. `rows`: the required n. Raises ValueError
+    that names the argument.
     """
     if (
         values.__class__ is np.ndarray

@@ -19,7 +19,8 @@ __all__ = ["EDGE_AREAS", "PLATE_FORCES", "SUMS"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
-possibly cut by the surface; possibly with horizontal plates; submerged and trailing with tractions in memory."""
+possibly cut by the surface; possibly with horizontal plates; submerged and trailing with tractions in memory. The
+plates of blocks from `_PLAIN` on are evaluated one by one."""
 
 _LEVEL = cos(radians(FLAT_BLEND))
 _ALONG = sin(radians(1.0)) ** 2
@@ -54,7 +55,7 @@ def _seen_from_tool(axes, twist, reach):  # type: ignore[no-untyped-def]
 
 @inlined
 def _middle(bounds, b, box, v):  # type: ignore[no-untyped-def]
-    """Dot product of a vector and the middle of a block's box."""
+    """Dot product of a vector and the middle of a block's box: 0 of the normals, 1 of r x n, 2 of the positions."""
     return v[0] * bounds[b, 6 * box] + v[1] * bounds[b, 6 * box + 1] + v[2] * bounds[b, 6 * box + 2]
 
 
@@ -66,12 +67,16 @@ def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
 
 @inlined
 def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def]
-    """The kind of a block; if the bounds do not decide, the kind with the longer loop. `bounds`: from `Blocks`."""
+    """The kind of a block; where the bounds leave two, the one with the longer loop.
+
+    `bounds`: from `Blocks`. `past`: as in `sums`; past[3] is the memory's `active`.
+    """
     linear, angular, fastest, up, reach = seen
     depth, spread = below - _middle(bounds, b, 2, up), _spread(bounds, b, 2, up) + ROUNDING * (reach + abs(below))
     if depth + spread <= 0.0:
         return _SKIP_DRY
     wet = depth - spread > 0.0
+    # v·n of a plate is linear · n + angular · (r x n)
     lead = _middle(bounds, b, 0, linear) + _spread(bounds, b, 0, linear)
     lead += _middle(bounds, b, 1, angular) + _spread(bounds, b, 1, angular)
     if wet and lead + (bounds[b, 19] + ROUNDING) * fastest <= 0.0:
@@ -223,7 +228,7 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
     columns = 19 if sensitive else 7
 
     def sums(rows, bounds, reach, law, surface_height, states, past, out):  # type: ignore[no-untyped-def]
-        """`past`: None, or for plates with memory: durations, mobilization length, and the arrays of the `Memory`."""
+        """`past`: None, or with memory: durations, mobilization length, the memory's tractions, active and motion."""
         for k in range(states.shape[0]):
             axes, twist, scale = _motion(states[k], reach)
             below = surface_height - states[k, 2]

@@ -39,7 +39,8 @@ _STATE_ROW = (len(STATE),)
 _WIDE = len(COLUMNS) + len(SENSITIVITIES)
 
 _Code = tuple[Callable[..., None], Law]
-# By a law's id: the law, kept so that its id is not reused; and by rule, outputs and memory the code and its law.
+# By a law's id: the law, which keeps the id from being reused, and the code with the checked law that it takes. Key of
+# the code: integration rule, what it computes, and whether it is without memory.
 _CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
 _LAWS_KEPT = 32
 
