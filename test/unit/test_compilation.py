@@ -21,8 +21,8 @@ CODE = """
 import numpy as np
 from rft_ros.estimator.load_cell import _into_sensor as function
 
-out = np.zeros(12)
-function(np.arange(11.0), np.array([0.1, 0.2, 0.3, 0.9]), np.arange(6.0), out)
+out = np.zeros(18)
+function(np.arange(11.0), np.array([0.1, 0.2, 0.3, 0.9]), np.arange(12.0), out)
 print(out.tolist())
 print("compiled", sum(function.stats.cache_misses.values()))
 """

@@ -128,7 +128,7 @@ def test_ros_starts_the_executables_with_the_python_of_the_shell():
 
 
 def test_the_first_make_says_what_it_downloads_and_shows_the_progress_of_pip(tmp_path):
-    commands = ["make", "--dry-run", f"VENV={tmp_path / 'venv'}", "demo"]
+    commands = ["make", "--no-print-directory", "--dry-run", f"VENV={tmp_path / 'venv'}", "demo"]
     steps = subprocess.run(commands, cwd=ROOT, capture_output=True, text=True, check=True).stdout.splitlines()
     assert re.match(r"echo 'Setting up .* from PyPI, .* about \d+ MB, takes a minute", steps[0])
     (install,) = [step for step in steps if "pip install" in step and "ros,test,dev" in step]
