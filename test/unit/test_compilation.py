@@ -83,7 +83,7 @@ def test_an_edited_source_is_compiled_anew_even_if_its_file_looks_untouched(copy
     before, _ = answer(copy)
     file = copy / "rft_ros" / source
     was, text = file.stat(), file.read_text(encoding="utf-8")
-    old, new = ("xy - wz, xz + wy", "xy + wz, xz + wy") if "frames" in source else ("w = mount[7]", "w = mount[8]")
+    old, new = ("xy - wz, xz + wy", "xy + wz, xz + wy") if "frames" in source else ("-mount[7])", "-mount[8])")
     assert old in text
     file.write_text(text.replace(old, new), encoding="utf-8")
     os.utime(file, ns=(was.st_atime_ns, was.st_mtime_ns))
