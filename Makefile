@@ -16,7 +16,8 @@ test: venv lint
 lint: venv
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
-	$(BIN)/mypy
+	@if $(BIN)/python -c 'import sys; sys.exit(sys.version_info < (3, 11))'; then echo mypy && $(BIN)/mypy; \
+	else echo 'mypy is not run: the types of the last NumPy for Python 3.10 are too coarse'; fi
 
 studies: venv
 	$(BIN)/python -m studies all -o out/studies --docs docs/paper.md --docs docs/accuracy.md --docs docs/where-it-fails.md
