@@ -202,8 +202,6 @@ class Tare:
     def still(self, stamp: int) -> None:
         """Note that the tool hung still in the air at `stamp` [ns]."""
         self._seen, self._still = True, stamp
-        if stamp < self._disturbed:  # time jump
-            self._disturbed = 0
 
     def mean(self, samples: deque[WrenchSample], window: float) -> Wrench:
         """Mean of the raw samples over the last `window` [s]; InputError says why a tare would be wrong now."""
