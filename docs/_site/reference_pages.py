@@ -14,7 +14,7 @@ __all__ = ["commands_page", "default_yaml", "main", "node_page", "readme"]
 ROOT = Path(__file__).resolve().parents[2]
 
 _REASONS = {
-    Reason.MESSAGE_UNREADABLE: "the bytes are not a message of the topic's type",
+    Reason.MESSAGE_UNREADABLE: "the bytes are not a message of the topic's type, or its stamp is not a time",
     Reason.POSE_NOT_FINITE: "the pose contains NaN or infinity",
     Reason.POSE_QUATERNION_NOT_UNIT: "the quaternion's length differs from 1 by more than 1 %",
     Reason.POSE_FRAME_UNKNOWN: "the pose's frame_id is not `world_frame`",

@@ -63,11 +63,13 @@ def replay_all(
     batch = Batch()
     for number, (bag, name) in enumerate(zip(bags, folder_names(bags), strict=True), start=1):
         try:
-            summary = batch.summaries[name] = one(bag, out / name, f"{number}/{len(bags)} {name}")
-            done(summary)
+            summary = one(bag, out / name, f"{number}/{len(bags)} {name}")
         except InputError as error:
             batch.failures[name] = str(error)
             done(error)
+        else:
+            batch.summaries[name] = summary
+            done(summary)
     try:
         out.mkdir(parents=True, exist_ok=True)
         (out / "summary.json").write_text(batch.json(), encoding="utf-8")

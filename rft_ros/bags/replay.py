@@ -16,7 +16,17 @@ from rft_ros.bags.statistics import count_flags, statistics
 from rft_ros.bags.summary import Summary
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator import Estimate, Estimator, Measurement, Model, NoEstimate, Reason, Settings, Wrench
+from rft_ros.estimator import (
+    Estimate,
+    Estimator,
+    Measurement,
+    Model,
+    NoEstimate,
+    Reason,
+    Settings,
+    Wrench,
+    WrenchSample,
+)
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.estimator.warm_up import warm_up
@@ -178,9 +188,9 @@ def _bias(
     begin = newest = 0
     with Recording(bag, topics, start=start, end=start + seconds) as recording:
         for sample, answer in play(recording, estimator, bag.name):
-            if answer is None:
+            if isinstance(sample, WrenchSample):
                 newest = sample.stamp
-            elif not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
+            elif answer is not None and not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
                 begin = sample.stamp
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)

@@ -314,6 +314,7 @@ class Estimator:
         """Start a new run at `stamp` after a time jump: drop the samples of the run before."""
         self.counts[Reason.TIME_JUMP.value] += 1
         self._due = 0
+        self._tare = Tare()
         self._difference.reset()
         self._begin_memory(self.model)
         self.finish()

@@ -3,7 +3,6 @@
 import math
 from collections import Counter, deque
 from collections.abc import Callable
-from itertools import islice
 from typing import NamedTuple
 
 import numpy as np
@@ -21,9 +20,8 @@ GRAVITY = 9.80665
 """Standard gravity [m/s²] (ISO 80000-3)."""
 
 HISTORY = 8192
-"""Load-cell samples kept: 8 s of a 1 kHz stream for the tare."""
+"""Load-cell samples kept: 8 s of a 1 kHz stream. A pose older than all of them counts as without any."""
 
-_LOOK_BACK = 1024  # samples searched for those around a pose; an older pose counts as without any
 _MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
 _FEWEST_FOR_TARE = 10
 
@@ -154,7 +152,7 @@ class Comparison:
     def _measured(self, pending: _Pending) -> Measurement:
         stamp, numbers, frame, quaternion = pending
         before = after = None
-        newest_first = islice(reversed(self._samples), _LOOK_BACK)
+        newest_first = reversed(self._samples)
         for sample in newest_first:
             if sample.stamp <= stamp:
                 before = sample
@@ -202,8 +200,6 @@ class Tare:
     def still(self, stamp: int) -> None:
         """Note that the tool hung still in the air at `stamp` [ns]."""
         self._seen, self._still = True, stamp
-        if stamp < self._disturbed:  # time jump
-            self._disturbed = 0
 
     def mean(self, samples: deque[WrenchSample], window: float) -> Wrench:
         """Mean of the raw samples over the last `window` [s]; InputError says why a tare would be wrong now."""

@@ -39,6 +39,12 @@ _CDR = {b"\x00\x01": _layout("iII", "<"), b"\x00\x00": _layout("iII", ">")}
 _ROS1_HEAD, _ROS1_DOUBLES = _layout("4xIII", "<")
 
 
+def _stamp(seconds: int, nanoseconds: int) -> int:
+    if seconds >= 2**31 or nanoseconds >= 1_000_000_000:
+        raise ValueError(f"stamp {seconds} s {nanoseconds} ns is not a time that ROS 2 can publish")
+    return seconds * 1_000_000_000 + nanoseconds
+
+
 def _from_cdr(data: bytes, count: int) -> _Content:
     layout = _CDR.get(data[:2])
     if layout is None:
@@ -47,13 +53,13 @@ def _from_cdr(data: bytes, count: int) -> _Content:
     seconds, nanoseconds, length = head.unpack_from(data, 4)
     frame = data[16 : 15 + length].decode()  # the length counts a final NUL
     aligned = 4 + (12 + length + 7) // 8 * 8
-    return seconds * 1_000_000_000 + nanoseconds, frame, doubles[count].unpack_from(data, aligned)
+    return _stamp(seconds, nanoseconds), frame, doubles[count].unpack_from(data, aligned)
 
 
 def _from_ros1(data: bytes, count: int) -> _Content:
     seconds, nanoseconds, length = _ROS1_HEAD.unpack_from(data)
     frame = data[16 : 16 + length].decode()
-    return seconds * 1_000_000_000 + nanoseconds, frame, _ROS1_DOUBLES[count].unpack_from(data, 16 + length)
+    return _stamp(seconds, nanoseconds), frame, _ROS1_DOUBLES[count].unpack_from(data, 16 + length)
 
 
 def decoder(role: Role, *, ros1: bool) -> Callable[[bytes], Sample]:

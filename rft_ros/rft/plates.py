@@ -4,8 +4,8 @@ The kernel visits them in blocks of neighbours and skips blocks in which no plat
 body's plates trail, and a tool is seldom fully submerged. Skipping single plates would prevent vectorisation.
 """
 
-from dataclasses import dataclass
-from typing import Literal
+from dataclasses import dataclass, fields
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,6 +38,14 @@ class Blocks:
     rows: Array
     order: NDArray[np.int64]
     bounds: Array
+
+    def __post_init__(self) -> None:
+        for array in (self.rows, self.order, self.bounds):
+            array.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # Unpickled arrays are writable, another type to numba, so `__post_init__` must run.
+        return Blocks, (self.rows, self.order, self.bounds)
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -78,12 +86,17 @@ class Plates:
         if len(r) > 7:
             first, second = r[7:10], r[10:13]
             far = np.sqrt(np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0))
-        packed = np.ascontiguousarray(r[:7])
+        reach = float((np.linalg.norm(r[:3], axis=0) + far).max())
+        self._set(np.ascontiguousarray(r[:7]), reach, "centroid" if len(r) == 7 else "refined", _blocks(r, far))
+
+    def _set(self, packed: Array, reach: float, integration: Integration, blocks: Blocks) -> "Plates":
         packed.flags.writeable = False
-        object.__setattr__(self, "packed", packed)
-        object.__setattr__(self, "reach", float((np.linalg.norm(r[:3], axis=0) + far).max()))
-        object.__setattr__(self, "integration", "centroid" if len(r) == 7 else "refined")
-        object.__setattr__(self, "blocks", _blocks(r, far))
+        for field, value in zip(fields(self), (packed, reach, integration, blocks), strict=True):
+            object.__setattr__(self, field.name, value)
+        return self
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _restored, (self.packed, self.reach, self.integration, self.blocks)
 
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
@@ -133,6 +146,11 @@ class Plates:
         return float(self.packed[6].sum())
 
 
+def _restored(packed: Array, reach: float, integration: Integration, blocks: Blocks) -> Plates:
+    """Unpickled plates; `Plates` itself would normalise the normals again and change their last bits."""
+    return Plates.__new__(Plates)._set(packed, reach, integration, blocks)
+
+
 def _blocks(rows: Array, far: Array) -> Blocks:
     """Sort plates, shape [7 or 14, n], units as in `Blocks.rows`, into blocks of similar normals and positions.
 
@@ -146,10 +164,7 @@ def _blocks(rows: Array, far: Array) -> Blocks:
     padding = -n % BLOCK
     packed = np.ascontiguousarray(np.hstack([rows[:, order], np.repeat(rows[:, order[-1:]], padding, axis=1)]))
     packed[6, n:] = 0.0
-    blocks = Blocks(packed, order, _bounds(packed, np.concatenate([far[order], np.zeros(padding)])))
-    for array in (blocks.rows, blocks.order, blocks.bounds):
-        array.flags.writeable = False
-    return blocks
+    return Blocks(packed, order, _bounds(packed, np.concatenate([far[order], np.zeros(padding)])))
 
 
 def _neighbours(features: Array) -> NDArray[np.int64]:

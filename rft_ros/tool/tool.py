@@ -41,11 +41,11 @@ class Tool:
     reduction: Reduction | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.plates.packed, self.facets.packed, self.vertices, self.faces, self.corners):
+        for array in (self.vertices, self.faces, self.corners):
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Unpickled arrays are writeable. numba would compile again for them, so `__post_init__` must run.
+        # Unpickled arrays are writable, so `__post_init__` must run.
         return partial(Tool, **{f.name: getattr(self, f.name) for f in fields(self)}), ()
 
     def lowest_point(self, rotation: NDArray[np.float64]) -> float:

@@ -93,6 +93,18 @@ def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
     assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
 
 
+def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
+    """Poses and twists come at 500 Hz, the load cell at 100 Hz; its last sample is 8 ms older than the last twist."""
+    values_of = {role: v for role, _, _, v in moments(1)}
+    times = [("pose", k) for k in range(0, 300, 2)] + [("twist", k) for k in range(9, 300, 2)]
+    times += [("wrench", k) for k in range(0, 300, 10)]
+    rows = [
+        (r, START + k * STEP // 10, START + k * STEP // 10, values_of[r]) for r, k in sorted(times, key=lambda t: t[1])
+    ]
+    summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values(), ReplayOptions(tare=0.149))
+    assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
+
+
 def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     with pytest.raises(InputError, match=r"bag .*tare refused: .*(moved|in the grains)"):

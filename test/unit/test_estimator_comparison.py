@@ -150,3 +150,12 @@ def test_arrival_shuffled_by_up_to_5_ms_changes_no_estimate_and_no_measurement(s
     assert got == expected
     answers, measurements, _ = got
     assert [m.stamp for m in measurements] == [a.stamp for a in answers]
+
+
+def test_a_pose_within_max_input_age_finds_its_reading_among_any_number_of_later_samples():
+    e = estimator(max_input_age=3.0)
+    for k in range(-1, 2000):
+        push(e, ramp(START + k * MS))
+    push(e, twist())
+    push(e, pose())
+    assert e.measurements()[0].compensated[2] == 0.0

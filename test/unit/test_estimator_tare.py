@@ -133,3 +133,13 @@ def test_after_a_jump_back_in_time_a_still_tool_can_be_tared_again():
     run(e, 1.0, start=START - 50 * SECOND)
     assert e.tare(0.5) == pytest.approx(READING)
     assert isinstance(e.push_pose(pose(START - 49 * SECOND, AIR)), Estimate)
+
+
+def test_rest_before_a_jump_back_in_time_does_not_count_after_it():
+    """After the jump the tool was last seen in the grains, two seconds ago."""
+    e = estimator()
+    run(e, 1.0)
+    after = run(e, 1.0, start=START - 50 * SECOND, position=GRAINS)
+    for k in range(200):
+        e.push_wrench(wrench(after + k * 10 * MS, READING))
+    assert refused(e) == "tare refused: within the last 0.5 s no pose has shown the tool at rest"

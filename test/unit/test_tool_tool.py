@@ -1,13 +1,16 @@
 """Tools: plates from a mesh file, the lowest point, pickling, and the description."""
 
 import pickle
+from copy import deepcopy
 
+import numba
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
 from rft_ros.errors import InputError
+from rft_ros.rft import INTEGRATIONS
 from rft_ros.tool import describe_tool, load_tool
 
 
@@ -95,7 +98,8 @@ def test_vertices_of_no_facet_are_not_the_lowest(tmp_path):
 
 
 def arrays(tool):
-    return (tool.plates.packed, tool.vertices, tool.faces, tool.corners)
+    blocks = tool.plates.blocks
+    return (tool.plates.packed, blocks.rows, blocks.order, blocks.bounds, tool.vertices, tool.faces, tool.corners)
 
 
 @pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
@@ -111,6 +115,19 @@ def test_pickled_tool_is_the_same_and_read_only(ball, protocol):
         assert np.array_equal(there, here)
         assert there.flags.c_contiguous == here.flags.c_contiguous
         assert not there.flags.writeable
+
+
+@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
+@pytest.mark.parametrize("integration", INTEGRATIONS)
+def test_pickled_plates_are_the_same_type_to_the_compiler(integration, protocol):
+    """Writable arrays are another type: passed to code compiled for read-only ones, nothing would check them."""
+    plates = load_tool("plate", integration=integration).plates
+    for copy in (pickle.loads(pickle.dumps(plates, protocol)), deepcopy(plates)):
+        assert (copy.reach, copy.integration) == (plates.reach, plates.integration)
+        assert np.array_equal(copy.rows, plates.rows)
+        for name in ("rows", "order", "bounds"):
+            assert numba.typeof(getattr(copy.blocks, name)) == numba.typeof(getattr(plates.blocks, name))
+        assert not copy.packed.flags.writeable
 
 
 def test_arrays_are_read_only(ball):
