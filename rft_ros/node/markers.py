@@ -73,21 +73,28 @@ def _splice(marker: Marker, corners: bytes, colours: NDArray[np.float32]) -> byt
 
 
 class Markers:
-    """Publishes markers of the last estimate, called by a timer between ticks."""
+    """Publishes markers of the last estimate, called by a timer between ticks. Each `estimated` replaces the last."""
 
     def __init__(self, node: Node, estimator: Estimator) -> None:
         self._estimator = estimator
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
         self._drawn: _Drawn | None = None
-        self._last = 0
+        self._answer: Estimate | None = None
+        self._state = estimator.state.copy()
+        self._model, self._settings = estimator.model, estimator.settings
 
-    def publish(self, answer: Estimate | None, measurement: Measurement | None) -> None:
+    def estimated(self, answer: Estimate) -> None:
+        """Keep an estimate with its state, model and settings: the estimator's own may change before `publish`."""
+        self._answer = answer
+        self._state[:] = self._estimator.state
+        self._model, self._settings = self._estimator.model, self._estimator.settings
+
+    def publish(self, measurement: Measurement | None) -> None:
         """Draw the last estimate and measurement, if there is a subscriber and the estimate is new."""
-        if answer is None or answer.stamp == self._last or not self._publisher.get_subscription_count():
+        answer, state, model, settings = self._answer, self._state, self._model, self._settings
+        if answer is None or not self._publisher.get_subscription_count():
             return
-        self._last = answer.stamp
-        model, settings = self._estimator.model, self._estimator.settings
-        state = self._estimator.state
+        self._answer = None
         if self._drawn is None or self._drawn.tool is not model.tool:
             self._drawn = _drawn(model.tool)
         forces = plate_forces(model.tool.facets, model.law, state, surface_height=settings.surface_height)
@@ -103,7 +110,7 @@ class Markers:
 
     def _small(self, answer: Estimate, measured: Wrench | None, state: NDArray[np.float64]) -> list[Marker]:
         """Arrows for the forces, from the tool frame's origin, and the surface around the tool."""
-        cell = self._estimator.settings.load_cell
+        cell = self._settings.load_cell
         to_world = rotation_matrix(state[3:7]) @ rotation_matrix(cell.quaternion)
         markers = []
         for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, measured, _MEASURED)):
@@ -118,8 +125,8 @@ class Markers:
             markers.append(arrow)
         surface = self._marker(answer.stamp, 3, Marker.CUBE)
         surface.pose.position.x, surface.pose.position.y = state[0].item(), state[1].item()
-        surface.pose.position.z = self._estimator.settings.surface_height
-        surface.scale.x = surface.scale.y = 10.0 * self._estimator.model.tool.plates.reach
+        surface.pose.position.z = self._settings.surface_height
+        surface.scale.x = surface.scale.y = 10.0 * self._model.tool.plates.reach
         surface.scale.z = 1e-4
         surface.color.r, surface.color.g, surface.color.b, surface.color.a = 0.76, 0.7, 0.5, 0.4
         markers.append(surface)
@@ -127,7 +134,7 @@ class Markers:
 
     def _marker(self, stamp: int, number: int, kind: int) -> Marker:
         marker = Marker(ns="rft", id=number, type=kind, action=Marker.ADD)
-        marker.header.frame_id = self._estimator.settings.world_frame
+        marker.header.frame_id = self._settings.world_frame
         marker.header.stamp.sec, marker.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         return marker
 

@@ -135,7 +135,7 @@ def _plain(value: Any) -> Any:
 
 def _resolved_table(table: str) -> str:
     """The path of an `alpha_y.table`; one that a parameter file names is relative to that file's folder."""
-    for file in parameter_files() if table else ():
+    for file in reversed(parameter_files() if table else []):  # ROS takes the last file's value
         if node_parameters(file, NODE_KEYS).get("alpha_y.table") == table:
             return table_path(file, table)
     return table

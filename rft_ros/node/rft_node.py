@@ -138,6 +138,7 @@ class RftNode(Node):
             self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
             self._medium.publish(answer)
             self._diagnostics.answered(answer, perf_counter() - start)
+            self._markers.estimated(answer)
         self._publish_measurements()
 
     def _publish_measurements(self) -> None:
@@ -224,4 +225,4 @@ class RftNode(Node):
         return response
 
     def _on_markers(self) -> None:
-        self._markers.publish(self._diagnostics.newest_estimate, self._last_measurement)
+        self._markers.publish(self._last_measurement)

@@ -3,6 +3,7 @@
 import mmap
 import os
 import pickle
+import subprocess
 import time
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
@@ -15,6 +16,7 @@ from rft_ros.tool import Tool, ToolRequest
 __all__ = ["ToolWorker", "receive_tool", "send_tool", "serve"]
 
 _DEADLINE = 120.0  # s
+_EXIT = 0.5  # s, for a worker that closed its connection to end
 _NICENESS = 10  # the worker gets a tenth of a busy core, and all of an idle one
 _ALIGNMENT = 64
 
@@ -32,8 +34,8 @@ class ToolWorker:
 
     def _start(self) -> None:
         self._connection, theirs = Pipe()
-        self._process = start_child(serve, theirs.fileno(), pass_fds=[theirs.fileno()])
-        theirs.close()
+        with theirs:
+            self._process = start_child(serve, theirs.fileno(), pass_fds=[theirs.fileno()])
 
     @property
     def pid(self) -> int:
@@ -45,7 +47,7 @@ class ToolWorker:
         self.cancel()
         if self._process.poll() is not None:
             self._replace()
-        with suppress(BrokenPipeError):  # `poll` reports it
+        with suppress(OSError):  # `poll` reports it
             self._connection.send(request)
         self.loading = request
         self._expires = time.monotonic() + self._deadline
@@ -68,16 +70,20 @@ class ToolWorker:
             else:
                 answer = f"mesh.file '{self.loading.file}' took over {self._deadline:g} s to load"
                 self._replace()
-        except (EOFError, OSError):
-            status = self._process.wait()
-            answer = f"the process that loads meshes ended with status {status}; set mesh.file again"
+        except Exception as error:  # any: the worker ended, no descriptor is left here, or the pickle is damaged
+            try:
+                why = f"ended with status {self._process.wait(_EXIT)}"
+            except subprocess.TimeoutExpired:
+                why = f"gave an answer that cannot be read ({type(error).__name__}: {error})"
+            answer = f"the process that loads meshes {why}; set mesh.file again"
             self._replace()
         self.loading = None
         return answer
 
     def _replace(self) -> None:
         self.close()
-        self._start()
+        with suppress(OSError):  # no descriptor or process to be had: `poll` reports it, the next `load` tries again
+            self._start()
 
     def close(self) -> None:
         """End the process."""

@@ -28,3 +28,18 @@ def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(rft):
     assert predicted.points[1].z - predicted.points[0].z > 0.0
     assert measured.points[1].z - measured.points[0].z == pytest.approx(0.04)
     assert surface.pose.position.z == 0.0
+
+
+def test_a_tool_that_came_to_rest_is_drawn_at_its_last_estimate(rft):
+    tools: list[Marker] = []
+    listener = rft.node.create_subscription(
+        MarkerArray, f"{rft.name}/markers", lambda m: tools.extend(t for t in m.markers if t.id == 0), 10
+    )
+
+    def move_and_rest():
+        rft.send(rft.moment(), z=-0.01)
+        rft.send(rft.moment(), z=-0.02, linear=(0.0, 0.0, 0.0))
+
+    rft.until(lambda: move_and_rest() or len(tools) >= 5)
+    rft.node.destroy_subscription(listener)
+    assert {t.pose.position.z for t in tools[1:]} == {-0.01}  # the first may be of a test before

@@ -244,6 +244,19 @@ def test_a_relative_table_is_looked_for_beside_the_parameter_file_that_names_it(
     assert rft.get("alpha_y.table").string_value == str(tmp_path / "table.csv")
 
 
+def test_of_two_parameter_files_the_table_is_beside_the_one_whose_values_ros_takes(start_node, tmp_path):
+    arguments = []
+    for zeta, key in ((0.25, "/**/rft"), (0.5, "/**")):
+        file = tmp_path / f"{zeta}" / "cell.yaml"
+        file.parent.mkdir()
+        (file.parent / "table.csv").write_text("0,0.2\n180,0.1\n")
+        file.write_text(f"{key}:\n  ros__parameters:\n    alpha_y.table: table.csv\n    medium.zeta: {zeta}\n")
+        arguments += ["--params-file", str(file)]
+    rft = start_node(*arguments).wait_ready()
+    folder = tmp_path / str(rft.get("medium.zeta").double_value)
+    assert rft.get("alpha_y.table").string_value == str(folder / "table.csv")
+
+
 def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_replay(start_node, tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")

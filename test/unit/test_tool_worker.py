@@ -2,6 +2,8 @@
 
 import multiprocessing
 import os
+import pickle
+import resource
 import signal
 import time
 
@@ -76,6 +78,29 @@ def test_a_killed_worker_fails_its_swap_and_is_replaced(worker):
     worker.load(ToolRequest("wheel"))
     os.kill(worker.pid, signal.SIGKILL)
     assert "ended with status -9" in answer(worker)
+    assert isinstance(loaded(worker, ToolRequest("plate")), Tool)
+
+
+@pytest.mark.parametrize("free", [0, 1])
+def test_without_free_descriptors_a_swap_fails_and_the_next_one_with_some_succeeds(worker, free):
+    """With 0 free, the socket cannot be duplicated; with 1, the descriptor of the tool's memory does not arrive."""
+    worker.load(ToolRequest("plate"))
+    lowest_free = os.dup(0)
+    os.close(lowest_free)
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (lowest_free + free, hard))
+    try:
+        assert "cannot be read" in answer(worker)
+        assert isinstance(loaded(worker, ToolRequest("plate")), str)
+    finally:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
+    assert isinstance(loaded(worker, ToolRequest("plate")), Tool)
+
+
+def test_a_damaged_answer_fails_its_swap(worker, monkeypatch):
+    monkeypatch.setattr("rft_ros.node.tool_worker.receive_tool", lambda _: pickle.loads(b"damaged"))
+    assert "cannot be read (UnpicklingError: " in loaded(worker, ToolRequest("plate"))
+    monkeypatch.undo()
     assert isinstance(loaded(worker, ToolRequest("plate")), Tool)
 
 
