@@ -21,7 +21,7 @@ def warm_up(model: Model, *, learning: bool = False) -> None:
     mode: LearningMode = "apply" if learning else "off"
     estimator = Estimator(Settings(twist_source="pose_difference", learning_mode=mode), model)
     for k in range(1, 5):
-        height = 1e3 - 0.001 * k  # in the air, where the kernel is the same
+        height = -1e3 - 0.001 * k  # deep in the grains, where a pose reaches every function
         estimator.push_wrench(WrenchSample(k * 10_000_000, "ft_sensor", (0.0,) * 6))
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
 

@@ -11,7 +11,6 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParam
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
-from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import (
     NODE_KEYS,
     PARAMETERS,
@@ -48,7 +47,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 class NodeParameters:
     """The node's values of the parameter table.
 
-    `validate(values, changed)` is called before a change and raises InputError to refuse it; a refused change has no
+    `validate(values, changed)` is called before a change and raises ValueError to refuse it; a refused change has no
     effect. `apply(values, changed)` is called after a change. Each change is logged with old and new value and, if the
     node itself made it, the reason.
     """
@@ -110,7 +109,7 @@ class NodeParameters:
             merged, changed = self._merged(parameters)
             if changed:
                 self._validate(merged, changed)
-        except InputError as error:
+        except ValueError as error:  # an exception here would end the node
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

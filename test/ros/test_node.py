@@ -58,6 +58,10 @@ def test_a_table_of_alpha_y_swaps_in_and_a_missing_one_is_refused(rft, tmp_path)
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
     refused, reason = rft.set(alpha_y__table=str(tmp_path / "none.csv"))
     assert not refused and "none.csv" in reason
+    steep = tmp_path / "steep.csv"
+    steep.write_text("beta,alpha_y\n0,0.1\n1e-320,0.2\n")  # no finite number of nodes per radian
+    refused, reason = rft.set(alpha_y__table=str(steep))
+    assert not refused and "beta_nodes" in reason
     assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core()[2], rel=1e-12)
     assert rft.set(alpha_y__model="constant", alpha_y__table="") == (True, "")
 
