@@ -187,7 +187,11 @@ def test_an_absolute_path_of_a_table_and_none_are_kept(tmp_path):
 
 def test_a_written_file_means_the_same_tool_from_any_folder(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    absolute = {"tool.stl": f"{tmp_path}/tool.stl", "below/tool": f"{tmp_path}/below/tool", "/else/a.stl": "/else/a.stl"}
+    absolute = {
+        "tool.stl": f"{tmp_path}/tool.stl",
+        "below/tool": f"{tmp_path}/below/tool",
+        "/else/a.stl": "/else/a.stl",
+    }
     kept = {name: name for name in ("plate", "package://rft_ros/meshes/plate.stl")}
     for k, (mesh, written) in enumerate({**absolute, **kept}.items()):
         file = tmp_path / f"{k}.yaml"
