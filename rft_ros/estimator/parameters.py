@@ -15,7 +15,7 @@ from rft_ros.estimator.alpha_y_table import read_alpha_y_table
 from rft_ros.estimator.settings import LoadCell, Model, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, alpha_y_model, medium_named, treers2021
 from rft_ros.rft.frames import UNIT_TOLERANCE
-from rft_ros.tool import Tool, ToolRequest
+from rft_ros.tool import Tool, ToolRequest, locate_mesh
 from rft_ros.yaml_file import read_yaml
 
 __all__ = [
@@ -385,13 +385,20 @@ def table_path(file: Path, table: str) -> str:
 
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
-    """Write a file that `read_parameter_file` and the node read; a relative `alpha_y.table` is made absolute."""
+    """Write a new file that `read_parameter_file` and the node read. Raises InputError if it exists.
+
+    A relative path in `alpha_y.table` or `mesh.file` is made absolute.
+    """
     plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
     if table := plain["alpha_y.table"]:
         plain["alpha_y.table"] = str(Path(table).expanduser().absolute())
+    mesh = locate_mesh(plain["mesh.file"])
+    if mesh == Path(plain["mesh.file"]).expanduser():  # a path: neither a shipped name nor a package:// URI
+        plain["mesh.file"] = str(mesh.absolute())
     tree = {"/**": {"ros__parameters": plain}}
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+        with file.open("x", encoding="utf-8") as new:
+            new.write(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False))
     except OSError as error:
         raise InputError(f"parameter file '{file}' cannot be written: {reason_of(error)}") from None

@@ -36,7 +36,6 @@ class LearnedMedium:
 
     def __init__(self, node: Node, estimator: Estimator, qos: QoSProfile) -> None:
         self._logger = node.get_logger()
-        self._now = node.get_clock().now
         self._estimator = estimator
         self._publisher = node.create_publisher(JointState, "~/medium_learned", qos)
         self._published = 0
@@ -88,7 +87,8 @@ class LearnedMedium:
         strength, error = learned
         zeta = float(values["medium.zeta"]) * strength  # type: ignore[arg-type]
         new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
-        moment = datetime.fromtimestamp(self._now().nanoseconds * 1e-9, timezone.utc).strftime("%Y%m%dT%H%M%S")
+        # Not ROS time: simulated time begins at 1970 each time and would repeat names.
+        moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
         file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_medium_{moment}.yaml"
         try:
             write_parameter_file(file, new, comment="rft_node: medium.zeta learned from the load cell")

@@ -64,16 +64,17 @@ class NodeParameters:
         self._apply = apply
         self._values: dict[str, Value] = {}
         self._why = ""
+        overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
         for p in PARAMETERS:
             # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
-            override = node._parameter_overrides.get(p.name)
+            override = overrides.get(p.name)
             value = p.default if override is None else checked(p.name, _plain(override.value))
             if p.name == "alpha_y.table":
                 value = _resolved_table(str(value))
             self._values[p.name] = value
             node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
-        for name in node._parameter_overrides.keys() - node._parameters.keys():
-            if not name.startswith("qos_overrides.") and name != "use_sim_time":
+        for name in overrides:
+            if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
                 node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
         node.add_pre_set_parameters_callback(self._with_doubles)
         node.add_on_set_parameters_callback(self._on_set)

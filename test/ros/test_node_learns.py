@@ -49,6 +49,7 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
     rft.until(lambda: any(s.name.endswith(": medium") for d in rft.diagnostics for s in d.status))
     successful, file = trigger(rft, "save_medium")
     assert successful
+    assert trigger(rft, "save_medium")[1] != file  # also in the same second
     saved = read_parameter_file(tmp_path / file)
     assert saved["medium.zeta"] != 0.3
     assert saved["medium.zeta_error"] > 0.0

@@ -10,10 +10,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import WrenchStamped
-from harness import WAIT, numbers, predicted_by_the_core, stamp_of
+import rclpy
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from harness import WAIT, numbers, predicted_by_the_core, set_stamp, stamp_of
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
+
+from rft_ros.node.rft_node import RftNode
 
 S = 1_000_000_000
 
@@ -72,6 +76,28 @@ def test_simulated_time_dates_the_diagnostics_and_changes_no_estimate(start_node
 
     rft.until(dated)
     assert math.isclose(float(rft.diagnostic("inputs")[2]["pose_age_s"]), 4.0)
+
+
+def test_a_pose_after_a_bag_loop_finds_the_twists_that_still_wait(monkeypatch):
+    """The node never spins here, so that no callback takes a twist before the pose's does."""
+    monkeypatch.setattr(sys, "argv", ["rft_node"])
+    node, peer = RftNode(None), rclpy.create_node("loop")
+    twists = peer.create_publisher(TwistStamped, "/rft/twist", 10)
+    twist, pose = TwistStamped(), PoseStamped()
+    twist.header.frame_id = pose.header.frame_id = "world"
+    twist.twist.linear.z, pose.pose.position.z = -0.01, -0.01
+    for moment in (100 * S, 10 * S):  # the bag loops
+        end, estimates = time.monotonic() + 20.0, node.estimator.counts["estimates"]
+        while node.estimator.counts["estimates"] == estimates:
+            assert time.monotonic() < end, dict(node.estimator.counts)
+            moment += 1_000_000
+            set_stamp(twist, moment)
+            set_stamp(pose, moment)
+            twists.publish(twist)
+            time.sleep(0.01)
+            node._on_pose(serialize_message(pose))
+    node.destroy_node()
+    peer.destroy_node()
 
 
 def test_a_subscription_that_cannot_match_is_reported(rft):

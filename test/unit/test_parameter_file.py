@@ -7,7 +7,7 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
-from rft_ros.estimator.parameters import defaults, read_parameter_file
+from rft_ros.estimator.parameters import defaults, read_parameter_file, write_parameter_file
 
 
 @pytest.fixture
@@ -183,6 +183,28 @@ def test_an_absolute_path_of_a_table_and_none_are_kept(tmp_path):
     for written in ("/else/table.csv", ""):
         file.write_text(f'/**:\n  ros__parameters:\n    alpha_y.table: "{written}"\n')
         assert read_parameter_file(file)["alpha_y.table"] == written
+
+
+def test_a_written_file_means_the_same_tool_from_any_folder(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    absolute = {
+        "tool.stl": f"{tmp_path}/tool.stl",
+        "below/tool": f"{tmp_path}/below/tool",
+        "/else/a.stl": "/else/a.stl",
+    }
+    kept = {name: name for name in ("plate", "package://rft_ros/meshes/plate.stl")}
+    for k, (mesh, written) in enumerate({**absolute, **kept}.items()):
+        file = tmp_path / f"{k}.yaml"
+        write_parameter_file(file, {**defaults(), "mesh.file": mesh}, comment="from a test")
+        assert read_parameter_file(file)["mesh.file"] == written
+
+
+def test_writing_never_overwrites_a_file(tmp_path):
+    file = tmp_path / "cell.yaml"
+    file.write_text("# mine\n")
+    with pytest.raises(InputError, match=r"parameter file '.*cell\.yaml' cannot be written: .*exists"):
+        write_parameter_file(file, defaults(), comment="from a test")
+    assert file.read_text() == "# mine\n"
 
 
 def test_a_missing_table_is_named():
