@@ -3,6 +3,7 @@
 import math
 import os
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -65,7 +66,10 @@ class Watcher:
         self.counts[topic] = 0
 
         def record(data: bytes) -> None:
-            self._bag.write_raw(topic, type_name, self.node.get_clock().now().nanoseconds, data)
+            # Log by stamp, a pose after its twist: a busy machine may deliver them in another order.
+            seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+            logged = seconds * 1_000_000_000 + nanoseconds + (topic == "/rft/pose")
+            self._bag.write_raw(topic, type_name, logged, data)
             self.counts[topic] += 1
             show(data)
 
