@@ -23,6 +23,7 @@ HISTORY = 8192
 """Load-cell samples kept: 8 s of a 1 kHz stream. A pose older than all of them counts as without any."""
 
 _MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
+_PATIENCE = 1_000_000_000  # ns of other topics' stamps to wait for the load cell: a process may stall by less
 _FEWEST_FOR_TARE = 10
 
 
@@ -108,9 +109,10 @@ class Comparison:
     """Compare each prediction with the load cell at its stamp, once the samples around it have come.
 
     The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns].
-    Without a sample after the stamp, the last one before it counts. `samples`: the load cell's, in the order of their
-    stamps; `counts` gets the reasons. `learn` gets each final comparison: stamp, compensated force in world axes [N] or
-    None, and whether the raw reading repeats the one before.
+    Without a sample after the stamp, the last one before it counts; that is decided once another input carries a stamp
+    later by 1 s, or by `max_age` if that is longer. `samples`: the load cell's, in the order of their stamps; `counts`
+    gets the reasons. `learn` gets each final comparison: stamp, compensated force in world axes [N] or None, and
+    whether the raw reading repeats the one before.
     """
 
     def __init__(
@@ -138,8 +140,9 @@ class Comparison:
     def settle(self, now: float) -> None:
         """Compare what can be compared; `now` [ns]: the stamp of the sample of any kind that has just come."""
         newest = self._samples[-1].stamp if self._samples else 0
+        patience = max(self.max_age, _PATIENCE)
         pending = self._pending
-        while pending and (pending[0].stamp <= newest or now > pending[0].stamp + self.max_age):
+        while pending and (pending[0].stamp <= newest or now > pending[0].stamp + patience):
             self._final.append(self._measured(pending.popleft()))
 
     def take(self) -> list[Measurement]:

@@ -53,7 +53,8 @@ def publish(rft, messages, *, frame):
     for topic, data in messages:
         publishers[topic].publish(data)
         poses += topic == "pose"
-        rft.until(lambda poses=poses: len(rft.received["wrench_predicted"]) >= poses - 20)  # no queue overflows
+        # no queue overflows, and no topic is ahead of another by the path that learning waits for
+        rft.until(lambda poses=poses: len(rft.received["wrench_predicted"]) >= poses - 10)
     last = WrenchStamped()
     last.header.frame_id = frame
     set_stamp(last, 2_000_000_000_000_000_000)

@@ -48,10 +48,10 @@ def test_a_sample_at_the_stamp_is_the_reading_whether_it_comes_before_the_pose_o
         assert [m.compensated for m in e.measurements()] == [exact.wrench]
 
 
-@pytest.mark.parametrize("last", [pose(START + AGE + 1), twist(START + AGE + 1), ramp(START + AGE + 1)])
-def test_without_a_sample_after_the_stamp_the_last_one_before_counts_after_max_input_age(last):
+@pytest.mark.parametrize("last", [pose(START + SECOND + 1), twist(START + SECOND + 1), ramp(START + AGE + 1)])
+def test_without_a_sample_soon_after_the_stamp_the_last_one_before_counts(last):
     e = waiting(ramp(START - 2 * MS))
-    push(e, twist(START + AGE))
+    push(e, twist(START + SECOND))
     assert e.measurements() == []
     push(e, last)
     assert e.measurements()[0].compensated[2] == -2.0
@@ -133,9 +133,9 @@ def replayed(samples):
     seed=st.integers(0, 2**32 - 1),
     wrench_period=st.sampled_from([MS, 2 * MS, 8 * MS]),
     gaps=st.sampled_from([0.0, 0.2]),
-    delay=st.floats(0.0, 5.0),
+    delay=st.sampled_from([0.1, 5.0, 900.0]),
 )
-def test_arrival_shuffled_by_up_to_5_ms_changes_no_estimate_and_no_measurement(seed, wrench_period, gaps, delay):
+def test_arrival_shuffled_by_less_than_a_second_changes_no_estimate_nor_measurement(seed, wrench_period, gaps, delay):
     poses, readings = streams(seed, wrench_period, gaps)
     random = np.random.default_rng(seed + 1)
 
