@@ -84,10 +84,13 @@ def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0), memory=0.8
         numbers = np.array(frame.into_sensor(state[3:7], answer)[:12])
         rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:]))
     readings = np.array(rows)
-    if rng is not None:
-        white = rng.normal(size=readings.shape) * np.repeat(noise, 3) * np.sqrt(1.0 - memory**2)
-        readings = readings + lfilter([1.0], [1.0, -memory], white, axis=0)
-    return readings
+    return readings if rng is None else noisy(readings, rng, noise=noise, memory=memory)
+
+
+def noisy(readings, rng, *, noise, memory=0.8):
+    """The readings with white noise, or noise of that lag-one correlation."""
+    white = rng.normal(size=readings.shape) * np.repeat(noise, 3) * np.sqrt(1.0 - memory**2)
+    return readings + lfilter([1.0], [1.0, -memory], white, axis=0)
 
 
 def track_of(time, states, readings, name="synthetic", tool=TOOL):

@@ -4,6 +4,7 @@ from collections import Counter
 
 import numpy as np
 import pytest
+import trimesh
 from scipy.spatial.transform import Rotation
 from synthetic_track import (
     GENERIC,
@@ -15,6 +16,7 @@ from synthetic_track import (
     in_the_air,
     known,
     law,
+    noisy,
     read_by,
     track_of,
     unknown,
@@ -24,6 +26,7 @@ from rft_ros.calibration import calibrate
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.tool_weight import Sensor
+from rft_ros.tool import load_tool
 
 TRIALS, ENOUGH = 100, 95
 NOISE = (0.1, 0.002)
@@ -49,11 +52,10 @@ def test_load_cell_surface_and_zeta(correlation):
     """From one recording: six poses in the air, a penetration, a dwell; the cell is turned and reports -1 times."""
     path = in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS).move((0.0, 0.0, -0.095), 0.01).wait(1.0)
     time, states = path.move((0.0, 0.0, 0.05), 0.02).states()
-    grains = grain_wrenches(time, states, law(ZETA), surface=SURFACE)
+    exact = read_by(LOAD_CELL, states, grain_wrenches(time, states, law(ZETA), surface=SURFACE))
 
     def trial(rng):
-        readings = read_by(LOAD_CELL, states, grains, rng, noise=NOISE, memory=correlation)
-        track = track_of(time, states, readings)
+        track = track_of(time, states, noisy(exact, rng, noise=NOISE, memory=correlation))
         return calibrate([track], unknown(), parts=("sensor", "surface", "zeta")).fitted
 
     truth = {
@@ -82,12 +84,15 @@ def test_load_cell_surface_and_zeta(correlation):
         ),
     ],
 )
-def test_mobilization_length(path):
+def test_mobilization_length(path, tmp_path):
+    trimesh.creation.box((50.0, 30.0, 5.0)).export(tmp_path / "blade.stl")
+    blade = load_tool(str(tmp_path / "blade.stl"))
     time, states = path().states()
-    grains = grain_wrenches(time, states, law(ZETA), surface=0.0, length=LENGTH)
+    grains = grain_wrenches(time, states, law(ZETA), surface=0.0, length=LENGTH, tool=blade)
+    exact = read_by(LOAD_CELL, states, grains)
 
     def trial(rng):
-        track = track_of(time, states, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
+        track = track_of(time, states, noisy(exact, rng, noise=NOISE), tool=blade)
         return [fit_memory_length([track], Sensor(cell=LOAD_CELL), law(), surface=0.0, rest_speed=REST)]
 
     hits = count(trial, {"medium.mobilization_length": (LENGTH,)})
@@ -99,9 +104,10 @@ def test_mobilization_length(path):
 )
 def test_alpha_y_from_plates_dragged_along_themselves(model, truth):
     time, states, grains = dragged((30.0, 50.0, 70.0, 90.0), lambda beta: truth[0] + sum(truth[1:]) * beta, zeta=ZETA)
+    exact = read_by(LOAD_CELL, states, grains)
 
     def trial(rng):
-        track = track_of(time, states, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
+        track = track_of(time, states, noisy(exact, rng, noise=NOISE))
         return calibrate([track], known(medium__zeta=ZETA), parts=("alpha_y",), alpha_y=model).fitted
 
     name = f"alpha_y ({model})"
