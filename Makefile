@@ -44,7 +44,7 @@ bench-swaps: venv
 	$(BIN)/python bench/swaps.py
 
 bench-replay: venv
-	$(BIN)/python bench/replay.py
+	$(BIN)/python -m bench.replay
 
 soak: venv
 	$(BIN)/python test/ros/soak.py

@@ -13,12 +13,12 @@ from pathlib import Path
 from statistics import median
 
 import numpy as np
-from kernel import cpu_model, ratio, seconds
 from rich.console import Console
 from rich.table import Table
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from bench.kernel import cpu_model, ratio, seconds
 from rft_ros.bags.replay import replay, replay_model
 from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator.messages import TYPES, Role

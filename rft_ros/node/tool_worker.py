@@ -8,6 +8,7 @@ import time
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import recv_handle, send_handle
+from pathlib import Path
 
 from rft_ros.child_process import start_child
 from rft_ros.errors import InputError
@@ -132,6 +133,8 @@ def serve(descriptor: int) -> None:
     """In the worker: answer requests on a connection until the node closes it."""
     connection = Connection(descriptor)
     os.nice(_NICENESS)
+    with suppress(OSError):  # a kernel that groups sessions applies niceness within a session only
+        Path("/proc/self/autogroup").write_text(str(_NICENESS))
     import scipy.spatial  # noqa: F401
     import trimesh  # noqa: F401
 
