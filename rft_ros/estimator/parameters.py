@@ -197,7 +197,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "executor",
         "events",
-        "rclpy executor. events: half the latency and a third of the CPU time; single: single-threaded.",
+        "rclpy executor. events: half the CPU time and a shorter latency; single: single-threaded.",
         choices=("events", "single"),
         applies="restart",
     ),
