@@ -114,7 +114,7 @@ def run_at(beta, alpha, noise=0.0):
     return PlateRun(beta=beta, psi=90.0, depth=0.05, load=7e-5, along=ZETA * 70.0 * alpha + noise, error=0.02)
 
 
-def test_an_alpha_y_table_holds_what_no_line_does():
+def test_an_alpha_y_table_holds_what_a_line_cannot():
     alpha = {30.0: 0.10, 60.0: 0.16, 90.0: 0.09}
     runs = [run_at(beta, a) for beta, a in alpha.items() for _ in range(2)]
     fit = fit_alpha_y(runs, GENERIC, zeta=ZETA, model="table")

@@ -67,7 +67,7 @@ def test_a_damaged_file_of_the_cache_counts_as_absent_and_is_written_anew(copy):
     assert answer(copy) == (numbers, "compiled 0")
 
 
-def test_a_file_that_cannot_be_written_fails_no_call(copy):
+def test_a_cache_that_cannot_be_written_does_not_fail_a_call(copy):
     numbers, _ = answer(copy)
     (file,) = kept(copy)
     file.unlink()

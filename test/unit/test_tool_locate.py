@@ -82,6 +82,6 @@ def test_shipped_name_is_not_hidden_by_a_folder_of_that_name(tmp_path, monkeypat
     assert locate_mesh("plate").name == "plate.stl"
 
 
-def test_import_of_the_room_loads_neither_trimesh_nor_ros():
+def test_importing_the_package_loads_neither_trimesh_nor_ros():
     code = "import sys, rft_ros.tool; sys.exit(bool({'trimesh', 'rclpy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

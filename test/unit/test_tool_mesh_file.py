@@ -192,7 +192,7 @@ def test_vertices_of_two_coordinates(tmp_path):
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # from writing the file
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb"])
-def test_vertices_that_are_no_numbers_are_counted(tmp_path, suffix, value):
+def test_vertices_that_are_not_numbers_are_counted(tmp_path, suffix, value):
     triangles = TRIANGLES.copy()
     triangles[3, 1, 2] = triangles[5, 0, 0] = value
     path = written(tmp_path, triangles, suffix)

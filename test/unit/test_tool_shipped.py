@@ -70,7 +70,7 @@ def test_middle_is_on_the_axis(name):
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_facets_are_of_even_size_and_no_slivers(name):
+def test_facets_have_similar_sizes_and_are_not_slivers(name):
     tool = load_tool(str(MESHES / f"{name}.stl"))
     area = tool.plates.packed[6]
     corners = tool.vertices[tool.faces]

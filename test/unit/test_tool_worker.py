@@ -67,7 +67,7 @@ def test_a_later_request_replaces_one_that_is_being_loaded(worker):
     assert worker.poll() is None
 
 
-def test_a_request_that_raises_the_unforeseen_is_a_sentence_and_the_worker_goes_on(worker):
+def test_an_unexpected_exception_in_the_worker_is_a_sentence_and_the_worker_continues(worker):
     pid = worker.pid
     assert "mesh.file 'plate' cannot be loaded" in loaded(worker, ToolRequest("plate", origin="nowhere"))
     assert isinstance(loaded(worker, ToolRequest("plate")), Tool)
