@@ -49,13 +49,13 @@ def down(millimetres, *, start=0.03):
     return Path((0.0, 0.0, start)).wait(1.0).move((0.0, 0.0, -start - 1e-3 * millimetres), 0.01)
 
 
-def test_too_shallow_a_penetration():
+def test_zeta_is_not_identifiable_from_a_shallow_penetration():
     sentence = why(calibrated(down(1.0)), "medium.zeta")
     assert "too shallow" in sentence
     assert "5 mm" in sentence
 
 
-def test_a_recording_that_never_reaches_the_grains():
+def test_a_recording_above_the_grains_is_not_identifiable():
     result = calibrated(Path((0.0, 0.0, 0.08)).wait(1.0).move((0.0, 0.0, -0.05), 0.01))
     assert "must rise by 6 times" in why(result, "surface_height")
     assert "no vertical penetration" in why(result, "medium.zeta")
@@ -106,7 +106,7 @@ def test_a_negative_mass_means_a_wrong_sign():
     assert "the fitted mass is -0.4" in why(result, "sensor.bias")
 
 
-def test_a_tare_with_the_tool_in_motion():
+def test_a_tare_with_the_tool_in_motion_is_refused():
     with pytest.raises(InputError, match="tare refused"):
         calibrated(Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01), tare=1.0)
 

@@ -82,7 +82,7 @@ def test_load_cell_surface_and_zeta(correlation):
         ),
     ],
 )
-def test_mobilization_length(path):
+def test_the_mobilization_length_is_recovered(path):
     time, states = path().states()
     grains = grain_wrenches(time, states, law(ZETA), surface=0.0, length=LENGTH)
 

@@ -51,7 +51,7 @@ def test_package_uri_is_found_where_pip_installs(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("prefix")
-def test_first_prefix_wins(tmp_path):
+def test_the_first_prefix_takes_precedence(tmp_path):
     (tmp_path / "empty" / "share" / "gripper").mkdir(parents=True)
     assert share_directory("gripper") == tmp_path / "empty" / "share" / "gripper"
 

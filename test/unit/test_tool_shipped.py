@@ -51,7 +51,7 @@ def test_script_makes_the_same_bytes(name):
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_dimensions(name):
+def test_each_shipped_mesh_has_its_documented_dimensions(name):
     low, high, facets, volume, area = EXPECTED[name]
     tool = load_tool(str(MESHES / f"{name}.stl"))
     assert tool.issues == ()

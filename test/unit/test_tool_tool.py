@@ -66,7 +66,7 @@ def test_facets_without_area_are_dropped(tmp_path):
     assert tool.lowest_point(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])) == pytest.approx(-0.01)
 
 
-def test_name_and_file(ball, tmp_path):
+def test_a_tool_has_the_name_and_path_of_its_file(ball, tmp_path):
     assert (ball.name, ball.file) == ("ball", str(tmp_path / "ball.stl"))
     assert load_tool("plate").name == "plate"
 
