@@ -28,7 +28,7 @@ from rft_ros.calibration.tool_weight import Sensor
 TRIALS, ENOUGH = 100, 95
 NOISE = (0.1, 0.002)
 BETAS = (30.0, 50.0, 70.0, 90.0)
-SURFACE, ZETA, LENGTH, REST = 0.0123, 0.8, 0.003, 2e-4
+SURFACE, ZETA, LENGTH = 0.0123, 0.8, 0.003
 
 
 def count(trial, truth):
@@ -88,7 +88,7 @@ def test_the_mobilization_length_is_recovered(path):
 
     def trial(rng):
         track = track_of(time, states, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
-        return [fit_memory_length([track], Sensor(cell=LOAD_CELL), law(), surface=0.0, rest_speed=REST)]
+        return [fit_memory_length([track], Sensor(cell=LOAD_CELL), law(), surface=0.0)]
 
     hits = count(trial, {"medium.mobilization_length": (LENGTH,)})
     assert min(hits.values()) >= ENOUGH, hits
