@@ -29,7 +29,7 @@ docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build
 
 lines: venv
-	$(BIN)/python bench/lines.py
+	$(BIN)/python -m bench.lines
 
 dist: venv
 	$(BIN)/python -m build
@@ -38,10 +38,10 @@ bench: venv
 	$(BIN)/python -m bench.kernel
 
 bench-node: venv
-	$(BIN)/python bench/node.py
+	$(BIN)/python -m bench.node
 
 bench-swaps: venv
-	$(BIN)/python bench/swaps.py
+	$(BIN)/python -m bench.swaps
 
 bench-replay: venv
 	$(BIN)/python -m bench.replay

@@ -11,11 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from node import Driver, running_node, sphere
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
 from rich.console import Console
 from rich.table import Table
+
+from bench.node import Driver, running_node, sphere
 
 RATE = 500.0
 

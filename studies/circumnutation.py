@@ -5,7 +5,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, wrenches
-from rft_ros.sweeps.motions import Circumnutation, sample
+from rft_ros.sweeps.motions import Circumnutation, Straight, sample
 from rft_ros.sweeps.outcomes import Work
 from rft_ros.tool import Tool, load_tool
 from studies.paper import NOT_STATED, law, root_tip
@@ -23,7 +23,7 @@ from studies.result import (
 )
 from studies.sampling import WorkConvergence, work_convergence, work_of
 
-__all__ = ["PITCHES", "RE_INTERACTION", "SHOWN", "TILTS", "step_errors", "study"]
+__all__ = ["PITCHES", "RE_INTERACTION", "SHOWN", "TILTS", "step_errors", "straight_limit", "study"]
 
 Array = NDArray[np.float64]
 
@@ -52,13 +52,19 @@ def step_errors(integration: Integration) -> WorkConvergence:
     return work_convergence(tool.plates, Circumnutation(start_height=_LENGTH), [20 * 2**k for k in range(8)])
 
 
+def straight_limit(motion: Circumnutation) -> Straight:
+    """The same root pushed straight down: the limit of infinite pitch, because forces do not depend on speed."""
+    m = motion
+    return Straight(start_height=m.start_height, speed=m.speed, travel=m.travel, tilt_deg=m.tilt_deg)
+
+
 def study() -> StudyResult:
     """Forces and work over the pitch, and convergence of the work in the time step."""
     tool = root_tip()
     works = {
         tilt: [work_of(tool.plates, Circumnutation(tilt_deg=tilt, pitch=p), _COUNT) for p in PITCHES] for tilt in TILTS
     }
-    limits = {tilt: work_of(tool.plates, Circumnutation(tilt_deg=tilt).straight_limit(), _COUNT) for tilt in TILTS}
+    limits = {tilt: work_of(tool.plates, straight_limit(Circumnutation(tilt_deg=tilt)), _COUNT) for tilt in TILTS}
     converging: dict[Integration, WorkConvergence] = {
         "centroid": step_errors("centroid"),
         "refined": step_errors("refined"),

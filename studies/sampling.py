@@ -10,14 +10,14 @@ from rft_ros.estimator import PoseSample
 from rft_ros.estimator.settings import Settings
 from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
-from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample, sample_every
+from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample
 from rft_ros.sweeps.outcomes import Work, work
 from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, shipped
 from studies.result import BLACK, BLUE, GREY, ORANGE, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
 
 __all__ = ["NOISE", "RATES", "STROKES", "WINDOWS", "Error", "WorkConvergence", "differenced", "measured_errors"]
-__all__ += ["stroke_convergence", "time_step", "window", "work_convergence", "work_of"]
+__all__ += ["sample_every", "stroke_convergence", "time_step", "window", "work_convergence", "work_of"]
 
 NOISE = 1e-5
 """Noise of each coordinate of a pose [m]; its attitude has this at 100 mm from the flange: 1e-4 rad."""
@@ -60,6 +60,12 @@ def _motions() -> dict[str, tuple[Motion, Plates]]:
             shipped("ellipsoid")["refined"],
         ),
     }
+
+
+def sample_every(motion: Motion, step: float) -> tuple[Array, Array]:
+    """Times 0, step, 2 step .. up to the end [s], shape [n], and states, shape [n, 13]."""
+    times = np.arange(int(motion.duration / step + 1e-9) + 1, dtype=np.float64) * step
+    return times, motion.at(times)
 
 
 def measured_errors(*, seed: int = 0) -> list[Error]:

@@ -23,7 +23,7 @@ class Batch:
         width = max((len(name) for name in self.summaries), default=0) + 14
         text.append(metric_line("force on the tool", METRIC_HEADS, width))
         for name, summary in self.summaries.items():
-            text.append(metric_line(name, metrics(summary.whole), width))
+            text.append(metric_line(name, metrics(summary), width))
             text.append(metric_line("  penetration", metrics(summary.phases["penetration"]), width))
         return text
 

@@ -4,6 +4,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
@@ -12,7 +13,7 @@ from rft_ros.bags.learning_errors import LearningErrors
 from rft_ros.bags.phases import LowestPoint, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.bags.statistics import count_flags, statistics
+from rft_ros.bags.statistics import Group, count_flags, statistics
 from rft_ros.bags.summary import Summary
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
@@ -87,23 +88,18 @@ def replay(
             quality_flags, trust = count_flags(trace)
             estimator.counts.pop("estimates", 0)
             summary = Summary(
+                **{field.name: getattr(whole, field.name) for field in fields(Group)},
                 bag=bag.resolve().name,
                 topics=topics,
                 parameters=dict(values),
                 bias=settings.load_cell.bias,
                 messages={role: recording.counts[role] for role in topics},
-                estimates=whole.estimates,
                 reasons=dict(sorted(estimator.counts.items())),
                 unknown_frames=dict(sorted(estimator.unknown_frames().items())),
                 quality_flags=quality_flags,
                 trust=trust,
                 duration=(recording.time - recording.first) * 1e-9,
                 damage=recording.damage,
-                wrench=whole.wrench,
-                rms_over_peak=whole.rms_over_peak,
-                median_relative_error=whole.median_relative_error,
-                within_sigma=whole.within_sigma,
-                within_two_sigma=whole.within_two_sigma,
                 learning={} if learning_errors is None else learning_errors.finish(),
                 phases=phases,
                 seconds=time.perf_counter() - began,

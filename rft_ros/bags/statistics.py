@@ -1,5 +1,6 @@
 """Statistics of a replay: magnitudes of wrenches, overall, by phase and by depth; counts of quality flags."""
 
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable
@@ -143,10 +144,6 @@ def _bin_edges(deepest: float) -> _Block:
     return np.arange(math.ceil(deepest / width * (1 - 1e-9)) + 1, dtype=np.float64) * width
 
 
-def _bin_names(edges: _Block) -> list[str]:
-    return [f"{low:g}-{high:g}mm" for low, high in zip(1e3 * edges[:-1], 1e3 * edges[1:], strict=True)]
-
-
 def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
     """Statistics of all estimates, and of each phase by name; of phases in the grains also by depth."""
     deepest = largest = 0.0
@@ -162,26 +159,17 @@ def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
     bins = {phase: [_Sums() for _ in edges[1:]] for phase in _IN_GRAINS}
     for block in trace.blocks():
         rows = _columns(block)
-        answered = ~np.isnan(block["predicted"][:, 0])
+        answered, depth = ~np.isnan(block["predicted"][:, 0]), block["depth"]
+        in_bin = (np.digitize(depth, edges[1:-1]) == np.arange(len(edges) - 1)[:, None]) & (depth > 0.0)
         whole.add(rows[answered], least_force)
         for code, phase in enumerate(PHASES):
             in_phase = block["phase"] == code
             phases[phase].poses += int(in_phase.sum())
             phases[phase].add(rows[in_phase & answered], least_force)
-            if phase in bins:
-                _add_by_depth(bins[phase], edges, block["depth"], in_phase & answered, rows, least_force)
-    names = _bin_names(edges)
+            for k, sums in enumerate(bins.get(phase, ())):
+                sums.add(rows[in_phase & answered & in_bin[k]], least_force)
+    names = [f"{low:g}-{high:g}mm" for low, high in itertools.pairwise(1e3 * edges)]
     return whole.group(), {str(phase): _phase_group(sums, names, bins.get(phase, ())) for phase, sums in phases.items()}
-
-
-def _add_by_depth(
-    bins: list[_Sums], edges: _Block, depth: _Block, used: NDArray[np.bool_], rows: _Block, least_force: float
-) -> None:
-    at = np.digitize(depth, edges[1:-1])
-    for k, sums in enumerate(bins):
-        chosen = used & (at == k) & (depth > 0.0)
-        if chosen.any():
-            sums.add(rows[chosen], least_force)
 
 
 def _phase_group(sums: _Sums, names: list[str], bins: Iterable[_Sums]) -> PhaseGroup:

@@ -7,7 +7,7 @@ from typing import Any
 
 from rft_ros.bags.learning_errors import LearningError
 from rft_ros.bags.phases import Phase
-from rft_ros.bags.statistics import Axis, Group, PhaseGroup
+from rft_ros.bags.statistics import Group, PhaseGroup
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.parameters import Value
 
@@ -15,17 +15,15 @@ __all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Summary:
-    """The content of summary.json, and the wall time.
+class Summary(Group):
+    """The content of summary.json: the statistics of all estimates and what led to them; and the wall time.
 
-    `topics`: topic of each role. `messages`: number read for each role. `estimates`: number of poses with a prediction.
-    `reasons`: number of samples not used and of estimates without residual, by reason. `unknown_frames`: by such a
-    reason, a sentence on the unexpected frame_id. `quality_flags`: number of estimates by name of `QualityFlag`.
-    `trust`: number of estimates by `Trust`.
-    `duration`: receive time covered [s]. `damage`: where and why reading stopped early. `wrench`, `rms_over_peak`,
-    `median_relative_error`, `within_sigma`, `within_two_sigma`: over all estimates, as in `Group`. `learning`: where
-    the medium is learned, the error without learning ("off") and by lag. `phases`: the same as over all estimates, of
-    each phase, by name. `seconds`: wall time of the replay, without its report.
+    `topics`: topic of each role. `messages`: number read for each role. `reasons`: number of samples not used and of
+    estimates without residual, by reason. `unknown_frames`: by such a reason, a sentence on the unexpected frame_id.
+    `quality_flags`: number of estimates by name of `QualityFlag`. `trust`: number of estimates by `Trust`. `duration`:
+    receive time covered [s]. `damage`: where and why reading stopped early. `learning`: where the medium is learned,
+    the error without learning ("off") and by lag. `phases`: statistics of each phase, by name. `seconds`: wall time of
+    the replay, without its report.
     """
 
     bag: str
@@ -33,18 +31,12 @@ class Summary:
     parameters: dict[str, Value]
     bias: Sequence[float]
     messages: dict[Role, int]
-    estimates: int
     reasons: dict[str, int]
     unknown_frames: dict[str, str]
     quality_flags: dict[str, int]
     trust: dict[str, int]
     duration: float
     damage: str | None
-    wrench: dict[str, Axis]
-    rms_over_peak: float | None
-    median_relative_error: float | None
-    within_sigma: float | None
-    within_two_sigma: float | None
     learning: dict[str, LearningError]
     phases: dict[str, PhaseGroup]
     seconds: float = field(compare=False)
@@ -53,11 +45,6 @@ class Summary:
     def real_time_factor(self) -> float:
         """Recorded time over wall time."""
         return self.duration / self.seconds
-
-    @property
-    def whole(self) -> Group:
-        """The statistics over all estimates."""
-        return Group(**{field.name: getattr(self, field.name) for field in fields(Group)})
 
     def lines(self) -> list[str]:
         """Lines for the terminal: counts, and the magnitudes of forces and residuals."""
@@ -85,7 +72,8 @@ class Summary:
         """The content of summary.json; the same bag and parameters give the same content."""
         content = asdict(self)
         del content["seconds"]
-        return content
+        whole = {field.name: content.pop(field.name) for field in fields(Group)}
+        return content | whole
 
     def json(self) -> str:
         """The text of summary.json."""
@@ -107,7 +95,7 @@ def metric_line(title: str, cells: Sequence[str], width: int = 18) -> str:
 
 
 def _groups(summary: Summary) -> Iterator[tuple[str, Group]]:
-    yield "whole", summary.whole
+    yield "whole", summary
     for name, phase in summary.phases.items():
         if phase.poses:
             yield name, phase

@@ -173,16 +173,14 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, 
     )
 
 
-def plate_runs(
-    tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, rest_speed: float
-) -> list[PlateRun]:
-    """The steady forces of all level runs. `law`: at the grains' ζ. `surface`: height [m]. `rest_speed` [m/s].
+def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> list[PlateRun]:
+    """The steady forces of all level runs. `law`: at the grains' ζ. `surface`: height [m].
 
     Raises NotIdentifiable if no run is usable.
     """
     return fit_each(
         lambda track, rows: _plate_run(track, rows, sensor, law, surface),
-        [(track, rows) for track in tracks for rows in level_runs(track, surface, rest_speed)],
+        [(track, rows) for track in tracks for rows in level_runs(track, surface)],
         none=f"no level run of a plate along e1 (ψ of {_ALONG:g}° or more); ψ of the runs: none",
     )
 

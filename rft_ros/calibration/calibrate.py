@@ -61,7 +61,7 @@ def calibrate(
     rest in the air.
     """
     settings, result = settings_of(values), Calibration()
-    rest, medium = settings.rest_speed, medium_named(str(values["medium.name"]))
+    medium = medium_named(str(values["medium.name"]))
     law = model_of({**values, "medium.zeta": 1.0}, tool=tracks[0].tool).law  # any tool: the law has none
     sensor = Sensor(cell=settings.load_cell)
     height, height_error = settings.surface_height, 0.0
@@ -69,7 +69,7 @@ def calibrate(
 
     air = height  # fitted in any case: what counts as air depends on it
     with _or_reason(result, "surface_height"):
-        surface = fit_surface(tracks, sensor.cell, law, rest_speed=rest)
+        surface = fit_surface(tracks, sensor.cell, law)
         if "surface" in parts:
             height, height_error = surface.height, surface.error
             result.fitted.append(surface.value())
@@ -81,26 +81,26 @@ def calibrate(
 
     if "sensor" in parts:
         with _or_reason(result, "sensor.bias"):
-            weight = fit_tool_weight(tracks, sensor.cell, air=air, rest_speed=rest)
+            weight = fit_tool_weight(tracks, sensor.cell, air=air)
             sensor = weight.sensor
             result.fitted += weight.fitted
             result.not_identifiable |= weight.not_identifiable
     if tare:
-        tracks, sensor = tared(tracks, sensor, seconds=tare, air=air, rest_speed=rest)
+        tracks, sensor = tared(tracks, sensor, seconds=tare, air=air)
     if "zeta" in parts:
         with _or_reason(result, "medium.zeta"):
-            found = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error, rest_speed=rest)
+            found = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
             zeta, zeta_error = found.zeta, found.error
             result.zeta = found
             result.fitted += found.values()
             result.notes += found.notes()
     if "mobilization" in parts:
         with _or_reason(result, "medium.mobilization_length"):
-            result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height, rest_speed=rest))
+            result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height))
     if "alpha_y" in parts:
         with _or_reason(result, "alpha_y"):
             scaled = law._replace(stiffness=law.stiffness * zeta)
-            runs = plate_runs(tracks, sensor, scaled, surface=height, rest_speed=rest)
+            runs = plate_runs(tracks, sensor, scaled, surface=height)
             result.alpha_y = fit_alpha_y(
                 runs, medium, zeta=zeta, zeta_error=zeta_error, surface_error=height_error, model=alpha_y
             )

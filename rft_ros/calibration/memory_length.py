@@ -48,7 +48,7 @@ class _TurnFit:
 
 
 def forces_in_time(
-    track: Track, law: Law, *, first: int, last: int, length: float, surface: float, rest_speed: float
+    track: Track, law: Law, *, first: int, last: int, length: float, surface: float
 ) -> NDArray[np.float64]:
     """Forces on the tool [N] in rows `first` to `last`, world axes, shape [rows, 3], as the node predicts them.
 
@@ -56,7 +56,7 @@ def forces_in_time(
     """
     states = track.states[first : last + 1].copy()
     turning = np.linalg.norm(states[:, 10:13], axis=1) * track.tool.plates.reach
-    states[np.linalg.norm(states[:, 7:10], axis=1) + turning < rest_speed, 7:13] = 0.0
+    states[np.linalg.norm(states[:, 7:10], axis=1) + turning < track.rest_speed, 7:13] = 0.0
     durations = np.diff(track.time[first : last + 1], prepend=track.time[first])
     return wrenches_in_time(
         track.tool.plates,
@@ -69,7 +69,7 @@ def forces_in_time(
     )[:, :3]
 
 
-def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: float, rest_speed: float) -> _TurnFit:
+def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: float) -> _TurnFit:
     """λ of one turn by least squares of the three force components, with a free scale.
 
     Raises NotIdentifiable if the data do not determine λ.
@@ -77,15 +77,8 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
     measured = track.grain_forces(sensor.cell)[turn.rows]
 
     def shape(logarithm: float) -> NDArray[np.float64]:
-        forces = forces_in_time(
-            track,
-            law,
-            first=turn.first,
-            last=int(turn.rows[-1]),
-            length=float(np.exp(logarithm)),
-            surface=surface,
-            rest_speed=rest_speed,
-        )
+        length, last = float(np.exp(logarithm)), int(turn.rows[-1])
+        forces = forces_in_time(track, law, first=turn.first, last=last, length=length, surface=surface)
         return forces[turn.rows - turn.first].T.ravel()
 
     low, high = np.log(_SHORTEST), np.log(_LONGEST)
@@ -126,16 +119,14 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
     )
 
 
-def fit_memory_length(
-    tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, rest_speed: float
-) -> FittedValue:
+def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> FittedValue:
     """`medium.mobilization_length`: the mean λ over turns. Raises NotIdentifiable if no turn determines it.
 
-    `law`: at any ζ. `surface`: height [m]. `rest_speed` [m/s].
+    `law`: at any ζ. `surface`: height [m].
     """
     turns = fit_each(
-        lambda track, turn: _fit_turn(track, turn, sensor, law, surface=surface, rest_speed=rest_speed),
-        [(track, turn) for track in tracks for turn in turns_in_grains(track, surface, rest_speed)],
+        lambda track, turn: _fit_turn(track, turn, sensor, law, surface=surface),
+        [(track, turn) for track in tracks for turn in turns_in_grains(track, surface)],
         none="the tool never turns in the grains, and no recording begins with it at rest there",
     )
     length, error = mean_of([t.length for t in turns], [t.error for t in turns])

@@ -74,10 +74,10 @@ def _segments(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArra
     return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]
 
 
-def still_intervals(track: Track, rest_speed: float) -> list[NDArray[np.int64]]:
+def still_intervals(track: Track) -> list[NDArray[np.int64]]:
     """Rows of each interval in which the tool is at rest, without the time it takes to settle."""
     found = []
-    for rows in _segments(track.speeds() < rest_speed, track.time):
+    for rows in _segments(track.speeds() < track.rest_speed, track.time):
         begin, end = track.time[rows[[0, -1]]]
         settled = rows[(track.time[rows] >= begin + _SETTLING) & (track.time[rows] <= end - _SETTLING)]
         if len(settled) >= 8 and track.time[settled[-1]] - track.time[settled[0]] >= _SHORTEST_STILL:
@@ -97,13 +97,13 @@ def _ways_down(heights: NDArray[np.float64]) -> list[tuple[int, int]]:
     return found
 
 
-def down_strokes(track: Track, rest_speed: float) -> list[Stroke]:
+def down_strokes(track: Track) -> list[Stroke]:
     """Each movement down with at least 20 rows of straight motion in the orientation of its deepest point."""
     heights, twists, rotations = track.heights(), track.smooth_twists(), track.rotations()
     turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach
     sinking = -twists[:, 2]
     straight = (np.linalg.norm(twists[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
-    straight &= sinking >= rest_speed
+    straight &= sinking >= track.rest_speed
     found = []
     for top, bottom in _ways_down(heights):
         rows = np.arange(top, bottom + 1)
@@ -114,20 +114,20 @@ def down_strokes(track: Track, rest_speed: float) -> list[Stroke]:
     return found
 
 
-def level_runs(track: Track, surface: float, rest_speed: float) -> list[NDArray[np.int64]]:
+def level_runs(track: Track, surface: float) -> list[NDArray[np.int64]]:
     """Rows of each unbroken straight level motion with the tool's lowest point below the surface."""
     twists = track.smooth_twists()
     speed = np.linalg.norm(twists[:, :3], axis=1)
     turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach
-    level = (speed >= rest_speed) & (np.abs(twists[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed)
+    level = (speed >= track.rest_speed) & (np.abs(twists[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed)
     return [rows for rows in _segments(level & (track.heights() < surface), track.time) if len(rows) >= 20]
 
 
-def turns_in_grains(track: Track, surface: float, rest_speed: float) -> list[Turn]:
+def turns_in_grains(track: Track, surface: float) -> list[Turn]:
     """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
     center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
     places = track.states[:, :3] + track.rotations() @ center
-    moving, dry = track.speeds() >= rest_speed, track.heights() >= surface
+    moving, dry = track.speeds() >= track.rest_speed, track.heights() >= surface
     found = []
     for segment in _segments(~dry, track.time):
         rows = segment[moving[segment]]

@@ -124,11 +124,11 @@ def first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Con
     return Contact(bag=track.name, height=surface, error=found.error, misfit=found.linear.rms / rise)
 
 
-def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law, *, rest_speed: float) -> SurfaceFit:
-    """The mean over first contacts. Raises NotIdentifiable without one. `law`: at any ζ. `rest_speed` [m/s]."""
+def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> SurfaceFit:
+    """The mean over first contacts. Raises NotIdentifiable without one. `law`: at any ζ."""
     contacts = fit_each(
         lambda track, stroke: first_contact(track, stroke, cell, law),
-        [(track, stroke) for track in tracks for stroke in down_strokes(track, rest_speed)],
+        [(track, stroke) for track in tracks for stroke in down_strokes(track)],
         none="the tool never goes straight down",
     )
     height, error = mean_of([c.height for c in contacts], [c.error for c in contacts])

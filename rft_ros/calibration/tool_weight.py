@@ -57,7 +57,7 @@ class ToolWeightFit:
     not_identifiable: dict[str, str]
 
 
-def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest_speed: float) -> ToolWeightFit:
+def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float) -> ToolWeightFit:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
 
     Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass is negative.
@@ -65,7 +65,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
     poses = [
         (track.readings[rows], track.gravity_in_sensor(cell)[rows].mean(axis=0))
         for track in tracks
-        for rows in still_intervals(track, rest_speed)
+        for rows in still_intervals(track)
         if track.heights()[rows].min() > air
     ]
     if not poses:
@@ -134,9 +134,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float, rest
     return ToolWeightFit(sensor=sensor, fitted=(fitted[-1], *fitted[:-1]), not_identifiable=reasons)
 
 
-def tared(
-    tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float, rest_speed: float
-) -> tuple[list[Track], Sensor]:
+def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float) -> tuple[list[Track], Sensor]:
     """Tare each track: shift its forces so that over the first `seconds` they equal bias and weight.
 
     Also return the sensor with the tare's error. Raises InputError unless the tool rests above z = `air` [m] meanwhile.
@@ -145,7 +143,7 @@ def tared(
     for track in tracks:
         rows = np.flatnonzero(track.time <= seconds)
         fastest, lowest = float(track.speeds()[rows].max()), float(track.heights()[rows].min())
-        if fastest >= rest_speed or lowest <= air:
+        if fastest >= track.rest_speed or lowest <= air:
             raise InputError(
                 f"tare refused: within the first {seconds:g} s of {track.name} the tool moves at {fastest:.4f} m/s"
                 f" and is as low as z = {lowest:.4f} m; it must rest above {air:.4f} m"

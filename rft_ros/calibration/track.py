@@ -31,7 +31,7 @@ class Track:
 
     `name` of the bag. `begin`: header stamp of the first moment [ns]. `time`: since then [s], shape [n]. `states`:
     shape [n, 13], columns `rft_ros.rft.STATE`. `readings`: of the load cell, raw sign, sensor axes [N], [N m], shape
-    [n, 6].
+    [n, 6]. `rest_speed` [m/s]: below it the tool is at rest.
     """
 
     name: str
@@ -40,6 +40,7 @@ class Track:
     states: NDArray[np.float64]
     readings: NDArray[np.float64]
     tool: Tool
+    rest_speed: float
 
     def rotations(self) -> NDArray[np.float64]:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3]."""
@@ -116,4 +117,5 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         states=np.array([state for _, state, _ in rows]),
         readings=np.array([reading for _, _, reading in rows]),
         tool=model.tool,
+        rest_speed=settings.rest_speed,
     )

@@ -154,19 +154,17 @@ def _penetration(
     )
 
 
-def fit_zeta(
-    tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float, rest_speed: float
-) -> ZetaFit:
+def fit_zeta(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float) -> ZetaFit:
     """The mean ζ over the penetrations of the tracks. Raises NotIdentifiable if no penetration is usable.
 
-    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m]. `rest_speed` [m/s].
+    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m].
     """
     found = fit_each(
         lambda track, stroke: _penetration(track, stroke, sensor, law, surface=surface, surface_error=surface_error),
         [
             (track, stroke)
             for track in tracks
-            for stroke in down_strokes(track, rest_speed)
+            for stroke in down_strokes(track)
             if track.heights()[stroke.rows].min() < surface
         ],
         none="no vertical penetration in the grains",

@@ -3,7 +3,7 @@
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, dataclass, fields
 from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
@@ -255,24 +255,10 @@ def _number(parameter: Parameter, value: object) -> float:
 def settings_of(values: Values) -> Settings:
     """The estimator's settings from checked values."""
     v: Mapping[str, Any] = values
+    same_name = {field.name: v[field.name] for field in fields(Settings) if field.name in v}
     return Settings(
-        world_frame=v["world_frame"],
-        tool_frame=v["tool_frame"],
-        sensor_frame=v["sensor_frame"],
-        load_cell=LoadCell(
-            position=v["sensor.position"],
-            quaternion=v["sensor.quaternion"],
-            sign=v["sensor.sign"],
-            bias=v["sensor.bias"],
-            mass=v["sensor.mass"],
-            center_of_mass=v["sensor.center_of_mass"],
-        ),
-        surface_height=v["surface_height"],
-        twist_source=v["twist_source"],
-        twist_window=v["twist_window"],
-        max_input_age=v["max_input_age"],
-        max_rate=v["max_rate"],
-        rest_speed=v["rest_speed"],
+        **same_name,
+        load_cell=LoadCell(**{field.name: v[f"sensor.{field.name}"] for field in fields(LoadCell)}),
         calibrated_depth=v["medium.calibrated_depth"],
         zeta_error=v["medium.zeta_error"],
         learning_mode=v["learning.mode"],

@@ -7,7 +7,6 @@ its points and colours are inserted into a serialised marker without any.
 """
 
 import struct
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -27,22 +26,6 @@ _MOST_FACETS = 5000  # of a finer tool every k-th facet is drawn, so that drawin
 _METRES_PER_NEWTON = 0.01
 _SENTINEL = 0x5AFEC0DE
 _PREDICTED, _MEASURED = (0.85, 0.1, 0.1), (0.1, 0.5, 0.1)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Drawn:
-    """The constant part of a tool's marker: facets drawn, and the bytes of their corners in the tool frame."""
-
-    tool: Tool
-    facets: NDArray[np.intp]
-    corners: bytes
-
-
-def _drawn(tool: Tool) -> _Drawn:
-    count = len(tool.faces)
-    facets = np.arange(0, count, 1 + (count - 1) // _MOST_FACETS)
-    corners = tool.vertices[tool.faces[facets]]
-    return _Drawn(tool, facets, np.ascontiguousarray(corners, dtype="<f8").tobytes())
 
 
 def _colours(traction: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -78,7 +61,8 @@ class Markers:
     def __init__(self, node: Node, estimator: Estimator) -> None:
         self._estimator = estimator
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
-        self._drawn: _Drawn | None = None
+        self._tool: Tool | None = None  # whose facets and corners are prepared
+        self._facets, self._corners = np.arange(0), b""
         self._answer: Estimate | None = None
         self._state = estimator.state.copy()
         self._model, self._settings = estimator.model, estimator.settings
@@ -95,18 +79,24 @@ class Markers:
         if answer is None or not self._publisher.get_subscription_count():
             return
         self._answer = None
-        if self._drawn is None or self._drawn.tool is not model.tool:
-            self._drawn = _drawn(model.tool)
+        if self._tool is not model.tool:
+            self._prepare(model.tool)
         forces = plate_forces(model.tool.facets, model.law, state, surface_height=settings.surface_height)
-        facets = self._drawn.facets
+        facets = self._facets
         traction = np.linalg.norm(forces[facets], axis=1) / model.tool.facets.packed[6, facets]
         tool = self._marker(answer.stamp, 0, Marker.TRIANGLE_LIST)
         p, q = tool.pose.position, tool.pose.orientation
         p.x, p.y, p.z, q.x, q.y, q.z, q.w = state[:7].tolist()
         tool.scale.x = tool.scale.y = tool.scale.z = 1.0
-        self._publisher.publish(_splice(tool, self._drawn.corners, _colours(traction)))
+        self._publisher.publish(_splice(tool, self._corners, _colours(traction)))
         measured = measurement.compensated if measurement else None
         self._publisher.publish(MarkerArray(markers=self._small(answer, measured, state)))
+
+    def _prepare(self, tool: Tool) -> None:
+        """Choose the facets that are drawn, and serialise their corners in the tool frame."""
+        self._tool, count = tool, len(tool.faces)
+        self._facets = np.arange(0, count, 1 + (count - 1) // _MOST_FACETS)
+        self._corners = np.ascontiguousarray(tool.vertices[tool.faces[self._facets]], dtype="<f8").tobytes()
 
     def _small(self, answer: Estimate, measured: Wrench | None, state: NDArray[np.float64]) -> list[Marker]:
         """Arrows for the forces, from the tool frame's origin, and the surface around the tool."""

@@ -21,7 +21,7 @@ from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
-from rft_ros.node.swap import FailedSwap, ToolSwap
+from rft_ros.node.swap import ToolSwap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.tool import ToolRequest, locate_mesh
 
@@ -189,7 +189,7 @@ class RftNode(Node):
 
     def _on_swap_poll(self) -> None:
         outcome = self._swap.poll()
-        if isinstance(outcome, FailedSwap):
+        if isinstance(outcome, ToolRequest):
             self._undo(outcome)
         elif outcome is not None:
             m = self.estimator.model
@@ -198,13 +198,13 @@ class RftNode(Node):
         if not self._swap.preparing:
             self._swap_timer.cancel()
 
-    def _undo(self, failed: FailedSwap) -> None:
+    def _undo(self, failed: ToolRequest) -> None:
         """Reset the tool's parameters to the tool requested before the failed swap."""
         stays = self.estimator.model.tool.name
-        self.get_logger().error(f"mesh not swapped, {stays} stays in force: {failed.why}")
+        self.get_logger().error(f"mesh not swapped, {stays} stays in force: {self._swap.last_failure}")
         wanted = self._swap.wanted._asdict()
         parameters = {name: wanted[field] for field, name in TOOL_PARAMETERS.items()}
-        self._table.set_all(parameters, why=f"the swap to mesh.file '{failed.request.file}' failed")
+        self._table.set_all(parameters, why=f"the swap to mesh.file '{failed.file}' failed")
         self._want(self._swap.wanted)
 
     # --- services and reports

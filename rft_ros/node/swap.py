@@ -1,19 +1,9 @@
 """Tool swaps: the tool in force, the tools requested since, and the fallback of a failed swap."""
 
-from dataclasses import dataclass
-
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.tool import Tool, ToolRequest
 
-__all__ = ["FailedSwap", "ToolSwap"]
-
-
-@dataclass(frozen=True, slots=True)
-class FailedSwap:
-    """A tool that cannot be used, and why, in a sentence."""
-
-    request: ToolRequest
-    why: str
+__all__ = ["ToolSwap"]
 
 
 class ToolSwap:
@@ -52,8 +42,8 @@ class ToolSwap:
             self._stack = [r for r in self._stack if r != request] + [request]
             self._worker.load(request)
 
-    def poll(self) -> Tool | FailedSwap | None:
-        """The tool that came into force or the swap that failed since the last call, else None."""
+    def poll(self) -> Tool | ToolRequest | None:
+        """The tool that came into force or the request that failed since the last call, else None."""
         answer = self._worker.poll()
         if answer is None:
             return None
@@ -63,4 +53,4 @@ class ToolSwap:
             self.last_failure = ""
             return answer
         self.last_failure = answer
-        return FailedSwap(self._stack.pop(), answer)
+        return self._stack.pop()

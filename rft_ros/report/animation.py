@@ -184,82 +184,78 @@ def write_film(scene: Animation, file: Path) -> None:
     from matplotlib import animation
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     if file.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
         raise InputError(f"'{file}' needs the program ffmpeg (apt install ffmpeg), or write a .gif")
     writer = animation.writers["ffmpeg" if file.suffix == ".mp4" else "pillow"](fps=_FRAMES_A_SECOND)
-    scene = scene.in_millimetres()
-    low, high = scene.box()
-    colours, strongest = _colours(), float(scene.traction.max()) or 1.0
-    starts, ends = scene.arrows()
-    figure = Figure(figsize=(6.4, 6.0), dpi=90)
+    figure = Figure(figsize=(7.6, 6.0), dpi=90)
     FigureCanvasAgg(figure)
-    axes: Any = figure.add_subplot(projection="3d", computed_zorder=False)
-    ground = _rectangle(low, high, scene.surface_height)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with writer.saving(figure, str(file), dpi=90):
-            for n in range(len(scene.labels)):
-                axes.clear()
-                triangles = scene.placed[n][scene.faces]
-                shades = colours(scene.traction[n] / strongest)
-                axes.add_collection3d(Poly3DCollection(triangles, facecolors=shades, edgecolors="none", zorder=1))
-                axes.add_collection3d(Poly3DCollection([ground], facecolors=_SURFACE, alpha=0.3, zorder=2))
-                axes.plot(*starts[: n + 1].T, color=_PATH, lw=1.0, zorder=3)
-                axes.plot(*np.array([starts[n], ends[n]]).T, color=_FORCE, lw=3.0, zorder=4)
-                _frame(axes, low, high, ticks=3)
-                axes.set_title(scene.caption(n))
-                axes.set_box_aspect(high - low, zoom=0.9)
-                axes.view_init(elev=14.0, azim=-55.0)
+            for n, label in enumerate(scene.labels):
+                figure.clear()
+                axes = figure.add_subplot(projection="3d", computed_zorder=False)
+                draw_moment(figure, axes, replace(scene, first=n), elevation=14.0, whole=True)
+                figure.suptitle(f"{scene.title}   {label}")
                 writer.grab_frame()
     except OSError as error:
         raise InputError(f"cannot write '{file}': {reason_of(error)}") from None
 
 
-def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0) -> None:
+def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0, whole: bool = False) -> None:
     """Draw the scene's first moment into matplotlib's 3D axes, with a colour bar and the force in numbers.
 
     `elevation`: of the viewpoint [deg]. A nearly level one shows both the surface and loaded faces that point down or
-    forwards.
+    forwards. `whole`: the axes, the colours and the arrow are scaled to all moments, and the path is drawn.
     """
     from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+    from matplotlib.colors import LinearSegmentedColormap, Normalize
+    from matplotlib.ticker import MaxNLocator
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
     scene = scene.in_millimetres()
-    points, level = scene.placed[scene.first], scene.surface_height
-    kilopascals, force = 1e-3 * scene.traction[scene.first], scene.forces[scene.first]
-    low, high = points.min(axis=0), points.max(axis=0)
-    around = 0.45 * float((high - low).max())
-    low, high = low - around, high + around
-    low[2], high[2] = min(low[2] + 0.4 * around, level), max(high[2], level + around)
+    n, points, level = scene.first, scene.placed[scene.first], scene.surface_height
+    kilopascals, force = 1e-3 * scene.traction, scene.forces[n]
+    size = float(np.linalg.norm(force))
+    if whole:
+        low, high = scene.box()
+        starts, ends = scene.arrows()
+        arrow = ends[n] - starts[n]
+        axes.plot(*starts[: n + 1].T, color=_PATH, lw=1.0, zorder=5)
+    else:
+        kilopascals = kilopascals[[n]]
+        low, high = points.min(axis=0), points.max(axis=0)
+        around = 0.45 * float((high - low).max())
+        low, high = low - around, high + around
+        low[2], high[2] = min(low[2] + 0.4 * around, level), max(high[2], level + around)
+        arrow = 0.62 * float((high - low)[2]) * force / (size or 1.0)
 
     (x0, y0, z0), (x1, y1, _) = low, high
     walls = [
         [(x0, y1, z0), (x1, y1, z0), (x1, y1, level), (x0, y1, level)],
         [(x0, y0, z0), (x0, y1, z0), (x0, y1, level), (x0, y0, level)],
     ]
+    surface = [[(x0, y0, level), (x1, y0, level), (x1, y1, level), (x0, y1, level)]]
     grains = {"facecolors": _SURFACE, "linewidths": 1.0}
     axes.add_collection3d(Poly3DCollection(walls, **grains, edgecolors="none", alpha=0.3, zorder=1))
-    surface = [_rectangle(low, high, level)]
     axes.add_collection3d(Poly3DCollection(surface, **grains, edgecolors=_SURFACE_EDGE, alpha=0.35, zorder=3))
     axes.text(x0 + 1.0, y0, level - 0.06 * (high - low)[2], "grains", color=_SURFACE_EDGE, fontsize=10, zorder=6)
 
     triangles = points[scene.faces]
-    colours, scale = _colours(), Normalize(0.0, float(kilopascals.max(initial=0.0)) or 1.0)
+    colours = LinearSegmentedColormap.from_list("traction", _TRACTION)
+    scale = Normalize(0.0, float(kilopascals.max(initial=0.0)) or 1.0)
     above = triangles[:, :, 2].mean(axis=1) > level
     for shown, order in ((~above, 2), (above, 4)):  # the surface is drawn between them and veils only what is below
         if shown.any():
             edges = {"edgecolors": (0.0, 0.0, 0.0, 0.12), "linewidths": 0.25}
-            shades = colours(scale(kilopascals[shown]))
+            shades = colours(scale(1e-3 * scene.traction[n, shown]))
             axes.add_collection3d(Poly3DCollection(triangles[shown], facecolors=shades, **edges, zorder=order))
-    size = float(np.linalg.norm(force))
     if size > 0.0:
-        arrow = 0.62 * float((high - low)[2]) * force / size
         axes.quiver(*points.mean(axis=0), *arrow, color=_FORCE, lw=3.0, arrow_length_ratio=0.16, zorder=5)
-    _frame(axes, low, high, ticks=4)
+    axes.set(xlim=(x0, x1), ylim=(y0, y1), zlim=(z0, high[2]), xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+        axis.set_major_locator(MaxNLocator(4))
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
     axes.grid(visible=False)
     axes.set_box_aspect(high - low, zoom=1.0)
@@ -268,22 +264,3 @@ def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 
     text = f"net force on the tool (x, y, z) = ({x}, {y}, {z}) N"
     axes.text2D(0.5, 0.98, text, transform=axes.transAxes, color=_FORCE, ha="center", va="top", size=11, weight="bold")
     figure.colorbar(ScalarMappable(scale, colours), ax=axes, label="Traction [kPa]", shrink=0.6, pad=0.02, aspect=20)
-
-
-def _colours() -> Any:
-    from matplotlib.colors import LinearSegmentedColormap
-
-    return LinearSegmentedColormap.from_list("traction", _TRACTION)
-
-
-def _rectangle(low: Array, high: Array, level: float) -> list[tuple[float, float, float]]:
-    return [(low[0], low[1], level), (high[0], low[1], level), (high[0], high[1], level), (low[0], high[1], level)]
-
-
-def _frame(axes: Any, low: Array, high: Array, *, ticks: int) -> None:
-    from matplotlib.ticker import MaxNLocator
-
-    axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
-    axes.set(xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_major_locator(MaxNLocator(ticks))

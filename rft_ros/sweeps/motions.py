@@ -1,9 +1,9 @@
 """The paper's families of motion: poses in closed form, with their exact derivative as twist.
 
-A family is a dataclass of typed parameters; ``at(times)`` gives states, `sample` and `sample_every` times and states:
+A family is a dataclass of typed parameters; ``at(times)`` gives states, `sample` times and states:
 
->>> from rft_ros.sweeps.motions import Circumnutation, sample_every
->>> times, states = sample_every(Circumnutation(pitch=0.04), step=0.25)
+>>> from rft_ros.sweeps.motions import Circumnutation, sample
+>>> times, states = sample(Circumnutation(pitch=0.04), 85)
 >>> states.shape  # 21 s, columns rft_ros.rft.STATE
 (85, 13)
 
@@ -21,16 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import STATE
 
-__all__ = [
-    "FAMILIES",
-    "Circumnutation",
-    "Motion",
-    "OscillatingInsertion",
-    "PlateDrag",
-    "Straight",
-    "sample",
-    "sample_every",
-]
+__all__ = ["FAMILIES", "Circumnutation", "Motion", "OscillatingInsertion", "PlateDrag", "Straight", "sample"]
 
 Array = NDArray[np.float64]
 
@@ -61,9 +52,12 @@ class Motion(ABC):
         """Time from the first pose to the last [s]."""
         return self.travel / self.speed
 
-    @abstractmethod
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+        return self._at(np.atleast_1d(np.asarray(times, dtype=np.float64)))
+
+    @abstractmethod
+    def _at(self, t: Array) -> Array: ...
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -82,11 +76,10 @@ class Straight(Motion):
     tilt_deg: float = 0.0
     yaw_deg: float = 0.0
 
-    def at(self, times: ArrayLike) -> Array:
-        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+    def _at(self, t: Array) -> Array:
         velocity = _velocity(self.speed, self.descent_deg, self.heading_deg)
         yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
-        return _line(times, start_height=self.start_height, velocity=velocity, yaw=yaw, tilt=tilt)
+        return _line(t, self.start_height, velocity, yaw, tilt)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,11 +98,10 @@ class PlateDrag(Motion):
     phi_deg: float = 0.0
     depth: float = 0.0255
 
-    def at(self, times: ArrayLike) -> Array:
-        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+    def _at(self, t: Array) -> Array:
         velocity = _velocity(self.speed, self.phi_deg)
         yaw, tilt = math.radians(self.psi_deg), -math.radians(self.beta_deg)
-        return _line(times, start_height=-self.depth, velocity=velocity, yaw=yaw, tilt=tilt)
+        return _line(t, -self.depth, velocity, yaw, tilt)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,13 +119,11 @@ class OscillatingInsertion(Motion):
     travel: float = 0.06
     start_height: float = 0.018
 
-    def at(self, times: ArrayLike) -> Array:
-        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    def _at(self, t: Array) -> Array:
         omega = 2.0 * math.pi * self.frequency
         amplitude = math.radians(self.amplitude_deg)
         tilt = amplitude * np.sin(omega * t)
-        states = _line(t, start_height=self.start_height, velocity=(0.0, 0.0, -self.speed), yaw=0.0, tilt=tilt)
+        states = _line(t, self.start_height, (0.0, 0.0, -self.speed), 0.0, tilt)
         states[:, 11] = amplitude * omega * np.cos(omega * t)
         return states
 
@@ -164,17 +154,11 @@ class Circumnutation(Motion):
         """Speed of the descent [m/s]."""
         return self.pitch * abs(self.rate_deg_s) / 360.0
 
-    def at(self, times: ArrayLike) -> Array:
-        """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        t = np.atleast_1d(np.asarray(times, dtype=np.float64))
+    def _at(self, t: Array) -> Array:
         rate, tilt = math.radians(self.rate_deg_s), math.radians(self.tilt_deg)
-        states = _line(t, start_height=self.start_height, velocity=(0.0, 0.0, -self.speed), yaw=rate * t, tilt=tilt)
+        states = _line(t, self.start_height, (0.0, 0.0, -self.speed), rate * t, tilt)
         states[:, 12] = rate
         return states
-
-    def straight_limit(self) -> Straight:
-        """The same root pushed straight down: the limit of infinite pitch, because forces do not depend on speed."""
-        return Straight(start_height=self.start_height, speed=self.speed, travel=self.travel, tilt_deg=self.tilt_deg)
 
 
 FAMILIES: dict[str, type[Motion]] = {
@@ -194,14 +178,6 @@ def sample(motion: Motion, count: int) -> tuple[Array, Array]:
     return times, motion.at(times)
 
 
-def sample_every(motion: Motion, step: float) -> tuple[Array, Array]:
-    """Times 0, step, 2 step .. up to the end, shape [n], and states, shape [n, 13]."""
-    if not 0.0 < step <= motion.duration:
-        raise InputError(f"step is {step} s; it must be positive and at most the motion's {motion.duration:g} s")
-    times = np.arange(math.floor(motion.duration / step + 1e-9) + 1, dtype=np.float64) * step
-    return times, motion.at(times)
-
-
 def _velocity(speed: float, descent_deg: float, heading_deg: float = 0.0) -> tuple[float, float, float]:
     descent, heading = math.radians(descent_deg), math.radians(heading_deg)
     forward = speed * math.cos(descent)
@@ -209,15 +185,9 @@ def _velocity(speed: float, descent_deg: float, heading_deg: float = 0.0) -> tup
 
 
 def _line(
-    times: ArrayLike,
-    *,
-    start_height: float,
-    velocity: tuple[float, float, float],
-    yaw: float | Array,
-    tilt: float | Array,
+    t: Array, start_height: float, velocity: tuple[float, float, float], yaw: float | Array, tilt: float | Array
 ) -> Array:
     """States on a straight path at constant speed with attitude Rz(yaw) Ry(tilt) [rad] and no angular velocity."""
-    t = np.atleast_1d(np.asarray(times, dtype=np.float64))
     states = np.zeros((len(t), len(STATE)))
     states[:, 0:3] = np.array([0.0, 0.0, start_height]) + np.outer(t, velocity)
     sin_y, cos_y, sin_t, cos_t = np.sin(yaw / 2.0), np.cos(yaw / 2.0), np.sin(tilt / 2.0), np.cos(tilt / 2.0)

@@ -1,10 +1,9 @@
 """The row of one variant: peaks and means of the wrench, and the work; or the reason why there are none."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.integrate import trapezoid
@@ -16,7 +15,7 @@ from rft_ros.sweeps.design import Variant
 from rft_ros.sweeps.motions import FAMILIES, Array, sample
 from rft_ros.tool import Tool, ToolRequest
 
-__all__ = ["RESULTS", "Work", "evaluate", "power", "row_of", "work"]
+__all__ = ["RESULTS", "Work", "evaluate", "row_of", "work"]
 
 RESULTS = (
     *(f"peak_{axis}" for axis in ("fx", "fy", "fz", "tx", "ty", "tz")),
@@ -33,8 +32,7 @@ path of the tool frame's origin [m]; number of plates."""
 _SAMPLES = 200
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Work:
+class Work(NamedTuple):
     """Work done on the grains [J], positive where they resist.
 
     `vertical`: by the vertical force over the vertical displacement of the tool frame's origin. `total`: by the whole
@@ -45,26 +43,17 @@ class Work:
     total: float
 
 
-def power(states: Array, wrenches: Array) -> Array:
-    """Power of the whole wrench against the motion [W], shape [n]: -(F·v + T·ω), positive where the grains resist.
-
-    `states`: shape [n, 13], columns `rft_ros.rft.STATE`. `wrenches`: shape [n, 6 or more], force on the tool [N] and
-    torque about its frame's origin [N m], world axes.
-    """
-    return np.asarray(-(wrenches[:, :6] * states[:, 7:13]).sum(axis=1))
-
-
 def work(times: Array, states: Array, wrenches: Array) -> Work:
-    """Vertical and total work over a motion, by the trapezoidal rule; arguments as for `power`, times [s] too."""
-    return Work(
-        vertical=float(trapezoid(-wrenches[:, 2] * states[:, 9], times)),
-        total=float(trapezoid(power(states, wrenches), times)),
-    )
+    """Vertical and total work over a motion, by the trapezoidal rule.
+
+    `times` [s], shape [n]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`. `wrenches`: shape [n, 6 or more],
+    force on the tool [N] and torque about its frame's origin [N m], world axes.
+    """
+    power = -wrenches[:, :6] * states[:, 7:13]  # [W], positive where the grains resist
+    return Work(float(trapezoid(power[:, 2], times)), float(trapezoid(power.sum(axis=1), times)))
 
 
-@lru_cache(maxsize=64)
-def _loaded(request: ToolRequest) -> Tool:
-    return request.load()
+_loaded = lru_cache(maxsize=64)(ToolRequest.load)
 
 
 def _tool(entry: dict[str, Any]) -> Tool:

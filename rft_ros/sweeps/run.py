@@ -236,22 +236,16 @@ def _read(file: Path) -> list[list[str]]:
 
 
 def _table(out: Path, columns: list[str], rows: list[list[str]], form: str) -> Path:
+    text = _text([columns, *rows])
     if form == "csv":
-        _whole(out / "results.csv", _text([columns, *rows]))
+        _whole(out / "results.csv", text)
         return out / "results.csv"
     try:
         import pyarrow  # type: ignore[import-untyped]
-        import pyarrow.parquet  # type: ignore[import-untyped]
+        from pyarrow import csv as arrow_csv
+        from pyarrow import parquet
     except ImportError:
         raise InputError("--format parquet needs pyarrow: pip install 'rft_ros[sweep]'") from None
-
-    def typed(values: list[str]) -> list[object]:
-        try:
-            return [float(v) if v else None for v in values]
-        except ValueError:
-            return list(values)
-
-    content = {name: typed([row[k] for row in rows]) for k, name in enumerate(columns)}
-    content["reason"] = [row[-1] for row in rows]
-    pyarrow.parquet.write_table(pyarrow.table(content), out / "results.parquet")
+    typed = arrow_csv.ConvertOptions(column_types={"reason": pyarrow.string()})  # it may be empty in every row
+    parquet.write_table(arrow_csv.read_csv(io.BytesIO(text.encode()), convert_options=typed), out / "results.parquet")
     return out / "results.parquet"

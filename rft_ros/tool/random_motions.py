@@ -1,7 +1,5 @@
 """Random motions, and the error of a reduced tool's wrench over motions."""
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,48 +19,36 @@ _SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's h
 _FEEBLE = 0.01  # of the median force: errors are divided by at least this force
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
-    """Compares reduced tools with the full tool over the same motions.
+    """Compares reduced tools with the full tool, `plates`, over the same motions, `states` of shape [n, 13].
 
-    `laws`: each is applied to all states. `states`: shape [n, 13]. `full`: wrenches of the full tool, shape
-    [laws, n, 7]. `center`: of the tool, in its frame [m]; `radius`: of the tool about `center` [m]. `scale`: force that
-    each error is divided by [N], shape [laws, n].
+    Errors are relative to each state's own force (with one law) if `own_force`, else to the greatest force (with all
+    laws). `full`: wrenches of the full tool, shape [laws, n, 7].
     """
 
-    laws: tuple[Law, ...]
-    states: Array
-    full: Array
-    center: Array
-    radius: float
-    scale: Array
-
-    @classmethod
-    def of(cls, plates: Plates, states: Array, *, own_force: bool) -> "Comparison":
-        """Divide errors by each state's own force (with one law), or by the greatest force (with all laws)."""
-        laws = LAWS[-1:] if own_force else LAWS
-        full = np.stack([wrenches(plates, law, states) for law in laws])
-        force = np.linalg.norm(full[..., :3], axis=2)
-        low, high = plates.packed[:3].min(axis=1), plates.packed[:3].max(axis=1)
-        center = 0.5 * (low + high)
-        radius = float(np.linalg.norm(plates.packed[:3].T - center, axis=1).max()) or plates.reach or 1.0
+    def __init__(self, plates: Plates, states: Array, *, own_force: bool) -> None:
+        self._laws, self._states = LAWS[-1:] if own_force else LAWS, states
+        self.full = np.stack([wrenches(plates, law, states) for law in self._laws])
+        force = np.linalg.norm(self.full[..., :3], axis=2)
+        places = plates.packed[:3].T
+        self._center = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        self._radius = float(np.linalg.norm(places - self._center, axis=1).max()) or plates.reach or 1.0
         loaded = force[force > 0.0]
         if own_force:
-            scale = np.maximum(force, _FEEBLE * float(np.median(loaded)) if len(loaded) else 1.0)
+            self._scale = np.maximum(force, _FEEBLE * float(np.median(loaded)) if len(loaded) else 1.0)
         else:
-            scale = np.repeat(np.maximum(force.max(axis=1), 1e-300), len(states)).reshape(force.shape)
-        return cls(laws, states, full, center, radius, scale)
+            self._scale = np.maximum(force.max(axis=1, keepdims=True), 1e-300)
 
     def errors(self, plates: Plates) -> Array:
         """Relative error at each state, shape [laws, n], no unit.
 
-        The larger of the force's error and of the error of the torque about `center` over `radius`.
+        The larger of the force's error and of the error of the torque about the tool's center over its radius.
         """
-        off = np.stack([wrenches(plates, law, self.states) for law in self.laws]) - self.full
-        force, lever = off[..., :3], _rotated(self.states[:, 3:7], self.center)
+        off = np.stack([wrenches(plates, law, self._states) for law in self._laws]) - self.full
+        force, lever = off[..., :3], _rotated(self._states[:, 3:7], self._center)
         torque = off[..., 3:6] - np.cross(lever, force)
-        either = np.maximum(np.linalg.norm(force, axis=2), np.linalg.norm(torque, axis=2) / self.radius)
-        return np.asarray(either / self.scale)
+        either = np.maximum(np.linalg.norm(force, axis=2), np.linalg.norm(torque, axis=2) / self._radius)
+        return np.asarray(either / self._scale)
 
     def percentile_95(self, plates: Plates) -> float:
         """The error's 95th percentile, no unit."""

@@ -58,9 +58,9 @@ def reduced_for_any_motion(
     `corners`: of the tool's convex hull [m], shape [k, 3].
     """
     merger = Merger(plates)
-    measuring = Comparison.of(plates, random_motions(corners, _STATES, seed=_MEASURING), own_force=True)
+    measuring = Comparison(plates, random_motions(corners, _STATES, seed=_MEASURING), own_force=True)
     if count is None:
-        choosing = Comparison.of(plates, random_motions(corners, _STATES, seed=_CHOOSING), own_force=True)
+        choosing = Comparison(plates, random_motions(corners, _STATES, seed=_CHOOSING), own_force=True)
         few = _fewest(merger, choosing, measuring, tolerance, most=min(int(_WORTH * len(plates)), merger.most))
     else:
         few = merger.merged(count)
@@ -111,7 +111,7 @@ def reduced_for_scene(
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
     part = np.arange(len(states)) % 6
     between = _halfway(states, plates.reach)
-    stopping, measuring = (Comparison.of(plates, between[part == k], own_force=False) for k in (2, 5))
+    stopping, measuring = (Comparison(plates, between[part == k], own_force=False) for k in (2, 5))
     if not (stopping.full[..., :3].any() and measuring.full[..., :3].any()):
         raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
     few = None

@@ -61,7 +61,7 @@ def test_four_passes_in_one_trench():
 
 
 @pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.name)
-def test_nothing_surprises_on_fresh_ground_and_no_model_is_called_impossible(choice):
+def test_fresh_ground_gives_no_surprise_and_no_model_issue(choice):
     for name in FRESH:
         result = learned(dem_series(name, choice), lag=0.002)
         assert len(result.reports()) == 0, name

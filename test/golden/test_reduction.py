@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion, sample_every
+from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion
 from rft_ros.tool import load_tool
 from rft_ros.tool.random_motions import random_motions
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
+from studies.sampling import sample_every
 
 GENERIC = MEDIA["generic"]
 LAWS = {name: treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=0.33) for name in ("constant", "linear")}

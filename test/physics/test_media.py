@@ -13,7 +13,7 @@ def test_a_medium_has_the_nine_published_coefficients(name):
     assert astuple(medium_named(name)) == (name, *rule.MEDIA[name])
 
 
-def test_there_are_no_other_media():
+def test_the_media_are_those_that_were_published():
     assert set(MEDIA) == set(rule.MEDIA)
 
 

@@ -34,7 +34,7 @@ def remembered(states, durations, *, length=LENGTH, plates=PLATES["centroid"], m
 
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)
-def test_steady_motion_comes_monotonically_to_the_published_force(integration):
+def test_steady_motion_approaches_the_published_force_monotonically(integration):
     plates = PLATES[integration]
     states, durations = along(np.linspace(0.0, 0.08, 200), (0.01, 0.0, 0.0))  # level: the published force is constant
     result = remembered(states, durations, plates=plates)[:, 0]
@@ -45,7 +45,7 @@ def test_steady_motion_comes_monotonically_to_the_published_force(integration):
 
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)
-def test_a_length_of_next_to_nothing_is_the_published_rule(integration):
+def test_a_very_short_mobilization_length_gives_the_published_rule(integration):
     plates = PLATES[integration]
     states, durations = along(np.linspace(0.0, 0.05, 100), (0.005, 0.002, -0.01))
     result = remembered(states, durations, plates=plates, length=1e-12)[2:]
@@ -187,7 +187,7 @@ def test_a_speed_near_the_largest_double_leaves_a_usable_memory():
     assert np.isfinite(remembered(states, durations, memory=memory)).all()
 
 
-def test_a_memory_of_another_rule_of_alpha_y_goes_on():
+def test_memory_continues_with_another_alpha_y_model():
     """ζ and α_y are swapped while the tool is in the grains; what the plates remember is a traction, not a share."""
     memory = Memory(PLATES["centroid"])
     states, durations = along(np.linspace(0.0, 0.03, 60), (0.01, 0.0, -0.002))

@@ -64,13 +64,13 @@ def test_a_cube_that_moves_along_an_axis_is_pushed_by_its_leading_face_alone(vel
     assert force[3:] == pytest.approx(rule.cross(centroid, expected), abs=1e-9)
 
 
-def test_a_plate_of_no_area_carries_nothing():
+def test_a_plate_without_area_has_no_force():
     assert not wrench(Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [0.0]), CONSTANT, (0, 0, -1)).any()
 
 
 @LAWS
 @pytest.mark.parametrize("speed", [1e-280, 1e-160, 1e160, 1e200])
-def test_speeds_whose_squares_have_no_number_give_the_same_wrench(law, speed):
+def test_speeds_whose_squares_overflow_or_underflow_give_the_same_wrench(law, speed):
     direction = np.array([0.6, -0.48, -0.64])
     np.testing.assert_allclose(wrench(BOX, law, speed * direction), wrench(BOX, law, direction), rtol=1e-9, atol=1e-9)
 

@@ -13,7 +13,7 @@ from studies.stability import CASES
 from studies.validity_limits import inertia_over_weight, share_in_wake
 
 
-def test_a_convex_tool_sees_nothing_of_itself_and_a_hemisphere_half():
+def test_a_convex_tool_shadows_no_facet_and_a_hemisphere_half_of_them():
     assert concavity(trimesh.creation.box((1.0, 2.0, 3.0)).triangles) == 0.0
     ball = trimesh.creation.icosphere(3).triangles[:, ::-1]  # seen from inside
     assert concavity(ball[ball.mean(axis=1)[:, 2] > 0.0]) == pytest.approx(0.5, abs=0.02)

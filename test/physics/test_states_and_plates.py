@@ -45,7 +45,7 @@ def test_a_number_that_is_not_finite_is_refused_by_row_and_column(column, value)
 
 
 @pytest.mark.parametrize(("qw", "norm"), [(0.0, "0"), (0.98, "0.98"), (1.02, "1.02"), (1e-200, "0")])
-def test_a_quaternion_that_is_no_rotation_is_refused_by_row(qw, norm):
+def test_a_quaternion_that_is_not_a_rotation_is_refused_by_row(qw, norm):
     with pytest.raises(ValueError, match=f"row 2: the quaternion qx, qy, qz, qw has norm {norm}; it must be 1"):
         checked_states([STILL, STILL, state(qw=qw)])
 
@@ -62,7 +62,7 @@ def test_a_quaternion_within_a_hundredth_of_unit_length_is_made_unit_length_and_
 
 
 @pytest.mark.parametrize("q", [(0, 0, 0, 0), (0, 0, 0, 1.011), (0, 0, 0, 0.989), (math.nan, 0, 0, 1), (1e200, 0, 0, 0)])
-def test_a_quaternion_that_is_no_rotation_has_no_unit_quaternion(q):
+def test_a_quaternion_that_is_not_a_rotation_has_no_unit_quaternion(q):
     assert unit_quaternion(*q) is None
 
 
@@ -109,6 +109,6 @@ ONE = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1e-4])
         (ONE[0], [[0, 0, 0]], ONE[2], "normals not zero"),
     ],
 )
-def test_plates_that_are_no_surface_are_refused_with_a_sentence(centroids, normals, areas, complaint):
+def test_arrays_that_are_not_plates_are_refused_with_a_sentence(centroids, normals, areas, complaint):
     with pytest.raises(ValueError, match=complaint):
         Plates.from_arrays(centroids, normals, areas)

@@ -129,7 +129,7 @@ def test_a_mesh_that_turns_out_broken_leaves_the_old_one_and_its_parameter(rft, 
         ({"linear": (0.0, 0.0, 0.0)}, "at_rest"),
     ],
 )
-def test_bad_live_input_is_a_counted_reason_and_the_node_goes_on(rft, inputs, reason):
+def test_bad_live_input_is_a_counted_reason_and_the_node_continues(rft, inputs, reason):
     def count():
         return int(rft.diagnostic("inputs")[2].get(f"count.{reason}", 0))
 
@@ -184,7 +184,7 @@ def test_the_measured_wrench_is_interpolated_at_the_stamp_from_samples_that_come
 
 
 @pytest.mark.parametrize("topic", ["pose", "twist", "wrench"])
-def test_bytes_that_are_no_message_are_counted_and_the_node_goes_on(rft, topic):
+def test_unreadable_messages_are_counted_and_the_node_continues(rft, topic):
     def count():
         return int(rft.diagnostic("inputs")[2].get("count.message_unreadable", 0))
 

@@ -52,7 +52,7 @@ def said(tmp_path: Path) -> str:
     return (tmp_path / "node.log").read_text()
 
 
-def test_told_to_end_while_it_compiles_it_ends_with_status_0_and_leaves_no_child(tmp_path):
+def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(tmp_path):
     for number in (signal.SIGINT, signal.SIGTERM):
         node = start(tmp_path, cache=tmp_path / "cache")
         wait_until(lambda: "compiling, about 20 s, first start only" in said(tmp_path), "the node compiles")
@@ -65,7 +65,7 @@ def test_told_to_end_while_it_compiles_it_ends_with_status_0_and_leaves_no_child
 
 
 @pytest.mark.parametrize("ignored", [False, True], ids=["foreground", "background"])
-def test_told_to_end_as_soon_as_its_first_process_exists_it_ends_with_status_0(tmp_path, ignored):
+def test_a_signal_right_after_the_first_process_starts_ends_with_status_0(tmp_path, ignored):
     node = start(tmp_path, ignored=ignored)
     wait_until(lambda: descendants(node.pid), "the tool worker starts")
     node.send_signal(signal.SIGINT)
@@ -85,7 +85,7 @@ def test_no_child_outlives_a_node_that_is_killed(tmp_path):
 
 @pytest.mark.parametrize("executor", ["events", "single"])
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_each_executor_answers_and_ends_cleanly_when_told_to(start_node, executor, number):
+def test_each_executor_answers_and_ends_cleanly_on_a_signal(start_node, executor, number):
     rft = start_node("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
     assert rft.set(medium__zeta=2.0) == (True, "")
@@ -181,7 +181,7 @@ def test_it_does_not_start_on_parameters_it_cannot_use(start_node, argument, wor
     assert "Traceback" not in rft.said()
 
 
-def test_asked_for_help_it_gives_some_and_does_not_start(start_node):
+def test_help_is_printed_without_starting_the_node(start_node):
     rft = start_node("--help")
     assert rft.process.wait(WAIT) == 0
     assert rft.said().startswith("usage: rft_node")

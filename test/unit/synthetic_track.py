@@ -13,6 +13,9 @@ from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, treers2021, wrench
 from rft_ros.tool import load_tool
 
 RATE = 100.0
+REST = 2e-4
+"""Speed below which a tool is at rest [m/s]."""
+
 GENERIC = MEDIA["generic"]
 TOOL = load_tool("abb_plate", scale=0.001)
 """The shipped plate of few facets, its faces horizontal in the orientation 0, 0, 0, 1."""
@@ -94,7 +97,8 @@ def noisy(readings, rng, *, noise, memory=0.8):
 
 
 def track_of(time, states, readings, name="synthetic", tool=TOOL):
-    return Track(name=name, begin=1_600_000_000 * 10**9, time=time, states=states, readings=readings, tool=tool)
+    begin = 1_600_000_000 * 10**9
+    return Track(name=name, begin=begin, time=time, states=states, readings=readings, tool=tool, rest_speed=REST)
 
 
 LOAD_CELL = LoadCell(

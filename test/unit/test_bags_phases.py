@@ -70,7 +70,7 @@ def test_under_noise_above_the_rest_speed_every_phase_still_lasts_a_tenth_of_a_s
     assert min(count for _, count in segments(phases_of(run(PLUNGE, noise=noise)))) >= 10
 
 
-def test_a_blip_shorter_than_a_tenth_of_a_second_is_no_phase():
+def test_motion_shorter_than_a_tenth_of_a_second_does_not_change_the_phase():
     blip = ((150, DOWN), (5, UP), (100, DOWN))
     assert [phase for phase, _ in segments(phases_of(run(blip)))] == [Phase.APPROACH, Phase.PENETRATION]
     longer = ((150, DOWN), (12, UP), (100, DOWN))
@@ -94,12 +94,12 @@ def test_out_of_the_grains_it_withdraws_until_it_moves_otherwise():
     assert found == [Phase.WITHDRAWAL, Phase.APPROACH]
 
 
-def test_turning_in_place_below_the_surface_is_no_dwell():
+def test_turning_in_place_below_the_surface_is_not_dwell():
     turning = [Moment(10**9 + k * STEP, 0.02, 0.0, 0.0005, 0.01) for k in range(30)]
     assert set(phases_of(turning)) == {Phase.PLOUGHING}
 
 
-def test_moments_of_unknown_motion_have_no_phase_and_end_none():
+def test_moments_of_unknown_motion_have_no_phase_and_do_not_end_one():
     moments = run(((100, DOWN),), depth=0.0)
     for k in (0, 20, 21, 60):
         moments[k] = None

@@ -80,7 +80,7 @@ def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_p
     assert sum(bool(row["residual_fz"]) for row in rows_of(tmp_path / "late_out")) > 500
 
 
-def test_a_tare_of_0_seconds_is_no_tare(tmp_path):
+def test_a_tare_of_0_seconds_means_no_tare(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments())
     assert replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
 
@@ -131,7 +131,7 @@ def test_penetration_has_statistics_of_its_own(tmp_path):
         (lambda role, stamp: stamp - (10**9 if role == "wrench" else 0), "wrench_stale"),
     ],
 )
-def test_stamps_that_make_no_sense_are_reasons(tmp_path, change, reason):
+def test_invalid_stamps_are_reasons(tmp_path, change, reason):
     rows = [(role, time, change(role, stamp), v) for role, time, stamp, v in moments()]
     summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values())
     assert summary.reasons[reason] >= 59
@@ -205,7 +205,7 @@ def test_options_come_from_the_parameter_file(tmp_path):
             read_replay_options(file)
 
 
-def test_a_replay_that_learns_tells_what_it_learned_and_the_error_without_and_with(tmp_path):
+def test_a_learning_replay_reports_what_it_learned_and_the_error_with_and_without(tmp_path):
     bag = write_ros2(tmp_path / "bag", plunge())
     learning = values(learning__mode="apply", sensor__bias=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0))
     summary = replay(bag, tmp_path / "out", learning)
@@ -220,7 +220,7 @@ def test_a_replay_that_learns_tells_what_it_learned_and_the_error_without_and_wi
     assert float(rows[200]["s_v_error"]) > 0.0
 
 
-def test_without_learning_the_replay_says_nothing_of_it(tmp_path):
+def test_without_learning_the_replay_does_not_mention_it(tmp_path):
     summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
     assert summary.learning == {}
     rows = rows_of(tmp_path / "out")

@@ -84,7 +84,7 @@ def test_the_phases_add_up_to_the_whole(plunged):
     assert summary.wrench["force"].residual.rms ** 2 * summary.estimates == pytest.approx(sum(parts))
 
 
-def test_no_poses_no_numbers(tmp_path):
+def test_without_poses_there_are_no_statistics(tmp_path):
     with Trace(tmp_path) as trace:
         whole, phases = statistics(trace)
         assert (whole.estimates, whole.rms_over_peak, whole.median_relative_error) == (0, None, None)
@@ -94,7 +94,7 @@ def test_no_poses_no_numbers(tmp_path):
     assert (whole.estimates, phases["dwell"].poses, phases["dwell"].estimates) == (0, 1, 0)
 
 
-def test_what_has_no_wrench_counts_as_an_estimate_without_residual(tmp_path):
+def test_an_estimate_without_measured_wrench_has_no_residual(tmp_path):
     alone = Estimate(1, (0.0, 3.0, 4.0, 0.0, 0.0, 0.0), (0.1,) * 6, 0.1, 1e-3, 0, 0)
     with Trace(tmp_path) as trace:
         trace.add(0.003, alone, Measurement(1, None, None, Reason.WRENCH_MISSING), Phase.PENETRATION, STATE)

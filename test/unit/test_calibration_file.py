@@ -193,7 +193,7 @@ def test_wrong_options_are_a_sentence(cell, tmp_path, capsys, more, sentence):
     assert "Traceback" not in error
 
 
-def test_a_figure_of_the_penetrations(cell, tmp_path):
+def test_the_penetrations_are_drawn_to_a_figure(cell, tmp_path):
     figure = tmp_path / "figures" / "penetrations.png"
     assert calibrate(cell, ("pressed",), tmp_path / "out.yaml", "--figure", str(figure)) == 0
     assert figure.read_bytes().startswith(b"\x89PNG")

@@ -3,13 +3,12 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from synthetic_track import TOOL, Path, law, track_of
+from synthetic_track import REST, TOOL, Path, law, track_of
 
 from rft_ros.calibration.memory_length import forces_in_time
 from rft_ros.calibration.segments import turns_in_grains
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Settings, TwistSample
 
-REST = 2e-4
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
 
 
@@ -33,7 +32,7 @@ def still_readings(path):
 )
 def test_turns_are_found_where_the_tool_turns_in_the_grains(path, seconds):
     track = still_readings(path)
-    found = [track.time[turn.at] for turn in turns_in_grains(track, 0.0, REST)]
+    found = [track.time[turn.at] for turn in turns_in_grains(track, 0.0)]
     assert found == pytest.approx(seconds, abs=0.1)
 
 
@@ -51,8 +50,6 @@ def test_the_forces_are_those_of_the_estimator():
         answer = estimator.push_pose(PoseSample(stamp, "world", tuple(state[:3]), tuple(state[3:7])))
         assert isinstance(answer, Estimate)
         predicted.append(answer.predicted[:3])
-    forces = forces_in_time(
-        track, law(0.8), first=0, last=len(track.time) - 1, length=0.003, surface=0.0, rest_speed=REST
-    )
+    forces = forces_in_time(track, law(0.8), first=0, last=len(track.time) - 1, length=0.003, surface=0.0)
     assert np.abs(forces).max() > 10.0
     assert np.allclose(forces, predicted, rtol=1e-9, atol=1e-9)

@@ -49,20 +49,20 @@ def down(millimetres, *, start=0.03):
     return Path((0.0, 0.0, start)).wait(1.0).move((0.0, 0.0, -start - 1e-3 * millimetres), 0.01)
 
 
-def test_too_shallow_a_penetration():
+def test_zeta_is_not_identifiable_from_a_shallow_penetration():
     sentence = why(calibrated(down(1.0)), "medium.zeta")
     assert "too shallow" in sentence
     assert "5 mm" in sentence
 
 
-def test_a_recording_that_never_reaches_the_grains():
+def test_a_recording_above_the_grains_is_not_identifiable():
     result = calibrated(Path((0.0, 0.0, 0.08)).wait(1.0).move((0.0, 0.0, -0.05), 0.01))
     assert "must rise by 6 times" in why(result, "surface_height")
     assert "no vertical penetration" in why(result, "medium.zeta")
     assert "medium.calibrated_depth" not in fitted(result)
 
 
-def test_a_recording_that_never_goes_straight_down():
+def test_a_recording_without_straight_downward_motion_is_not_identifiable():
     result = calibrated(Path((0.0, 0.0, 0.05)).wait(1.0).move((0.03, 0.0, 0.0), 0.01))
     assert "never goes straight down" in why(result, "surface_height")
 
@@ -75,7 +75,7 @@ def test_grains_that_pull_a_sinking_tool_down_mean_a_wrong_sign():
     assert "check sensor.sign" in why(result, "medium.zeta")
 
 
-def test_no_pose_at_rest_in_the_air_leaves_the_bias_unidentified():
+def test_without_a_pose_at_rest_in_the_air_the_bias_is_not_identifiable():
     result = calibrated(Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01), values=unknown())
     assert "never rests" in why(result, "sensor.bias")
 
@@ -106,7 +106,7 @@ def test_a_negative_mass_means_a_wrong_sign():
     assert "the fitted mass is -0.4" in why(result, "sensor.bias")
 
 
-def test_a_tare_with_the_tool_in_motion():
+def test_a_tare_with_the_tool_in_motion_is_refused():
     with pytest.raises(InputError, match="tare refused"):
         calibrated(Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01), tare=1.0)
 
@@ -116,7 +116,7 @@ def test_a_stop_alone_does_not_identify_the_mobilization_length():
     assert "never turns" in why(result, "medium.mobilization_length")
 
 
-def test_a_force_that_follows_at_once_has_no_mobilization_length():
+def test_a_force_without_lag_has_no_mobilization_length():
     result = calibrated(down(40.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01), parts=("mobilization",))
     assert "at once" in why(result, "medium.mobilization_length")
 
@@ -141,7 +141,7 @@ def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length(
     assert "λ" in sentence
 
 
-def test_no_level_run():
+def test_a_recording_without_a_level_run_is_not_identifiable():
     result = calibrated(down(40.0))
     assert "ψ of the runs: none" in why(result, "alpha_y")
 

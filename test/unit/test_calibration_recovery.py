@@ -31,7 +31,7 @@ from rft_ros.tool import load_tool
 TRIALS, ENOUGH = 100, 95
 NOISE = (0.1, 0.002)
 BETAS = (30.0, 50.0, 70.0, 90.0)
-SURFACE, ZETA, LENGTH, REST = 0.0123, 0.8, 0.003, 2e-4
+SURFACE, ZETA, LENGTH = 0.0123, 0.8, 0.003
 
 
 def count(trial, truth):
@@ -84,7 +84,7 @@ def test_load_cell_surface_and_zeta(correlation):
         ),
     ],
 )
-def test_mobilization_length(path, tmp_path):
+def test_the_mobilization_length_is_recovered(path, tmp_path):
     trimesh.creation.box((50.0, 30.0, 5.0)).export(tmp_path / "blade.stl")
     blade = load_tool(str(tmp_path / "blade.stl"))
     time, states = path().states()
@@ -93,7 +93,7 @@ def test_mobilization_length(path, tmp_path):
 
     def trial(rng):
         track = track_of(time, states, noisy(exact, rng, noise=NOISE), tool=blade)
-        return [fit_memory_length([track], Sensor(cell=LOAD_CELL), law(), surface=0.0, rest_speed=REST)]
+        return [fit_memory_length([track], Sensor(cell=LOAD_CELL), law(), surface=0.0)]
 
     hits = count(trial, {"medium.mobilization_length": (LENGTH,)})
     assert min(hits.values()) >= ENOUGH, hits
@@ -120,7 +120,7 @@ def run_at(beta, alpha, noise=0.0):
     return PlateRun(beta=beta, psi=90.0, depth=0.05, load=7e-5, along=ZETA * 70.0 * alpha + noise, error=0.02)
 
 
-def test_an_alpha_y_table_holds_what_no_line_does():
+def test_an_alpha_y_table_holds_what_a_line_cannot():
     alpha = {30.0: 0.10, 60.0: 0.16, 90.0: 0.09}
     runs = [run_at(beta, a) for beta, a in alpha.items() for _ in range(2)]
     fit = fit_alpha_y(runs, GENERIC, zeta=ZETA, model="table")

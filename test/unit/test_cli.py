@@ -183,7 +183,7 @@ def test_predict_with_memory_holds_the_force_at_rest_and_wants_the_states_in_ord
     refused(predict(tmp_path, f"{HEADER}\n{moving[0]}\n", "--mobilization-length", "-1"), "-1", "negative")
 
 
-def test_predict_refuses_a_state_whose_wrench_has_no_number(tmp_path):
+def test_predict_refuses_a_state_without_a_finite_wrench(tmp_path):
     done = predict(tmp_path, f"{HEADER}\n{ROW}\n1,0,0,-1e308,0,0,0,1,0,0,-0.01,0,0,0\n")
     refused(done, "states.csv", "t = 1 ", "no finite wrench")
     assert not (tmp_path / "out.csv").exists()

@@ -55,7 +55,7 @@ def kept(folder: Path) -> list[Path]:
     return sorted(file for file in (folder / "cache").rglob("*") if file.is_file())
 
 
-def test_a_damaged_file_of_the_cache_counts_as_absent_and_is_written_anew(copy):
+def test_a_damaged_cache_file_counts_as_absent_and_is_replaced(copy):
     (file,) = kept(copy)
     content = file.read_bytes()
     changed = bytearray(content)
@@ -68,7 +68,7 @@ def test_a_damaged_file_of_the_cache_counts_as_absent_and_is_written_anew(copy):
     assert answer(copy) == (numbers, "compiled 0")
 
 
-def test_a_file_that_cannot_be_written_fails_no_call(copy):
+def test_a_cache_that_cannot_be_written_does_not_fail_a_call(copy):
     numbers, _ = answer(copy)
     (file,) = kept(copy)
     file.unlink()
@@ -79,7 +79,7 @@ def test_a_file_that_cannot_be_written_fails_no_call(copy):
 
 
 @pytest.mark.parametrize("source", ["rft/frames.py", "estimator/load_cell.py"])
-def test_an_edited_source_is_compiled_anew_even_if_its_file_looks_untouched(copy, source):
+def test_an_edited_source_is_recompiled_even_with_an_old_time_stamp(copy, source):
     """Both the function's own file and that of a function that became part of it; same size, same time."""
     before, _ = answer(copy)
     file = copy / "rft_ros" / source

@@ -33,7 +33,7 @@ def anchors(page):
     return names
 
 
-def test_no_link_or_picture_is_dead():
+def test_every_link_and_picture_exists():
     assert [f"{p.name}: {path}" for p in PAGES for path, _ in links(p) if not (p.parent / path).exists()] == []
 
 

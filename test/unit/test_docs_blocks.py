@@ -34,7 +34,7 @@ def test_blocks_that_are_not_run_give_a_reason():
     assert [wrong for b in marked if (wrong := why_not_run(b))] == []
 
 
-def test_no_code_hides_from_being_run():
+def test_every_code_block_is_run_or_marked():
     """In an unknown language, in a fence that was not found, or as an indented block."""
     command = re.compile(r"^ {4,}(?:rft|make|python3?|pip|ros2|colcon|git|import|from) .*$", flags=re.MULTILINE)
     for page in ALL:
@@ -45,7 +45,7 @@ def test_no_code_hides_from_being_run():
         assert command.findall(outside) == [], page.name
 
 
-def test_commands_stand_in_blocks_that_are_run():
+def test_commands_are_in_code_blocks_that_are_run():
     shown = [b for page in ALL for b in blocks(page) if b.language in SHOWN]
     assert [b.where for b in shown if re.search(r"^\$? ?(?:rft|make|ros2|colcon) ", b.text, flags=re.MULTILINE)] == []
 

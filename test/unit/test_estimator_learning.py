@@ -60,7 +60,7 @@ def test_observe_learns_the_same_and_predicts_as_the_model():
     assert plain.estimator.learning is None
 
 
-def test_no_reading_is_part_of_the_predictions_within_the_lag_behind_it():
+def test_a_prediction_uses_no_reading_taken_within_the_lag_before_it():
     usual, other = Press(learning_lag=0.002).push(200, 1.6), Press(learning_lag=0.002).push(200, 1.6)
     usual.push(19, 1.6)
     other.push(19, 5.0)

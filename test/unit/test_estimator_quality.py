@@ -53,7 +53,7 @@ def test_slow_straight_motion_of_a_convex_tool_has_no_flag(root):
     assert trust(QualityFlag.NONE) is Trust.OK
 
 
-def test_a_tool_above_the_grains_has_no_flag_however_fast(root):
+def test_a_tool_above_the_grains_has_no_flag_at_any_speed(root):
     assert last_flags(root, straight(0.1, speed=1.0, start=(0, 0, 1.0), direction=(1, 0, 0))) == QualityFlag.NONE
 
 
@@ -92,7 +92,7 @@ def test_the_published_rule_flags_faces_that_move_along_themselves_and_the_refin
     assert last_flags(load_tool("plate", integration="refined"), **along) == QualityFlag.NONE
 
 
-def test_the_narrow_sides_of_a_plate_that_goes_straight_down_are_not_flagged():
+def test_the_narrow_sides_of_a_plate_that_moves_straight_down_are_not_flagged():
     down = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.0, 0.0, -0.01)}
     assert last_flags(load_tool("plate"), **down) == QualityFlag.NONE
 

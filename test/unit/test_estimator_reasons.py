@@ -79,7 +79,7 @@ FRAMES = {
 
 
 @pytest.mark.parametrize("reason", FRAMES, ids=str)
-def test_an_unknown_frame_is_named_beside_what_it_is_not(reason):
+def test_an_unknown_frame_is_named_with_the_expected_one(reason):
     e, _ = pushed(*SCENES[reason])
     assert e.unknown_frames() == {reason.value: FRAMES[reason]}
     assert e.counted() == [f"{reason}: 1 ({FRAMES[reason]})"]
@@ -94,7 +94,7 @@ def test_the_last_unknown_frame_is_named_until_the_settings_change():
 
 
 @pytest.mark.parametrize("reason", SCENES, ids=str)
-def test_the_estimator_goes_on_with_the_next_good_samples(reason):
+def test_the_estimator_continues_with_the_next_good_samples(reason):
     e, _ = pushed(*SCENES[reason], **SETTINGS.get(reason, {}))
     answer = None
     for k in range(4):
@@ -187,7 +187,7 @@ def test_max_rate_bounds_how_many_poses_are_answered_in_ten_seconds(rate, period
     assert e.counts["estimates"] + e.counts[Reason.POSE_RATE_LIMITED.value] == poses
 
 
-def test_a_limit_at_the_streams_own_rate_drops_no_pose_though_its_stamps_jitter():
+def test_a_limit_at_the_streams_own_rate_drops_no_pose_despite_jittering_stamps():
     """Jitter within a tenth of the period."""
     e = estimator(max_rate=125.0)
     for k in range(1000):

@@ -118,7 +118,7 @@ def test_tare_is_refused_with_fewer_than_ten_samples():
     assert e.tare(0.5) == pytest.approx(READING)
 
 
-def test_tare_is_refused_when_poses_stopped_coming_though_the_load_cell_goes_on():
+def test_tare_is_refused_when_poses_stop_and_the_load_cell_continues():
     """The tool was last seen in the grains, two seconds ago: nothing says that it left them."""
     e = estimator()
     after = run(e, 1.0, position=GRAINS)

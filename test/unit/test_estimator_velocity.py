@@ -119,7 +119,7 @@ def test_sparse_poses_are_used_three_at_a_time_as_long_as_they_are_fresh():
     assert ready == [False] * 5
 
 
-def test_after_a_gap_the_history_starts_anew():
+def test_after_a_gap_the_history_restarts():
     before = screw((0.1, 0, 0), (0, 0, 0), times=np.arange(0, 0.05, 0.008))
     after = screw((0.0, 0.2, 0), (0, 0, 0), times=np.arange(1.0, 1.05, 0.008))
     found, ready = differenced([*before, *after])

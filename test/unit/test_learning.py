@@ -136,7 +136,7 @@ def test_the_rate_of_sampling_does_not_matter(rate: float) -> None:
 
 @given(moment=st.integers(50, 900))
 @settings(max_examples=10, deadline=None)
-def test_no_sample_is_part_of_a_prediction_less_than_a_lag_later(moment: int) -> None:
+def test_a_prediction_uses_no_sample_taken_less_than_the_lag_before_it(moment: int) -> None:
     series = plunge(seed=2)
     forces = series.forces.copy()
     forces[moment] *= 2.0

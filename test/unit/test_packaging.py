@@ -88,7 +88,7 @@ def test_the_wheel_holds_every_module_and_every_shared_file(wheel):
     assert {n.partition(".data/data/")[2] for n in names if ".data/" in n} == shared
 
 
-def test_the_sdist_brings_its_licence_its_changes_and_no_rubbish(dist):
+def test_the_sdist_has_its_licence_and_changelog_and_no_stray_files(dist):
     (sdist,) = dist.glob("rft_ros-*.tar.gz")
     with tarfile.open(sdist) as files:
         names = {name.partition("/")[2] for name in files.getnames()}

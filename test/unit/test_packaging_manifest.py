@@ -25,7 +25,7 @@ NO_KEY_ON_NOBLE = {"numba", "plotly", "fast_simplification"}
 EXTRA_SWEEP = {"distributed", "pyarrow"}
 
 
-def test_the_manifest_is_valid_and_nothing_is_warned_of():
+def test_the_manifest_is_valid_without_warnings():
     package, warnings = manifest()
     assert warnings == []
     assert (package.name, package.package_format, package.get_build_type()) == ("rft_ros", 3, "ament_python")
@@ -33,7 +33,7 @@ def test_the_manifest_is_valid_and_nothing_is_warned_of():
     assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
 
 
-def test_the_manifests_elements_stand_in_the_order_of_its_schema():
+def test_the_manifests_elements_are_in_the_order_of_its_schema():
     """catkin_pkg takes any order; package_format3.xsd, and so ament_xmllint, does not."""
     order = ["name", "version", "description", "maintainer", "license", "url", "author", "depend", "export"]
     root = ElementTree.parse(ROOT / "package.xml").getroot()
@@ -49,7 +49,7 @@ def test_each_dependency_is_imported_and_each_import_is_a_dependency():
     assert {MODULES.get(key, key) for key in keys} == imported - NO_KEY_ON_NOBLE - EXTRA_SWEEP
 
 
-def test_what_has_no_rosdep_key_is_named_to_be_installed_by_hand():
+def test_dependencies_without_a_rosdep_key_are_listed_for_installation_by_pip():
     names = {name.replace("_", "-") for name in NO_KEY_ON_NOBLE}
     comments = " ".join(
         re.findall(r"<!--(.*?)-->", (ROOT / "package.xml").read_text(encoding="utf-8"), flags=re.DOTALL)

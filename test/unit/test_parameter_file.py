@@ -41,7 +41,7 @@ def test_the_node_may_be_named_in_any_of_ross_ways(read, key):
     assert read(f"{key}:\n  ros__parameters:\n    max_rate: 50.0\n")["max_rate"] == 50.0
 
 
-def test_the_nodes_own_section_goes_over_the_one_for_all_nodes(read):
+def test_the_nodes_own_section_overrides_the_one_for_all_nodes(read):
     text = (
         "rft:\n  ros__parameters:\n    max_rate: 50.0\n"
         "/**:\n  ros__parameters:\n    max_rate: 10.0\n    surface_height: 0.2\n"

@@ -48,13 +48,13 @@ def test_a_parameter_is_described_in_one_sentence_with_its_unit_or_its_values(pa
 
 @by_name
 @pytest.mark.parametrize("value", [None, {}, object(), b"x"], ids=["none", "mapping", "object", "bytes"])
-def test_a_value_of_no_use_is_refused_by_name(parameter, value):
+def test_an_unusable_value_is_refused_by_name(parameter, value):
     assert refusal(parameter.name, value).startswith(f"{parameter.name} is {value!r}; it must be ")
 
 
 @pytest.mark.parametrize("parameter", [p for p in PARAMETERS if p.type != "string"], ids=lambda p: p.name)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, True, "1.0", 10**400], ids=lambda v: str(v)[:9])
-def test_a_number_that_is_none_is_refused_in_every_place(parameter, value):
+def test_a_value_that_is_not_a_number_is_refused_everywhere(parameter, value):
     sentence = f"{parameter.name} is {value!r}; it must be a finite number (such as 1.0)"
     if parameter.type == "double":
         assert refusal(parameter.name, value) == sentence

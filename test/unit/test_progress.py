@@ -53,6 +53,6 @@ def test_no_color_turns_colours_off():
     assert not re.search(r"\x1b\[[0-9;]*3[0-9]m", at_a_terminal(NO_COLOR="1")[1])
 
 
-def test_a_pipe_gets_none_of_it():
+def test_a_pipe_gets_no_progress_bar():
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=60)
     assert (done.stdout, done.stderr) == ("done\n", "")

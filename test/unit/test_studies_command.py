@@ -64,5 +64,5 @@ def test_a_page_without_markers_is_left_alone(tmp_path):
     assert page.read_text() == PAGE
 
 
-def test_a_table_in_markdown():
+def test_a_table_is_written_as_markdown():
     assert TABLE.markdown() == "| quantity | published | ours |\n| --- | --- | --- |\n| force | 1 N | 2 N |\n"

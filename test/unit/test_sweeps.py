@@ -113,7 +113,7 @@ def test_a_sample_is_drawn_by_its_seed(tmp_path):
     assert first.picked == again.picked != other.picked
 
 
-def test_a_killed_sweep_goes_on_where_it_stopped_with_no_row_lost_or_doubled(tmp_path, whole):
+def test_a_killed_sweep_continues_without_losing_or_repeating_a_row(tmp_path, whole):
     file = study(tmp_path, LONG)
     process = subprocess.Popen(sweep(file, tmp_path / "out"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     until = time.monotonic() + 300.0
@@ -136,7 +136,7 @@ def test_a_killed_sweep_goes_on_where_it_stopped_with_no_row_lost_or_doubled(tmp
     assert report.file.read_bytes() == whole
 
 
-def test_a_killed_worker_costs_no_row(tmp_path):
+def test_a_killed_worker_loses_no_row(tmp_path):
     file = study(tmp_path, LONG)
     process = subprocess.Popen(sweep(file, tmp_path / "out", "--workers", "2"), stdout=subprocess.DEVNULL)
     until = time.monotonic() + 300.0

@@ -43,13 +43,13 @@ def test_check_leaves_the_mesh_alone():
     assert np.array_equal(mesh.triangles, before)
 
 
-def test_hole():
+def test_a_hole_is_not_closed():
     mesh = ball()
     holed = of(mesh.vertices, mesh.faces[1:])
     assert found(holed) == {"not_closed": "the surface is not closed (open edges: 3; edges of three or more facets: 0)"}
 
 
-def test_fin_on_an_edge():
+def test_an_edge_of_three_facets_is_not_closed():
     mesh = ball()
     vertices = np.vstack([mesh.vertices, [0.0, 0.0, 0.03]])
     a, b = mesh.faces[0, :2]
@@ -57,7 +57,7 @@ def test_fin_on_an_edge():
     assert message == "the surface is not closed (open edges: 2; edges of three or more facets: 1)"
 
 
-def test_turned_facet():
+def test_a_turned_facet_has_inconsistent_winding():
     mesh = ball()
     faces = mesh.faces.copy()
     faces[7] = faces[7, ::-1]
@@ -66,7 +66,7 @@ def test_turned_facet():
 
 
 @pytest.mark.parametrize("make", [lambda mesh: mesh, soup], ids=["joined", "soup"])
-def test_inside_out(make):
+def test_an_inside_out_mesh_is_reported(make):
     mesh = ball()
     shrunk = of(mesh.vertices, mesh.faces[:, ::-1])
     volume = mesh.volume * 1e6
@@ -123,7 +123,7 @@ def test_size_of_a_wrong_unit(extent, message):
 
 
 @pytest.mark.parametrize("extent", [0.0011, 4.9])
-def test_size_of_a_tool(extent):
+def test_the_size_of_a_tool_has_no_issue(extent):
     assert check_mesh(trimesh.creation.box(extents=(extent,) * 3)) == ()
 
 

@@ -31,7 +31,7 @@ def reds(pixels):
     return int(((pixels[..., 0] > 100) & (pixels[..., 1] < 80) & (pixels[..., 2] < 80)).sum())
 
 
-def test_in_the_grains_the_force_is_told_and_the_loaded_faces_are_red():
+def test_in_the_grains_the_force_is_written_and_the_loaded_faces_are_red():
     pixels, texts, force = drawn(-0.03)
     told = next(text for text in texts if "net force" in text)
     assert [float(n) for n in re.findall(r"-?\d+\.\d\d", told)] == pytest.approx(force.tolist(), abs=0.01 * force[2])

@@ -51,7 +51,7 @@ def test_package_uri_is_found_where_pip_installs(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("prefix")
-def test_first_prefix_wins(tmp_path):
+def test_the_first_prefix_takes_precedence(tmp_path):
     (tmp_path / "empty" / "share" / "gripper").mkdir(parents=True)
     assert share_directory("gripper") == tmp_path / "empty" / "share" / "gripper"
 
@@ -82,6 +82,6 @@ def test_shipped_name_is_not_hidden_by_a_folder_of_that_name(tmp_path, monkeypat
     assert locate_mesh("plate").name == "plate.stl"
 
 
-def test_import_of_the_room_loads_neither_trimesh_nor_ros():
+def test_importing_the_package_loads_neither_trimesh_nor_ros():
     code = "import sys, rft_ros.tool; sys.exit(bool({'trimesh', 'rclpy'} & set(sys.modules)))"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

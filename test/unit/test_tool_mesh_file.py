@@ -37,12 +37,12 @@ def test_every_format_keeps_facets_order_and_winding(tmp_path, suffix):
     np.testing.assert_allclose(mesh.triangles, TRIANGLES, atol=1e-5)
 
 
-def test_ascii_stl(tmp_path):
+def test_an_ascii_stl_is_read(tmp_path):
     mesh = read_mesh(written(tmp_path, TRIANGLES, file_type="stl_ascii"), scale=1.0, origin=ORIGIN)
     np.testing.assert_allclose(mesh.triangles, TRIANGLES, atol=1e-5)
 
 
-def test_upper_case_suffix(tmp_path):
+def test_an_upper_case_suffix_is_accepted(tmp_path):
     path = written(tmp_path, TRIANGLES).rename(tmp_path / "MESH.STL")
     assert len(read_mesh(path, scale=1.0, origin=ORIGIN).faces) == len(TRIANGLES)
 
@@ -95,33 +95,33 @@ def test_scene_is_one_mesh_with_its_transforms_applied(tmp_path, suffix):
     assert mesh.bounds[1].tolist() == [10.5, 1.0, 1.5]
 
 
-def test_scale_and_origin(tmp_path):
+def test_scale_and_origin_place_the_vertices(tmp_path):
     mesh = read_mesh(written(tmp_path, TRIANGLES), scale=0.001, origin=(1.0, 2.0, -3.0))
     np.testing.assert_allclose(mesh.triangles, (TRIANGLES - [1.0, 2.0, -3.0]) * 0.001, atol=1e-8)
 
 
 @pytest.mark.parametrize("scale", [0.0, -0.001, float("nan"), float("inf")])
-def test_bad_scale(tmp_path, scale):
+def test_a_scale_that_is_not_positive_is_refused(tmp_path, scale):
     assert refused(written(tmp_path, TRIANGLES), scale=scale) == f"mesh.scale is {scale}; it must be a positive number"
 
 
 @pytest.mark.parametrize("origin", [(0.0, 0.0), (0.0, 0.0, float("nan")), (float("inf"), 0.0, 0.0), ()])
-def test_bad_origin(tmp_path, origin):
+def test_an_origin_that_is_not_three_finite_numbers_is_refused(tmp_path, origin):
     message = f"mesh.origin is {list(origin)}; it must be three finite numbers"
     assert refused(written(tmp_path, TRIANGLES), origin=origin) == message
 
 
 @pytest.mark.parametrize("name", ["absent.stl", "absent/mesh.stl"])
-def test_missing_file(tmp_path, name):
+def test_a_missing_file_is_named(tmp_path, name):
     assert refused(tmp_path / name) == f"mesh file '{tmp_path / name}' does not exist"
 
 
-def test_folder(tmp_path):
+def test_a_folder_is_refused(tmp_path):
     (tmp_path / "folder.stl").mkdir()
     assert refused(tmp_path / "folder.stl") == f"mesh file '{tmp_path / 'folder.stl'}' is a folder"
 
 
-def test_file_below_a_file(tmp_path):
+def test_a_path_below_a_file_is_refused(tmp_path):
     (tmp_path / "file").touch()
     assert "cannot be read: Not a directory" in refused(tmp_path / "file" / "mesh.stl")
 
@@ -133,7 +133,7 @@ def test_unsupported_suffix_lists_the_supported_ones(tmp_path, name):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_empty_file(tmp_path, suffix):
+def test_an_empty_file_is_refused(tmp_path, suffix):
     path = tmp_path / f"mesh.{suffix}"
     path.touch()
     assert refused(path) == f"mesh file '{path}' is empty"
@@ -141,7 +141,7 @@ def test_empty_file(tmp_path, suffix):
 
 @pytest.mark.parametrize("content", [b"grains of sand\n" * 100, b"\0" * 84, b"\x93\xff" * 500])
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_not_a_mesh(tmp_path, suffix, content):
+def test_a_file_that_is_not_a_mesh_is_refused(tmp_path, suffix, content):
     path = tmp_path / f"mesh.{suffix}"
     path.write_bytes(content)
     message = refused(path)
@@ -156,7 +156,7 @@ def test_stl_without_facets(tmp_path, options):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-def test_file_cut_short(tmp_path, suffix):
+def test_a_file_cut_short_is_refused(tmp_path, suffix):
     path = written(tmp_path, TRIANGLES, suffix)
     content = path.read_bytes()
     path.write_bytes(content[: len(content) // 2])
@@ -171,20 +171,20 @@ def test_word_among_the_numbers_of_an_ascii_stl(tmp_path):
     assert "is not a valid STL file" in refused(path)
 
 
-def test_points_without_facets(tmp_path):
+def test_points_without_facets_are_refused(tmp_path):
     trimesh.PointCloud(TRIANGLES[:, 0]).export(tmp_path / "points.ply")
     assert "has no facets" in refused(tmp_path / "points.ply")
 
 
 @pytest.mark.parametrize("number", ["7", "-1"])
-def test_facet_of_a_vertex_that_is_not_there(tmp_path, number):
+def test_a_facet_with_a_missing_vertex_is_refused(tmp_path, number):
     header = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
     face = "element face 1\nproperty list uchar int vertex_indices\nend_header\n"
     (tmp_path / "m.ply").write_text(f"{header}{face}0 0 0\n1 0 0\n0 1 0\n3 0 1 {number}\n")
     assert "has facets with vertices that are not in it" in refused(tmp_path / "m.ply")
 
 
-def test_vertices_of_two_coordinates(tmp_path):
+def test_vertices_of_two_coordinates_are_refused(tmp_path):
     (tmp_path / "flat.obj").write_text("v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n")
     assert "has vertices with 2 coordinates instead of 3" in refused(tmp_path / "flat.obj")
 
@@ -192,7 +192,7 @@ def test_vertices_of_two_coordinates(tmp_path):
 @pytest.mark.filterwarnings("ignore:invalid value:RuntimeWarning")  # from writing the file
 @pytest.mark.parametrize("value", [np.nan, np.inf])
 @pytest.mark.parametrize("suffix", ["stl", "obj", "ply", "glb"])
-def test_vertices_that_are_no_numbers_are_counted(tmp_path, suffix, value):
+def test_vertices_that_are_not_numbers_are_counted(tmp_path, suffix, value):
     triangles = TRIANGLES.copy()
     triangles[3, 1, 2] = triangles[5, 0, 0] = value
     path = written(tmp_path, triangles, suffix)
@@ -207,17 +207,17 @@ def test_nan_in_the_second_solid_is_not_lost(tmp_path):
     assert "has 1 of 480 vertices that are NaN" in refused(tmp_path / "m.stl")
 
 
-def test_only_facets_without_area(tmp_path):
+def test_a_mesh_without_any_area_is_refused(tmp_path):
     line = [[[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]], [[5.0, 5.0, 5.0]] * 3]
     assert "has no facet with an area" in refused(written(tmp_path, np.array(line)))
 
 
-def test_too_large_a_file(tmp_path, monkeypatch):
+def test_a_file_over_the_size_limit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(mesh_file, "MAX_BYTES", 1000)
     assert "the limit is" in refused(written(tmp_path, TRIANGLES))
 
 
-def test_too_many_facets(tmp_path, monkeypatch):
+def test_a_mesh_over_the_facet_limit_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(mesh_file, "MAX_FACETS", 79)
     path = written(tmp_path, TRIANGLES)
     assert refused(path) == f"mesh file '{path}' has 80 facets; the limit is 79"

@@ -54,7 +54,7 @@ def test_a_tool_that_needs_all_its_facets_keeps_them_and_says_so(tmp_path):
 
 
 @pytest.mark.parametrize("tolerance", [-0.1, 1.5, float("nan")])
-def test_a_tolerance_that_is_no_share_is_a_sentence(tolerance):
+def test_a_tolerance_outside_0_to_1_is_refused_with_a_sentence(tolerance):
     with pytest.raises(InputError, match=r"tolerance is .*; it must lie between 0 \(the full tool\) and 1"):
         load_tool("plate", tolerance=tolerance)
 
@@ -77,7 +77,7 @@ def test_merging_keeps_area_and_first_moment(rule):
     np.testing.assert_allclose(*moment, atol=1e-12 * full.area)
 
 
-def test_merged_to_as_many_plates_as_there_are_nothing_changes():
+def test_merging_to_the_same_number_of_plates_changes_nothing():
     full = load_tool("plate", integration="refined").facets
     same = Merger(full).merged(len(full))
     np.testing.assert_allclose(same.rows, full.rows, rtol=1e-12, atol=1e-15)
@@ -122,7 +122,7 @@ def test_the_plates_of_a_scene_are_facets_with_other_areas():
     ("count", "height", "message"),
     [(19, -0.05, "the scene has 19 states; it needs at least 20"), (40, 1.0, "has no force")],
 )
-def test_a_scene_that_tells_nothing_is_a_sentence(count, height, message):
+def test_a_scene_without_force_is_refused_with_a_sentence(count, height, message):
     states = np.zeros((count, 13))
     states[:, 2], states[:, 6], states[:, 9] = height, 1.0, -0.01
     with pytest.raises(InputError, match=message):

@@ -10,8 +10,9 @@ from recordings import moments, write_ros2
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.rft import rotation_matrix
-from rft_ros.sweeps.motions import Circumnutation, sample_every
+from rft_ros.sweeps.motions import Circumnutation
 from rft_ros.tool import load_tool
+from studies.sampling import sample_every
 
 ORIGIN = ("--origin", "0", "0", "1.25")
 

@@ -51,7 +51,7 @@ def test_script_makes_the_same_bytes(name):
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_dimensions(name):
+def test_each_shipped_mesh_has_its_documented_dimensions(name):
     low, high, facets, volume, area = EXPECTED[name]
     tool = load_tool(str(MESHES / f"{name}.stl"))
     assert tool.issues == ()
@@ -70,7 +70,7 @@ def test_middle_is_on_the_axis(name):
 
 
 @pytest.mark.parametrize("name", EXPECTED)
-def test_facets_are_of_even_size_and_no_slivers(name):
+def test_facets_have_similar_sizes_and_are_not_slivers(name):
     tool = load_tool(str(MESHES / f"{name}.stl"))
     area = tool.plates.packed[6]
     corners = tool.vertices[tool.faces]

@@ -66,7 +66,7 @@ def test_facets_without_area_are_dropped(tmp_path):
     assert tool.lowest_point(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])) == pytest.approx(-0.01)
 
 
-def test_name_and_file(ball, tmp_path):
+def test_a_tool_has_the_name_and_path_of_its_file(ball, tmp_path):
     assert (ball.name, ball.file) == ("ball", str(tmp_path / "ball.stl"))
     assert load_tool("plate").name == "plate"
 
@@ -90,7 +90,7 @@ def test_lowest_point_of_a_flat_tool(tmp_path):
     assert tool.lowest_point(np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])) == pytest.approx(-0.01)
 
 
-def test_vertices_of_no_facet_are_not_the_lowest(tmp_path):
+def test_vertices_without_a_facet_do_not_count_as_the_lowest(tmp_path):
     (tmp_path / "m.obj").write_text(
         "v 0 0 -99\nv 0 0 0\nv 9 0 0\nv 0 9 0\nv 0 0 9\nf 2 4 3\nf 2 3 5\nf 2 5 4\nf 3 4 5\n"
     )

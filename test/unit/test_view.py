@@ -15,7 +15,7 @@ def view(tmp_path, output, *options):
     return rft("view", "states.csv", "--mesh", "root_tip", "--zeta", "0.33", *options, "-o", output, cwd=tmp_path)
 
 
-def test_the_page_needs_nothing_beside_it_and_is_the_same_each_time(tmp_path):
+def test_the_page_is_self_contained_and_has_the_same_bytes_each_time(tmp_path):
     for name in ("one.html", "two.html"):
         done = view(tmp_path, name)
         assert done.returncode == 0, done.stderr
