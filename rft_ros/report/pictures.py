@@ -134,6 +134,6 @@ def draw_force_over_depth(trace: DepthTrace, file: Path, *, title: str, scene: A
         axis.axvline(drawn, color="0.3", ls=":", lw=1.2, label="the moment on the left")
         axis.grid(alpha=0.3)
     handles, labels = axes[0].get_legend_handles_labels()
-    legend_below(figure, dict(zip(labels, handles, strict=True)), ncols=6, fontsize=9)
+    legend_below(figure, dict(zip(labels, handles, strict=True)), ncols=3, fontsize=9)
     figure.suptitle(title)
     figure.savefig(file, dpi=110, metadata={"Software": None})
