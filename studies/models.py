@@ -222,7 +222,7 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
         axes.annotate(
             f"{choice.name}: {100.0 * error:.1f} %",
             (seconds, 100.0 * error),
-            xytext=(0.34, 0.95 - 0.058 * place),
+            xytext=(0.27, 0.95 - 0.058 * place),
             textcoords="axes fraction",
             fontsize=8,
             va="center",
