@@ -38,6 +38,8 @@ __all__ = [
     "bag_series",
     "dem_series",
     "learned",
+    "model_rows",
+    "series_of",
     "study",
     "unlearned",
 ]
@@ -82,6 +84,7 @@ class Series:
     `stamps` [ns]; `speeds` of the tool's fastest point [m/s]; `passing`: withdrawn, or so fast that inertia matters;
     `rows`: the model, shape [n, 19], columns of `wrenches` with sensitivities; `forces`: measured, world axes [N],
     shape [n, 3]; `judged`: the samples that count; `expected`: what they are compared with [N], shape [n, 3].
+    `zeta_error`: relative standard error of ζ by the calibration; 0: not known.
     """
 
     name: str
@@ -94,6 +97,7 @@ class Series:
     forces: Array
     judged: NDArray[np.int64]
     expected: Array
+    zeta_error: float = 0.0
 
     @property
     def path(self) -> Array:
@@ -128,10 +132,10 @@ def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learn
     return Learned(out=out, surprise=surprise, learning=learning)
 
 
-def _rows(plates: Plates, law: Law, states: Array, times: Array, length: float, surface: float = 0.0) -> Array:
+def model_rows(plates: Plates, law: Law, states: Array, times: Array, length: float, surface: float = 0.0) -> Array:
     """What the filter needs of the model at each state, shape [n, 19]."""
     if length == 0.0:
-        return wrenches(plates, law, states, surface_height=surface, sensitivities=True)
+        return wrenches(plates, law, states, surface_height=surface, sensitivities=True, threads=1)
     return wrenches_in_time(
         plates,
         law,
@@ -144,9 +148,10 @@ def _rows(plates: Plates, law: Law, states: Array, times: Array, length: float, 
     )
 
 
-def _series(
+def series_of(
     name: str, plates: Plates, states: Array, times: Array, rows: Array, forces: Array, *, rest: float
 ) -> Series:
+    """A series in which every sample counts, as measured; below the speed `rest` [m/s] the tool is at rest."""
     velocities = states[:, 7:10]
     speeds = np.linalg.norm(velocities, axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
     passing = (velocities[:, 2] > _WITHDRAWS * speeds) | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
@@ -173,8 +178,8 @@ def dem_series(name: str, choice: Choice) -> Series:
     plates, zeta = _dem_tool(name, choice).plates, _dem_zeta(choice)
     data = np.loadtxt(DATA / f"{name}.csv", delimiter=",", skiprows=1)
     states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
-    rows = _rows(plates, law(choice.alpha_y, zeta=zeta), states, times, choice.mobilization_length)
-    series = _series(name, plates, states, times, rows, forces, rest=1e-9)
+    rows = model_rows(plates, law(choice.alpha_y, zeta=zeta), states, times, choice.mobilization_length)
+    series = series_of(name, plates, states, times, rows, forces, rest=1e-9)
     moving = np.flatnonzero(np.any(states[:, 7:13] != 0.0, axis=1))
     smooth = np.zeros_like(forces)
     smooth[moving] = _smoothed(forces[moving])
@@ -222,13 +227,13 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
             plates, rest = model.tool.plates, settings.rest_speed
             speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
             states[speeds < rest, 7:13] = 0.0
-            rows = _rows(plates, model.law, states, track.time, length, settings.surface_height)
+            rows = model_rows(plates, model.law, states, track.time, length, settings.surface_height)
             forces = track.grain_forces(settings.load_cell)
-            series = _series(bag.name, plates, states, track.time, rows, forces, rest=rest)
+            series = series_of(bag.name, plates, states, track.time, rows, forces, rest=rest)
             sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
             deep = settings.surface_height - track.heights() > 0.0
             inward = np.flatnonzero(sinking & deep & (rows[:, 2] > 0.0) & (series.speeds > 0.0))
-            found.append(replace(series, judged=inward))
+            found.append(replace(series, judged=inward, zeta_error=settings.zeta_error))
         return found
 
 
@@ -294,7 +299,7 @@ def unlearned(series: Series) -> Array:
     out = np.zeros((len(series.rows), 12))
     for answer, row in zip(out, series.rows, strict=True):
         answer[:6] = row[:6]
-        write_prior_sigma(answer, zeta_error=0.0, reach=series.reach)
+        write_prior_sigma(answer, zeta_error=series.zeta_error, reach=series.reach)
     return out
 
 

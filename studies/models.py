@@ -10,10 +10,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.rft import Integration
+from rft_ros.rft import Integration, Law
 from rft_ros.tool import Tool, load_tool
 from studies.chart import median_seconds
 from studies.dem import ALONG_ITSELF, CALIBRATION, RUNS, WALL_SECONDS, DemRun, fitted_zeta, median_error, read_run
+from studies.learning import learned, model_rows, series_of
 from studies.paper import law
 from studies.result import (
     BLACK,
@@ -21,6 +22,7 @@ from studies.result import (
     GREEN,
     GREY,
     ORANGE,
+    VERMILION,
     StudyResult,
     TextTable,
     interactive_page,
@@ -46,14 +48,28 @@ PACKINGS = (0.10, 0.15)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """One way to model: rule, α_y model, tolerance of the reduced tool (0: full), mobilization length [m] (0: none)."""
+    """One way to model: rule, α_y model, tolerance of the reduced tool (0: full), mobilization length [m] (0: none).
+
+    `lag`: path between a measured force and the first prediction that it may change [m]; 0: nothing is learned.
+    """
 
     name: str
     integration: Integration = "centroid"
     alpha_y: str = "constant"
     tolerance: float = 0.0
     mobilization_length: float = 0.0
+    lag: float = 0.0
 
+    def predicted(self, run: DemRun, law: Law) -> Array:
+        """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
+        if self.lag == 0.0:
+            return run.predicted(law, mobilization_length=self.mobilization_length, threads=1)
+        rows = model_rows(run.tool.plates, law, run.states, run.times, self.mobilization_length)
+        series = series_of(run.name, run.tool.plates, run.states, run.times, rows, run.forces, rest=1e-9)
+        return learned(series, lag=self.lag).out[:, :3]
+
+
+_LAG = 0.002  # m
 
 CHOICES = (
     Choice(name="published"),
@@ -64,6 +80,15 @@ CHOICES = (
     Choice(name="refined, reduced to 5 %", integration="refined", tolerance=0.05),
     Choice(name="refined, memory 3 mm", integration="refined", mobilization_length=0.003),
     Choice(name="refined, α_y linear, memory 3 mm", integration="refined", alpha_y="linear", mobilization_length=0.003),
+    Choice(name="published, learned", lag=_LAG),
+    Choice(name="refined, α_y linear, learned", integration="refined", alpha_y="linear", lag=_LAG),
+    Choice(
+        name="refined, α_y linear, memory 3 mm, learned",
+        integration="refined",
+        alpha_y="linear",
+        mobilization_length=0.003,
+        lag=_LAG,
+    ),
 )
 """The choices compared."""
 
@@ -90,15 +115,7 @@ def judged_choices() -> list[Judged]:
         calibration = next(run for run in own if run.name == CALIBRATION)
         zeta = fitted_zeta(calibration, law(choice.alpha_y, zeta=1.0))
         cases += [(choice, run, zeta) for run in own]
-    calls = [
-        partial(
-            run.predicted,
-            law(choice.alpha_y, zeta=zeta),
-            mobilization_length=choice.mobilization_length,
-            threads=1,
-        )
-        for choice, run, zeta in cases
-    ]
+    calls = [partial(choice.predicted, run, law(choice.alpha_y, zeta=zeta)) for choice, run, zeta in cases]
     return [
         Judged(
             run=run.name,
@@ -136,7 +153,9 @@ def _simulated_seconds(group: str) -> tuple[float, float]:
 
 
 def _colour_of(choice: Choice) -> str:
-    """Orange: published; blue: refined; green: with memory."""
+    """Orange: published; blue: refined; green: with memory; vermilion: learned."""
+    if choice.lag:
+        return VERMILION
     if choice.mobilization_length:
         return GREEN
     return ORANGE if choice.integration == "centroid" else BLUE
@@ -167,6 +186,7 @@ def study() -> StudyResult:
                 "alpha_y": [j.choice.alpha_y for j in judged],
                 "tolerance": [j.choice.tolerance for j in judged],
                 "mobilization_length": [j.choice.mobilization_length for j in judged],
+                "lag": [j.choice.lag for j in judged],
                 "plates": [j.plates for j in judged],
                 "zeta": [j.zeta for j in judged],
                 "time_us": [1e6 * j.time for j in judged],
@@ -202,7 +222,7 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
         axes.annotate(
             f"{choice.name}: {100.0 * error:.1f} %",
             (seconds, 100.0 * error),
-            xytext=(0.34, 0.95 - 0.07 * place),
+            xytext=(0.27, 0.95 - 0.058 * place),
             textcoords="axes fraction",
             fontsize=8,
             va="center",

@@ -16,7 +16,7 @@ from rft_ros.estimator import Estimate, Measurement, NoEstimate, Wrench
 from rft_ros.estimator.learning import Belief
 from rft_ros.estimator.quality import flag_names
 
-__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Trace", "csv_row", "learned_columns"]
+__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Trace", "csv_row", "learned_numbers"]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Components of a wrench: force [N], torque [N m]."""
@@ -46,12 +46,10 @@ _FULL = "%d.%09d,%.9g,%.9g" + 4 * _SIX + ",,%d%s\n"
 _WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + _SIX + ",,%d%s\n"
 
 
-def learned_columns(belief: Belief) -> str:
-    """The end of a line of estimates.csv: `LEARNED_COLUMNS`."""
-    b = belief
-    numbers = (b.vertical, b.horizontal, b.turn, b.surface)
+def learned_numbers(b: Belief) -> tuple[float, ...]:
+    """The numbers of `LEARNED_COLUMNS`."""
     errors = (b.vertical_error, b.horizontal_error, b.turn_error, b.surface_error)
-    return "".join(f",{number:.9g}" for number in (*numbers, *errors, b.surprise))
+    return (b.vertical, b.horizontal, b.turn, b.surface, *errors, b.surprise)
 
 
 def csv_row(
@@ -59,15 +57,16 @@ def csv_row(
     answer: Estimate | NoEstimate,
     measurement: Measurement | None,
     phase: Phase | None,
-    learned: str = "",
+    learned: tuple[float, ...] = (),
 ) -> str:
-    """One line of estimates.csv; `measurement`: the estimate's, None without one; `learned`: `learned_columns`."""
+    """One line of estimates.csv; `measurement`: the estimate's, None without one; `learned`: `learned_numbers`."""
+    end = "".join(f",{number:.9g}" for number in learned)
     seconds, nanoseconds = divmod(answer.stamp, 1_000_000_000)
     if isinstance(answer, NoEstimate):
         place = "" if depth is None else f"{depth:.9g}"
-        return f"{seconds}.{nanoseconds:09d},{place}{26 * ','}{answer.reason.value},{_end(phase, 0)}{learned}\n"
+        return f"{seconds}.{nanoseconds:09d},{place}{26 * ','}{answer.reason.value},{_end(phase, 0)}{end}\n"
     head = (seconds, nanoseconds, depth, answer.speed, *answer.predicted)
-    tail = (answer.generation, _end(phase, answer.quality_flags) + learned)
+    tail = (answer.generation, _end(phase, answer.quality_flags) + end)
     if measurement is None or measurement.compensated is None or measurement.residual is None:
         return _WITHOUT_WRENCH % (*head, *answer.sigma, *tail)
     return _FULL % (*head, *measurement.compensated, *measurement.residual, *answer.sigma, *tail)
@@ -90,16 +89,18 @@ ROW = np.dtype(
         ("predicted", "<f8", 6),
         ("compensated", "<f8", 6),
         ("sigma", "<f8", 6),
+        ("learned", "<f8", len(LEARNED_COLUMNS)),
         ("state", "<f8", 13),
     ]
 )
 """A pose with a known depth: stamp [ns]; phase, an index into `PHASES` or -1; combined `QualityFlag`s; depth [m];
-wrenches in the sensor frame and the standard deviation of the predicted one [N, N m], NaN if missing; the estimator's
-state (columns `rft_ros.rft.STATE`)."""
+wrenches in the sensor frame and the standard deviation of the predicted one [N, N m], NaN if missing;
+`learned_numbers`, NaN without learning; the estimator's state (columns `rft_ros.rft.STATE`)."""
 
-_LAYOUT = struct.Struct("<3q19d")
+_LAYOUT = struct.Struct("<3q28d")
 _CODE = {phase: code for code, phase in enumerate(PHASES)} | {None: -1}
 _NONE: Wrench = (math.nan,) * 6
+_NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
 _BLOCK = 4096
 
 
@@ -129,15 +130,17 @@ class Trace:
         measurement: Measurement | None,
         phase: Phase | None,
         state: bytes,
+        learned: tuple[float, ...] = (),
     ) -> None:
-        """Append a row; `state`: 13 float64."""
+        """Append a row; `state`: 13 float64; `learned`: `learned_numbers`."""
         self._rows += 1
         predicted, compensated, sigma, quality_flags = _NONE, _NONE, _NONE, 0
         if isinstance(answer, Estimate):
             predicted, sigma, quality_flags = answer.predicted, answer.sigma, answer.quality_flags
             if measurement is not None and measurement.compensated is not None:
                 compensated = measurement.compensated
-        numbers = _LAYOUT.pack(answer.stamp, _CODE[phase], quality_flags, depth, *predicted, *compensated, *sigma)
+        wrenches = (*predicted, *compensated, *sigma)
+        numbers = _LAYOUT.pack(answer.stamp, _CODE[phase], quality_flags, depth, *wrenches, *(learned or _NOT_LEARNED))
         self._file.write(numbers + state)
 
     def blocks(self, rows: int = _BLOCK) -> Iterator[NDArray[np.void]]:

@@ -8,7 +8,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
 
-from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS, Trace, csv_row, learned_columns
+from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS, Trace, csv_row, learned_numbers
 from rft_ros.bags.learning_errors import LearningErrors
 from rft_ros.bags.phases import LowestPoint, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
@@ -117,12 +117,12 @@ def replay(
 
 
 class _Row(NamedTuple):
-    """A pose's answer, depth of the tool's lowest point [m] if known, the estimator's state, `learned_columns`."""
+    """A pose's answer, depth of the tool's lowest point [m] if known, the estimator's state, `learned_numbers`."""
 
     answer: Estimate | NoEstimate
     depth: float | None
     state: bytes
-    learned: str
+    learned: tuple[float, ...]
 
 
 def _write_estimates(
@@ -154,14 +154,14 @@ def _write_estimates(
                     _write(writer, frame, answer, measurement)
                 table.write(csv_row(depth, answer, measurement, phase, learned))
                 if depth is not None:
-                    trace.add(depth, answer, measurement, phase, state)
+                    trace.add(depth, answer, measurement, phase, state, learned)
 
         for sample, answer in play(recording, estimator, label):
             if learning_errors is not None:
                 learning_errors.push(sample)
             if answer is not None:
                 depth, moment = motion.after(answer)
-                learned = learned_columns(estimator.learning.belief()) if estimator.learning else ""
+                learned = learned_numbers(estimator.learning.belief()) if estimator.learning else ()
                 waiting.extend(phases.push(_Row(answer, depth, estimator.state.tobytes(), learned), moment))
                 write_complete_rows()
         waiting.extend(phases.finish())

@@ -49,6 +49,7 @@ def draw(
         deviation=rows["sigma"],
         quality_flags=tuple(_flagged(rows["quality_flags"])),
         vertical=vertical,
+        learned=rows["learned"],
     )
     charts = replay_charts(series)
     surface = summary.parameters["surface_height"]

@@ -12,7 +12,7 @@ from rft_ros.commands.options import number_option, output_option
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
-    from rft_ros.report.pictures import DepthTrace
+    from rft_ros.node.demo import Watched
 
 __all__ = ["add_options", "run"]
 
@@ -32,31 +32,50 @@ def run(arguments: argparse.Namespace) -> int:
             f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
             " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
         ) from None
-    trace = demo(arguments.output, seconds=arguments.seconds)
-    if trace is None:
+    watched = demo(arguments.output, seconds=arguments.seconds)
+    if watched is None:
         return 1
     figure = arguments.output / "force_over_depth.png"
-    _draw(trace, arguments.output / "bag", figure)
+    _draw(watched, arguments.output / "bag", figure)
     print(f"-> {figure}")
     return 0
 
 
-def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
+def _draw(watched: "Watched", bag: Path, figure: Path) -> None:
     """Force over depth, and the tool at the greatest force while part of it is still above the surface."""
     import numpy as np
 
-    from rft_ros.bags.playback import ReplayOptions, states_of
-    from rft_ros.estimator.parameters import model_of, read_parameter_file
+    from rft_ros.bags.playback import play, topics_of
+    from rft_ros.bags.reading import Recording
+    from rft_ros.estimator import Estimate, Estimator
+    from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
+    from rft_ros.node.virtual_arm import LAYER
     from rft_ros.report.animation import animate_evenly
-    from rft_ros.report.pictures import draw_force_over_depth
+    from rft_ros.report.pictures import DepthTrace, draw_force_over_depth
     from rft_ros.tool import share_directory
 
-    values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
-    if trace.swap is not None:
-        values["alpha_y.model"] = "linear"
+    values = {**read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml"), "learning.mode": "off"}
     model = model_of(values)
-    scene = animate_evenly(model.tool.name, model.tool, model.law, *states_of(bag, values, model, ReplayOptions()))
+    estimator, depth, fixed, states = Estimator(settings_of(values), model), {}, [], []
+    with Recording(bag, topics_of(values)) as recording:
+        for sample, answer in play(recording, estimator, bag.name):
+            if isinstance(answer, Estimate) and answer.speed > 0.0:
+                depth[sample.stamp] = estimator.depth()
+                fixed.append((depth[sample.stamp], *answer.predicted[:3]))
+                states.append(estimator.state.copy())
+    times = 1e-9 * np.array([*depth])
+    scene = animate_evenly(model.tool.name, model.tool, model.law, times - times[0], np.array(states))
     strength = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 0.003] = -1.0
-    title = "rft demo: an ellipsoid pitches ±9° on its way down at 5 mm/s into virtual grains"
+    sigma = dict(watched.wrenches["sigma"])
+    trace = DepthTrace(
+        measured=np.array([(depth[s], *w[:3]) for s, w in watched.wrenches["compensated"] if s in depth]),
+        fixed=np.array(fixed),
+        learned=np.array(
+            [(depth[s], *w[:3], *sigma[s][:3]) for s, w in watched.wrenches["predicted"] if s in depth and s in sigma]
+        ),
+        surprise=np.array([(depth[s], score) for s, score in watched.surprise if s in depth]),
+        layer=LAYER,
+    )
+    title = "rft demo: an ellipsoid pitches ±9° on its way down at 5 mm/s into grains that the node does not know"
     draw_force_over_depth(trace, figure, title=title, scene=replace(scene, first=int(strength.argmax())))

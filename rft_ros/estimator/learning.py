@@ -175,8 +175,9 @@ class Surprise(IntEnum):
 
 
 class BeliefIssue(str, Enum):
-    """Why the model cannot be right, whatever the grains; the value is a sentence."""
+    """Why the load cell or the model cannot be right, whatever the grains; the value is a sentence."""
 
+    STUCK = "the load cell repeats the same reading while the tool moves: check its driver"
     OPPOSED = "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh"
     WEAK = "the measured force is below a fifth of the model's: check medium.zeta, surface_height and the mesh"
     STRONG = "the measured force is over five times the model's: check medium.zeta, mesh.scale and surface_height"
@@ -696,12 +697,16 @@ class Learning:
         return float(weights @ mean[:2]), math.sqrt(float(weights @ covariance @ weights))
 
     def issues(self) -> list[BeliefIssue]:
-        """Why the model cannot be right: judged over 5 mm of path, from 8 mm after the tool entered."""
+        """Why the load cell or the model cannot be right.
+
+        The model is judged over 5 mm of path, from 8 mm after the tool entered.
+        """
         state = self._state
+        stuck = state["stuck_path"] > C.stuck_length and state["repeats"] >= C.stuck_samples
+        found = [BeliefIssue.STUCK] if stuck else []
         if not state["square"] > 0.0 or state["judged"] - state["entered"] < C.entry:
-            return []
+            return found
         ratio = state["along"] / state["square"]
-        found = []
         if ratio < 0.0:
             found.append(BeliefIssue.OPPOSED)
         elif ratio < 0.2:

@@ -81,24 +81,25 @@ def sentences(quality_flags: int) -> str:
     return "; ".join(text for flag, text in _SENTENCES.items() if quality_flags & flag)
 
 
-_STRENGTH_ERROR = 0.15  # relative standard error of a calibrated ζ whose error is not known
-_DIRECTION_ERROR = 0.15  # of the force's horizontal and vertical part each, beside ζ's
-_NOISE, _NOISE_FLOOR = 0.093, 0.025  # as in docs/learning.md: share of the force; [N]
-_LEVER = 0.07  # standard deviation of the point where the force acts, over the tool's reach
-# the last three repeat `learning._Constants`: an import would escape the key of the compiled code's cache
+# relative standard deviations without learning, (L7) of docs/learning.md
+_STRENGTH_ERROR = 0.15  # relative error of a calibrated ζ whose error is not known
+_HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.5, 0.2  # of these parts of the force, beside ζ's
+_NOISE, _NOISE_FLOOR = 0.035, 0.05  # of any component: share of the whole force; [N]
+_LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
 @compiled
 def _write_prior_sigma(zeta_error, reach, answer):  # type: ignore[no-untyped-def]
     fx, fy, fz = answer[0], answer[1], answer[2]
     flat, full = fx * fx + fy * fy, fx * fx + fy * fy + fz * fz
-    strength = zeta_error * zeta_error + _DIRECTION_ERROR * _DIRECTION_ERROR
+    horizontal = zeta_error * zeta_error + _HORIZONTAL_ERROR * _HORIZONTAL_ERROR
+    vertical = zeta_error * zeta_error + _VERTICAL_ERROR * _VERTICAL_ERROR
     noise = _NOISE * _NOISE * full + _NOISE_FLOOR * _NOISE_FLOOR
-    answer[6] = answer[7] = math.sqrt(strength * flat + noise)
-    answer[8] = math.sqrt(strength * fz * fz + noise)
+    answer[6] = answer[7] = math.sqrt(horizontal * flat + noise)
+    answer[8] = math.sqrt(vertical * fz * fz + noise)
     lever = _LEVER * _LEVER * reach * reach * full
     for i in range(3, 6):
-        answer[6 + i] = math.sqrt((strength + _NOISE * _NOISE) * answer[i] * answer[i] + lever)
+        answer[6 + i] = math.sqrt((horizontal + _NOISE * _NOISE) * answer[i] * answer[i] + lever)
 
 
 def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: float) -> None:

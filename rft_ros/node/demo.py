@@ -1,4 +1,4 @@
-"""``rft demo``: a real node and a virtual arm; the demo itself watches, tares, swaps and records, as a user would."""
+"""``rft demo``: a real node and a virtual arm; the demo itself watches, tares and records, as a user would."""
 
 import math
 import os
@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -16,31 +17,38 @@ from typing import Any, NoReturn
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.srv import GetParameters
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rich.box import SIMPLE
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator import PoseSample, Wrench, WrenchSample
-from rft_ros.estimator.messages import TYPES, decoder
+from rft_ros.estimator import Wrench, WrenchSample
+from rft_ros.estimator.messages import decoder
 from rft_ros.installation import program
 from rft_ros.node.virtual_arm import PAUSE
-from rft_ros.report.pictures import DepthTrace
-from rft_ros.rft import rotation_matrix
-from rft_ros.tool import load_tool, share_directory
+from rft_ros.tool import share_directory
 
-__all__ = ["demo"]
+__all__ = ["Watched", "demo"]
 
-_SHOWN = ("predicted", "compensated", "residual")
+_SHOWN = ("predicted", "sigma", "compensated", "residual")
 _WAIT = 120.0  # s, for a node that compiles first
 _NODE, _ARM = "the node", "the virtual arm"
+
+
+@dataclass(frozen=True, slots=True)
+class Watched:
+    """What the node published: wrenches by topic, and the surprise in standard deviations, each with its stamp [ns]."""
+
+    wrenches: dict[str, list[tuple[int, Wrench]]] = field(default_factory=lambda: {name: [] for name in _SHOWN})
+    surprise: list[tuple[int, float]] = field(default_factory=list)
 
 
 class Watcher:
@@ -49,39 +57,42 @@ class Watcher:
     def __init__(self, bag: BagWriter) -> None:
         self.node = rclpy.create_node("rft_demo")
         self._bag = bag
-        self._tool = load_tool("ellipsoid")
+        self._decode = decoder("wrench", ros1=False)
         self.children: dict[str, subprocess.Popen[bytes]] = {}
         self.counts: dict[str, int] = {}
-        self.depth: dict[int, float] = {}
-        self.swap: float | None = None
-        self.wrenches: dict[str, list[tuple[int, Wrench]]] = {name: [] for name in _SHOWN}
-        self._decode_pose, self._decode_wrench = decoder("pose", ros1=False), decoder("wrench", ros1=False)
-        self._subscribe(PoseStamped, "/rft/pose", TYPES["pose"], self._on_pose)
-        self._subscribe(TwistStamped, "/rft/twist", TYPES["twist"], lambda _: None)
-        self._subscribe(WrenchStamped, "/rft/wrench_measured", TYPES["wrench"], lambda _: None)
+        self.watched = Watched()
+        self.learned = "nothing yet"
+        self._subscribe(PoseStamped, "pose")
+        self._subscribe(TwistStamped, "twist")
+        self._subscribe(WrenchStamped, "wrench_measured")
         for name in _SHOWN:
-            self._subscribe(WrenchStamped, f"/rft/wrench_{name}", TYPES["wrench"], partial(self._on_wrench, name))
+            self._subscribe(WrenchStamped, f"wrench_{name}", partial(self._on_wrench, name))
+        self._subscribe(JointState, "medium_learned", self._on_learned)
 
-    def _subscribe(self, message: type, topic: str, type_name: str, show: Callable[[bytes], None]) -> None:
+    def _subscribe(self, message: type, name: str, show: Callable[[int, bytes], None] | None = None) -> None:
+        topic, type_name = f"/rft/{name}", f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
         self.counts[topic] = 0
 
         def record(data: bytes) -> None:
-            # Log by stamp, a pose after its twist: a busy machine may deliver them in another order.
             seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-            logged = seconds * 1_000_000_000 + nanoseconds + (topic == "/rft/pose")
-            self._bag.write_raw(topic, type_name, logged, data)
+            stamp = seconds * 1_000_000_000 + nanoseconds
+            # Log by stamp, a pose after its twist: a busy machine may deliver them in another order.
+            self._bag.write_raw(topic, type_name, stamp + (name == "pose"), data)
             self.counts[topic] += 1
-            show(data)
+            if show is not None:
+                show(stamp, data)
 
         self.node.create_subscription(message, topic, record, QoSProfile(depth=500), raw=True)
 
-    def _on_pose(self, data: bytes) -> None:
-        if isinstance(pose := self._decode_pose(data), PoseSample):
-            self.depth[pose.stamp] = -pose.position[2] - self._tool.lowest_point(rotation_matrix(pose.quaternion))
+    def _on_wrench(self, name: str, stamp: int, data: bytes) -> None:
+        if isinstance(sample := self._decode(data), WrenchSample):
+            self.watched.wrenches[name].append((stamp, sample.wrench))
 
-    def _on_wrench(self, name: str, data: bytes) -> None:
-        if isinstance(sample := self._decode_wrench(data), WrenchSample):
-            self.wrenches[name].append((sample.stamp, sample.wrench))
+    def _on_learned(self, stamp: int, data: bytes) -> None:
+        message = deserialize_message(data, JointState)
+        values, errors = message.position, message.effort
+        self.watched.surprise.append((stamp, values[4]))
+        self.learned = f"vertical {values[0]:.2f} ± {errors[0]:.2f}, horizontal {values[1]:.2f} ± {errors[1]:.2f}"
 
     def spin(self, seconds: float) -> None:
         """Receive messages for a while [s]."""
@@ -115,20 +126,6 @@ class Watcher:
             self.node.destroy_client(client)
         raise InputError(f"the service {name} gave no answer within {_WAIT:g} s")
 
-    def trace(self) -> DepthTrace:
-        """Force over depth on the way down, for the figure."""
-        first = min(self.depth.values())
-        columns = {
-            name: [(self.depth[s], *wrench[:3]) for s, wrench in rows if self.depth.get(s, first) > first]
-            for name, rows in self.wrenches.items()
-        }
-        return DepthTrace(
-            measured=columns["compensated"],
-            predicted=columns["predicted"],
-            residual=columns["residual"],
-            swap=self.swap,
-        )
-
 
 @contextmanager
 def _process(module: str, *arguments: str) -> Iterator["subprocess.Popen[bytes]"]:
@@ -150,19 +147,19 @@ def _terminated(number: int, _: FrameType | None) -> NoReturn:
     raise SystemExit(128 + number)
 
 
-def _table(watcher: Watcher, elapsed: float, model: str) -> Table:
-    title = f"t = {elapsed:4.1f} s   alpha_y: {model}   (on the tool, sensor frame)"
+def _table(watcher: Watcher, elapsed: float) -> Table:
+    title = f"t = {elapsed:4.1f} s   strength learned: {watcher.learned}   (on the tool, sensor frame)"
     table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("", min_width=11)
     for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
         table.add_column(column, justify="right", min_width=6)
     for name in _SHOWN:
-        rows = watcher.wrenches[name]
+        rows = watcher.watched.wrenches[name]
         table.add_row(name, *([f"{v:.3f}" for v in rows[-1][1]] if rows else ["-"] * 6))
     return table
 
 
-def demo(output: Path, *, seconds: float) -> DepthTrace | None:
+def demo(output: Path, *, seconds: float) -> Watched | None:
     """Run the demo for `seconds` of arm motion and record it to ``bag`` in `output`; None if no estimate came."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
@@ -173,14 +170,15 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     except OSError as error:
         raise InputError(f"output folder '{output}' cannot be written: {reason_of(error)}") from None
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
-    console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains;")
-    console.print("a real ROS 2 node predicts the wrench, takes bias and weight off the load cell,")
-    console.print("and publishes the residual. By hand, in terminals of your own:\n")
+    console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains that are stronger")
+    console.print(
+        "than the model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and"
+    )
+    console.print("weight off the load cell and learns the difference. By hand, in terminals of your own:\n")
     console.print(f"  {program('rft_node')} --ros-args --params-file {parameters}", soft_wrap=True)
     console.print(f"  {sys.executable} -m rft_ros.node.virtual_arm --seconds {seconds:g}", soft_wrap=True)
-    console.print("  ros2 topic echo /rft/wrench_residual")
-    console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger")
-    console.print("  ros2 param set /rft alpha_y.model linear\n", highlight=False)
+    console.print("  ros2 topic echo /rft/medium_learned")
+    console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger\n")
     signal.signal(signal.SIGTERM, _terminated)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the children
     try:
@@ -192,13 +190,12 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
                 watcher.call(GetParameters, "/rft/get_parameters", GetParameters.Request(names=["mesh.file"]))
                 with _process("rft_ros.node.virtual_arm", "--seconds", str(seconds), "--listeners", "2") as arm:
                     watcher.children[_ARM] = arm
-                    _watch(watcher, console, arm, seconds)
+                    _watch(watcher, console, arm)
             watcher.spin(0.2)
-            trace = watcher.trace()
             watcher.node.destroy_node()
     finally:
         rclpy.try_shutdown()
-    if not trace.predicted or not trace.measured:
+    if not watcher.watched.wrenches["residual"]:
         console.print("[red]no estimates came[/red]; see the node's messages above")
         return None
     for topic, count in watcher.counts.items():
@@ -206,11 +203,11 @@ def demo(output: Path, *, seconds: float) -> DepthTrace | None:
     console.print(f"-> {output / 'bag'} (rosbag2, MCAP)", soft_wrap=True, highlight=False)
     again = f"{program('rft')} replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
     console.print(f"the same offline: {again}", soft_wrap=True, highlight=False)
-    return trace
+    return watcher.watched
 
 
-def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", seconds: float) -> None:
-    """Show the wrenches until the arm is done; tare in the pause, swap the α_y model half-way down."""
+def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]") -> None:
+    """Show the wrenches until the arm is done; tare in the pause."""
     deadline = time.monotonic() + _WAIT
     while not watcher.counts["/rft/pose"]:
         watcher.spin(0.05)
@@ -218,8 +215,7 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
         if arm.poll() is not None or time.monotonic() > deadline:
             raise InputError("the virtual arm did not start")
     start = time.monotonic()
-    swap_at = PAUSE + (seconds - PAUSE) / 2.0
-    model, tare_at, said = "constant", PAUSE / 2.0, -1.0
+    tare_at, said = PAUSE / 2.0, -1.0
     with Live(console=console, refresh_per_second=8, transient=False) as live:
         while arm.poll() is None:
             watcher.spin(0.1)
@@ -229,17 +225,11 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]", s
                 answer = watcher.call(Trigger, "/rft/tare", Trigger.Request())
                 live.console.print(f"t = {elapsed:4.1f} s  tare: {answer.message}", highlight=False, soft_wrap=True)
                 tare_at = math.inf if answer.success else elapsed + 0.3  # a busy machine may have delayed a twist
-            if model == "constant" and elapsed > swap_at:
-                value = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="linear")
-                request = SetParameters.Request(parameters=[Parameter(name="alpha_y.model", value=value)])
-                result = watcher.call(SetParameters, "/rft/set_parameters", request).results[0]
-                watcher.swap = list(watcher.depth.values())[-1]
-                model = "linear" if result.successful else f"constant (refused: {result.reason})"
-                live.console.print(f"t = {elapsed:4.1f} s  alpha_y.model set to {model}", highlight=False)
             if console.is_terminal:
-                live.update(_table(watcher, elapsed, model))
+                live.update(_table(watcher, elapsed))
             elif elapsed - said >= 1.0:
                 said = elapsed
-                text = "  ".join(f"{name} {rows[-1][1][2]:6.3f}" for name, rows in watcher.wrenches.items() if rows)
+                rows_of = watcher.watched.wrenches
+                text = "  ".join(f"{name} {rows[-1][1][2]:6.3f}" for name, rows in rows_of.items() if rows)
                 console.print(f"t = {elapsed:4.1f} s  fz [N]: {text}", highlight=False)
     watcher.check_children()

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rft_ros.report.animation import Animation, draw_moment
 from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line
@@ -15,18 +16,23 @@ if TYPE_CHECKING:
 
 __all__ = ["DepthTrace", "draw_chart", "draw_force_over_depth", "draw_tool", "legend_below"]
 
-Row = tuple[float, float, float, float]
-"""Depth of the tool's lowest point below the surface [m] and force on the tool [N]: d, fx, fy, fz."""
+_Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DepthTrace:
-    """Forces in the sensor frame over time. `swap`: depth at which the model of α_y changed [m]."""
+    """What the demo measured and predicted. First column of each: depth of the tool's lowest point [m], increasing.
 
-    measured: list[Row]
-    predicted: list[Row]
-    residual: list[Row]
-    swap: float | None = None
+    `measured`, `fixed` (the model without learning): then the force [N], sensor axes, shape [n, 4]. `learned`: the
+    same, then its standard deviations, shape [n, 7]. `surprise`: then the surprise in standard deviations, shape
+    [n, 2]. `layer`: depth of the hard layer [m].
+    """
+
+    measured: _Array
+    fixed: _Array
+    learned: _Array
+    surprise: _Array
+    layer: float
 
 
 def legend_below(figure: "Figure", entries: Mapping[str, Any], **style: Any) -> None:
@@ -99,34 +105,35 @@ def draw_tool(scene: Animation, file: Path, *, title: str) -> None:
 
 
 def draw_force_over_depth(trace: DepthTrace, file: Path, *, title: str, scene: Animation) -> None:
-    """Draw the demo's figure to a PNG: the scene's first moment, and beside it force and residual over depth."""
+    """Draw the demo's figure to a PNG: the scene's first moment, and beside it force and surprise over depth."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(12.6, 5.6), layout="constrained")
-    parts: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.15))
+    figure = Figure(figsize=(13.6, 6.0), layout="constrained")
+    parts: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.25))
     left, right = parts
     draw_moment(left, left.add_subplot(projection="3d", computed_zorder=False), scene)
-    axes = right.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1.0, 1.0, 0.6)})
+    left.suptitle("Traction and force by the fixed model", fontsize=10)
+    axes = right.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1.2, 0.9, 0.6)})
+    learned = trace.learned.T
     for axis, component, name in ((axes[0], 3, "z (down)"), (axes[1], 1, "x (sideways)")):
+        low, high = (learned[component] + k * learned[component + 3] for k in (-1.0, 1.0))
         for rows, label, style in (
-            (trace.measured, "virtual load cell, less bias and weight", {"color": "0.65", "lw": 1.0}),
-            (trace.predicted, "predicted by RFT", {"color": "tab:red", "lw": 1.5}),
+            (trace.measured, "virtual load cell, less bias and weight", {"color": "0.6", "lw": 1.0}),
+            (trace.fixed, "predicted by the fixed model", {"color": "tab:blue", "lw": 1.4, "ls": "--"}),
+            (trace.learned, "predicted by the node, which learns", {"color": "tab:red", "lw": 1.5}),
         ):
-            data = np.array(rows)
-            axis.plot(data[:, 0] * 1e3, data[:, component], label=label, **style)
+            axis.plot(rows[:, 0] * 1e3, rows[:, component], label=label, **style)
+        axis.fill_between(learned[0] * 1e3, low, high, color="tab:red", alpha=BAND, lw=0, label="± standard deviation")
         axis.set_ylabel(f"Force along\nsensor {name} [N]")
-    data = np.array(trace.residual)
-    for component, label in ((1, "x"), (2, "y"), (3, "z")):
-        axes[2].plot(data[:, 0] * 1e3, data[:, component], lw=0.7, label=label)
-    axes[2].set_ylabel("Residual [N]")
+    axes[2].plot(trace.surprise[:, 0] * 1e3, trace.surprise[:, 1], color="0.3", lw=1.0)
+    axes[2].set_ylabel("Surprise\n[std. deviations]")
+    axes[2].set_xlabel("Depth of the tool's lowest point [mm]")
     drawn = 1e3 * float(scene.surface_height - scene.placed[scene.first, :, 2].min())
     for axis in axes:
-        if trace.swap is not None:
-            axis.axvline(trace.swap * 1e3, color="tab:blue", ls="--", lw=1.0, label="α_y model swapped")
+        axis.axvline(trace.layer * 1e3, color="tab:green", lw=1.2, label="hard layer begins")
         axis.axvline(drawn, color="0.3", ls=":", lw=1.2, label="the moment on the left")
         axis.grid(alpha=0.3)
-    axes[2].set_xlabel("Depth of the tool's lowest point [mm]")
-    axes[0].legend(loc="lower left", fontsize=8)
-    axes[2].legend(*(handles[:3] for handles in axes[2].get_legend_handles_labels()), fontsize=8, ncols=3)
+    handles, labels = axes[0].get_legend_handles_labels()
+    legend_below(figure, dict(zip(labels, handles, strict=True)), ncols=3, fontsize=9)
     figure.suptitle(title)
     figure.savefig(file, dpi=110, metadata={"Software": None})

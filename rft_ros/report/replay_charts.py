@@ -37,6 +37,7 @@ class ReplaySeries:
     none. `measured` (less bias and tool weight), `predicted`: wrench on the tool in sensor axes [N, N m], shape [n, 6],
     NaN if missing. `deviation`: standard deviation of each predicted component, shape [n, 6]. `quality_flags`: those
     that occur. `vertical`: the sensor axis nearest to vertical, and "up" or "down" for where it points.
+    `learned`: s_v, s_h, ρ [rad], δ [m], then their standard errors, shape [n, 8] or more; NaN without learning.
     """
 
     time: _Numbers
@@ -48,6 +49,7 @@ class ReplaySeries:
     deviation: _Numbers
     quality_flags: tuple[FlaggedRows, ...]
     vertical: tuple[str, str]
+    learned: _Numbers
 
     def spans(self) -> tuple[Span, ...]:
         """One span for each phase."""
@@ -76,7 +78,9 @@ class ReplaySeries:
 def replay_charts(series: ReplaySeries) -> tuple[Chart, ...]:
     """All charts of a replay, in the order of the page."""
     spans = series.spans()
-    return (_over_time(series, spans, 0), _over_time(series, spans, 3), *_over_depth(series), _residual(series, spans))
+    charts = (_over_time(series, spans, 0), _over_time(series, spans, 3), *_over_depth(series))
+    learned = () if np.isnan(series.learned).all() else (_learned(series, spans),)
+    return (*charts, *learned, _residual(series, spans))
 
 
 def _what(column: int) -> tuple[str, str]:
@@ -169,6 +173,37 @@ def _over_depth(series: ReplaySeries) -> tuple[Chart, ...]:
             )
         )
     return tuple(charts)
+
+
+def _learned(series: ReplaySeries, spans: tuple[Span, ...]) -> Chart:
+    """What is believed of the grains with its standard error, over time and over depth on the way in."""
+    inward = np.array([phase in ("penetration", "ploughing") for phase in (*series.phases, "none")])[series.phase]
+    depth = np.where(inward & (series.depth > 0.0), 1e3 * series.depth, math.nan)
+    rows = []
+    for label, unit, columns in (
+        ("Strength", 1.0, {0: "vertical", 1: "horizontal"}),
+        ("Turn [deg]", math.degrees(1.0), {2: "turn"}),
+        ("Surface [mm]", 1e3, {3: "surface"}),
+    ):
+        panels = []
+        for x_label, x in ((_TIME, series.time), (_DEPTH, depth)):
+            lines = []
+            for column, name in columns.items():
+                value, error = unit * series.learned[:, column], unit * series.learned[:, column + 4]
+                y = np.stack([value - error, value + error])
+                lines.append(Line(label="± standard error", colour=name, x=x, y=y, kind="band"))
+                lines.append(Line(label=name, colour=name, x=x, y=value))
+            panels.append(Panel(x_label=x_label, y_label=label, lines=tuple(lines)))
+        rows.append(tuple(panels))
+    return Chart(
+        name="learned",
+        title="What is learned of the grains",
+        sentence="Strength of the vertical and of the horizontal force over the model's, turn of the horizontal force"
+        " about the vertical, and height of the surface above surface_height, each with its standard error: over time,"
+        " and over the depth of the lowest point on the way in.",
+        panels=tuple(rows),
+        spans=spans,
+    )
 
 
 def _residual(series: ReplaySeries, spans: tuple[Span, ...]) -> Chart:

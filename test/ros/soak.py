@@ -45,6 +45,11 @@ _CALLS = (
     ("twist_source", "pose_difference"),
     ("twist_source", "topic"),
     ("max_input_age", 0.05),
+    ("learning.lag", 0.005),
+    ("learning.lag", 0.0),
+    ("learning.mode", "observe"),
+    ("learning.mode", "apply"),
+    ("medium.zeta_error", 0.1),
     ("sensor.bias", [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]),
     ("sensor.bias", [math.nan] * 6),
     ("sensor.quaternion", [0.0, 0.0, 0.0, 0.0]),
@@ -119,7 +124,11 @@ def soak(rft: Harness, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
 
 
 def _moment(random: np.random.Generator, stamp: int, t: float) -> tuple[int, dict[str, object]]:
-    inputs: dict[str, object] = {"z": -0.02 + 0.03 * math.sin(t), "linear": (0.001, 0.0, 0.03 * math.cos(t))}
+    """A tool that goes in and out of grains whose strength changes, with noise in the load cell; or something bad."""
+    z, vz = -0.02 + 0.03 * math.sin(t), 0.03 * math.cos(t)
+    size = 1000.0 * (1.5 + math.sin(0.13 * t)) * max(-z, 0.0) * (vz < 0.0)
+    force = tuple(random.normal((-0.1 * size, 0.0, size), 0.05 + 0.03 * size).tolist())
+    inputs: dict[str, object] = {"z": z, "linear": (0.001, 0.0, vz), "force": force}
     if random.random() > 0.1:
         return stamp, inputs
     bad: list[tuple[int, dict[str, object]]] = [
@@ -137,6 +146,8 @@ def _moment(random: np.random.Generator, stamp: int, t: float) -> tuple[int, dic
         (stamp, {"linear": None}),
         (stamp, {"force": None}),
         (stamp, {"force": (math.nan, math.inf, 0.0)}),
+        (stamp, {"force": (1e9, -1e9, 1e9)}),
+        (stamp, {"force": (0.0, 0.0, -size)}),
         (stamp, {"twist_stamp": 1}),
     ]
     when, change = bad[int(random.integers(len(bad)))]
@@ -149,12 +160,13 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=500.0)
     parser.add_argument("--executor", choices=("events", "single"), default="events")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--learning", choices=("off", "observe", "apply"), default="off", help="learning.mode")
     arguments = parser.parse_args()
     own_domain()
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
-        executor = f"executor:={arguments.executor}"
-        rft = Harness("-p", "mesh.file:=plate", "-p", executor, log=Path(folder) / "node.log").wait_ready()
+        given = ("mesh.file:=plate", f"executor:={arguments.executor}", f"learning.mode:={arguments.learning}")
+        rft = Harness(*(w for p in given for w in ("-p", p)), log=Path(folder) / "node.log").wait_ready()
         result = soak(rft, seconds=arguments.seconds, rate=arguments.rate, seed=arguments.seed)
         status = rft.stop()
         print(result)

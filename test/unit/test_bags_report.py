@@ -11,7 +11,7 @@ from replays import rows_of, values
 
 from rft_ros.bags.replay import replay
 
-CHARTS = ("force_over_time", "torque_over_time", "force_over_depth", "torque_over_depth", "residual", "tool")
+CHARTS = ("force_over_time", "torque_over_time", "force_over_depth", "torque_over_depth", "learned", "residual", "tool")
 
 
 @pytest.fixture(scope="module")
@@ -20,7 +20,7 @@ def replays(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     bag = write_ros2(folder / "plunge", plunge(noise=3e-5))
     outs = [folder / "one", folder / "two"]
-    params = values(integration="centroid")  # which flags a horizontal plate
+    params = values(integration="centroid", learning__mode="observe")  # centroid flags a horizontal plate
     summaries = [replay(bag, out, params, report=True, figures=True) for out in outs]
     return summaries[0], outs
 

@@ -132,5 +132,5 @@ def test_without_learning_sigma_is_a_share_of_the_force_and_the_same_in_every_di
         answer = np.array([x, y, 0.0, 0.0, 0.1, 0.0, *(math.nan,) * 6])
         write_prior_sigma(answer, zeta_error=0.07, reach=0.02)
         sigmas.append(answer[6:9])
-        assert answer[6] == pytest.approx(math.sqrt((0.07**2 + 0.15**2 + 0.093**2) * 25.0 + 0.025**2))
+        assert answer[6] == pytest.approx(math.sqrt((0.07**2 + 0.5**2 + 0.035**2) * 25.0 + 0.05**2))
     np.testing.assert_allclose(*sigmas, rtol=1e-12)

@@ -110,25 +110,36 @@ def test_a_world_turned_about_the_vertical_gives_turned_predictions_and_the_same
     assert b[:, 3:6] == pytest.approx(a[:, 3:6] @ r.T, abs=1e-8)
 
 
-def test_rest_changes_nothing() -> None:
-    series = plunge(seed=1)
+@given(
+    steps=st.lists(st.integers(1, 10_000_000_000), min_size=1, max_size=50),
+    factor=st.floats(-10.0, 10.0),
+    speed=st.sampled_from([0.0, math.nan, -1.0]),
+)
+@settings(max_examples=20, deadline=None)
+def test_rest_changes_nothing(steps: list[int], factor: float, speed: float) -> None:
+    """For any duration [ns] and any force; a speed that is not one counts as rest."""
+    series = plunge(seed=1, depth=0.02)
     learning = learner()
     run(series, learning)
     stamp = int(series.stamps[-1]) + 1_000_000
     learning.predict(stamp, series.rows[-1], speed=0.0)  # the step from motion to rest is still a path
     before = learning.theta.tobytes(), learning.covariance.tobytes()
-    for k in range(1, 2000):
-        learning.predict(stamp + k * 5_000_000, series.rows[-1], speed=0.0)
-        assert learning.learn(stamp + k * 5_000_000, 3.0 * series.forces[-1]) is Lesson.NONE
+    for step in steps:
+        stamp += step
+        learning.predict(stamp, series.rows[-1], speed=speed)
+        assert learning.learn(stamp, factor * series.forces[-1]) is Lesson.NONE
     assert (learning.theta.tobytes(), learning.covariance.tobytes()) == before
 
 
-@pytest.mark.parametrize("rate", [50.0, 100.0, 500.0, 1000.0])
-def test_the_rate_of_sampling_does_not_matter(rate: float) -> None:
+@given(rate=st.floats(50.0, 1000.0), strength=st.floats(0.5, 2.0))
+@settings(max_examples=10, deadline=None)
+@example(rate=50.0, strength=1.5)
+@example(rate=1000.0, strength=1.5)
+def test_the_rate_of_sampling_does_not_matter(rate: float, strength: float) -> None:
     """The same path at 50 to 1,000 Hz: beliefs within half of their standard error, errors within a tenth."""
     reference, other = learner(), learner()
-    run(plunge(strength=1.5, seed=5), reference)
-    run(plunge(strength=1.5, seed=5, rate=rate), other)
+    run(plunge(strength=strength, seed=5), reference)
+    run(plunge(strength=strength, seed=5, rate=rate), other)
     error = np.sqrt(np.diag(reference.covariance))
     assert np.all(np.abs(other.theta - reference.theta) < 0.5 * error)
     assert np.sqrt(np.diag(other.covariance)) == pytest.approx(error, rel=0.1)
@@ -262,27 +273,32 @@ FAULTS = {
 }
 
 
+NAMED = {"zero": BeliefIssue.STUCK, "stuck": BeliefIssue.STUCK, "wrong sign": BeliefIssue.OPPOSED}
+"""What the user is told; `Reason.WRENCH_NOT_FINITE` counts what is not a number before it gets here."""
+
+
 @pytest.mark.parametrize("fault", FAULTS)
-def test_a_load_cell_that_fails_for_10_mm_does_no_lasting_harm_and_is_named(fault: str) -> None:
-    series = plunge(seed=9, strength=1.3)
-    bad = (series.path > 0.02) & (series.path < 0.03)
+@given(first=st.floats(0.012, 0.03), strength=st.floats(0.7, 2.0))
+@settings(max_examples=5, deadline=None)
+def test_a_load_cell_that_fails_for_10_mm_does_no_lasting_harm_and_is_named(
+    fault: str, first: float, strength: float
+) -> None:
+    series = plunge(seed=9, strength=strength)
+    bad = (series.path > first) & (series.path < first + 0.01)
     forces = series.forces.copy()
     forces[bad] = FAULTS[fault](forces[bad])
     repeated = np.all(np.diff(forces, axis=0, prepend=np.nan) == 0.0, axis=1)
     learning, healthy = learner(), learner()
-    lessons, issues = set(), set()
+    issues = set()
     for k, stamp in enumerate(series.stamps):
         learning.predict(int(stamp), series.rows[k], speed=SPEED)
-        lesson = learning.learn(int(stamp), forces[k], repeated=bool(repeated[k]))
+        learning.learn(int(stamp), forces[k], repeated=bool(repeated[k]))
         if bad[k]:
-            lessons.add(lesson)
             issues.update(learning.issues())
     run(series, healthy)
-    assert learning.theta[:2] == pytest.approx(healthy.theta[:2], rel=0.05)
+    assert learning.theta[:2] == pytest.approx(healthy.theta[:2], rel=0.1)
     assert not learning.issues()
-    named = {"not a number": Lesson.NONE, "zero": Lesson.STUCK, "stuck": Lesson.STUCK, "wrong sign": Lesson.OPPOSED}
-    assert named[fault] in lessons
-    assert (BeliefIssue.OPPOSED in issues) == (fault == "wrong sign")
+    assert issues >= {NAMED[fault]} if fault in NAMED else not issues
 
 
 @pytest.mark.parametrize(

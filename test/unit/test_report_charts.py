@@ -13,7 +13,7 @@ from rft_ros.report.page import chart_figure
 from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
 
 
-def series(quality_flags=()):
+def series(quality_flags=(), learned=math.nan):
     """Ten poses, one a second: two in the air, six on the way down, two without estimate."""
     time = np.arange(10.0)
     predicted = np.zeros((10, 6))
@@ -29,6 +29,7 @@ def series(quality_flags=()):
         deviation=0.15 * np.abs(predicted) + 0.1,
         quality_flags=tuple(quality_flags),
         vertical=("z", "up"),
+        learned=np.broadcast_to(learned, (10, 8)),
     )
 
 
@@ -66,6 +67,18 @@ def test_each_quality_flag_is_a_bar_while_it_lasts_below_the_forces_only():
     np.testing.assert_array_equal(bar.x, [3.0, 5.0, math.nan, 6.0, 7.0, math.nan])
     assert set(bar.y) == {0.0}
     assert len(charts[1].panels) == len(replay_charts(series())[0].panels) == 3
+
+
+def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
+    assert [c.name for c in replay_charts(series())] == [c.name for c in replay_charts(series()) if c.name != "learned"]
+    learned = np.tile([1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001], (10, 1))
+    chart = next(c for c in replay_charts(series(learned=learned)) if c.name == "learned")
+    for row, expected in zip(chart.panels, ([1.3, 0.6], [5.0], [2.0]), strict=True):
+        for panel in row:
+            assert [line.y[0] for line in panel.lines if line.kind == "line"] == pytest.approx(expected)
+    turn, over_depth = (panel.lines[0] for panel in chart.panels[1])
+    np.testing.assert_allclose(turn.y[:, 4], [4.0, 6.0])
+    np.testing.assert_array_equal(over_depth.x, [math.nan] * 3 + [1.0, 2.0, 3.0, 4.0, 5.0] + [math.nan] * 2)
 
 
 def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment(tmp_path):

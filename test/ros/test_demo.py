@@ -1,0 +1,70 @@
+"""The demo's claims: in its virtual grains the fixed model is off, the node learns the force and reports the layer."""
+
+import numpy as np
+import pytest
+
+from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
+from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
+from rft_ros.estimator.quality import QualityFlag
+from rft_ros.node import virtual_arm
+from rft_ros.node.virtual_arm import LAYER, PAUSE
+from rft_ros.rft import MEDIA, alpha_y_model, treers2021
+from rft_ros.tool import load_tool, share_directory
+
+SECONDS, RATE = 12, 125
+
+
+def descent(mode):
+    """Depth [m], measured and predicted force, its deviation [N] and the surprise flag at each moment in the grains."""
+    values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
+    values |= {"learning.mode": mode, "sensor.bias": virtual_arm._LOAD_CELL.bias}
+    estimator = Estimator(settings_of(values), model_of(values))
+    tool, medium = load_tool("ellipsoid"), MEDIA["generic"]
+    law = treers2021(medium, alpha_y_model("constant", medium), zeta=0.33)
+    frame, random = LoadCellFrame(virtual_arm._LOAD_CELL), np.random.default_rng(1)
+    rows = {}
+    for k in range(round(PAUSE * RATE), SECONDS * RATE):
+        state, stamp = virtual_arm._state(k / RATE), 1_000_000_000 + k * 1_000_000_000 // RATE
+        on_tool = virtual_arm._grain_wrench(tool, law, state)
+        numbers = state[0].tolist()
+        reading = virtual_arm._raw_reading(frame, state[0, 3:7], on_tool, random.normal(scale=virtual_arm._NOISE))
+        estimator.push_wrench(WrenchSample(stamp, "ft_sensor", reading))
+        estimator.push_twist(TwistSample(stamp, "world", tuple(numbers[7:10]), tuple(numbers[10:])))
+        answer = estimator.push_pose(PoseSample(stamp, "world", tuple(numbers[:3]), tuple(numbers[3:7])))
+        surprised = bool(answer.quality_flags & QualityFlag.SURPRISE)
+        rows[stamp] = [estimator.depth(), *answer.predicted[:3], *answer.sigma[:3], surprised]
+        for m in estimator.measurements():
+            rows[m.stamp] += m.compensated[:3]
+    estimator.finish()
+    for m in estimator.measurements():
+        rows[m.stamp] += m.compensated[:3]
+    found = np.array([row for row in rows.values() if len(row) == 11 and row[0] > 0.0])
+    return found[:, 0], found[:, 8:], found[:, 1:4], found[:, 4:7], found[:, 7] > 0.0
+
+
+@pytest.fixture(scope="module")
+def descents():
+    return {mode: descent(mode) for mode in ("off", "apply")}
+
+
+def test_from_10_mm_to_the_layer_the_fixed_model_is_off_and_the_learned_one_is_right(descents):
+    error = {}
+    for mode, (depth, measured, predicted, *_) in descents.items():
+        used = (depth > 0.010) & (depth < LAYER)
+        off = np.linalg.norm(predicted[used] - measured[used], axis=1) / np.linalg.norm(measured[used], axis=1)
+        error[mode] = np.median(off)
+    assert error["off"] > 0.2
+    assert error["apply"] < 0.05
+
+
+def test_the_band_holds_most_of_the_measured_forces(descents):
+    depth, measured, predicted, sigma, _ = descents["apply"]
+    inside = np.abs(measured - predicted)[depth > 0.01] < 2.0 * sigma[depth > 0.01]
+    assert inside.mean() > 0.9
+
+
+def test_only_the_hard_layer_is_a_surprise_and_at_once(descents):
+    depth, *_, surprised = descents["apply"]
+    assert not surprised[depth < LAYER].any()
+    assert surprised[(depth > LAYER) & (depth < LAYER + 0.003)].any()
