@@ -27,10 +27,9 @@ def force(plates: Plates, states, alpha_y):
     return wrenches(plates, LAWS[alpha_y], states)[:, :3]
 
 
-@pytest.mark.parametrize("alpha_y", LAWS)
 @pytest.mark.parametrize("rule", ["centroid", "refined"])
 @pytest.mark.parametrize(("name", "share"), [("ellipsoid-exp", 0.05), ("root-tip", 0.03)])
-def test_a_scene_of_the_paper_needs_few_facets_for_1_percent_of_its_peak_force(body, name, share, rule, alpha_y):
+def test_a_scene_of_the_paper_needs_few_facets_for_1_percent_of_its_peak_force(body, name, share, rule):
     tool, motion = body(name, rule), SCENES[name]
     count = int(share * len(tool.facets))
     plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.02)[1]), 0.01, count=count)
@@ -38,9 +37,10 @@ def test_a_scene_of_the_paper_needs_few_facets_for_1_percent_of_its_peak_force(b
     assert reduction.error < 0.01
     times = np.random.default_rng(8).uniform(0.0, motion.duration, 700)  # none of them sampled before
     states = checked_states(motion.at(times))
-    full = force(tool.facets, states, alpha_y)
-    error = np.linalg.norm(force(plates, states, alpha_y) - full, axis=1) / np.linalg.norm(full, axis=1).max()
-    assert np.percentile(error, 95.0) < 0.01
+    for alpha_y in LAWS:
+        full = force(tool.facets, states, alpha_y)
+        error = np.linalg.norm(force(plates, states, alpha_y) - full, axis=1) / np.linalg.norm(full, axis=1).max()
+        assert np.percentile(error, 95.0) < 0.01
 
 
 def test_the_reported_error_is_measured_between_samples_that_repeat_the_same_phases(body):

@@ -28,14 +28,23 @@ from studies.parameter_sweep import (
     shipped,
 )
 
-TOOLS = ("plate", "ellipsoid", "root_tip", "sphere", "abb_plate")
+ALONG, ASKEW, ACROSS = (0.0, -0.3), (35.0, 0.2), (90.0, -0.05)
+"""Yaw [deg], and the share of the speed upwards."""
+
+TILTED = {
+    "plate": (ALONG, ASKEW, ACROSS),
+    "abb_plate": (ALONG, ASKEW, ACROSS),
+    "ellipsoid": (ASKEW,),
+    "root_tip": (ACROSS,),
+    "sphere": (ASKEW,),
+}
 
 
 def tilt_sweeps():
-    """β over 200° at three yaws, moving on and a little down or up."""
-    for tool in TOOLS:
+    """β over 200° at three yaws, moving on and a little down or up; bodies of revolution at one yaw."""
+    for tool, motions in TILTED.items():
         plates = shipped(tool)
-        for yaw, rise in ((0.0, -0.3), (35.0, 0.2), (90.0, -0.05)):
+        for yaw, rise in motions:
 
             def states(beta, yaw=yaw, rise=rise):
                 about = Rotation.from_euler("z", yaw, degrees=True) * Rotation.from_euler("y", -beta[:, None])

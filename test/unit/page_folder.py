@@ -39,6 +39,8 @@ def prepared(folder: Path, *, more_cell: str = "") -> Path:
         (folder / "shared").mkdir()
         (folder / "shared" / "data").symlink_to(reference.resolve())
     _as_if_made(project)
+    study = project / "config" / "sweep_example.yaml"  # a tenth of its variants, of shorter motions
+    study.write_text(study.read_text().replace("count: 50", "count: 5").replace("samples: 200", "samples: 50"))
     shutil.copy(project / "meshes" / "abb_plate.stl", project / "my_tool.stl")
     cell = next(b.text for b in blocks(README) if b.language == "yaml" and "my_tool.stl" in b.text)
     (project / "my_cell.yaml").write_text(cell.replace("/path/to", str(project)) + more_cell, encoding="utf-8")

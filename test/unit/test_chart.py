@@ -70,8 +70,15 @@ def small():
     return Scene(name="ball", mesh=sphere.mesh, levels=3, reference=4, delivered=2, states=sphere.states)
 
 
-def test_finer_meshes_take_longer_and_approach_the_converged_force(small):
-    found = points(small)
+@pytest.fixture(scope="module")
+def found(small):
+    """The points of the small scene, each timed three times."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(chart, "_ROUNDS", 3)
+        return points(small)
+
+
+def test_finer_meshes_take_longer_and_approach_the_converged_force(found):
     assert {p.reduction for p in found} == {FULL, MERGED, CHOSEN, NUMPY}
     for rule in ("centroid", "refined"):
         full = [p for p in found if (p.integration, p.reduction, p.alpha_y) == (rule, FULL, "constant")]
@@ -90,9 +97,9 @@ def test_finer_meshes_take_longer_and_approach_the_converged_force(small):
         assert one.error == pytest.approx(other.error, rel=0.2)  # over fewer states
 
 
-def test_the_command_writes_pictures_a_page_and_numbers(small, tmp_path, monkeypatch, capsys):
+def test_the_command_writes_pictures_a_page_and_numbers(small, found, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(chart, "scenes", lambda: iter([small]))
-    monkeypatch.setattr(chart, "_ROUNDS", 1)
+    monkeypatch.setattr(chart, "points", lambda scene: {small.name: found}[scene.name])
     assert main(["chart", "-o", str(tmp_path / "out")]) == 0
     assert {f.name for f in (tmp_path / "out").iterdir()} == {
         f"chart.{kind}" for kind in ("png", "svg", "html", "csv", "md")

@@ -15,6 +15,8 @@ from distribution import (
     clean_copy,
     manifest,
     own_domain,
+    place,
+    required,
     share_machine_code,
     start_and_stop,
     third_party_imports,
@@ -43,14 +45,18 @@ def wheel(dist: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty environment, without even setuptools, into which pip installs the wheel and all that it asks for."""
+    """An empty environment, without even setuptools, with the wheel and the packages that it asks for, and no others.
+
+    pip installs the wheel; the others, of the versions that the wheel allows, come from this process's environment.
+    """
     environment = tmp_path_factory.mktemp("installed") / "env"
     venv.create(environment, with_pip=False)
     python = str(environment / "bin" / "python")
-    # compiling the bytecode of 80 packages takes longer than installing them
-    pip = [sys.executable, "-m", "pip", "--quiet", "--python", python, "install", "--no-compile", f"{wheel}[ros]"]
+    pip = [sys.executable, "-m", "pip", "--quiet", "--python", python, "install", "--no-deps", "--no-index", str(wheel)]
     subprocess.run(pip, check=True, cwd=environment, env=without_ros())
     (package,) = environment.glob("lib/python*/site-packages/rft_ros")
+    for distribution in required(metadata(wheel)["Requires-Dist"], extra="ros"):
+        place(distribution, package.parent)
     share_machine_code(package)
     return environment
 
