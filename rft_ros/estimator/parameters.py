@@ -157,6 +157,13 @@ PARAMETERS: tuple[Parameter, ...] = (
         unit="xyzw",
     ),
     Parameter(
+        "sensor.frame_source",
+        "parameters",
+        "Where the sensor is on the tool: sensor.position and sensor.quaternion, or fixed transforms from tool_frame to"
+        " sensor_frame.",
+        choices=("parameters", "tf"),
+    ),
+    Parameter(
         "sensor.sign",
         1.0,
         "1.0: the driver reports the force on the tool; -1.0: the force by the tool.",
@@ -174,13 +181,35 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", unit="kg", low=0.0, high=1e3),
     Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", unit="m", low=-1e3, high=1e3),
     Parameter(
+        "pose_source",
+        "topic",
+        "Pose from ~/pose, or from the transforms between world_frame and tool_frame, at the load cell's stamps.",
+        choices=("topic", "tf"),
+        applies="restart",
+    ),
+    Parameter(
+        "tf_rate",
+        0.0,
+        "With pose_source tf: take poses at this rate; 0.0: at the stamps of the load cell.",
+        unit="Hz",
+        low=0.0,
+        high=1e4,
+    ),
+    Parameter(
         "twist_source", "topic", "Velocity from ~/twist, or from the last poses.", choices=("topic", "pose_difference")
     ),
-    Parameter("twist_window", 0.05, "Span of poses that pose_difference fits a line to.", unit="s", low=1e-4, high=1.0),
+    Parameter(
+        "twist_window",
+        0.2,
+        "Longest span of poses that pose_difference fits a curve to. A speed that their noise explains is rest.",
+        unit="s",
+        low=1e-4,
+        high=1.0,
+    ),
     Parameter(
         "max_input_age",
         0.1,
-        "Greatest difference between a pose's stamp and those of the twist and wrenches used with it.",
+        "Greatest difference between a pose's stamp and those of the twist, wrenches and transforms used with it.",
         unit="s",
         low=1e-6,
         high=1e6,
@@ -267,7 +296,10 @@ def settings_of(values: Values) -> Settings:
             mass=v["sensor.mass"],
             center_of_mass=v["sensor.center_of_mass"],
         ),
+        sensor_source=v["sensor.frame_source"],
         surface_height=v["surface_height"],
+        pose_source=v["pose_source"],
+        tf_rate=v["tf_rate"],
         twist_source=v["twist_source"],
         twist_window=v["twist_window"],
         max_input_age=v["max_input_age"],
