@@ -155,6 +155,8 @@ def window() -> StudyResult:
     label_axes(panels[2], x="Window [s]", y="Ticks taken for motion [%]", title="Plate at rest", legend={})
     for axes in panels:
         axes.axvline(Settings().twist_window, color=GREY, lw=1.0)
+        axes.minorticks_off()
+        axes.set_xticks((0.05, 0.1, 0.2, 0.5), ("0.05", "0.1", "0.2", "0.5"))
         axes.title.set_fontsize(9)
     figure.suptitle(f"Twist from poses with noise of {1e6 * NOISE:.0f} µm; grey: the default window", fontsize=10)
     return result_of_rows(

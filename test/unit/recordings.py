@@ -34,22 +34,17 @@ def message(store, role: str, stamp: int, values, frame: str | None = None):
     return t[f"geometry_msgs/msg/{kind}Stamped"](head, body)
 
 
-def transforms_message(store, transforms):
+def transforms_cdr(*transforms) -> bytes:
     """A TFMessage of these `TransformSample`s."""
-    t = store.types
+    t = ROS2.types
     found = []
     for transform in transforms:
         stamp = t["builtin_interfaces/msg/Time"](sec=transform.stamp // 10**9, nanosec=transform.stamp % 10**9)
-        seq = {"seq": 0} if store is ROS1 else {}
-        head = t["std_msgs/msg/Header"](stamp=stamp, frame_id=transform.parent, **seq)
+        head = t["std_msgs/msg/Header"](stamp=stamp, frame_id=transform.parent)
         place = t["geometry_msgs/msg/Vector3"](*transform.position)
         pose = t["geometry_msgs/msg/Transform"](place, t["geometry_msgs/msg/Quaternion"](*transform.quaternion))
         found.append(t["geometry_msgs/msg/TransformStamped"](head, transform.child, pose))
-    return t[TF](found)
-
-
-def transforms_cdr(*transforms) -> bytes:
-    return bytes(ROS2.serialize_cdr(transforms_message(ROS2, transforms), TF))
+    return bytes(ROS2.serialize_cdr(t[TF](found), TF))
 
 
 def moments(count: int = 60):

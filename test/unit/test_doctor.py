@@ -14,7 +14,7 @@ FAULTS = {
     "no twist": ({}, {"without": "twist"}, "FIX twist: nothing on /rft/twist; set twist_source: pose_difference"),
     "old stamps": ({}, {"age": 3_000_000_000}, "FIX pose: stamps on /rft/pose are 3 s old when they arrive"),
     "no surface height": ({"surface_height": None}, {}, "FIX surface_height is not set and counts as 0.0"),
-    "not tared": ({}, {"bias": 2.0}, "FIX load cell: it reads 2.05 N in the air; call ~/tare"),
+    "not tared": ({}, {"bias": 2.0}, "FIX load cell: it reads 2.00 N in the air; call ~/tare"),
     "no load cell": ({}, {"without": "wrench"}, "FIX wrench: nothing on /rft/wrench_measured; start the load cell"),
 }
 
@@ -58,5 +58,5 @@ def test_each_fault_is_found_and_says_what_to_do(tmp_path, capsys, fault):
 
 
 def test_a_tool_that_touched_nothing_is_told_to_push(tmp_path, capsys):
-    found = examined(tmp_path, capsys, {"surface_height": -1.0})
+    found = examined(tmp_path, capsys, {"surface_height": -1.0}, force=0.0)
     assert found == ["FIX sign: no push was seen; push the tool down into the grains and run again"]
