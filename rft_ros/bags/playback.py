@@ -74,7 +74,8 @@ def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
     No twist topic if the velocity comes from the poses; /tf in place of a pose topic if these come from transforms.
     Raises InputError for a remap that cannot be used.
     """
-    topics = {role: _resolved(name) for role, name in _TOPICS.items()}
+    tf = values["pose_source"] == "tf"
+    topics = {role: _resolved(name) for role, name in _TOPICS.items() if tf or role != "tf"}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
         left, separator, right = (part.strip() for part in rule.partition(":="))
@@ -84,11 +85,12 @@ def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
             left = "~" + left.removeprefix(str(Path.home()))
         role = roles.get(_resolved(left) if left.startswith(("/", "~")) else "")
         if role is None:
-            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS.values())}")
+            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS[role] for role in topics)}")
         topics[role] = _resolved(right)
     if values["twist_source"] != "topic":
         del topics["twist"]
-    del topics["pose" if values["pose_source"] == "tf" else "tf"]
+    if tf:
+        del topics["pose"]
     return topics
 
 
