@@ -12,14 +12,14 @@ from collections.abc import Iterable, Sequence
 from types import ModuleType
 from typing import NoReturn
 
-from rft_ros.commands import calibrate, check_mesh, demo, predict, reduce, replay, sweep, view, warm_up
+from rft_ros.commands import calibrate, check_mesh, demo, doctor, predict, reduce, replay, sweep, view, warm_up
 from rft_ros.errors import InputError
 from rft_ros.installation import program
 
 __all__ = ["main", "parser"]
 
 # The modules import what they need when they run, so that `rft --help` answers at once.
-_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, sweep, view, demo, warm_up)
+_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, sweep, view, doctor, demo, warm_up)
 _COMMANDS = {module.__name__.rpartition(".")[2].replace("_", "-"): module for module in _MODULES}
 
 

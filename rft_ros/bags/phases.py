@@ -79,7 +79,6 @@ class LowestPoint:
     def __init__(self, estimator: Estimator) -> None:
         self._estimator = estimator
         self._corners = estimator.model.tool.corners
-        self._settings = estimator.settings
         self._out = np.zeros(7)
         self._deepest = -math.inf
         self._up = np.array([0.0, 0.0, 1.0])
@@ -93,7 +92,7 @@ class LowestPoint:
             return None if answer.reason in _UNPLACED else self._estimator.depth(), None
         _lowest_point(self._corners, self._estimator.state, self._out)
         height, vx, vy, vz, *up = self._out.tolist()
-        depth = self._settings.surface_height - height
+        depth = self._estimator.settings.surface_height - height
         if depth > self._deepest:
             self._deepest, self._up = depth, np.array(up)
         speed = answer.speed if isinstance(answer, Estimate) else 0.0
@@ -101,7 +100,7 @@ class LowestPoint:
 
     def vertical_axis(self) -> tuple[str, str]:
         """The sensor axis nearest to vertical at the greatest depth, and whether it points "up" or "down"."""
-        up = self._up @ rotation_matrix(self._settings.load_cell.quaternion)
+        up = self._up @ rotation_matrix(self._estimator.settings.load_cell.quaternion)
         axis = int(np.argmax(np.abs(up)))
         return "xyz"[axis], "up" if up[axis] > 0.0 else "down"
 

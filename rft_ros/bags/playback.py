@@ -9,14 +9,26 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, TwistSample
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, node_parameters, settings_of
+from rft_ros.estimator.tool_poses import ToolPoses
+from rft_ros.estimator.transforms import Transforms
 from rft_ros.progress import bar
 
-__all__ = ["ReplayOptions", "play", "push", "read_replay_options", "states_of", "topics_of"]
+__all__ = [
+    "ReplayOptions",
+    "mounted",
+    "play",
+    "push",
+    "push_all",
+    "read_replay_options",
+    "states_of",
+    "topics_of",
+    "unposed",
+]
 
-_TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured"}
+_TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured", "tf": "/tf"}
 _SECTION = "rft_replay"
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
@@ -59,9 +71,11 @@ def read_replay_options(file: Path) -> ReplayOptions:
 def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
     """Topic of each role that the parameters need: /rft/pose and so on, unless remapped; later remaps win.
 
-    No twist topic if the velocity comes from the poses. Raises InputError for a remap that cannot be used.
+    No twist topic if the velocity comes from the poses; /tf in place of a pose topic if these come from transforms.
+    Raises InputError for a remap that cannot be used.
     """
-    topics = {role: _resolved(name) for role, name in _TOPICS.items()}
+    tf = values["pose_source"] == "tf"
+    topics = {role: _resolved(name) for role, name in _TOPICS.items() if tf or role != "tf"}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
         left, separator, right = (part.strip() for part in rule.partition(":="))
@@ -71,10 +85,12 @@ def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
             left = "~" + left.removeprefix(str(Path.home()))
         role = roles.get(_resolved(left) if left.startswith(("/", "~")) else "")
         if role is None:
-            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS.values())}")
+            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS[role] for role in topics)}")
         topics[role] = _resolved(right)
     if values["twist_source"] != "topic":
         del topics["twist"]
+    if tf:
+        del topics["pose"]
     return topics
 
 
@@ -91,9 +107,21 @@ def push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
         return estimator.push_pose(sample)
     if isinstance(sample, TwistSample):
         estimator.push_twist(sample)
-    else:
+    elif isinstance(sample, WrenchSample):
         estimator.push_wrench(sample)
+    else:
+        for transform in sample:
+            estimator.push_transform(transform)
     return None
+
+
+def push_all(
+    estimator: Estimator, tool_poses: ToolPoses | None, sample: Sample
+) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
+    """Push a sample and, with `tool_poses`, the poses that follow from it; yield each, with the answer to a pose."""
+    yield sample, push(estimator, sample)
+    for pose in tool_poses.after(sample) if tool_poses else ():
+        yield pose, estimator.push_pose(pose)
 
 
 def play(
@@ -101,14 +129,50 @@ def play(
 ) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
     """Push every sample of an open recording into the estimator; yield it, with the answer if it is a pose.
 
-    At the end all measurements are final. `label`: of the progress bar.
+    Fixed transforms come first. With `pose_source` tf the poses follow from the transforms. At the end all measurements
+    are final. `label`: of the progress bar.
     """
+    tool_poses = ToolPoses(estimator) if estimator.settings.pose_source == "tf" else None
     with bar(label, recording.last - recording.first) as update:
+        if recording.fixed:
+            yield recording.fixed, push(estimator, recording.fixed)
         for number, sample in enumerate(recording):
-            yield sample, push(estimator, sample)
+            for pushed, answer in push_all(estimator, tool_poses, sample):
+                recording.counts["pose"] += tool_poses is not None and answer is not None
+                yield pushed, answer
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)
     estimator.finish()
+
+
+def unposed(estimator: Estimator) -> str:
+    """What a recording lacks if no pose follows from its transforms: the two frames, and the frames that it has."""
+    settings, frames = estimator.settings, ", ".join(estimator.transforms.frames()) or "none"
+    reasons = "".join(f"; {counted}" for counted in estimator.counted())
+    link = f"tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}'"
+    return f"pose of {link} (frames: {frames}{reasons})"
+
+
+def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:
+    """The parameters with the sensor's place from a bag's fixed transforms, if `sensor.frame_source` is tf.
+
+    Raises InputError if they do not link `tool_frame` and `sensor_frame`.
+    """
+    if values["sensor.frame_source"] != "tf":
+        return values
+    tool, sensor = str(values["tool_frame"]), str(values["sensor_frame"])
+    transforms = Transforms()
+    with Recording(bag, topics_of(values, options.remap)) as recording:
+        for transform in recording.fixed:
+            transforms.push(transform)
+    place = transforms.fixed(tool, sensor)
+    if place is None:
+        frames = ", ".join(transforms.frames()) or "none"
+        raise InputError(
+            f"bag '{bag}': no fixed transforms link tool_frame '{tool}' and sensor_frame '{sensor}', as"
+            f" sensor.frame_source tf needs; it has {frames}"
+        )
+    return {**values, "sensor.position": place.position, "sensor.quaternion": place.quaternion}
 
 
 def states_of(
@@ -121,9 +185,9 @@ def states_of(
     estimator = Estimator(settings_of(values), model)
     stamps, states = [], []
     with Recording(bag, topics_of(values, options.remap), start=options.start, end=options.end) as recording:
-        for sample, answer in play(recording, estimator, bag.name):
+        for _, answer in play(recording, estimator, bag.name):
             if isinstance(answer, Estimate):
-                stamps.append(sample.stamp)
+                stamps.append(answer.stamp)
                 states.append(estimator.state.copy())
     if not states:
         reasons = ", ".join(estimator.counted())

@@ -4,6 +4,7 @@ import re
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -12,11 +13,12 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.damaged import DamagedFile
 from rft_ros.errors import InputError, reason_of
+from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.estimator.messages import TYPES, Role, Sample, decoder
 
 __all__ = ["Recording"]
 
-_RANK: tuple[Role, ...] = ("wrench", "twist", "pose")
+_RANK: tuple[Role, ...] = ("wrench", "twist", "pose", "tf")
 
 _LATEST = 100_000_000
 """Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
@@ -55,23 +57,33 @@ class Recording:
     Memory does not grow with the bag, except for a ROS 1 bag's index, which rosbags keeps.
 
     `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: topic of each role; only these are read.
-    `start`, `end`: receive time since the bag's first message on any topic [s].
+    `start`, `end`: receive time since the bag's first message on any topic [s]. `optional`: roles whose topic may be
+    missing.
 
-    Order: receive time (the bag's log time); at equal times wrench, twist, pose; then the order in the file.
+    Order: receive time (the bag's log time); at equal times wrench, twist, pose, tf; then the order in the file.
 
-    Raises InputError for a missing pose or twist topic, a topic of another type, a path that is not a bag, and a ROS 1
+    Raises InputError for a missing topic, a topic of another type, a path that is not a bag, and a ROS 1
     bag without index. A damaged bag is used up to the damage, which `damage` describes.
     """
 
     def __init__(
-        self, bag: Path, topics: Mapping[Role, str], *, start: float | None = None, end: float | None = None
+        self,
+        bag: Path,
+        topics: Mapping[Role, str],
+        *,
+        start: float | None = None,
+        end: float | None = None,
+        optional: Collection[Role] = frozenset[Role]({"wrench"}),
     ) -> None:
         self.bag = bag
         self.counts: Counter[Role] = Counter()
+        self.fixed: tuple[TransformSample, ...] = ()
+        """The fixed transforms of the whole bag, from /tf_static."""
         self.time = 0
         """Receive time of the last sample [ns]."""
         self._topics = dict(topics)
         self._offsets = (start, end)
+        self._optional = optional
         self._parts: list[_Indexed | DamagedFile] = []
         self._why = ""
 
@@ -81,6 +93,7 @@ class Recording:
             if not sum(part.count for part in self._parts):
                 raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
             self._check_topics()
+            self.fixed = self._read_fixed()
             self._set_span()
         except OSError as error:
             self._close()
@@ -94,6 +107,22 @@ class Recording:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self._close()
+
+    def _read_fixed(self) -> tuple[TransformSample, ...]:
+        topic = self._topics.get("tf", "/tf") + "_static"
+        decode = decoder("tf_static", ros1=self._ros1())
+        found: list[TransformSample] = []
+        for part in self._parts:
+            if (topic, TYPES["tf_static"]) in part.topics:
+                with suppress(Exception):  # damage: `_messages` finds and reports it
+                    for _, _, data in part.messages({topic}, part.first, part.last + 1):
+                        sample = decode(bytes(data))
+                        assert not isinstance(sample, PoseSample | TwistSample | WrenchSample)
+                        found += sample
+        return tuple(dict.fromkeys(found))
+
+    def _ros1(self) -> bool:
+        return self.bag.suffix == ".bag" and self.bag.is_file()
 
     def _set_span(self) -> None:
         first, last = min(p.first for p in self._parts), max(p.last for p in self._parts)
@@ -114,8 +143,7 @@ class Recording:
 
     def __iter__(self) -> Iterator[Sample]:
         """The samples in order."""
-        ros1 = self.bag.suffix == ".bag" and self.bag.is_file()
-        decode: list[Callable[[bytes], Sample]] = [decoder(role, ros1=ros1) for role in _RANK]
+        decode: list[Callable[[bytes], Sample]] = [decoder(role, ros1=self._ros1()) for role in _RANK]
         for time, rank, _, data in self._in_order():
             try:
                 sample = decode[rank](data)
@@ -189,10 +217,12 @@ class Recording:
             wanted = TYPES[role]
             if topic not in found:
                 fits = next((t for t, types in found.items() if types == {wanted}), "TOPIC")
-                advice = f"--remap ~/{role}:={fits}"
+                advice = f"--remap {'/' if role == 'tf' else '~/'}{role}:={fits}"
+                if role == "pose" and TYPES["tf"] in found.get("/tf", ()):
+                    advice = f"pose_source: tf, or {advice}"
                 if role == "twist":
                     advice = f"twist_source: pose_difference, or {advice}"
-                if role != "wrench":
+                if role not in self._optional:
                     raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' (use {advice}); it has {there}")
             elif found[topic] != {wanted}:
                 is_ = " and ".join(sorted(found[topic]))

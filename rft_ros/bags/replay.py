@@ -11,7 +11,7 @@ from typing import NamedTuple
 from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS, Trace, csv_row, learned_numbers
 from rft_ros.bags.learning_errors import LearningErrors
 from rft_ros.bags.phases import LowestPoint, Phase, Phases
-from rft_ros.bags.playback import ReplayOptions, play, topics_of
+from rft_ros.bags.playback import ReplayOptions, play, topics_of, unposed
 from rft_ros.bags.reading import Recording
 from rft_ros.bags.statistics import Group, count_flags, statistics
 from rft_ros.bags.summary import Summary
@@ -83,7 +83,8 @@ def replay(
                 _write_estimates(recording, estimator, motion, trace, out, label or bag.name, learning_errors)
             if not recording.counts["pose"]:
                 why = f" ({recording.damage})" if recording.damage else ""
-                raise InputError(f"bag '{bag}' has no message on {topics['pose']} in the part that is replayed{why}")
+                what = f"message on {topics['pose']}" if "pose" in topics else unposed(estimator)
+                raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{why}")
             whole, phases = statistics(trace)
             quality_flags, trust = count_flags(trace)
             estimator.counts.pop("estimates", 0)
@@ -93,7 +94,7 @@ def replay(
                 topics=topics,
                 parameters=dict(values),
                 bias=settings.load_cell.bias,
-                messages={role: recording.counts[role] for role in topics},
+                messages={role: recording.counts[role] for role in ("pose", *topics)},
                 reasons=dict(sorted(estimator.counts.items())),
                 unknown_frames=dict(sorted(estimator.unknown_frames().items())),
                 quality_flags=quality_flags,
@@ -187,7 +188,7 @@ def _bias(
             if isinstance(sample, WrenchSample):
                 newest = sample.stamp
             elif answer is not None and not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
-                begin = sample.stamp
+                begin = answer.stamp
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:

@@ -92,7 +92,13 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     topics = topics_of(values, options.remap)
     model = model_of({**values, "tolerance": 0.0})  # the error of a reduced tool would bias every fit
     # without bias and weight the estimator's compensated wrench is the raw reading
-    settings = replace(settings_of(values), load_cell=LoadCell(), surface_height=_BOTTOMLESS, max_rate=0.0)
+    settings = replace(
+        settings_of(values),
+        load_cell=LoadCell(),
+        sensor_source="parameters",
+        surface_height=_BOTTOMLESS,
+        max_rate=0.0,
+    )
     estimator = Estimator(settings, model)
     with Recording(bag, topics, start=options.start, end=options.end) as recording:
         answers = play(recording, estimator, bag.name)

@@ -54,6 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Calibrate; exit status 1 if nothing is identifiable, or a part named by --fit is not."""
     from rich.console import Console
 
+    from rft_ros.bags.playback import mounted
     from rft_ros.calibration import PARTS, calibrate, read_track
     from rft_ros.calibration.calibrated_file import write_calibrated
     from rft_ros.calibration.overview import draw_penetrations, print_overview
@@ -63,6 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         if part not in PARTS:
             raise InputError(f"--fit '{part}' is not one of {', '.join(PARTS)}")
     values, options = recording(arguments)
+    values = mounted(arguments.bags[0], values, options)
     meshes = _meshes(arguments.mesh, [bag.resolve().name for bag in arguments.bags])
     tracks = [
         read_track(bag, {**values, "mesh.file": meshes.get(bag.resolve().name, values["mesh.file"])}, options)

@@ -58,10 +58,10 @@ def _draw(watched: "Watched", bag: Path, figure: Path) -> None:
     model = model_of(values)
     estimator, depth, fixed, states = Estimator(settings_of(values), model), {}, [], []
     with Recording(bag, topics_of(values)) as recording:
-        for sample, answer in play(recording, estimator, bag.name):
+        for _, answer in play(recording, estimator, bag.name):
             if isinstance(answer, Estimate) and answer.speed > 0.0:
-                depth[sample.stamp] = estimator.depth()
-                fixed.append((depth[sample.stamp], *answer.predicted[:3]))
+                depth[answer.stamp] = estimator.depth()
+                fixed.append((depth[answer.stamp], *answer.predicted[:3]))
                 states.append(estimator.state.copy())
     times = 1e-9 * np.array([*depth])
     scene = animate_evenly(model.tool.name, model.tool, model.law, times - times[0], np.array(states))

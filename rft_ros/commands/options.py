@@ -26,6 +26,7 @@ __all__ = [
     "output_option",
     "recording",
     "recording_options",
+    "remap_option",
     "surface_option",
     "warn_of",
 ]
@@ -137,6 +138,13 @@ def recording_options(command: argparse._ActionsContainer, *, required: bool = F
         metavar="FILE.yaml",
         help="the node's own parameter file" + ("" if required else " (default: the node's defaults)"),
     )
+    remap_option(command)
+    number_option(command, "--start", "S", "begin S seconds into the recording (default: at its beginning)")
+    number_option(command, "--end", "S", "stop S seconds into the recording (default: at its end)")
+
+
+def remap_option(command: argparse._ActionsContainer) -> None:
+    """``--remap``: the topics of the inputs."""
     command.add_argument(
         "--remap",
         action="append",
@@ -144,8 +152,6 @@ def recording_options(command: argparse._ActionsContainer, *, required: bool = F
         metavar="FROM:=TO",
         help="topic of the recording, such as ~/pose:=/tool_pose; may be repeated",
     )
-    number_option(command, "--start", "S", "begin S seconds into the recording (default: at its beginning)")
-    number_option(command, "--end", "S", "stop S seconds into the recording (default: at its end)")
 
 
 def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":

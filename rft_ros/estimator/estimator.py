@@ -12,16 +12,19 @@ from rft_ros.estimator.learning import Learning, LearningSettings
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
 from rft_ros.estimator.quality import SURPRISE, QualityMonitor, write_prior_sigma
 from rft_ros.estimator.samples import (
+    TIME_JUMP,
     Estimate,
     Measurement,
     NoEstimate,
     PoseSample,
     Reason,
+    TransformSample,
     TwistSample,
     Wrench,
     WrenchSample,
 )
 from rft_ros.estimator.settings import Model, Settings
+from rft_ros.estimator.transforms import Placement, Transforms
 from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.rft import (
     COLUMNS,
@@ -34,10 +37,7 @@ from rft_ros.rft import (
     wrenches_in_time,
 )
 
-__all__ = ["TIME_JUMP", "Estimator"]
-
-TIME_JUMP = 1_000_000_000
-"""A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
+__all__ = ["Estimator"]
 
 _ABSURD = 1e100
 """Larger forces [N] and torques [N m] count as not finite: their squares would overflow in statistics."""
@@ -58,7 +58,8 @@ class Estimator:
     `push_pose` answers at once. Its prediction uses the last twist stamped at or before the pose among those pushed so
     far. The compensated and the residual wrench follow in `measurements`, once the load-cell samples on both sides of
     the pose's stamp have arrived (`Comparison`); they do not depend on the order of arrival. No sample further than
-    `max_input_age` from the pose is used.
+    `max_input_age` from the pose is used. A sample in another frame than expected is transformed if fixed `transforms`
+    link the two.
     With `learning_mode` observe or apply, `learning` follows the compensated force. An estimate uses what was learned
     at least `learning_lag` of path before.
     `counts`: under "estimates" the number of estimates; under each `Reason`, how often it refused a sample, or left a
@@ -67,6 +68,7 @@ class Estimator:
 
     def __init__(self, settings: Settings, model: Model) -> None:
         self.counts: Counter[str] = Counter()
+        self.transforms = Transforms()
         self._unknown_frames: dict[Reason, str] = {}
         self._state = np.zeros((1, len(STATE)))  # of the last answer
         self._candidate = np.zeros((1, len(STATE)))  # of the pose being answered; becomes `_state` with its answer
@@ -172,17 +174,35 @@ class Estimator:
 
     def _apply(self, settings: Settings) -> None:
         self._unknown_frames.clear()
-        self._frame = LoadCellFrame(settings.load_cell)
+        self._place_sensor()
         self._max_age = self._comparison.max_age = round(settings.max_input_age * 1e9)
         self._period = round(1e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
         self._due = 0
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
 
+    def _place_sensor(self) -> None:
+        """Take the sensor's place on the tool from fixed transforms, if the settings say so and they are known."""
+        s = self.settings
+        self._placed = s.sensor_source == "parameters"
+        if not self._placed and (found := self.transforms.fixed(s.tool_frame, s.sensor_frame)) is not None:
+            self._placed = True
+            self.settings = replace(s, load_cell=replace(s.load_cell, **found._asdict()))
+        self._frame = LoadCellFrame(self.settings.load_cell)
+
     def _begin_memory(self, model: Model) -> None:
         self._memory = Memory(model.tool.plates) if model.mobilization_length > 0.0 else None
         self._remembered = 0
 
-    # --- twists and load cell
+    # --- transforms, twists and load cell
+
+    def push_transform(self, sample: TransformSample) -> Reason | None:
+        """Add a transform; returns the reason if it is refused."""
+        reason = self.transforms.push(sample)
+        if reason is not None:
+            self.counts[reason.value] += 1
+        elif sample.fixed and self.settings.sensor_source == "tf":
+            self._place_sensor()
+        return reason
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
         """Add a twist; returns the reason if it is refused."""
@@ -192,8 +212,14 @@ class Estimator:
         elif not math.isfinite(sum(sample.linear) + sum(sample.angular)):
             reason = Reason.TWIST_NOT_FINITE
         elif sample.frame != self.settings.world_frame and sample.frame != self.settings.tool_frame:
-            reason = Reason.TWIST_FRAME_UNKNOWN
-            self._unknown_frames[reason] = sample.frame
+            for frame in (self.settings.world_frame, self.settings.tool_frame):
+                if (axes := self.transforms.fixed(frame, sample.frame)) is not None:
+                    turned = axes.rotate(sample.linear), axes.rotate(sample.angular)
+                    sample = TwistSample(sample.stamp, frame, *turned)
+                    break
+            else:
+                reason = Reason.TWIST_FRAME_UNKNOWN
+                self._unknown_frames[reason] = sample.frame
         return self._taken(self._twists, sample, reason, Reason.TWIST_OUT_OF_ORDER)
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:
@@ -204,8 +230,11 @@ class Estimator:
         elif not math.hypot(*sample.wrench) < _ABSURD:
             reason = Reason.WRENCH_NOT_FINITE
         elif sample.frame != self.settings.sensor_frame:
-            reason = Reason.WRENCH_FRAME_UNKNOWN
-            self._unknown_frames[reason] = sample.frame
+            if (there := self.transforms.fixed(self.settings.sensor_frame, sample.frame)) is not None:
+                sample = sample._replace(frame=self.settings.sensor_frame, wrench=there.wrench(sample.wrench))
+            else:
+                reason = Reason.WRENCH_FRAME_UNKNOWN
+                self._unknown_frames[reason] = sample.frame
         return self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
 
     def _taken(self, history: deque[_Sample], sample: _Sample, unusable: Reason | None, late: Reason) -> Reason | None:
@@ -258,6 +287,8 @@ class Estimator:
         pose = self._accept(sample)
         if isinstance(pose, Reason):
             return pose
+        if not self._placed:
+            return Reason.SENSOR_FRAME_UNKNOWN
         self._comparison.settle(pose.stamp)
         no_velocity = self._write_state(pose)
         if self._limit_rate(pose.stamp, answered=no_velocity is None):
@@ -298,16 +329,20 @@ class Estimator:
         quaternion = unit_quaternion(*sample.quaternion)
         if quaternion is None:
             return Reason.POSE_QUATERNION_NOT_UNIT
+        position = sample.position
         if sample.frame != self.settings.world_frame:
-            self._unknown_frames[Reason.POSE_FRAME_UNKNOWN] = sample.frame
-            return Reason.POSE_FRAME_UNKNOWN
+            base = self.transforms.fixed(self.settings.world_frame, sample.frame)
+            if base is None:
+                self._unknown_frames[Reason.POSE_FRAME_UNKNOWN] = sample.frame
+                return Reason.POSE_FRAME_UNKNOWN
+            position, quaternion = base.of(Placement(position, quaternion))
         if self._pose is not None and stamp <= self._pose.stamp:
             if stamp == self._pose.stamp:
                 return Reason.POSE_REPEATED
             if self._pose.stamp - stamp < TIME_JUMP:
                 return Reason.POSE_OUT_OF_ORDER
             self._begin_again(stamp)
-        self._pose = PoseSample(stamp, sample.frame, sample.position, quaternion)
+        self._pose = PoseSample(stamp, self.settings.world_frame, position, quaternion)
         return self._pose
 
     def _begin_again(self, stamp: int) -> None:

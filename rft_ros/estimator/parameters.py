@@ -157,6 +157,13 @@ PARAMETERS: tuple[Parameter, ...] = (
         unit="xyzw",
     ),
     Parameter(
+        "sensor.frame_source",
+        "parameters",
+        "Where the sensor is on the tool: sensor.position and sensor.quaternion, or fixed transforms from tool_frame to"
+        " sensor_frame.",
+        choices=("parameters", "tf"),
+    ),
+    Parameter(
         "sensor.sign",
         1.0,
         "1.0: the driver reports the force on the tool; -1.0: the force by the tool.",
@@ -174,13 +181,35 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", unit="kg", low=0.0, high=1e3),
     Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", unit="m", low=-1e3, high=1e3),
     Parameter(
+        "pose_source",
+        "topic",
+        "Pose from ~/pose, or from the transforms between world_frame and tool_frame, at the load cell's stamps.",
+        choices=("topic", "tf"),
+        applies="restart",
+    ),
+    Parameter(
+        "tf_rate",
+        0.0,
+        "With pose_source tf: take poses at this rate; 0.0: at the stamps of the load cell.",
+        unit="Hz",
+        low=0.0,
+        high=1e4,
+    ),
+    Parameter(
         "twist_source", "topic", "Velocity from ~/twist, or from the last poses.", choices=("topic", "pose_difference")
     ),
-    Parameter("twist_window", 0.05, "Span of poses that pose_difference fits a line to.", unit="s", low=1e-4, high=1.0),
+    Parameter(
+        "twist_window",
+        0.2,
+        "Longest span of poses that pose_difference fits a curve to. A speed that their noise explains is rest.",
+        unit="s",
+        low=1e-4,
+        high=1.0,
+    ),
     Parameter(
         "max_input_age",
         0.1,
-        "Greatest difference between a pose's stamp and those of the twist and wrenches used with it.",
+        "Greatest difference between a pose's stamp and those of the twist, wrenches and transforms used with it.",
         unit="s",
         low=1e-6,
         high=1e6,
@@ -259,6 +288,7 @@ def settings_of(values: Values) -> Settings:
     return Settings(
         **same_name,
         load_cell=LoadCell(**{field.name: v[f"sensor.{field.name}"] for field in fields(LoadCell)}),
+        sensor_source=v["sensor.frame_source"],
         calibrated_depth=v["medium.calibrated_depth"],
         zeta_error=v["medium.zeta_error"],
         learning_mode=v["learning.mode"],

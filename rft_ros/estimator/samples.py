@@ -4,16 +4,21 @@ from enum import Enum
 from typing import NamedTuple
 
 __all__ = [
+    "TIME_JUMP",
     "Estimate",
     "Measurement",
     "NoEstimate",
     "PoseSample",
     "Reason",
+    "TransformSample",
     "TwistSample",
     "Vector",
     "Wrench",
     "WrenchSample",
 ]
+
+TIME_JUMP = 1_000_000_000
+"""A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
 
 Vector = tuple[float, float, float]
 """x, y, z."""
@@ -47,6 +52,20 @@ class WrenchSample(NamedTuple):
     wrench: Wrench
 
 
+class TransformSample(NamedTuple):
+    """Pose of the frame `child` in the frame `parent`: stamp [ns], position [m], quaternion xyzw.
+
+    `fixed`: it holds for all stamps.
+    """
+
+    stamp: int
+    parent: str
+    child: str
+    position: Vector
+    quaternion: tuple[float, float, float, float]
+    fixed: bool = False
+
+
 class Reason(str, Enum):
     """Why a sample was not used, or a pose has no estimate or no residual. Users read the values."""
 
@@ -74,6 +93,15 @@ class Reason(str, Enum):
     WRENCH_FRAME_UNKNOWN = "wrench_frame_unknown"
     WRENCH_STAMP_ZERO = "wrench_stamp_zero"
     WRENCH_OUT_OF_ORDER = "wrench_out_of_order"
+    SENSOR_FRAME_UNKNOWN = "sensor_frame_unknown"
+    TF_INVALID = "tf_invalid"
+    TF_OUT_OF_ORDER = "tf_out_of_order"
+    TF_TWO_PARENTS = "tf_two_parents"
+    TF_LOOP = "tf_loop"
+    TF_FRAME_UNKNOWN = "tf_frame_unknown"
+    TF_MISSING = "tf_missing"
+    TF_STALE = "tf_stale"
+    TF_GAP = "tf_gap"
 
     def __str__(self) -> str:
         return self.value

@@ -7,10 +7,16 @@ from rft_ros.estimator.samples import Reason, Vector, Wrench
 from rft_ros.rft import Law
 from rft_ros.tool import Tool
 
-__all__ = ["LearningMode", "LoadCell", "Model", "Settings", "TwistSource"]
+__all__ = ["LearningMode", "LoadCell", "Model", "PoseSource", "SensorSource", "Settings", "TwistSource"]
+
+PoseSource = Literal["topic", "tf"]
+"""Source of the tool's pose: the topic ~/pose, or transforms."""
+
+SensorSource = Literal["parameters", "tf"]
+"""Source of the sensor's place on the tool: `sensor.position` and `sensor.quaternion`, or transforms."""
 
 TwistSource = Literal["topic", "pose_difference"]
-"""Source of the velocity: the topic ~/twist, or a line fitted to the last poses."""
+"""Source of the velocity: the topic ~/twist, or curves fitted to the last poses."""
 
 LearningMode = Literal["off", "observe", "apply"]
 """Whether the medium is learned from the load cell, and whether predictions use it."""
@@ -38,16 +44,21 @@ class Settings:
     """Frames, sources, limits and learning in m, s, m/s, Hz.
 
     `max_rate` 0: answer every pose. `calibrated_depth` and `zeta_error` (relative standard error of ζ) 0: unknown.
-    `learning_lag`: path between a load-cell sample and the first prediction that it may change.
+
+    `tf_rate` 0: a pose from transforms at each load-cell stamp. `learning_lag`: path between a load-cell sample and the
+    first prediction that it may change.
     """
 
     world_frame: str = "world"
     tool_frame: str = "tool"
     sensor_frame: str = "ft_sensor"
     load_cell: LoadCell = field(default_factory=LoadCell)
+    sensor_source: SensorSource = "parameters"
     surface_height: float = 0.0
+    pose_source: PoseSource = "topic"
+    tf_rate: float = 0.0
     twist_source: TwistSource = "topic"
-    twist_window: float = 0.05
+    twist_window: float = 0.2
     max_input_age: float = 0.1
     max_rate: float = 0.0
     rest_speed: float = 2e-4

@@ -10,7 +10,7 @@ from rclpy.node import Node
 
 from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.messages import TYPES, Role
+from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.node.learned_medium import surprise_sentence
 from rft_ros.node.swap import ToolSwap
@@ -20,6 +20,7 @@ __all__ = ["DIAGNOSTICS_PERIOD", "Diagnostics"]
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two reports [s]."""
 
+_INPUTS: tuple[Role, ...] = ("pose", "twist", "wrench")
 _LATENCIES = 1000  # recorded per report, at most
 _QUIET_REPORTS = 3  # a reason that is missing in this many successive reports has ended
 _NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value}
@@ -114,7 +115,7 @@ class Diagnostics:
         return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
 
     def _inputs(self, now: int, named: dict[str, str]) -> DiagnosticStatus:
-        values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in TYPES}
+        values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in _INPUTS}
         values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self.newest.items()})
         values.update({f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"})
         if not self._received["pose"]:

@@ -17,12 +17,14 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, TwistSample, WrenchSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
 from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
+from rft_ros.estimator.tool_poses import ToolPoses
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.swap import ToolSwap
 from rft_ros.node.tool_worker import ToolWorker
+from rft_ros.node.transforms import subscribe_transforms, transform_message
 from rft_ros.tool import ToolRequest, locate_mesh
 
 __all__ = ["RftNode"]
@@ -63,7 +65,12 @@ class RftNode(Node):
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._subscribe(WrenchStamped, "~/wrench_measured", self._on_wrench)
         self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
-        self._subscribe(PoseStamped, "~/pose", self._on_pose)
+        self._tool_poses = None
+        if values["pose_source"] == "tf":
+            self._tool_poses = ToolPoses(self.estimator)
+        else:
+            self._subscribe(PoseStamped, "~/pose", self._on_pose)
+        subscribe_transforms(self, values, self._on_transforms)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(Trigger, "~/status", self._on_status)
         self.create_service(Trigger, "~/forget", self._medium.forget)
@@ -111,23 +118,39 @@ class RftNode(Node):
         except UNREADABLE:
             self.estimator.counts[Reason.MESSAGE_UNREADABLE.value] += 1
             return None
-        self._diagnostics.received(role, sample.stamp)
+        if isinstance(sample, PoseSample | TwistSample | WrenchSample):
+            self._diagnostics.received(role, sample.stamp)
         return sample
 
     def _on_wrench(self, data: bytes) -> None:
         if isinstance(sample := self._received("wrench", data), WrenchSample):
             self.estimator.push_wrench(sample)
+            self._answer_from_transforms(sample)
             self._publish_measurements()
 
     def _on_twist(self, data: bytes) -> None:
         if isinstance(sample := self._received("twist", data), TwistSample):
             self.estimator.push_twist(sample)
 
+    def _on_transforms(self, role: Role, data: bytes) -> None:
+        sample = self._received(role, data)
+        if sample is None or isinstance(sample, PoseSample | TwistSample | WrenchSample):
+            return
+        for transform in sample:
+            self.estimator.push_transform(transform)
+        self._answer_from_transforms(sample)
+
+    def _answer_from_transforms(self, sample: Sample) -> None:
+        for pose in self._tool_poses.after(sample) if self._tool_poses else ():
+            self._diagnostics.received("pose", pose.stamp)
+            self._answer(pose, perf_counter())
+
     def _on_pose(self, data: bytes) -> None:
         start = perf_counter()
-        sample = self._received("pose", data)
-        if not isinstance(sample, PoseSample):
-            return
+        if isinstance(sample := self._received("pose", data), PoseSample):
+            self._answer(sample, start)
+
+    def _answer(self, sample: PoseSample, start: float) -> None:
         # Push first the twists that arrived before this pose: rclpy may call back in another order. None costs 4 us.
         with self._twists.handle:
             while (taken := self._twists.handle.take_message(TwistStamped, True)) is not None:
@@ -155,6 +178,8 @@ class RftNode(Node):
             path = locate_mesh(str(values["mesh.file"]))
             if not path.is_file():
                 raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
+        if values["sensor.frame_source"] == "tf":
+            transform_message()
         if not self._with_memory and values["medium.mobilization_length"]:
             raise InputError(
                 "medium.mobilization_length was 0.0 at the start, so the code for memory is not loaded; "

@@ -10,7 +10,7 @@ from rft_ros.bags.replay import replay
 from rft_ros.estimator.parameters import read_parameter_file
 
 FILE = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
-LENGTH = 0.0043  # m, as calibrated on both trials (docs/calibrate.md)
+LENGTH = 0.0055  # m, as calibrated on both trials (docs/calibrate.md)
 
 
 class Run:

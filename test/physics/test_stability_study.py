@@ -46,15 +46,16 @@ def test_a_helix_of_less_pitch_has_more_of_its_force_from_its_own_wake():
     assert wide < 0.05
 
 
-@pytest.mark.parametrize("width", [0.031, 0.051, 0.101])
-def test_the_scatter_of_a_differenced_pose_is_that_of_a_fitted_slope(width):
-    """σ sqrt(12 / (n (n² - 1))) / Δt for n poses."""
-    rate, n = 500.0, int(width * 500.0) + 1
-    states = np.zeros((4000, 13))
+@pytest.mark.parametrize("width", [0.1, 0.2])
+def test_the_scatter_of_a_differenced_pose_is_that_of_a_parabolas_end(width):
+    """σ sqrt(192 / (f T³)) for a straight motion."""
+    rate = 200.0
+    states = np.zeros((8000, 13))
     states[:, 6] = 1.0
-    states[:, :3] += np.random.default_rng(0).normal(0.0, NOISE, (4000, 3))
-    scatter = differenced(states, rate, width)[n:, 7:10].std()
-    assert scatter == pytest.approx(NOISE * rate * np.sqrt(12.0 / (n * (n * n - 1.0))), rel=0.1)
+    states[:, 2] = -0.01 * np.arange(8000) / rate
+    states[:, :3] += np.random.default_rng(0).normal(0.0, NOISE, (8000, 3))
+    scatter = (differenced(states, rate, width)[100:, 7:10] - [0.0, 0.0, -0.01]).std()
+    assert scatter == pytest.approx(NOISE * np.sqrt(192.0 / (rate * width**3)), rel=0.15)
 
 
 def test_work_converges_at_second_order_under_the_refined_rule():

@@ -10,6 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
+TF = "tf2_msgs/msg/TFMessage"
 TOPICS = {"pose": ("/rft/pose", POSE), "twist": ("/rft/twist", TWIST), "wrench": ("/rft/wrench_measured", WRENCH)}
 START = 1_600_000_000_000_000_000
 STEP = 10_000_000
@@ -31,6 +32,19 @@ def message(store, role: str, stamp: int, values, frame: str | None = None):
     kind = "Twist" if role == "twist" else "Wrench"
     body = t[f"geometry_msgs/msg/{kind}"](vector(*values[:3]), vector(*values[3:]))
     return t[f"geometry_msgs/msg/{kind}Stamped"](head, body)
+
+
+def transforms_cdr(*transforms) -> bytes:
+    """A TFMessage of these `TransformSample`s."""
+    t = ROS2.types
+    found = []
+    for transform in transforms:
+        stamp = t["builtin_interfaces/msg/Time"](sec=transform.stamp // 10**9, nanosec=transform.stamp % 10**9)
+        head = t["std_msgs/msg/Header"](stamp=stamp, frame_id=transform.parent)
+        place = t["geometry_msgs/msg/Vector3"](*transform.position)
+        pose = t["geometry_msgs/msg/Transform"](place, t["geometry_msgs/msg/Quaternion"](*transform.quaternion))
+        found.append(t["geometry_msgs/msg/TransformStamped"](head, transform.child, pose))
+    return bytes(ROS2.serialize_cdr(t[TF](found), TF))
 
 
 def moments(count: int = 60):

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from synthetic_track import REST, TOOL, Path, law, track_of
+from synthetic_track import LOAD_CELL, REST, TOOL, Path, grain_wrenches, law, read_by, track_of
 
-from rft_ros.calibration.memory_length import forces_in_time
+from rft_ros.calibration.memory_length import fit_memory_length, forces_in_time
 from rft_ros.calibration.segments import turns_in_grains
+from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Settings, TwistSample
+from rft_ros.estimator.velocity import PoseDifference
 
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
 
@@ -53,3 +55,35 @@ def test_the_forces_are_those_of_the_estimator():
     forces = forces_in_time(track, law(0.8), first=0, last=len(track.time) - 1, length=0.003, surface=0.0)
     assert np.abs(forces).max() > 10.0
     assert np.allclose(forces, predicted, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-6, 3e-6])
+@pytest.mark.parametrize(
+    "path",
+    [
+        Path((0, 0, 0.03)).move((0, 0, -0.075), 0.01).wait(0.3).move((0, 0, 0.02), 0.01),
+        Path((0, 0, 0.03)).move((0, 0, -0.075), 0.01).move((0, 0, 0.02), 0.01),
+        Path((0, 0, 0.03)).move((0, 0, -0.06), 0.01).move((0.015, 0, -0.002), 0.01),
+    ],
+    ids=["reversal after a rest", "reversal", "turn to the side"],
+)
+def test_velocities_from_poses_give_lambda_within_15_percent(path, noise, monkeypatch):
+    """3 mm; turns at 10 mm/s, the grains computed at 1 kHz and the poses taken at 125 Hz."""
+    monkeypatch.setattr("synthetic_track.RATE", 1000.0)
+    time, states = path.states()
+    grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
+    time, states, grains = time[3::8], states[3::8], grains[3::8]
+    rng = np.random.default_rng(1)
+    poses = states.copy()
+    poses[:, :3] += rng.normal(0.0, noise, (len(poses), 3))
+    turned = Rotation.from_rotvec(rng.normal(0.0, 10.0 * noise, (len(poses), 3)))
+    poses[:, 3:7] = (turned * Rotation.from_quat(poses[:, 3:7])).as_quat()
+    difference = PoseDifference()
+    difference.span(window=0.2, max_age=0.1)
+    for row, t in zip(poses, time, strict=True):
+        stamp = 1 + round(1e9 * t)
+        known = difference.push(PoseSample(stamp, "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist())))
+        row[7:13] = difference.twist if known else 0.0
+    track = track_of(time, poses, read_by(LOAD_CELL, states, grains, rng, noise=(0.1, 0.002)))
+    found = fit_memory_length([track], Sensor(cell=LOAD_CELL), law(), surface=0.0)
+    assert found.values[0] == pytest.approx(0.003, rel=0.15)

@@ -53,11 +53,12 @@ NO_RESIDUAL = {
     Reason.WRENCH_STALE: (twist(), wrench(START - AGE - 1), pose()),
 }
 BESIDE_AN_ANSWER = {Reason.TIME_JUMP}
+OF_TRANSFORMS = {r for r in Reason if r.value.startswith("tf_")} | {Reason.SENSOR_FRAME_UNKNOWN}  # test_transforms.py
 BEFORE_THE_ESTIMATOR = {Reason.MESSAGE_UNREADABLE}  # test/ros/test_node.py
 
 
 def test_every_reason_has_a_scene_here():
-    assert {*SCENES, *NO_RESIDUAL, *BESIDE_AN_ANSWER, *BEFORE_THE_ESTIMATOR} == set(Reason)
+    assert {*SCENES, *NO_RESIDUAL, *BESIDE_AN_ANSWER, *OF_TRANSFORMS, *BEFORE_THE_ESTIMATOR} == set(Reason)
 
 
 @pytest.mark.parametrize("reason", SCENES, ids=str)

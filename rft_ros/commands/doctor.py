@@ -1,0 +1,87 @@
+"""Check a cell's set-up: inputs, frames, stamps, QoS, load cell, mesh.
+
+rft doctor my_cell.yaml --bag recording
+rft doctor my_cell.yaml --remap ~/pose:=/tool_pose --seconds 10
+"""
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rft_ros.commands.options import BAG, number_option, recording, remap_option
+from rft_ros.errors import InputError
+from rft_ros.progress import busy
+
+if TYPE_CHECKING:
+    from rft_ros.bags.checkup import Checkup, Finding
+    from rft_ros.bags.playback import ReplayOptions
+    from rft_ros.estimator.messages import Role
+
+__all__ = ["add_options", "run"]
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Declare the command's arguments."""
+    command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
+    command.add_argument("--bag", type=Path, metavar="BAG", help=f"{BAG} (default: listen to ROS)")
+    remap_option(command)
+    number_option(command, "--seconds", "S", "how long to listen to ROS [s] (default 5)", 5.0)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Check; exit status 1 if something is to be done."""
+    from rft_ros.bags.checkup import Checkup
+    from rft_ros.bags.playback import topics_of
+    from rft_ros.estimator.parameters import NODE_KEYS, model_of, node_parameters
+
+    values, options = recording(arguments)
+    topics = topics_of(values, options.remap)
+    with busy("preparing the tool"):
+        model = model_of({**values, "tolerance": 0.0})
+    named = node_parameters(arguments.params, NODE_KEYS)
+    checkup = Checkup(values, model, named=named, topics=topics, tare=options.tare)
+    findings = [_compiled()]
+    if arguments.bag:
+        _play(arguments.bag, topics, options, checkup)
+    else:
+        findings += _listen(topics, arguments.seconds, checkup)
+    findings += checkup.findings()
+    print("\n".join(map(str, findings)))
+    return 0 if all(finding.ok for finding in findings) else 1
+
+
+def _play(bag: Path, topics: "dict[Role, str]", options: "ReplayOptions", checkup: "Checkup") -> None:
+    from rft_ros.bags.reading import Recording
+
+    with Recording(bag, topics, start=options.start, end=options.end, optional=tuple(topics)) as messages:
+        checkup.push(messages.fixed, messages.first)
+        for sample in messages:
+            checkup.push(sample, messages.time)
+
+
+def _listen(topics: "dict[Role, str]", seconds: float, checkup: "Checkup") -> "list[Finding]":
+    try:
+        from rft_ros.node.listen import listen
+    except ImportError as error:
+        raise InputError(
+            f"listening needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or give --bag"
+        ) from None
+    with busy(f"listening for {seconds:g} s"):
+        return listen(topics, seconds, checkup.push)
+
+
+def _compiled() -> "Finding":
+    from rft_ros.bags.checkup import Finding
+    from rft_ros.estimator.warm_up import warm_up_all
+
+    class ColdError(Exception):
+        pass
+
+    def stop() -> None:
+        raise ColdError
+
+    try:
+        warm_up_all(memory=False, on_cold_cache=stop)
+    except ColdError:
+        return Finding(False, "compiled: no; run rft warm-up, or the node's first start takes a minute")
+    return Finding(True, "compiled: yes")

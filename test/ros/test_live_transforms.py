@@ -1,0 +1,149 @@
+"""A node that takes the tool's pose from /tf and /tf_static answers as the replay of its inputs does."""
+
+import importlib.util
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped, WrenchStamped
+from harness import WAIT, set_stamp
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from rosbags.typesys import Stores, get_typestore
+from test_live_equals_replay import TOPICS, assert_equal
+
+from rft_ros.bags.writing import BagWriter
+
+STAND_IN = Path(__file__).with_name("stand_in")
+INSTALLED = importlib.util.find_spec("tf2_msgs") is not None
+ENVIRONMENT = {} if INSTALLED else {"PYTHONPATH": os.pathsep.join([str(STAND_IN), os.environ.get("PYTHONPATH", "")])}
+TF = "tf2_msgs/msg/TFMessage"
+STORE = get_typestore(Stores.ROS2_JAZZY)
+PARAMETERS = {
+    "pose_source": "tf",
+    "sensor.frame_source": "tf",
+    "twist_source": "pose_difference",
+    "mesh.file": "ellipsoid",
+    "world_frame": "sand",
+}
+
+
+def transform(stamp, parent, child, position, quaternion=(0.0, 0.0, 0.0, 1.0)) -> bytes:
+    t = STORE.types
+    time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    place = t["geometry_msgs/msg/Vector3"](*position)
+    turn = t["geometry_msgs/msg/Quaternion"](*quaternion)
+    one = t["geometry_msgs/msg/TransformStamped"](
+        t["std_msgs/msg/Header"](stamp=time, frame_id=parent), child, t["geometry_msgs/msg/Transform"](place, turn)
+    )
+    return bytes(STORE.serialize_cdr(t[TF]([one]), TF))
+
+
+def transform_publishers(node):
+    """Of /tf and /tf_static, as tf2_ros's broadcasters publish them."""
+    if not INSTALLED and str(STAND_IN) not in sys.path:
+        sys.path.insert(0, str(STAND_IN))
+    from tf2_msgs.msg import TFMessage
+
+    latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    return {
+        "tf": node.create_publisher(TFMessage, "/tf", QoSProfile(depth=1000)),
+        "tf_static": node.create_publisher(TFMessage, "/tf_static", latched),
+    }
+
+
+@pytest.mark.parametrize("late", [0, 60_000_000], ids=["prompt", "late"])
+def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
+    """At 500 Hz, with a load cell at 200 Hz and a fixed mounting of tool and cell."""
+    rft = start_node(*(a for k, v in PARAMETERS.items() for a in ("-p", f"{k}:={v}")), environment=ENVIRONMENT)
+    rft.get("mesh.file")
+    publishers = transform_publishers(rft.node) | {"wrench_measured": rft.wrench}
+    rft.until(lambda: all(p.get_subscription_count() > 0 for p in publishers.values()))
+    start = 1_700_000_000_000_000_000
+    fixed = transform(start, "base", "sand", (0.1, 0.2, 0.0))
+    arrivals = []
+    with BagWriter(tmp_path / "inputs") as bag:
+        links = STORE.deserialize_cdr(fixed, TF).transforms
+        for parent, child, z in (("flange", "tool", 0.1), ("tool", "ft_sensor", -0.05)):
+            links += STORE.deserialize_cdr(transform(start, parent, child, (0.0, 0.0, z)), TF).transforms
+        fixed = bytes(STORE.serialize_cdr(STORE.types[TF](links), TF))
+        bag.write_raw("/tf_static", TF, start, fixed)
+        for k in range(750):
+            stamp, pitch = start + k * 2_000_000, 0.15 * math.sin(0.008 * k)
+            turn = (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
+            data = transform(stamp, "base", "flange", (0.1, 0.2, -0.09 - 0.00004 * k), turn)
+            arrivals.append((stamp + late, "tf", data))
+        for k in range(300):
+            wrench = WrenchStamped()
+            wrench.header.frame_id = "ft_sensor"
+            set_stamp(wrench, start + k * 5_000_000 + 1)
+            wrench.wrench.force.z = 0.01 * k
+            arrivals.append((start + k * 5_000_000 + 1, "wrench_measured", serialize_message(wrench)))
+        arrivals.sort(key=lambda a: a[0])
+        for time, topic, data in arrivals:
+            name, kind = ("/tf", TF) if topic == "tf" else (f"/rft/{topic}", TOPICS[topic])
+            bag.write_raw(name, kind, time, data)
+    publishers["tf_static"].publish(fixed)
+    wrenches = 0
+    for _, topic, data in arrivals:
+        publishers[topic].publish(data)
+        wrenches += topic == "wrench_measured"
+        rft.until(lambda wrenches=wrenches: len(rft.received["wrench_predicted"]) >= wrenches - 20)
+    last = WrenchStamped()
+    last.header.frame_id = "ft_sensor"
+    set_stamp(last, start + 10_000_000_000)
+    rft.wrench.publish(last)
+    replayed = assert_equal(rft, tmp_path / "inputs", PARAMETERS, tmp_path)
+    assert len(replayed["wrench_residual"]) >= 290
+    assert np.abs([w[2] for w in replayed["wrench_predicted"].values()]).max() > 0.1
+
+
+@pytest.mark.skipif(INSTALLED, reason="tf2_msgs is installed")
+def test_without_tf2_msgs_the_sentence_names_the_package():
+    command = [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "-p", "pose_source:=tf"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
+    assert done.returncode == 2
+    assert "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs" in (
+        done.stderr
+    )
+
+
+def test_the_doctor_finds_a_publisher_that_the_node_cannot_hear(start_node, tmp_path):
+    """The node asks for reliable poses, as a user may; the arm publishes them best effort. And no twist comes."""
+    rft = start_node()
+    rft.get("mesh.file")
+    qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    arm = rft.node.create_publisher(PoseStamped, f"{rft.name}/pose", qos)
+    rft.node.destroy_publisher(rft.pose)
+    rft.node.destroy_publisher(rft.twist)
+    file = tmp_path / "my_cell.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    surface_height: 0.0\n")
+    remaps = [f"--remap=~/{t}:={rft.name}/{t}" for t in ("pose", "twist", "wrench_measured")]
+    doctor = subprocess.Popen(
+        [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--seconds", "8", *remaps],
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        k = 0
+        while doctor.poll() is None:
+            k += 1
+            pose, wrench = PoseStamped(), WrenchStamped()
+            pose.header.frame_id, wrench.header.frame_id = "world", "ft_sensor"
+            for message in (pose, wrench):
+                message.header.stamp = rft.node.get_clock().now().to_msg()
+            arm.publish(pose)
+            rft.wrench.publish(wrench)
+            rft.spin(0.05)
+        said = doctor.communicate(timeout=WAIT)[0]
+    finally:
+        doctor.kill()
+    assert doctor.returncode == 1
+    assert "OK  node: rft runs" in said
+    assert f"FIX pose: peer publishes {rft.name}/pose so that rft cannot receive it" in said
+    assert f"FIX twist: nothing on {rft.name}/twist; set twist_source: pose_difference" in said
+    assert f"OK  wrench: 1 publishers on {rft.name}/wrench_measured, QoS compatible" in said

@@ -1,0 +1,104 @@
+"""A recording with /tf and /tf_static in place of poses: the same estimates as with poses."""
+
+import numpy as np
+import pytest
+from recordings import ROS2 as STORE
+from recordings import START, STEP, TF, TOPICS, message, plunge, transforms_cdr
+from replays import rows_of, values
+from scipy.spatial.transform import Rotation
+
+from rft_ros.bags.playback import ReplayOptions, states_of
+from rft_ros.bags.replay import replay
+from rft_ros.bags.writing import BagWriter
+from rft_ros.errors import InputError
+from rft_ros.estimator import TransformSample
+from rft_ros.estimator.parameters import model_of
+from rft_ros.estimator.transforms import Placement
+
+TOOL = Placement((0.01, -0.02, 0.15), tuple(Rotation.from_euler("xyz", [5, 10, 90], degrees=True).as_quat().tolist()))
+"""The tool in the flange."""
+CELL = Placement((0.0, 0.0, -0.1), tuple(Rotation.from_euler("x", 180, degrees=True).as_quat().tolist()))
+"""The load cell in the tool."""
+BASE = Placement((0.5, 0.2, -0.3), tuple(Rotation.from_euler("z", 30, degrees=True).as_quat().tolist()))
+"""The arm's base in the sand's frame."""
+FRAMES = {"world_frame": "sand", "tool_frame": "tool", "sensor_frame": "ft_sensor"}
+
+
+def link(stamp, parent, child, placement):
+    return TransformSample(stamp, parent, child, *placement)
+
+
+def record(path, *, tf, rows=None, late=0, fixed_at=START):
+    """A plunge with poses, or with the transforms that say the same; these come `late` [ns]."""
+    kinds = {role: TOPICS[role][1] for role in ("wrench", "twist", "pose")}
+    messages = []
+    if tf:
+        links = [link(0, "flange", "tool", TOOL), link(0, "sand", "base", BASE), link(0, "tool", "ft_sensor", CELL)]
+        messages += [(fixed_at + k, "/tf_static", TF, transforms_cdr(one)) for k, one in enumerate(links)]
+    for role, time, stamp, numbers in plunge() if rows is None else rows:
+        frame = "ft_sensor" if role == "wrench" else "sand"
+        if role == "pose" and tf:
+            flange = BASE.inverse().of(Placement(numbers[:3], numbers[3:])).of(TOOL.inverse())
+            messages.append((time + late, "/tf", TF, transforms_cdr(link(stamp, "base", "flange", flange))))
+        else:
+            data = STORE.serialize_cdr(message(STORE, role, stamp, numbers, frame), kinds[role])
+            messages.append((time, TOPICS[role][0], kinds[role], bytes(data)))
+    with BagWriter(path) as bag:
+        for time, topic, kind, data in sorted(messages, key=lambda m: m[0]):
+            bag.write_raw(topic, kind, time, data)
+    return path
+
+
+def numbers_of(folder, *names):
+    return np.array([[float(r[n]) for n in names] for r in rows_of(folder) if not r["reason"]])
+
+
+@pytest.mark.parametrize("late", [0, 400_000_000])
+@pytest.mark.parametrize("twist_source", ["topic", "pose_difference"])
+def test_transforms_replay_as_the_poses_that_they_say(tmp_path, twist_source, late):
+    posed = replay(
+        record(tmp_path / "posed", tf=False),
+        tmp_path / "a",
+        values(**FRAMES, twist_source=twist_source, sensor__position=CELL.position, sensor__quaternion=CELL.quaternion),
+    )
+    transformed = replay(
+        record(tmp_path / "tf", tf=True, late=late, fixed_at=START + 3 * 10**9),
+        tmp_path / "b",
+        values(**FRAMES, twist_source=twist_source, pose_source="tf", sensor__frame_source="tf"),
+        ReplayOptions(start=0.0),
+    )
+    assert transformed.messages["pose"] == posed.messages["pose"] == 650
+    assert transformed.reasons == posed.reasons
+    names = ("t", "depth", "predicted_fx", "predicted_fz", "predicted_ty", "residual_fz")
+    assert numbers_of(tmp_path / "b", *names) == pytest.approx(numbers_of(tmp_path / "a", *names), rel=1e-5, abs=1e-6)
+
+
+def test_a_part_of_a_recording_knows_the_fixed_transforms_of_all_of_it(tmp_path):
+    bag = record(tmp_path / "bag", tf=True)
+    summary = replay(bag, tmp_path / "out", values(**FRAMES, pose_source="tf"), ReplayOptions(start=2.0))
+    assert summary.estimates > 300
+    assert "tf_frame_unknown" not in summary.reasons
+
+
+def test_a_view_of_transforms_shows_the_same_states(tmp_path):
+    given = values(**FRAMES, pose_source="tf", tf_rate=50.0)
+    times, states = states_of(record(tmp_path / "bag", tf=True), given, model_of(given), ReplayOptions())
+    assert np.diff(times) == pytest.approx(np.full(len(times) - 1, 0.02), abs=0.51)
+    assert states[:, 2].min() == pytest.approx(-0.03, abs=1e-3)
+
+
+def test_without_transforms_the_sentence_names_frames_and_topic(tmp_path):
+    bag = record(tmp_path / "bag", tf=True)
+    with pytest.raises(InputError, match=r"pose of tool_frame 'drill' in world_frame 'sand' .*ft_sensor in tool"):
+        replay(bag, tmp_path / "out", values(**FRAMES | {"tool_frame": "drill"}, pose_source="tf"))
+    with pytest.raises(InputError, match=r"no pose topic '/rft/pose' .use pose_source: tf, or --remap"):
+        replay(bag, tmp_path / "out", values(**FRAMES))
+    with pytest.raises(InputError, match=r"no tf topic '/tf' .use --remap /tf:=TOPIC"):
+        replay(record(tmp_path / "posed", tf=False), tmp_path / "out", values(**FRAMES, pose_source="tf"))
+
+
+def test_a_replay_of_transforms_gives_the_same_bytes_again(tmp_path):
+    bag = record(tmp_path / "bag", tf=True, late=3 * STEP)
+    for name in ("a", "b"):
+        replay(bag, tmp_path / name, values(**FRAMES, pose_source="tf", sensor__frame_source="tf"))
+    assert (tmp_path / "a" / "estimates.csv").read_bytes() == (tmp_path / "b" / "estimates.csv").read_bytes()

@@ -1,0 +1,230 @@
+"""Where one frame is in another at a stamp: chains, gaps, jumps, two parents, loops, and what is not known."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from one_plate import SECOND, START, estimator, pose, twist, wrench
+from scipy.spatial.transform import Rotation
+
+from rft_ros.estimator import Estimate, LoadCell, PoseSample, Reason, TransformSample
+from rft_ros.estimator.tool_poses import ToolPoses
+from rft_ros.estimator.transforms import Placement, Transforms
+
+MS = SECOND // 1000
+AGE = 100 * MS
+numbers = st.floats(-2.0, 2.0)
+places = st.tuples(numbers, numbers, numbers)
+turns = st.tuples(numbers, numbers, numbers).map(lambda v: tuple(Rotation.from_rotvec(v).as_quat().tolist()))
+STILL = (0.0, 0.0, 0.0, 1.0)
+
+
+def fixed(parent, child, position=(0.0, 0.0, 0.0), quaternion=STILL):
+    return TransformSample(0, parent, child, position, quaternion, True)
+
+
+def moving(stamp, parent, child, position=(0.0, 0.0, 0.0), quaternion=STILL):
+    return TransformSample(stamp, parent, child, position, quaternion)
+
+
+def tree(*samples):
+    transforms = Transforms()
+    assert [transforms.push(s) for s in samples] == [None] * len(samples)
+    return transforms
+
+
+def matrix(placement):
+    out = np.eye(4)
+    out[:3, :3], out[:3, 3] = Rotation.from_quat(placement.quaternion).as_matrix(), placement.position
+    return out
+
+
+@given(p=st.tuples(places, places, places, places), q=st.tuples(turns, turns, turns, turns))
+def test_a_chain_of_fixed_and_moving_frames_is_the_product_of_its_matrices(p, q):
+    """world <- base <- flange -> tool, and from flange to sensor."""
+    transforms = tree(
+        fixed("world", "base", p[0], q[0]),
+        moving(START, "base", "flange", p[1], q[1]),
+        fixed("flange", "tool", p[2], q[2]),
+        fixed("flange", "sensor", p[3], q[3]),
+    )
+    base, flange, tool, sensor = (matrix(Placement(*pq)) for pq in zip(p, q, strict=True))
+    np.testing.assert_allclose(matrix(transforms.at("world", "tool", START, AGE)), base @ flange @ tool, atol=1e-12)
+    between = np.linalg.inv(tool) @ sensor
+    np.testing.assert_allclose(matrix(transforms.fixed("tool", "sensor")), between, atol=1e-12)
+    np.testing.assert_allclose(matrix(transforms.at("sensor", "tool", START, AGE)), np.linalg.inv(between), atol=1e-12)
+    assert transforms.at("tool", "tool", START, AGE) == Placement((0.0, 0.0, 0.0), STILL)
+
+
+@given(share=st.floats(0.0, 1.0), spin=places, flip=st.booleans())
+def test_between_two_stamps_a_frame_moves_and_turns_evenly(share, spin, flip):
+    """Also where a driver flips the sign of a quaternion."""
+    angle = np.linalg.norm(spin)
+    end = Rotation.from_rotvec(np.array(spin) * min(1.0, 3.0 / max(angle, 1e-9)))
+    q = tuple((-1 if flip else 1) * c for c in end.as_quat().tolist())
+    transforms = tree(moving(START, "world", "tool"), moving(START + 10 * MS, "world", "tool", (0.1, -0.2, 0.3), q))
+    stamp = START + round(share * 10 * MS)
+    found = transforms.at("world", "tool", stamp, AGE)
+    exact = (stamp - START) / (10 * MS)
+    assert found.position == pytest.approx((0.1 * exact, -0.2 * exact, 0.3 * exact), abs=1e-12)
+    turned = Rotation.from_rotvec(end.as_rotvec() * exact)
+    assert (Rotation.from_quat(found.quaternion) * turned.inv()).magnitude() < 1e-7
+
+
+@given(force=places, torque=places, p=places, q=turns)
+def test_a_wrench_in_another_frame_is_the_same_wrench(force, torque, p, q):
+    there = Placement(p, q)
+    found = np.array(there.wrench((*force, *torque)))
+    axes = Rotation.from_quat(q)
+    assert found[:3] == pytest.approx(axes.apply(force), abs=1e-9)
+    assert found[3:] == pytest.approx(axes.apply(torque) + np.cross(p, axes.apply(force)), abs=1e-9)
+
+
+REFUSED = {
+    "NaN": (Reason.TF_INVALID, fixed("world", "tool", (math.nan, 0.0, 0.0))),
+    "quaternion of zeros": (Reason.TF_INVALID, fixed("world", "tool", quaternion=(0.0, 0.0, 0.0, 0.0))),
+    "no stamp": (Reason.TF_INVALID, moving(0, "world", "tool")),
+    "no name": (Reason.TF_INVALID, fixed("", "tool")),
+    "its own parent": (Reason.TF_LOOP, fixed("tool", "tool")),
+    "a loop of three": (Reason.TF_LOOP, fixed("sensor", "world")),
+    "another parent": (Reason.TF_TWO_PARENTS, moving(START, "camera", "flange")),
+    "fixed and moving": (Reason.TF_TWO_PARENTS, fixed("world", "flange")),
+    "an older stamp": (Reason.TF_OUT_OF_ORDER, moving(START - 1, "world", "flange")),
+    "the same stamp": (Reason.TF_OUT_OF_ORDER, moving(START, "world", "flange")),
+}
+
+
+@pytest.mark.parametrize("what", REFUSED)
+def test_a_bad_transform_is_refused_with_its_reason_and_counted_and_changes_nothing(what):
+    e = estimator()
+    for sample in (moving(START, "world", "flange"), fixed("flange", "sensor")):
+        e.push_transform(sample)
+    before = e.transforms.at("world", "sensor", START, AGE)
+    reason, sample = REFUSED[what]
+    assert e.push_transform(sample) is reason
+    assert e.counts == {reason.value: 1}
+    assert e.transforms.at("world", "sensor", START, AGE) == before
+
+
+def test_what_is_not_known_at_a_stamp_has_a_reason():
+    transforms = tree(
+        *(moving(START + k * MS, "world", "tool") for k in (0, 50, 1000)),
+    )
+    assert transforms.at("world", "camera", START, AGE) is Reason.TF_FRAME_UNKNOWN
+    assert transforms.at("world", "tool", START - 1, AGE) is Reason.TF_MISSING
+    assert transforms.at("world", "tool", START + SECOND + 1, AGE) is Reason.TF_STALE
+    assert transforms.at("world", "tool", START + 500 * MS, AGE) is Reason.TF_GAP
+    assert isinstance(transforms.at("world", "tool", START + 50 * MS, AGE), Placement)
+    assert transforms.fixed("world", "tool") is None
+
+
+def test_stamps_that_go_back_by_a_second_start_again():
+    transforms = tree(fixed("tool", "sensor"), moving(START, "world", "tool", (1.0, 0.0, 0.0)))
+    assert transforms.push(moving(START - SECOND, "world", "tool", (2.0, 0.0, 0.0))) is None
+    assert transforms.at("world", "sensor", START, AGE) is Reason.TF_STALE
+    assert transforms.at("world", "sensor", START - SECOND, AGE).position == (2.0, 0.0, 0.0)
+
+
+def fed(*samples, **settings):
+    """An estimator and the poses that follow from samples in this order."""
+    e = estimator(pose_source="tf", **settings)
+    tool_poses = ToolPoses(e)
+    poses = []
+    for sample in samples:
+        if isinstance(sample, TransformSample):
+            e.push_transform(sample)
+            sample = (sample,)
+        else:
+            e.push_wrench(sample)
+        poses += tool_poses.after(sample)
+    return e, poses
+
+
+def descent(*, step=10 * MS, count=20):
+    return [moving(START + k * step, "world", "tool", (0.0, 0.0, -0.001 * k)) for k in range(count)]
+
+
+def test_poses_come_at_the_load_cells_stamps_once_transforms_lie_on_both_sides():
+    cell = [wrench(START + k * 7 * MS) for k in range(20)]
+    e, poses = fed(*sorted([*descent(), *cell], key=lambda s: s.stamp))
+    assert [p.stamp for p in poses] == [w.stamp for w in cell]
+    assert [p.position[2] for p in poses] == pytest.approx([-0.0007 * k for k in range(20)])
+    assert not e.counts
+
+
+@given(st.permutations(range(3)), st.integers(0, 400))
+def test_the_order_of_arrival_does_not_change_the_poses(order, late):
+    """The load cell, the arm and the tool changer, each in its own order, and late by up to 0.4 s."""
+    arm = [moving(START + k * 10 * MS, "world", "flange", (0.0, 0.0, -0.001 * k)) for k in range(40)]
+    changer = [moving(START + k * 10 * MS + 3, "flange", "tool", (0.001 * k, 0.0, 0.0)) for k in range(40)]
+    cell = [wrench(START + k * 7 * MS + 5) for k in range(40)]
+    streams = [arm, changer, cell]
+    arrivals = [(s.stamp + order[k] * late * MS, k, s) for k, stream in enumerate(streams) for s in stream]
+    _, poses = fed(*(s for _, _, s in sorted(arrivals, key=lambda a: a[:2])))
+    _, prompt = fed(*(s for _, s in sorted(((s.stamp, s) for stream in streams for s in stream), key=lambda a: a[0])))
+    assert poses == prompt
+    assert len(poses) == 40
+
+
+def test_at_tf_rate_poses_come_without_a_load_cell():
+    _, poses = fed(*descent(), tf_rate=50.0)
+    assert [p.stamp for p in poses] == [START + k * 20 * MS for k in range(10)]
+
+
+def test_a_gap_and_an_end_of_the_transforms_are_counted_and_lose_no_other_pose():
+    samples = descent()
+    samples = [s for s in samples if not START + 20 * MS < s.stamp < START + 150 * MS]
+    cell = [wrench(START + k * 10 * MS + 1) for k in range(140)]
+    e, poses = fed(*sorted([*samples, *cell], key=lambda s: s.stamp))
+    assert e.counts == {"tf_gap": 6, "tf_stale": 20}
+    assert [p.stamp for p in poses] == [w.stamp for w in (*cell[:2], *cell[5:12], *cell[15:19])]
+
+
+def test_frames_that_nothing_links_are_counted_once_the_load_cell_is_a_second_ahead():
+    e, poses = fed(fixed("world", "base"), *(wrench(START + k * 100 * MS) for k in range(15)))
+    assert poses == []
+    assert e.counts == {"tf_frame_unknown": 4}
+
+
+def test_poses_twists_and_wrenches_in_frames_with_fixed_links_are_transformed():
+    """As if each had come in the frame that the node expects."""
+    q = tuple(Rotation.from_euler("xyz", [10, 20, 30], degrees=True).as_quat().tolist())
+    base, cell, flange = Placement((0.3, 0.2, 0.1), q), Placement((0.0, 0.01, 0.02), q), Placement((0.0, 0.0, 0.1), q)
+    plain, linked = estimator(), estimator()
+    for parent, child, p in (("world", "base", base), ("ft_sensor", "cell", cell), ("tool", "flange", flange)):
+        linked.push_transform(fixed(parent, child, *p))
+    inner = Placement((0.01, -0.02, -0.01), STILL)
+    load = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
+    for k in range(3):
+        stamp = START + k * MS
+        plain.push_wrench(wrench(stamp, cell.wrench(load)))
+        linked.push_wrench(wrench(stamp, load, frame="cell"))
+        plain.push_twist(twist(stamp, flange.rotate((0.0, 0.01, -0.02)), frame="tool"))
+        linked.push_twist(twist(stamp, (0.0, 0.01, -0.02), frame="flange"))
+        placed = base.of(inner)
+        a = plain.push_pose(pose(stamp, placed.position, placed.quaternion))
+        b = linked.push_pose(pose(stamp, inner.position, inner.quaternion, frame="base"))
+        assert isinstance(b, Estimate)
+        assert b.predicted == pytest.approx(a.predicted, rel=1e-12, abs=1e-12)
+    assert np.array(linked.measurements()[0].residual) == pytest.approx(plain.measurements()[0].residual, abs=1e-12)
+
+
+def test_a_pose_in_a_frame_that_moves_is_refused():
+    e = estimator()
+    e.push_transform(moving(START, "world", "base"))
+    e.push_twist(twist())
+    assert e.push_pose(pose(frame="base")).reason is Reason.POSE_FRAME_UNKNOWN
+
+
+def test_the_sensors_place_comes_from_fixed_transforms_and_until_then_there_is_no_estimate():
+    place = Placement((0.01, 0.02, -0.1), tuple(Rotation.from_euler("x", 30, degrees=True).as_quat().tolist()))
+    known = estimator(load_cell=LoadCell(position=place.position, quaternion=place.quaternion))
+    e = estimator(sensor_source="tf")
+    for each in (e, known):
+        each.push_twist(twist())
+    assert e.push_pose(pose()).reason is Reason.SENSOR_FRAME_UNKNOWN
+    e.push_transform(fixed("tool", "ft_sensor", *place))
+    assert e.push_pose(pose(START + MS)).predicted == known.push_pose(pose(START + MS)).predicted
+    assert isinstance(e.push_pose(PoseSample(START + 2 * MS, "world", (0.0, 0.0, -0.01), STILL)), Estimate)
