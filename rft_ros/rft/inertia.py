@@ -22,10 +22,13 @@ def inertial_density(density: float, inertia: float = INERTIA) -> float | None:
 
     None selects machine code without the term. Raises ValueError for a negative number.
     """
-    for name, value in (("medium.density", density), ("medium.inertia", inertia)):
-        if number(name, value) < 0.0:
+    given = {"medium.density": density, "medium.inertia": inertia}
+    for name, value in given.items():
+        given[name] = number(name, value)
+        if given[name] < 0.0:
             raise ValueError(f"{name} is {value}; it must be 0 or more")
-    return float(density) * float(inertia) if density > 0.0 else None
+    rho, factor = given.values()
+    return rho * factor if rho > 0.0 else None
 
 
 @inlined
