@@ -61,7 +61,7 @@ def test_it_is_the_published_polynomial_wherever_grains_press_and_the_plate_is_n
     expected = published(normal, velocity)
     if abs(normal[2]) < UPRIGHT or np.dot(normal, velocity) <= 0.0 or expected @ normal > 0.0:
         return
-    np.testing.assert_allclose(traction(ROUGH, normal, velocity), expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(traction(ROUGH, normal, velocity), expected, rtol=0, atol=1e-7)  # of acos near 1
 
 
 def test_a_flat_plate_pressed_straight_down_feels_the_same_as_by_treers():
@@ -139,7 +139,7 @@ def test_both_rules_integrate_it(rule, beta, velocity):
     if np.dot(normal, velocity) < 0.05:  # a refined plate leads in part up to 1°
         return
     state = np.array([[0, 0, -1.0, 0, 0, 0, 1, *velocity, 0, 0, 0]])
-    expected = np.array(traction_per_depth(AGARWAL, *normal, *velocity)) * plate.area.sum()
+    expected = np.array(traction_per_depth(AGARWAL, *normal, *velocity)) * plate.area
     np.testing.assert_allclose(wrenches(plate, AGARWAL, state)[0, :3], expected, atol=1e-3 * np.abs(expected).max())
 
 

@@ -227,7 +227,7 @@ def test_a_study_compares_laws_and_densities(tmp_path):
     law, dense = {"law": "agarwal2023", "density": 1500.0}, {"law": "treers2021", "density": 1500.0}
     assert law in media
     assert dense in media
-    tool, motion = {"mesh": "plate"}, {"family": "straight", "speed": 1.0}
+    tool, motion = {"mesh": "plate"}, {"family": "straight", "speed": 1.0, "travel": 0.03, "tilt_deg": 30.0}
     peaks = [evaluate({"tool": tool, "motion": motion, "medium": m})["peak_force"] for m in ({}, law, dense)]
     assert len(set(peaks)) == 3
     assert peaks[2] > peaks[0]
