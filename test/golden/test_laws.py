@@ -18,21 +18,21 @@ def mean(errors):
     return sum(errors[name] for name in RUNS) / len(RUNS)
 
 
-def test_inertia_halves_the_error_of_fast_plates(found):
+def test_inertia_takes_a_third_or_more_of_the_error_of_fast_plates(found):
     for name in (*UPRIGHT, FLAT):
-        assert found.inertia[name] < 0.55 * found.plain[name]
+        assert found.inertia[name] < 0.62 * found.plain[name]
 
 
 def test_inertia_changes_slow_runs_by_little(found):
     assert mean(found.inertia) == pytest.approx(mean(found.plain), abs=0.003)
 
 
-def test_with_treers_law_fast_plates_are_right_to_a_fifth_and_with_learning_to_an_eighth(found):
+def test_with_treers_law_fast_plates_are_right_to_a_fifth_and_with_learning_to_12_percent(found):
     if found.column.law != "treers2021":
         pytest.skip("the other law's own error in the upright plate adds to that of the inertia")
     assert max(found.inertia[name] for name in UPRIGHT) <= 0.20
     assert found.inertia[FLAT] <= 0.30
-    assert max(found.learned.values()) <= 0.125
+    assert max(found.learned.values()) <= 0.12
 
 
 def test_on_slow_runs_treers_law_is_the_better_one():
