@@ -27,10 +27,10 @@ def test_inertia_changes_slow_runs_by_little(found):
     assert mean(found.inertia) == pytest.approx(mean(found.plain), abs=0.003)
 
 
-def test_with_treers_law_fast_plates_are_right_to_a_fifth_and_with_learning_to_12_percent(found):
-    if found.column.law != "treers2021":
-        pytest.skip("the other law's own error in the upright plate adds to that of the inertia")
-    assert max(found.inertia[name] for name in UPRIGHT) <= 0.20
+def test_with_inertia_fast_plates_are_right_to_a_fifth_by_treers_law_and_with_learning_to_12_percent_by_both(found):
+    """The other law has too little drag on an upright plate, slow or fast."""
+    limit = {"treers2021": 0.20, "agarwal2023": 0.40}[found.column.law]
+    assert max(found.inertia[name] for name in UPRIGHT) <= limit
     assert found.inertia[FLAT] <= 0.30
     assert max(found.learned.values()) <= 0.12
 
