@@ -112,8 +112,12 @@ def law_options(command: argparse._ActionsContainer) -> None:
         help="constant, linear or a TABLE.csv of beta [deg], alpha_y [N/cm³] (default constant)",
     )
     number_option(command, "--density", "RHO", "bulk density [kg/m³] for inertia (default 0: none)", 0.0)
-    number_option(command, "--inertia", "FACTOR", "factor of the inertia of an upright plate (default 1.4)", 1.4)
-    number_option(command, "--surface-friction", "MU", "of the tool, for agarwal2023 (default 0.3)", 0.3)
+    number_option(
+        command, "--inertia", "FACTOR", "factor of the inertia of an upright plate, no unit (default 1.4)", 1.4
+    )
+    number_option(
+        command, "--surface-friction", "MU", "friction of the tool, no unit, for agarwal2023 (default 0.3)", 0.3
+    )
 
 
 def law_of(arguments: argparse.Namespace) -> "Law":
