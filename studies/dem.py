@@ -17,8 +17,9 @@ from rft_ros.tool import Tool, load_tool
 from studies.paper import ALPHA_Y, NOT_STATED, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = ["ALONG_ITSELF", "CALIBRATION", "MOBILIZATION_LENGTH", "PUBLISHED_PLATES", "RUNS", "WALL_SECONDS", "Accuracy"]
-__all__ += ["DemRun", "accuracy", "fitted_zeta", "median_error", "read_run", "smoothed", "study"]
+__all__ = ["ALONG_ITSELF", "CALIBRATION", "DENSITY", "FAST_RUNS", "MOBILIZATION_LENGTH", "PUBLISHED_PLATES", "RUNS"]
+__all__ += ["WALL_SECONDS", "Accuracy", "DemRun"]
+__all__ += ["accuracy", "fitted_zeta", "median_error", "read_run", "settled_error", "smoothed", "study"]
 
 Array = NDArray[np.float64]
 
@@ -40,6 +41,17 @@ RUNS = {
 }
 """What each run is, by name."""
 
+FAST_RUNS = {
+    "fast_plate_b90_0p1mps_ref": "upright plate, 0.1 m/s",
+    "fast_plate_b90_0p5mps": "upright plate, 0.5 m/s",
+    "fast_plate_b90_1mps": "upright plate, 1 m/s",
+    "fast_pen_plate_1mps": "flat plate down, 1 m/s",
+}
+"""Runs at several speeds, from rest at full speed within a step; judged by `settled_error`."""
+
+DENSITY = 1465.0
+"""Bulk density of the beds [kg/m³]: 2,500 kg/m³ at a packing fraction of 0.586."""
+
 WALL_SECONDS = {
     "pen_plate_seedA": (119.0, 119.0),
     **{name: (157.0, 424.0) for name in RUNS if name.startswith("plate")},
@@ -53,11 +65,12 @@ WALL_SECONDS = {
 DATA = Path(__file__).resolve().parents[1] / "test" / "data" / "dem"
 """The folder of the runs."""
 
-_MESHES = {"pen": "plate", "plate": "plate", "ellipsoid": "ellipsoid", "root": "paraboloid"}
+_MESHES = {"pen": "plate", "fast": "plate", "plate": "plate", "ellipsoid": "ellipsoid", "root": "paraboloid"}
 _HEADER = ("t_s", *STATE, "fx", "fy", "fz", "tx", "ty", "tz")
 
 _WINDOW = 9  # samples of the centred mean; the grains' own noise is faster
 _FIRST, _LAST = 5, -8  # samples that this mean lacks neighbours for, or nearly
+_SHOCK = 0.012  # m
 _STRONG = 0.2  # of the peak: below it, noise decides the relative error
 
 
@@ -91,7 +104,7 @@ class DemRun:
 
 
 def read_run(name: str) -> DemRun:
-    """One of `RUNS`. Its tool is loaded for the published rule."""
+    """One of `RUNS` or `FAST_RUNS`. Its tool is loaded for the published rule."""
     file = DATA / f"{name}.csv"
     with file.open(encoding="utf-8") as lines:
         header = tuple(next(lines).strip().split(","))
@@ -131,6 +144,17 @@ def median_error(measured: Array, model: Array) -> float:
     size = np.linalg.norm(smooth, axis=1)
     used = size > _STRONG * size.max()
     return float(np.median(np.linalg.norm(model[_FIRST:_LAST] - smooth, axis=1)[used] / size[used]))
+
+
+def settled_error(run: DemRun, model: Array) -> float:
+    """Median relative error of force vectors past the first 12 mm of path, where the shock of the start is over.
+
+    `model`: shape [n, 3]. The measured force is smoothed; its last four samples are dropped.
+    """
+    steps = np.linalg.norm(run.states[1:, 7:10], axis=1) * np.diff(run.times)
+    used = np.flatnonzero(np.concatenate([[0.0], np.cumsum(steps)]) > _SHOCK)[:-4]
+    smooth = smoothed(run.forces)[used]
+    return float(np.median(np.linalg.norm(model[used] - smooth, axis=1) / np.linalg.norm(smooth, axis=1)))
 
 
 PUBLISHED_PLATES = "1.2–18.8 %"

@@ -13,7 +13,19 @@ from numpy.typing import NDArray
 from rft_ros.rft import Integration, Law
 from rft_ros.tool import Tool, load_tool
 from studies.chart import median_seconds
-from studies.dem import ALONG_ITSELF, CALIBRATION, RUNS, WALL_SECONDS, DemRun, fitted_zeta, median_error, read_run
+from studies.dem import (
+    ALONG_ITSELF,
+    CALIBRATION,
+    DENSITY,
+    FAST_RUNS,
+    RUNS,
+    WALL_SECONDS,
+    DemRun,
+    fitted_zeta,
+    median_error,
+    read_run,
+    settled_error,
+)
 from studies.learning import learned, model_rows, series_of
 from studies.paper import law
 from studies.result import (
@@ -22,6 +34,7 @@ from studies.result import (
     GREEN,
     GREY,
     ORANGE,
+    PURPLE,
     VERMILION,
     StudyResult,
     TextTable,
@@ -39,6 +52,7 @@ GROUPS: dict[str, Callable[[str], bool]] = {
     "plate moving along itself": lambda name: name == ALONG_ITSELF,
     "ellipsoid (straight, pitching)": lambda name: name.startswith("ellipsoid"),
     "root tip (straight, helix)": lambda name: name.startswith("root"),
+    "fast plates (0.5 and 1 m/s)": lambda name: name in FAST_RUNS and "0p1" not in name,
 }
 """Groups of runs whose errors are averaged. None contains the penetration that ζ is fitted to."""
 
@@ -51,6 +65,7 @@ class Choice:
     """One way to model: rule, α_y model, tolerance of the reduced tool (0: full), mobilization length [m] (0: none).
 
     `lag`: path between a measured force and the first prediction that it may change [m]; 0: nothing is learned.
+    `density` of the bed [kg/m³], 0: no inertia.
     """
 
     name: str
@@ -59,6 +74,12 @@ class Choice:
     tolerance: float = 0.0
     mobilization_length: float = 0.0
     lag: float = 0.0
+    law: str = "treers2021"
+    density: float = 0.0
+
+    def made(self, zeta: float) -> Law:
+        """The law of this choice."""
+        return law(self.alpha_y, zeta=zeta, name=self.law, density=self.density)
 
     def predicted(self, run: DemRun, law: Law) -> Array:
         """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
@@ -89,6 +110,21 @@ CHOICES = (
         mobilization_length=0.003,
         lag=_LAG,
     ),
+    Choice(
+        name="refined, α_y linear, memory, inertia",
+        integration="refined",
+        alpha_y="linear",
+        mobilization_length=0.003,
+        density=DENSITY,
+    ),
+    Choice(name="refined, agarwal2023", integration="refined", law="agarwal2023"),
+    Choice(
+        name="refined, agarwal2023, memory, inertia",
+        integration="refined",
+        mobilization_length=0.003,
+        law="agarwal2023",
+        density=DENSITY,
+    ),
 )
 """The choices compared."""
 
@@ -108,20 +144,20 @@ class Judged:
 
 def judged_choices() -> list[Judged]:
     """Every choice in every run; ζ is fitted for each choice."""
-    runs = [read_run(name) for name in RUNS]
+    runs = [read_run(name) for name in (*RUNS, *FAST_RUNS)]
     cases: list[tuple[Choice, DemRun, float]] = []
     for choice in CHOICES:
         own = [replace(run, tool=_tool(run, choice)) for run in runs]
         calibration = next(run for run in own if run.name == CALIBRATION)
-        zeta = fitted_zeta(calibration, law(choice.alpha_y, zeta=1.0))
+        zeta = fitted_zeta(calibration, replace(choice, density=0.0).made(1.0))
         cases += [(choice, run, zeta) for run in own]
-    calls = [partial(choice.predicted, run, law(choice.alpha_y, zeta=zeta)) for choice, run, zeta in cases]
+    calls = [partial(choice.predicted, run, choice.made(zeta)) for choice, run, zeta in cases]
     return [
         Judged(
             run=run.name,
             choice=choice,
             plates=len(run.tool.plates),
-            error=median_error(run.forces, call()),
+            error=settled_error(run, call()) if run.name in FAST_RUNS else median_error(run.forces, call()),
             time=seconds / len(run.states),
             states=len(run.states),
             zeta=zeta,
@@ -146,16 +182,20 @@ def _averaged(judged: Sequence[Judged], group: str) -> dict[Choice, tuple[float,
     }
 
 
-def _simulated_seconds(group: str) -> tuple[float, float]:
-    """Shortest and longest wall time of a group's simulations [s]."""
+def _simulated_seconds(group: str) -> tuple[float, float] | None:
+    """Shortest and longest wall time of a group's simulations [s]; None if not recorded."""
     spans = [span for name, span in WALL_SECONDS.items() if GROUPS[group](name)]
+    if not spans:
+        return None
     return min(low for low, _ in spans), max(high for _, high in spans)
 
 
 def _colour_of(choice: Choice) -> str:
-    """Orange: published; blue: refined; green: with memory; vermilion: learned."""
+    """Orange: published; blue: refined; green: with memory; vermilion: learned; purple: the law of Agarwal et al."""
     if choice.lag:
         return VERMILION
+    if choice.law == "agarwal2023":
+        return PURPLE
     if choice.mobilization_length:
         return GREEN
     return ORANGE if choice.integration == "centroid" else BLUE
@@ -199,15 +239,17 @@ def study() -> StudyResult:
 
 
 def _draw(groups: dict[str, dict[Choice, tuple[float, float]]]) -> Figure:
-    figure = new_figure(14.0, 9.0)
-    for axes, (group, found) in zip(figure.subplots(2, 2).ravel(), groups.items(), strict=True):
+    figure = new_figure(18.0, 9.0)
+    panels = figure.subplots(2, 3).ravel()
+    panels[len(groups)].set_axis_off()
+    for axes, (group, found) in zip(panels, groups.items(), strict=False):
         _draw_group(axes, found, _simulated_seconds(group))
         label_axes(axes, x="Time for a run [s]", y="Median error of the force [%]", title=group)
     figure.suptitle("Force against simulated grains (discrete elements): accuracy and time of each choice")
     return figure
 
 
-def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float]) -> None:
+def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float] | None) -> None:
     axes.set_xscale("log")
     low, high = (100.0 * p for p in PACKINGS)
     axes.axhspan(low, high, color="0.92", zorder=0)
@@ -222,12 +264,16 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
         axes.annotate(
             f"{choice.name}: {100.0 * error:.1f} %",
             (seconds, 100.0 * error),
-            xytext=(0.27, 0.95 - 0.058 * place),
+            xytext=(0.34, 0.96 - 0.045 * place),
             textcoords="axes fraction",
             fontsize=8,
             va="center",
             arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "alpha": 0.6},
         )
+    axes.set_xlim(0.3 * fastest, 3e3)
+    axes.set_ylim(0.0, 1.18 * max(top, high))
+    if simulated is None:
+        return
     x = (simulated[0] * simulated[1]) ** 0.5
     axes.errorbar(
         x,
@@ -249,17 +295,15 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
         color=GREY,
         va="center",
     )
-    axes.set_xlim(0.3 * fastest, 3e3)
-    axes.set_ylim(0.0, 1.18 * max(top, high))
 
 
 def _page(judged: Sequence[Judged]) -> str:
     import plotly.graph_objects as go
     from plotly.subplots import make_subplots
 
-    figure = make_subplots(rows=2, cols=2, subplot_titles=list(GROUPS), vertical_spacing=0.12)
+    figure = make_subplots(rows=2, cols=3, subplot_titles=list(GROUPS), vertical_spacing=0.12)
     for k, group in enumerate(GROUPS):
-        row, column = k // 2 + 1, k % 2 + 1
+        row, column = k // 3 + 1, k % 3 + 1
         for choice, (seconds, error) in _averaged(judged, group).items():
             symbol = ("square" if choice.tolerance else "circle") + ("-open" if choice.alpha_y == "linear" else "")
             figure.add_trace(
@@ -268,13 +312,15 @@ def _page(judged: Sequence[Judged]) -> str:
                            marker={"color": _colour_of(choice), "symbol": symbol, "size": 11}),
                 row=row, col=column,
             )  # fmt: skip
-        figure.add_trace(
-            go.Scatter(x=list(_simulated_seconds(group)), y=[50.0 * sum(PACKINGS)] * 2,
-                       name="discrete elements (two packings)", legendgroup="dem", showlegend=k == 0,
-                       mode="lines+markers", line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
-                       error_y={"array": [50.0 * (PACKINGS[1] - PACKINGS[0])] * 2}),
-            row=row, col=column,
-        )  # fmt: skip
+        simulated = _simulated_seconds(group)
+        if simulated is not None:
+            figure.add_trace(
+                go.Scatter(x=list(simulated), y=[50.0 * sum(PACKINGS)] * 2,
+                           name="discrete elements (two packings)", legendgroup="dem", showlegend=k == 0,
+                           mode="lines+markers", line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
+                           error_y={"array": [50.0 * (PACKINGS[1] - PACKINGS[0])] * 2}),
+                row=row, col=column,
+            )  # fmt: skip
         figure.update_yaxes(rangemode="tozero", row=row, col=column)
     figure.update_xaxes(type="log", title_text="Time for a run [s]", dtick=1, exponentformat="power")
     figure.update_yaxes(title_text="Median error of the force [%]")

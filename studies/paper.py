@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import MEDIA, Law, Plates, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import MEDIA, Law, Plates, alpha_y_model, law_named, wrenches
 from rft_ros.sweeps.motions import PlateDrag
 from rft_ros.tool import Tool, load_tool
 
@@ -25,10 +25,13 @@ BELOW_90 = 90.0 - 1e-6
 """ψ [deg] in place of 90, where a vertical plate moves along itself and rounding decides whether its face leads."""
 
 
-def law(alpha_y: str, *, zeta: float = ZETA) -> Law:
-    """The paper's model with Li's generic coefficients and α_y `constant` or `linear`."""
+def law(alpha_y: str, *, zeta: float = ZETA, name: str = "treers2021", density: float = 0.0) -> Law:
+    """The paper's model with Li's generic coefficients and α_y `constant` or `linear`; or the law of another name.
+
+    `density` [kg/m³]: with the grains' inertia.
+    """
     generic = MEDIA["generic"]
-    return treers2021(generic, alpha_y_model(alpha_y, generic), zeta=zeta)
+    return law_named(name, generic, alpha_y_model(alpha_y, generic), zeta=zeta, density=density)
 
 
 def plate() -> Tool:

@@ -12,7 +12,7 @@ from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
 from rft_ros.calibration.track import Track
 from rft_ros.calibration.zeta import ZetaFit, fit_zeta
 from rft_ros.estimator.parameters import Values, model_of, settings_of
-from rft_ros.rft import medium_named
+from rft_ros.rft import Treers2021, medium_named
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -62,7 +62,8 @@ def calibrate(
     """
     settings, result = settings_of(values), Calibration()
     medium = medium_named(str(values["medium.name"]))
-    law = model_of({**values, "medium.zeta": 1.0}, tool=tracks[0].tool).law  # any tool: the law has none
+    # any tool: the law has none; no inertia: recordings for a calibration are slow
+    law = model_of({**values, "medium.zeta": 1.0, "medium.density": 0.0}, tool=tracks[0].tool).law
     sensor = Sensor(cell=settings.load_cell)
     height, height_error = settings.surface_height, 0.0
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
@@ -99,6 +100,8 @@ def calibrate(
             result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height))
     if "alpha_y" in parts:
         with _or_reason(result, "alpha_y"):
+            if not isinstance(law, Treers2021):
+                raise NotIdentifiable(f"law {values['law']} does not use α_y")
             scaled = law._replace(stiffness=law.stiffness * zeta)
             runs = plate_runs(tracks, sensor, scaled, surface=height)
             result.alpha_y = fit_alpha_y(

@@ -33,6 +33,7 @@ __all__ = [
 
 # Copies of names in rft_ros.rft and rft_ros.tool: importing those would delay the help text by a second.
 _INTEGRATIONS = ("centroid", "refined")
+_LAWS = ("treers2021", "agarwal2023")
 _MEDIA = "generic, poppy_seeds_loose or poppy_seeds_close"
 MESH = "path, package:// URI or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
 """Help text for an argument that names a mesh."""
@@ -95,7 +96,14 @@ def surface_option(command: argparse._ActionsContainer) -> None:
 
 
 def law_options(command: argparse._ActionsContainer) -> None:
-    """``--medium``, ``--zeta`` and ``--alpha-y``: the traction law, for states."""
+    """``--law``, ``--medium``, ``--zeta``, ``--alpha-y`` and more: the traction law, for states."""
+    command.add_argument(
+        "--law",
+        choices=_LAWS,
+        default="treers2021",
+        metavar="LAW",
+        help="treers2021, or agarwal2023, which uses neither --medium nor --alpha-y (default treers2021)",
+    )
     command.add_argument("--medium", default="generic", metavar="NAME", help=f"{_MEDIA} (default generic)")
     number_option(command, "--zeta", "FACTOR", "the medium's scale factor, no unit (default 1)", 1.0)
     command.add_argument(
@@ -104,12 +112,19 @@ def law_options(command: argparse._ActionsContainer) -> None:
         metavar="MODEL",
         help="constant, linear or a TABLE.csv of beta [deg], alpha_y [N/cm³] (default constant)",
     )
+    number_option(command, "--density", "RHO", "bulk density [kg/m³] for inertia (default 0: none)", 0.0)
+    number_option(
+        command, "--inertia", "FACTOR", "factor of the inertia of an upright plate, no unit (default 1.4)", 1.4
+    )
+    number_option(
+        command, "--surface-friction", "MU", "friction of the tool, no unit, for agarwal2023 (default 0.3)", 0.3
+    )
 
 
 def law_of(arguments: argparse.Namespace) -> "Law":
     """The law of `law_options`; InputError names a value that cannot be used."""
     from rft_ros.estimator.alpha_y_table import read_alpha_y_table
-    from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, medium_named, treers2021
+    from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, law_named, medium_named
 
     name, table = arguments.alpha_y, None
     try:
@@ -118,7 +133,15 @@ def law_of(arguments: argparse.Namespace) -> "Law":
             if not Path(name).suffix:
                 raise InputError(f"--alpha-y '{name}' is not constant, linear or the CSV file of a table")
             name, table = "table", read_alpha_y_table(name)
-        return treers2021(medium, alpha_y_model(name, medium, table), zeta=arguments.zeta)
+        return law_named(
+            arguments.law,
+            medium,
+            alpha_y_model(name, medium, table),
+            zeta=arguments.zeta,
+            surface_friction=arguments.surface_friction,
+            density=arguments.density,
+            inertia=arguments.inertia,
+        )
     except ValueError as error:
         raise InputError(str(error)) from None
 

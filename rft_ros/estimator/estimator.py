@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning, LearningSettings
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
-from rft_ros.estimator.quality import SURPRISE, QualityMonitor, write_prior_sigma
+from rft_ros.estimator.quality import SURPRISE, QualityMonitor, inertial_speed, write_prior_sigma
 from rft_ros.estimator.samples import (
     TIME_JUMP,
     Estimate,
@@ -42,7 +42,6 @@ __all__ = ["Estimator"]
 _ABSURD = 1e100
 """Larger forces [N] and torques [N m] count as not finite: their squares would overflow in statistics."""
 
-_INERTIAL_SPEED = 0.2  # m/s, of the tool frame's origin
 _WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
@@ -310,7 +309,12 @@ class Estimator:
         self._keep_state()
         self._comparison.add(pose.stamp, numbers[:12], self._frame, pose.quaternion)
         quality_flags = self._quality.flags(
-            self._state[0], speed=speed, submerged=in_grains, depth=self.depth, settings=self.settings
+            self._state[0],
+            speed=speed,
+            submerged=in_grains,
+            depth=self.depth,
+            settings=self.settings,
+            law=self.model.law,
         )
         if self.learning is not None and self.learning.surprise:
             quality_flags |= SURPRISE
@@ -446,7 +450,7 @@ class Estimator:
             stamp,
             result,
             speed=speed if speed >= self.settings.rest_speed else 0.0,
-            passing=vz > _WITHDRAWS * speed or math.hypot(vx, vy, vz) > _INERTIAL_SPEED,
+            passing=vz > _WITHDRAWS * speed or math.hypot(vx, vy, vz) > inertial_speed(self.model.law),
             apply=apply,
         )
         if not apply:

@@ -13,7 +13,17 @@ import yaml
 from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
 from rft_ros.estimator.settings import LoadCell, Model, Settings
-from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, alpha_y_model, medium_named, treers2021
+from rft_ros.rft import (
+    ALPHA_Y_MODELS,
+    INERTIA,
+    INTEGRATIONS,
+    LAWS,
+    MEDIA,
+    SURFACE_FRICTION,
+    alpha_y_model,
+    law_named,
+    medium_named,
+)
 from rft_ros.rft.frames import UNIT_TOLERANCE
 from rft_ros.tool import Tool, ToolRequest, locate_mesh
 from rft_ros.yaml_file import read_yaml
@@ -80,6 +90,12 @@ PARAMETERS: tuple[Parameter, ...] = (
         "mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", unit="mesh units"
     ),
     Parameter(
+        "law",
+        "treers2021",
+        "Traction law: treers2021, or agarwal2023, which uses neither medium.name nor alpha_y.model.",
+        choices=LAWS,
+    ),
+    Parameter(
         "medium.name", "generic", "Medium whose measured stresses are used (Li et al. 2013).", choices=tuple(MEDIA)
     ),
     Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", low=1e-6, high=1e6),
@@ -106,6 +122,23 @@ PARAMETERS: tuple[Parameter, ...] = (
         unit="m",
         low=0.0,
         high=1e3,
+    ),
+    Parameter(
+        "medium.density",
+        0.0,
+        "Bulk density of the grains, which adds their inertia to fast motion. 0.0: no inertia, as published; to or from"
+        " 0.0 takes a restart.",
+        unit="kg/m3",
+        low=0.0,
+        high=1e5,
+    ),
+    Parameter("medium.inertia", INERTIA, "Factor of the inertia of an upright plate.", low=0.0, high=100.0),
+    Parameter(
+        "medium.surface_friction",
+        SURFACE_FRICTION,
+        "Friction of the tool's surface; law agarwal2023 only.",
+        low=0.0,
+        high=10.0,
     ),
     Parameter("alpha_y.model", "constant", "Stress along the plate's horizontal direction e1.", choices=ALPHA_Y_MODELS),
     Parameter(
@@ -322,7 +355,16 @@ def model_of(values: Values, *, tool: Tool | None = None, generation: int = 0) -
     table = read_alpha_y_table(v["alpha_y.table"]) if name == "table" else None
     return Model(
         tool=tool or tool_request(values).load(),
-        law=treers2021(medium, alpha_y_model(name, medium, table), zeta=v["medium.zeta"]),
+        law=law_named(
+            v["law"],
+            medium,
+            alpha_y_model(name, medium, table),
+            zeta=v["medium.zeta"],
+            surface_friction=v["medium.surface_friction"],
+            density=v["medium.density"],
+            inertia=v["medium.inertia"],
+        ),
+        law_name=v["law"],
         medium=medium.name,
         zeta=v["medium.zeta"],
         alpha_y=name,

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.settings import Settings
-from rft_ros.rft import Plates, edge_shares, rotation_matrix
+from rft_ros.rft import Law, Plates, edge_shares, rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
 
-__all__ = ["QualityFlag", "QualityMonitor", "Trust", "flag_names", "sentences", "trust", "write_prior_sigma"]
+__all__ = ["QualityFlag", "QualityMonitor", "Trust"]
+__all__ += ["flag_names", "inertial_speed", "sentences", "trust", "write_prior_sigma"]
 
 
 class QualityFlag(IntFlag):
@@ -20,9 +21,9 @@ class QualityFlag(IntFlag):
 
     NONE = 0
     FAST = 1
-    """Faster than 2.5 cm/s, the highest speed tested in the paper."""
+    """Faster than 2.5 cm/s, the highest speed tested in the paper; with inertia faster than `inertial_speed`."""
     INERTIAL = 2
-    """Faster than 20 cm/s: the inertia of the grains adds to the force."""
+    """Faster than `inertial_speed`: the inertia of the grains adds to the force, or more than was checked."""
     NEAR_REST = 4
     """So slow that noise determines the direction of motion."""
     WAKE = 8
@@ -59,8 +60,8 @@ def trust(quality_flags: int) -> Trust:
 
 _INTEGRATION = "the published rule jumps there (integration: refined does not)"
 _SENTENCES = {
-    QualityFlag.FAST: "faster than the 0.025 m/s that the model was measured at",
-    QualityFlag.INERTIAL: "faster than 0.2 m/s, where inertia matters",
+    QualityFlag.FAST: "faster than the model was checked (0.025 m/s; with medium.density 1 m/s)",
+    QualityFlag.INERTIAL: "so fast that inertia matters (0.2 m/s; with medium.density unchecked over 1 m/s)",
     QualityFlag.NEAR_REST: "so slow that noise decides the direction",
     QualityFlag.WAKE: "in its own wake, where grains are looser",
     QualityFlag.CONCAVE: "a hollow tool, whose shadowed facets count in full",
@@ -115,12 +116,16 @@ def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: 
 _FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP, SURPRISE = map(int, _SENTENCES)
 
 _FAST_SPEED = 0.025  # m/s
-_INERTIAL_SPEED = 0.2  # m/s
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _FLAT_SHARE = 0.1  # of the wet area
 _EDGE_SHARE = 0.4  # more than the narrow sides of a plate that moves straight down
 _DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
 _EVERY = 8  # estimates between two evaluations of the slow flags
+
+
+def inertial_speed(law: Law) -> float:
+    """Speed [m/s] up to which a law holds: without inertia 0.2, with it that of the fastest simulated run."""
+    return 0.2 if law.inertia is None else 1.0
 
 
 class QualityMonitor:
@@ -141,6 +146,7 @@ class QualityMonitor:
         submerged: bool,
         depth: Callable[[], float],
         settings: Settings,
+        law: Law,
     ) -> int:
         """Flags of the next estimate, at a state, shape [13], columns `rft_ros.rft.STATE`: bitwise or of `QualityFlag`.
 
@@ -151,8 +157,9 @@ class QualityMonitor:
             self._countdown = 0
             return 0
         flags = 0
-        if speed > _FAST_SPEED:
-            flags = _FAST if speed <= _INERTIAL_SPEED else _FAST | _INERTIAL
+        limit = inertial_speed(law)
+        if speed > (_FAST_SPEED if law.inertia is None else limit):
+            flags = _FAST if speed <= limit else _FAST | _INERTIAL
         elif speed < _NEAR_REST_FACTOR * settings.rest_speed:
             flags = _NEAR_REST
         if self._countdown == 0:

@@ -89,5 +89,6 @@ class Model:
     medium: str
     zeta: float
     alpha_y: str
+    law_name: str = "treers2021"
     mobilization_length: float = 0.0
     generation: int = 0

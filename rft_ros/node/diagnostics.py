@@ -154,6 +154,7 @@ class Diagnostics:
             "tool": model.tool.name,
             "facets": len(model.tool.facets),
             "plates": len(model.tool.plates),
+            "law": model.law_name,
             "medium": model.medium,
             "zeta": model.zeta,
             "alpha_y": model.alpha_y,

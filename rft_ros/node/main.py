@@ -84,9 +84,10 @@ def _run(stop: threading.Event) -> int:
         warm_up_all(memory=False, on_cold_cache=_announce_compilation)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = RftNode(worker)
-        memory, learning = node.estimator.model.mobilization_length > 0.0, node.estimator.learning is not None
-        if memory or learning:
-            warm_up_all(memory=memory, learning=learning, on_cold_cache=_announce_compilation)
+        model, learning = node.estimator.model, node.estimator.learning is not None
+        memory, inertia = model.mobilization_length > 0.0, model.law.inertia is not None
+        if memory or learning or inertia:
+            warm_up_all(memory=memory, learning=learning, inertia=inertia, on_cold_cache=_announce_compilation)
         gc.collect()
         gc.freeze()  # collecting the objects of numba and trimesh takes 22 ms and frees none
         executor = _executor(node)

@@ -52,6 +52,7 @@ class RftNode(Node):
         self._next_model: Model | None = None
         self._with_learning = self.estimator.learning is not None
         self._with_memory = self.estimator.model.mobilization_length > 0.0
+        self._with_inertia = self.estimator.model.law.inertia is not None
         self._swap = ToolSwap(tool_request(values), worker)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
@@ -102,7 +103,8 @@ class RftNode(Node):
     def _log_model(self, event: str) -> None:
         m = self.estimator.model
         plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
-        model = f"tool {m.tool.name} ({plates}), medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
+        law = f"law {m.law_name}, medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
+        model = f"tool {m.tool.name} ({plates}), {law}"
         self.get_logger().info(f"{event}: {model}")
 
     def _log_issues(self) -> None:
@@ -190,8 +192,13 @@ class RftNode(Node):
                 "learning.mode was off at the start, so that its kernels are not loaded; "
                 "set it in the parameter file and restart the node"
             )
+        if bool(values["medium.density"]) != self._with_inertia:
+            raise InputError(
+                f"medium.density was {'over' if self._with_inertia else 'at'} 0.0 at the start, and no other code is"
+                " loaded; set it in the parameter file and restart the node"
+            )
         self._next_model = None
-        if any(name.startswith(("medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
+        if any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
             m = self.estimator.model
             self._next_model = model_of(values, tool=m.tool, generation=m.generation + 1)
 

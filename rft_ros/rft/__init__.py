@@ -56,8 +56,20 @@ over a mobilization length λ, and hold at rest:
 
     dτ/ds = (t - τ) / λ(d),   λ(d) = λ (d / 30 mm)²                                             Eq. (10)
 
+Fast motion. With a bed of density ρ a leading plate, area dA below the surface, feels the inertia of the grains:
+
+    dF = -λ (1 + 2 c²) ρ (v·n)² n dA,   c = max(-n·E3, 0)                                       Eq. (11)
+
+A second law, of Agarwal, Goldman, Kamrin 2023 (`agarwal2023`), replaces Eqs. (2) to (8). With the unit velocity v,
+m = n or -n so that m does not point up, and polynomials f1, f2, f3 of x1 = -v·E3, x2 = -m·E3, x3 = m·v:
+
+    α = f1 m + f2 v - f3 E3 = -p n + s,   t = ξ { -p n + min(1, μ p / |s|) s }                  Eq. (12)
+
+with the pressure p, 0 or more, and s along the plate.
+
 Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `plates`, `kernel`,
-`wrench`, and for Eq. (10) `memory`. `compilation` makes them fast; `arguments` checks inputs.
+`wrench`, for Eq. (10) `memory`, for Eq. (11) `inertia`, for Eq. (12) `agarwal2023`. `compilation` makes them fast;
+`arguments` checks inputs.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 
@@ -69,21 +81,27 @@ Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed st
 1.32
 """
 
+from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023
 from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table, alpha_y_model
 from rft_ros.rft.frames import STATE, checked_states, rotation_matrix, unit_quaternion
+from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
-from rft_ros.rft.traction import Law, Treers2021, traction_per_depth, treers2021
+from rft_ros.rft.traction import LAWS, Law, Treers2021, law_named, traction_per_depth, treers2021
 from rft_ros.rft.wrench import COLUMNS, SENSITIVITIES, edge_shares, plate_forces, wrenches, wrenches_in_time
 
 __all__ = [
     "ALPHA_Y_MODELS",
     "COLUMNS",
+    "INERTIA",
     "INTEGRATIONS",
+    "LAWS",
     "MEDIA",
     "SENSITIVITIES",
     "STATE",
+    "SURFACE_FRICTION",
+    "Agarwal2023",
     "AlphaY",
     "Constant",
     "Integration",
@@ -94,9 +112,11 @@ __all__ = [
     "Plates",
     "Table",
     "Treers2021",
+    "agarwal2023",
     "alpha_y_model",
     "checked_states",
     "edge_shares",
+    "law_named",
     "medium_named",
     "plate_forces",
     "rotation_matrix",

@@ -11,6 +11,7 @@ import numpy as np
 
 from rft_ros.rft.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame, rotation
+from rft_ros.rft.inertia import with_inertia
 from rft_ros.rft.memory import DEPTH, approach, fraction_left, is_faded, set_to_zero
 from rft_ros.rft.plates import BLOCK, INTEGRATIONS, ROUNDING
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, traction_per_depth
@@ -29,15 +30,18 @@ _LEAST_SHARE = 1e-100  # keeps a trailing plate's memory from fading into denorm
 
 @inlined
 def _motion(state, reach):  # type: ignore[no-untyped-def]
-    """Rotation matrix (9 numbers, by rows), twist (6 numbers, scaled to order one) and that scale, of a state.
+    """Rotation matrix (9 numbers, by rows), twist (6 numbers, scaled to order one), that scale, and 1 / scale².
 
-    The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds.
+    The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds. The
+    inertia of the grains takes the speed back from the last number [m²/s²], bounded so that 0 times it stays 0.
     """
     vx, vy, vz, wx, wy, wz = state[7], state[8], state[9], state[10], state[11], state[12]
     # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
     fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
     s = 1.0 / fastest if fastest > 1e-290 else 0.0
-    return rotation(state[3], state[4], state[5], state[6]), (vx * s, vy * s, vz * s, wx * s, wy * s, wz * s), s
+    squared = min(fastest * fastest, 1e30) if s > 0.0 else 0.0
+    twist = vx * s, vy * s, vz * s, wx * s, wy * s, wz * s
+    return rotation(state[3], state[4], state[5], state[6]), twist, s, squared
 
 
 @inlined
@@ -166,13 +170,13 @@ def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-un
 
 
 @inlined
-def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
+def _sums(rows, first, last, scene, inertia, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
     """Sums over consecutive plates: force, torque, submerged area; if `sensitive` also dF/dh and the moments r_j f_l.
 
-    `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of 1, and how much deeper
-    the tool frame was half a step before [m].
+    `inertia`: of the law. `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of
+    1, and how much deeper the tool frame was half a step before [m].
     """
-    axes, twist, law, below = scene
+    axes, twist, squared, law, below = scene
     fx = fy = fz = tx = ty = tz = submerged = 0.0
     hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(first, last):
@@ -196,6 +200,8 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive)
                 ax, ay, az = (ax if load > 0.0 else 0.0), (ay if load > 0.0 else 0.0), (az if load > 0.0 else 0.0)
             tractions[0, i], tractions[1, i], tractions[2, i] = ax, ay, az
         dx, dy, dz = ax * load, ay * load, az * load
+        if inertia is not None:
+            dx, dy, dz = with_inertia(inertia, (dx, dy, dz), normal, velocity, area * share, squared)
         fx += dx
         fy += dy
         fz += dz
@@ -230,7 +236,7 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
     def sums(rows, bounds, reach, law, surface_height, states, past, out):  # type: ignore[no-untyped-def]
         """`past`: None, or with memory: durations, mobilization length, the memory's tractions, active and motion."""
         for k in range(states.shape[0]):
-            axes, twist, scale = _motion(states[k], reach)
+            axes, twist, scale, squared = _motion(states[k], reach)
             below = surface_height - states[k, 2]
             if past is None:
                 step = None
@@ -270,13 +276,13 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                         kind = _kind(bounds, b, seen, below, refined, past)
                 if run >= _PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
-                    scene = axes, twist, law, below
+                    scene = axes, twist, squared, law, below
                     if run == _PLAIN:
-                        part = _sums(rows, i, j, scene, refined, False, NEVER_FLAT, step, sensitive)
+                        part = _sums(rows, i, j, scene, law.inertia, refined, False, NEVER_FLAT, step, sensitive)
                     elif run == _FLAT_OR_CUT:
-                        part = _sums(rows, i, j, scene, refined, True, flatness, step, sensitive)
+                        part = _sums(rows, i, j, scene, law.inertia, refined, True, flatness, step, sensitive)
                     else:
-                        part = _sums(rows, i, j, scene, refined, True, NEVER_FLAT, step, sensitive)
+                        part = _sums(rows, i, j, scene, law.inertia, refined, True, NEVER_FLAT, step, sensitive)
                     for c in range(columns):
                         out[k, c] += part[c]
                     if past is not None:
@@ -293,15 +299,17 @@ def _forces_of_plates(refined: bool) -> Any:
     flatness = BLENDED if refined else SWITCHED
 
     def forces(rows, reach, law, surface_height, state, order, out):  # type: ignore[no-untyped-def]
-        axes, twist, _ = _motion(state, reach)
+        axes, twist, _, squared = _motion(state, reach)
         below = surface_height - state[2]
         for i in range(len(order)):
-            _, normal, velocity, load, share, _ = _plate(rows, i, axes, twist, below, refined, True)
+            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, refined, True)
             nx, ny, nz = normal
             ux, uy, uz = velocity
             tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
             load = load * share if refined else (load if share > 0.0 else 0.0)
-            out[order[i], 0], out[order[i], 1], out[order[i], 2] = tx * load, ty * load, tz * load
+            force = tx * load, ty * load, tz * load
+            force = with_inertia(law.inertia, force, normal, velocity, area * share, squared)
+            out[order[i], 0], out[order[i], 1], out[order[i], 2] = force
 
     return _made(forces, "refined" if refined else "centroid")
 
@@ -314,7 +322,7 @@ def _made(function: Any, *variant: str) -> Any:
 def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-def]
     """Wet areas [m²]: near-horizontal and leading; moving nearly parallel to itself; total."""
     flat = edge = wet = 0.0
-    axes, twist, _ = _motion(state, reach)
+    axes, twist, _, _ = _motion(state, reach)
     below = surface_height - state[2]
     vx, vy, vz = into_frame(axes, twist[0], twist[1], twist[2])
     wx, wy, wz = into_frame(axes, twist[3], twist[4], twist[5])

@@ -1,4 +1,4 @@
-"""Traction per depth of one plate, Eq. (8), from its normal and velocity. No other module depends on the law's form.
+"""Traction per depth of one plate, Eqs. (8) and (12), from its normal and velocity; no other module knows a law's form.
 
 A law is a NamedTuple of numbers and a function ``traction_per_depth(law, n, v, flatness) -> t``, in world axes with z
 up. The loops over plates (`rft_ros.rft.kernel`) call only `traction_per_depth`. To add a law, write both and add one
@@ -7,14 +7,16 @@ line to `_FUNCTIONS`.
 
 from collections.abc import Callable
 from math import radians, sin, sqrt
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from numba import types
 from numba.extending import overload
 
-from rft_ros.rft.alpha_y import AlphaY, alpha_y, checked_alpha_y
+from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
+from rft_ros.rft.alpha_y import AlphaY, alpha_y, as_table, checked_alpha_y
 from rft_ros.rft.arguments import number
 from rft_ros.rft.compilation import OPTIONS, inlined
+from rft_ros.rft.inertia import INERTIA, inertial_density
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1, f23
 
@@ -22,11 +24,14 @@ __all__ = [
     "BLENDED",
     "FLAT",
     "FLAT_BLEND",
+    "LAWS",
     "NEVER_FLAT",
     "SWITCHED",
     "Law",
     "Treers2021",
     "checked_law",
+    "law_named",
+    "law_of_plates",
     "traction_per_depth",
     "treers2021",
 ]
@@ -50,7 +55,8 @@ class Treers2021(NamedTuple):
     """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
     `stiffness`: ζ in N/m³ per N/cm³. The other numbers are sums and differences of Li's coefficients [N/cm³], from
-    expanding sin(±2β + γ) and cos(±2β + γ), so that no angle is computed. `alpha_y`: the model of Eq. (7).
+    expanding sin(±2β + γ) and cos(±2β + γ), so that no angle is computed. `alpha_y`: the model of Eq. (7). `inertia`:
+    λ ρ [kg/m³] of Eq. (11), or None.
     """
 
     stiffness: float
@@ -64,19 +70,23 @@ class Treers2021(NamedTuple):
     x_sin2b_sing: float
     x_sin2b: float
     alpha_y: AlphaY
+    inertia: float | None = None
 
 
-Law = Treers2021
-"""Any law: extend this union with a second one."""
+Law = Treers2021 | Agarwal2023
+"""Any law. Its type, and whether `inertia` is None, select the machine code."""
 
 
-def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> Treers2021:
+def treers2021(
+    medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0, density: float = 0.0, inertia: float = INERTIA
+) -> Treers2021:
     """The law, Eq. (8), for a medium scaled by `zeta` (no unit) with a model of α_y.
 
-    Raises ValueError unless `zeta` is a positive, finite number.
+    `density` of the bed [kg/m³] and `inertia` λ: see `inertial_density`; 0: the force does not depend on speed. Raises
+    ValueError unless `zeta` is a positive, finite number.
     """
     m = medium
-    law = Treers2021(
+    return Treers2021(
         stiffness=number("medium.zeta", zeta, positive=True) * N_PER_CM3,
         z_one=m.A00,
         z_cos2b=m.A10,
@@ -87,20 +97,53 @@ def treers2021(medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0) -> T
         x_cos2b_cosg=m.C11 + m.Cm11,
         x_sin2b_sing=m.Cm11 - m.C11,
         x_sin2b=m.D10,
-        alpha_y=alpha_y_model,
+        alpha_y=checked_alpha_y(alpha_y_model),
+        inertia=inertial_density(density, inertia),
     )
-    return checked_law(law)
+
+
+def law_named(
+    name: str,
+    medium: Medium,
+    alpha_y_model: AlphaY,
+    *,
+    zeta: float = 1.0,
+    surface_friction: float = SURFACE_FRICTION,
+    density: float = 0.0,
+    inertia: float = INERTIA,
+) -> Law:
+    """The law named by the parameter `law`, one of `LAWS`; it ignores what it has no use for.
+
+    Raises ValueError for other names and for numbers out of range.
+    """
+    if name == "agarwal2023":
+        return agarwal2023(zeta=zeta, surface_friction=surface_friction, density=density, inertia=inertia)
+    if name == "treers2021":
+        return treers2021(medium, alpha_y_model, zeta=zeta, density=density, inertia=inertia)
+    raise ValueError(f"law '{name}' is none of {', '.join(LAWS)}")
 
 
 def checked_law(law: Law) -> Law:
     """The law with float64 fields: an integer field would compile another kernel.
 
-    Raises TypeError for anything but a law with an α_y model, ValueError for fields that are not finite numbers.
+    Raises TypeError for anything but a law, ValueError for fields that are not finite numbers.
     """
     if type(law) not in _FUNCTIONS:
-        raise TypeError(f"law is {law!r}; create one with treers2021")
-    fields = {name: number(f"{name} of the law", v) for name, v in law._asdict().items() if name != "alpha_y"}
-    return type(law)(**fields, alpha_y=checked_alpha_y(law.alpha_y))
+        raise TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
+    fields: dict[str, Any] = {
+        name: checked_alpha_y(v)
+        if name == "alpha_y"
+        else None
+        if name == "inertia" and v is None
+        else number(f"{name} of the law", v)
+        for name, v in law._asdict().items()
+    }
+    return type(law)(**fields)
+
+
+def law_of_plates(law: Law) -> Law:
+    """The law with its α_y model as a table: loops over single plates then compile once for all models."""
+    return law._replace(alpha_y=as_table(law.alpha_y)) if isinstance(law, Treers2021) else law
 
 
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
@@ -167,17 +210,23 @@ def _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, hx, hy, flat):  # ty
     return t1 * hy + t2 * hx, t2 * hy - t1 * hx, weight * alpha_z
 
 
-_FUNCTIONS: dict[type, Callable[..., tuple[float, float, float]]] = {Treers2021: _treers2021}
+_FUNCTIONS: dict[type, Callable[..., tuple[float, float, float]]] = {
+    Treers2021: _treers2021,
+    Agarwal2023: agarwal2023_traction,
+}
+
+LAWS = ("treers2021", "agarwal2023")
+"""Names of the laws: values of the parameter `law`."""
 
 
 def traction_per_depth(
     law: Law, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float, flatness: int = SWITCHED
 ) -> tuple[float, float, float]:
-    """Traction per depth on a leading plate [N/m³], Eq. (8), from its outward unit normal and velocity, in world axes.
+    """Traction per depth on a leading plate [N/m³], Eq. (8) or (12), from its outward unit normal and velocity.
 
-    Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the direction of the
-    velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the released code) or
-    `BLENDED`; a constant in compiled code.
+    World axes. Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the
+    direction of the velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the
+    released code) or `BLENDED`; a constant in compiled code.
     """
     return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz, flatness)
 

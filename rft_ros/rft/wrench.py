@@ -12,14 +12,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.alpha_y import as_table
 from rft_ros.rft.arguments import FLOAT, number, numbers
 from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import EDGE_AREAS, PLATE_FORCES, SUMS
 from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import Plates
-from rft_ros.rft.traction import Law, checked_law
+from rft_ros.rft.traction import Law, checked_law, law_of_plates
 
 __all__ = ["COLUMNS", "SENSITIVITIES", "edge_shares", "plate_forces", "wrenches", "wrenches_in_time"]
 
@@ -155,7 +154,7 @@ def _code(plates: Plates, law: Law, what: bool | Literal["forces"], memory: Memo
     _check_plates(plates)
     good, blocks = checked_law(law), plates.blocks
     if what == "forces":
-        good = checked_law(good._replace(alpha_y=as_table(good.alpha_y)))  # one compilation for all models
+        good = checked_law(law_of_plates(good))
         arguments: tuple[object, ...] = good, 0.0, np.zeros(13), blocks.order, np.zeros((1, 3))
         entry = machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, *arguments))
     else:

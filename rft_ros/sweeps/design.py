@@ -10,14 +10,17 @@ from typing import Any
 import numpy as np
 
 from rft_ros.errors import InputError
-from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA
+from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, LAWS, MEDIA
 from rft_ros.sweeps.motions import FAMILIES
 from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Design", "Variant", "read_design"]
 
 _TOOL = ("mesh", "scale", "origin", "integration", "tolerance")
-_MEDIUM = ("medium", "zeta", "alpha_y", "mobilization_length", "surface_height")
+_MEDIUM = (
+    *("law", "medium", "zeta", "alpha_y", "surface_friction", "density", "inertia"),
+    *("mobilization_length", "surface_height"),
+)
 _ORIGIN = 3
 
 Variant = dict[str, Any]
@@ -127,8 +130,8 @@ def _values(where: str, key: str, value: object) -> list[Any]:
 
 
 _ALPHA_Y = tuple(name for name in ALPHA_Y_MODELS if name != "table")  # a study cannot name a table's file
-_CHOICES = {"integration": INTEGRATIONS, "medium": tuple(MEDIA), "alpha_y": _ALPHA_Y}
-_TEXTS = ("mesh", "family", "states_file", "integration", "medium", "alpha_y")
+_CHOICES = {"integration": INTEGRATIONS, "law": LAWS, "medium": tuple(MEDIA), "alpha_y": _ALPHA_Y}
+_TEXTS = ("mesh", "family", "states_file", "integration", "law", "medium", "alpha_y")
 
 
 def _check_values(where: str, point: Mapping[str, object]) -> None:

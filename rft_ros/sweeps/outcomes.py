@@ -9,7 +9,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from rft_ros.errors import InputError
-from rft_ros.rft import Memory, Treers2021, alpha_y_model, medium_named, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft import Law, Memory, alpha_y_model, law_named, medium_named, wrenches, wrenches_in_time
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import Variant
 from rft_ros.sweeps.motions import FAMILIES, Array, sample
@@ -72,10 +72,12 @@ def _motion(entry: tuple[tuple[str, Any], ...]) -> tuple[Array, Array]:
     return sample(FAMILIES[family](**{name: float(value) for name, value in parameters.items()}), int(samples))
 
 
-def _law(medium: dict[str, Any]) -> Treers2021:
+def _law(medium: dict[str, Any]) -> Law:
     named = medium_named(medium.get("medium", "generic"))
     model = alpha_y_model(medium.get("alpha_y", "constant"), named)
-    return treers2021(named, model, zeta=float(medium.get("zeta", 1.0)))
+    given = ("zeta", "surface_friction", "density", "inertia")
+    numbers = {name: float(medium[name]) for name in given if name in medium}
+    return law_named(medium.get("law", "treers2021"), named, model, **numbers)
 
 
 def evaluate(variant: Variant) -> dict[str, float]:

@@ -147,6 +147,9 @@ def junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
     refused(lambda: rft.edge_shares(use["plates"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.treers2021(GENERIC, junk))
     refused(lambda: rft.treers2021(GENERIC, Constant(junk)))
+    refused(lambda: rft.treers2021(GENERIC, Constant(0.1), density=junk, inertia=junk))
+    refused(lambda: rft.agarwal2023(zeta=junk, surface_friction=junk))
+    refused(lambda: rft.law_named(junk, GENERIC, Constant(0.1)))
     refused(lambda: Table.sampled(junk, junk, junk))
     refused(lambda: rft.rotation_matrix(junk))
     if name in ("plates", "law"):
@@ -185,7 +188,11 @@ def arrays_of_other_shapes_are_refused(n, rows, columns, what):
     st.sampled_from([model for _, model in MODELS]),
 )
 def states_that_were_not_checked_stay_within_the_arrays(values, model):
-    law = rft.treers2021(GENERIC, model)
+    for law in (rft.treers2021(GENERIC, model), rft.treers2021(GENERIC, model, density=1e3), rft.agarwal2023()):
+        states_stay_within_the_arrays(values, law)
+
+
+def states_stay_within_the_arrays(values, law):
     for plates in (*PLATES.values(), OTHERS):
         memory = Memory(plates)
         assert wrenches(plates, law, [values]).shape == (1, 7)

@@ -4,7 +4,16 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
-from rft_ros.rft import MEDIA, Integration, Plates, alpha_y_model, checked_states, rotation_matrix, treers2021
+from rft_ros.rft import (
+    MEDIA,
+    Integration,
+    Plates,
+    agarwal2023,
+    alpha_y_model,
+    checked_states,
+    rotation_matrix,
+    treers2021,
+)
 from rft_ros.rft.traction import FLAT_BLEND
 
 Array = NDArray[np.float64]
@@ -12,6 +21,8 @@ Array = NDArray[np.float64]
 GENERIC = MEDIA["generic"]
 CONSTANT = treers2021(GENERIC, alpha_y_model("constant", GENERIC))
 LINEAR = treers2021(GENERIC, alpha_y_model("linear", GENERIC))
+AGARWAL = agarwal2023()
+INERTIAL = treers2021(GENERIC, alpha_y_model("constant", GENERIC), density=1500.0)
 
 FLAT = 1.0 - 1e-3
 """Plates with abs(n·E3) at or above this follow the released code's rule for horizontal plates."""

@@ -64,7 +64,7 @@ def test_a_plate_at_the_reference_depth_has_two_thirds_of_its_force_after_one_le
 
 @given(speed=st.floats(1e-6, 1e3), integration=st.sampled_from(INTEGRATIONS))
 @settings(max_examples=30)
-def test_the_same_path_at_another_speed_gives_the_same_forces(speed, integration):
+def test_without_a_density_the_same_path_at_another_speed_gives_the_same_forces(speed, integration):
     path = np.linspace(0.0, 0.01, 20)
     turning = {"velocity": (0.01, 0.0, -0.01), "angular": (0.0, 0.3, 0.1)}
     slow = remembered(*along(path, **turning), plates=PLATES[integration])

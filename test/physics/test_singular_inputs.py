@@ -3,12 +3,16 @@
 import numpy as np
 import published_rule as rule
 import pytest
-from scenes import CONSTANT, GENERIC, LINEAR, unit
+from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, LINEAR, unit
 
 from rft_ros.rft import INTEGRATIONS, Plates, Table, checked_states, treers2021, wrenches
 
 TABLE = treers2021(GENERIC, Table.sampled(np.array([0.0, 1.5]), np.zeros(1), np.full((2, 1), 0.1)))
 LAWS = pytest.mark.parametrize("law", [CONSTANT, LINEAR, TABLE], ids=["constant", "linear", "table"])
+
+ALL = pytest.mark.parametrize(
+    "law", [CONSTANT, LINEAR, TABLE, AGARWAL, INERTIAL], ids=["constant", "linear", "table", "agarwal2023", "inertia"]
+)
 
 AXES = [[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]]
 BOX = Plates.from_arrays(0.01 * np.array(AXES), AXES, np.full(6, 4e-4))
@@ -39,18 +43,18 @@ def test_flat_plates_whose_horizontal_velocity_is_exactly_minus_the_nudge_are_fi
     assert np.isfinite(force).all()
 
 
-@LAWS
+@ALL
 def test_a_tool_at_rest_has_no_wrench(law):
     assert wrench(BOX, law, (0, 0, 0)).tolist() == [0.0] * 6
 
 
-@LAWS
+@ALL
 def test_a_tool_without_a_leading_plate_has_no_wrench(law):
     bottom = Plates.from_arrays([[0, 0, 0], [0.01, 0, 0]], [[0, 0, -1], [0.1, 0, -1]], [1e-4, 1e-4])
     assert wrench(bottom, law, (0, 0, 1)).tolist() == [0.0] * 6
 
 
-@LAWS
+@ALL
 def test_a_tool_above_the_grains_has_no_wrench(law):
     assert wrench(BOX, law, (0.1, 0.2, -0.3), (1, 2, 3), pz=0.011).tolist() == [0.0] * 6
 

@@ -6,11 +6,26 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import CONSTANT, GENERIC, LINEAR, mirrored, moved, random_plates, random_scene, seeds, without_flat
+from scenes import (
+    AGARWAL,
+    CONSTANT,
+    GENERIC,
+    INERTIAL,
+    LINEAR,
+    mirrored,
+    moved,
+    random_plates,
+    random_scene,
+    seeds,
+    without_flat,
+)
 
 from rft_ros.rft import INTEGRATIONS, Plates, alpha_y_model, rotation_matrix, treers2021, wrenches
 
-LAWS = pytest.mark.parametrize("law", [CONSTANT, LINEAR], ids=["constant", "linear"])
+LAWS = pytest.mark.parametrize(
+    "law", [CONSTANT, LINEAR, AGARWAL, INERTIAL], ids=["constant", "linear", "agarwal2023", "inertia"]
+)
+RATE_INDEPENDENT = pytest.mark.parametrize("law", [CONSTANT, AGARWAL], ids=["constant", "agarwal2023"])
 RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
 
 
@@ -85,22 +100,24 @@ def test_the_mirror_image_of_a_scene_has_the_mirror_image_of_its_wrench(rule, la
 
 
 @RULES
+@RATE_INDEPENDENT
 @given(seed=seeds, factor=st.floats(1e-6, 1e6))
-def test_going_faster_changes_nothing(rule, seed, factor):
+def test_without_a_density_going_faster_changes_nothing(rule, law, seed, factor):
     body, state, _ = scene(seed, rule)
     faster = state.copy()
     faster[:, 7:] *= factor
     # f1 and f23 are steep at their ends: rounding in a share of the speed is felt up to a hundredfold.
-    assert_same(wrench(body, CONSTANT, faster), wrench(body, CONSTANT, state), accuracy=1e-10)
+    assert_same(wrench(body, law, faster), wrench(body, law, state), accuracy=1e-10)
 
 
 @RULES
+@RATE_INDEPENDENT
 @given(seed=seeds, power=st.integers(-600, 600))
-def test_going_faster_by_a_power_of_two_changes_not_a_bit(rule, seed, power):
+def test_without_a_density_going_faster_by_a_power_of_two_changes_not_a_bit(rule, law, seed, power):
     body, state, _ = scene(seed, rule)
     faster = state.copy()
     faster[:, 7:] *= 2.0**power
-    np.testing.assert_array_equal(wrench(body, CONSTANT, faster), wrench(body, CONSTANT, state))
+    np.testing.assert_array_equal(wrench(body, law, faster), wrench(body, law, state))
 
 
 @RULES

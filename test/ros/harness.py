@@ -22,7 +22,7 @@ from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from rft_ros.estimator.parameters import defaults, tool_request
-from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
 WAIT = 240.0  # s: other work may keep every core busy, and a first start compiles
@@ -235,14 +235,21 @@ def _end_with_tests() -> None:
 
 
 def predicted_by_the_core(
-    *, zeta: float = 1.0, alpha_y: str = "constant", mesh: str = "plate", z: float = -0.01, linear=(0.0, 0.0, -0.01)
+    *,
+    law: str = "treers2021",
+    zeta: float = 1.0,
+    density: float = 0.0,
+    alpha_y: str = "constant",
+    mesh: str = "plate",
+    z: float = -0.01,
+    linear=(0.0, 0.0, -0.01),
 ) -> np.ndarray:
     """What the node must answer to `Harness.send`'s defaults; the sensor's axes are the world's."""
     medium = MEDIA["generic"]
-    law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta)
+    made = law_named(law, medium, alpha_y_model(alpha_y, medium), zeta=zeta, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
     tool = tool_request({**defaults(), "mesh.file": mesh}).load()
-    return wrenches(tool.plates, law, state)[0, :6]
+    return wrenches(tool.plates, made, state)[0, :6]
 
 
 def numbers(message: WrenchStamped) -> np.ndarray:

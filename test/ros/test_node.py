@@ -50,6 +50,25 @@ def test_alpha_y_models_swap_at_once(rft):
     assert linear[0] != constant[0]
 
 
+def test_laws_swap_at_once_and_a_density_takes_a_restart(rft, start_node):
+    sideways = {"linear": (0.006, 0.004, -0.01)}
+    assert rft.set(law="agarwal2023") == (True, "")
+    found = numbers(rft.ask(rft.moment(), **sideways))
+    np.testing.assert_allclose(found, predicted_by_the_core(law="agarwal2023", **sideways), rtol=1e-12, atol=1e-15)
+    assert rft.diagnostic("model")[2]["law"] == "agarwal2023"
+    assert rft.set(law="treers2021") == (True, "")
+    done, why = rft.set(medium__density=1500.0)
+    assert not done
+    assert "restart the node" in why
+    dense = start_node("-p", "mesh.file:=plate", "-p", "medium.density:=1500.0").wait_ready()
+    for law in ("treers2021", "agarwal2023"):
+        assert dense.set(law=law) == (True, "")
+        found = numbers(dense.ask(dense.moment(), linear=(0.1, 0.0, -0.5)))
+        expected = predicted_by_the_core(law=law, density=1500.0, linear=(0.1, 0.0, -0.5))
+        np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
+    assert not dense.set(medium__density=0.0)[0]
+
+
 def test_a_table_of_alpha_y_swaps_in_and_a_missing_one_is_refused(rft, tmp_path):
     table = tmp_path / "alpha_y.csv"
     table.write_text("beta,alpha_y\n0,0.2035\n180,-0.0665\n".replace("-0.0665", "0.0"))

@@ -26,6 +26,7 @@ from rft_ros.calibration import calibrate
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.tool_weight import Sensor
+from rft_ros.rft import agarwal2023
 from rft_ros.tool import load_tool
 
 TRIALS, ENOUGH = 100, 95
@@ -152,3 +153,15 @@ def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
     assert unsure.errors[0] == pytest.approx(np.hypot(sure.errors[0], 0.15 * 0.1 / ZETA))
     assert not sure.published
     assert unsure.published
+
+
+def test_zeta_of_the_second_law_and_that_it_has_no_alpha_y():
+    path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.06), 0.01).wait(1.0)
+    time, states = path.states()
+    grains = grain_wrenches(time, states, agarwal2023(zeta=ZETA), surface=SURFACE)
+    readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(0), noise=NOISE)
+    values = known() | {"law": "agarwal2023", "surface_height": SURFACE, "medium.density": 1500.0}
+    result = calibrate([track_of(time, states, readings)], values, parts=("zeta", "alpha_y"))
+    zeta = next(f for f in result.fitted if f.name == "medium.zeta")
+    assert abs(zeta.values[0] - ZETA) <= 3.0 * zeta.errors[0]
+    assert result.not_identifiable["alpha_y"] == "law agarwal2023 does not use α_y"

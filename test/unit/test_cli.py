@@ -193,3 +193,22 @@ def test_control_characters_of_a_damaged_file_do_not_reach_the_terminal(tmp_path
     done = predict(tmp_path, f"{HEADER}\n{ROW.replace('-0.01', chr(27) + '[31m')}\n")
     refused(done, "not a number", "\\x1b[31m")
     assert chr(27) not in done.stderr
+
+
+def test_predict_by_the_second_law_and_with_inertia(tmp_path):
+    """A flat plate down at 1 m/s: the same slow force by both laws, and λ (1 + 2) ρ v² A on top with a density."""
+    fast = HEADER + "\n0,0,0,-0.01,0,0,0,1,0,0,-1.0,0,0,0\n"
+
+    def fz(*options: object) -> float:
+        done = predict(tmp_path, fast, "--integration", "centroid", *options)
+        assert done.returncode == 0, done.stderr
+        return float(np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)[3])
+
+    plain, area = fz(), 0.051**2
+    assert fz("--law", "agarwal2023") == pytest.approx(plain, rel=1e-3)
+    pushed = 1.4 * 3.0 * 1500.0 * area
+    assert fz("--density", 1500) - plain == pytest.approx(pushed, rel=1e-3)
+    assert fz("--density", 1500, "--inertia", 0.7) - plain == pytest.approx(0.5 * pushed, rel=1e-3)
+    assert fz("--law", "agarwal2023", "--density", 1500) - plain == pytest.approx(pushed, rel=1e-3)
+    refused(predict(tmp_path, fast, "--density", -1), "medium.density is -1")
+    refused(predict(tmp_path, fast, "--law", "agarwal2023", "--surface-friction", -1), "medium.surface_friction is -1")

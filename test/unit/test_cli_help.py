@@ -72,7 +72,7 @@ def test_every_option_has_help_and_every_number_and_choice_a_default():
             assert "(default" in option.help, f"{name} {option.option_strings}"
 
 
-UNITS = r"\[m\]|\[s\]|[Ss] seconds|no unit|metres|units|share|at most this many|processes"
+UNITS = r"\[m\]|\[kg/m³\]|\[s\]|[Ss] seconds|no unit|metres|units|share|at most this many|processes"
 
 
 def test_every_number_has_a_unit():

@@ -15,13 +15,13 @@ LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 UPRIGHT = (0.0, np.sqrt(0.5), 0.0, np.sqrt(0.5))
 
 
-def model(tool):
-    return Model(tool=tool, law=LAW, medium="generic", zeta=1.0, alpha_y="constant")
+def model(tool, law=LAW):
+    return Model(tool=tool, law=law, medium="generic", zeta=1.0, alpha_y="constant")
 
 
-def last_flags(tool, positions, *, velocity=None, quaternion=(0.0, 0.0, 0.0, 1.0), step=0.01, **settings):
+def last_flags(tool, positions, *, velocity=None, quaternion=(0.0, 0.0, 0.0, 1.0), step=0.01, law=LAW, **settings):
     """The quality_flags after these positions, a step of time apart."""
-    estimator = Estimator(Settings(rest_speed=1e-6, **settings), model(tool))
+    estimator = Estimator(Settings(rest_speed=1e-6, **settings), model(tool, law))
     positions = np.asarray(positions, dtype=float)
     velocities = np.gradient(positions, step, axis=0) if velocity is None else np.tile(velocity, (len(positions), 1))
     for k, (p, v) in enumerate(zip(positions, velocities, strict=True)):
@@ -70,6 +70,16 @@ def test_speed_beyond_what_was_measured_is_flagged(root, speed, quality_flags, h
     found = last_flags(root, np.tile([0.0, 0.0, -0.05], (20, 1)), velocity=(0.3 * speed, 0.1 * speed, -0.94 * speed))
     assert found == quality_flags
     assert trust(found) is how_far
+
+
+@pytest.mark.parametrize(
+    ("speed", "quality_flags"),
+    [(0.05, QualityFlag.NONE), (0.99, QualityFlag.NONE), (1.1, QualityFlag.FAST | QualityFlag.INERTIAL)],
+)
+def test_with_a_density_speeds_up_to_the_fastest_simulated_run_are_not_flagged(root, speed, quality_flags):
+    velocity = (0.3 * speed, 0.1 * speed, -0.94 * speed)
+    law = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]), density=1500.0)
+    assert last_flags(root, np.tile([0.0, 0.0, -0.05], (20, 1)), velocity=velocity, law=law) == quality_flags
 
 
 def test_a_helix_of_small_pitch_passes_its_own_wake(root):

@@ -15,6 +15,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.motions import Circumnutation, sample
+from rft_ros.sweeps.outcomes import evaluate
 from rft_ros.sweeps.run import run
 from rft_ros.tool import load_tool
 
@@ -222,3 +223,19 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path):
     pytest.importorskip("distributed")
     with pytest.raises(InputError, match=r"127\.0\.0\.1:9"):
         run(read_design(study(tmp_path, SMALL)), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_study_compares_laws_and_densities(tmp_path):
+    text = SMALL.replace("media:\n", "media:\n  - law: [treers2021, agarwal2023]\n    density: [0.0, 1500.0]\n")
+    design = read_design(study(tmp_path, text))
+    media = [v["medium"] for v in (design.variant(k) for k in range(len(design)))]
+    law, dense = {"law": "agarwal2023", "density": 1500.0}, {"law": "treers2021", "density": 1500.0}
+    assert law in media
+    assert dense in media
+    tool, motion = {"mesh": "plate"}, {"family": "straight", "speed": 1.0, "travel": 0.03, "tilt_deg": 30.0}
+    peaks = [evaluate({"tool": tool, "motion": motion, "medium": m})["peak_force"] for m in ({}, law, dense)]
+    assert len(set(peaks)) == 3
+    assert peaks[2] > peaks[0]
+    refused = study(tmp_path, SMALL.replace("media:\n", "media:\n  - law: li2013\n"))
+    with pytest.raises(InputError, match="law is 'li2013'; it must be one of treers2021, agarwal2023"):
+        read_design(refused)

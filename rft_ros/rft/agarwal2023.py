@@ -1,0 +1,115 @@
+"""The law of Agarwal, Goldman, Kamrin, PNAS 120, e2214017120, 2023 ("3D-RFT"), Eq. (12).
+
+Three polynomials of the directions of gravity, normal and motion give the traction per depth; the friction of the
+tool's surface limits its tangential part. No direction is undefined, so horizontal plates need no special treatment.
+
+Two coefficients differ between public codes. The table has those that two independent transcriptions share. c2 of
+x2² x3 is 0.18519 (also seen: 0.18589; 0.08 % of a flat plate's force). c3 of x2 x3² is -0.02730 (also seen: -0.20770,
+which gives a flat plate 21 % more force and lets the grains pull at 12 % of all leading directions in place of 3 %).
+"""
+
+from math import radians, sin, sqrt
+from typing import NamedTuple
+
+from rft_ros.rft.arguments import number
+from rft_ros.rft.compilation import inlined
+from rft_ros.rft.inertia import INERTIA, inertial_density
+
+__all__ = ["C1", "C2", "C3", "FLAT_PRESS", "SURFACE_FRICTION", "Agarwal2023", "agarwal2023", "agarwal2023_traction"]
+
+# fmt: off
+C1 = (
+    0.00212, -0.02320, -0.20890, -0.43083, -0.00259, 0.48872, -0.00415, 0.07204, -0.02750, -0.08772,
+    0.01992, -0.45961, 0.40799, -0.10107, -0.06576, 0.05664, -0.09269, 0.01892, 0.01033, 0.15120,
+)
+C2 = (
+    -0.06796, -0.10941, 0.04725, -0.06914, -0.05835, -0.65880, -0.11985, -0.25739, -0.26834, 0.02692,
+    -0.00736, 0.63758, 0.08997, 0.21069, 0.04748, 0.20406, 0.18519, 0.04934, 0.13527, -0.33207,
+)
+C3 = (
+    -0.02634, -0.03436, 0.45256, 0.00835, 0.02553, -1.31290, -0.05532, 0.06790, -0.16404, 0.02287,
+    0.02927, 0.95406, -0.00131, -0.11028, 0.01487, -0.02730, 0.10911, -0.04097, 0.07881, -0.27519,
+)
+# fmt: on
+"""Coefficients of 1, x1, x2, x3, x1², x2², x3², x1 x2, x2 x3, x3 x1, x1³, x2³, x3³, x1 x2², x1² x2, x2 x3², x2² x3,
+x1² x3, x1 x3², x1 x2 x3 in f1, f2, f3; no unit."""
+
+FLAT_PRESS = -sum(C1 + C2 + C3)
+"""Traction per depth of a flat plate pressed straight down, over ξ: with ξ = ζ · 1 N/cm³ / `FLAT_PRESS` it feels the
+same force by this law as by Li's generic coefficients, whose sum is 1 N/cm³."""
+
+SURFACE_FRICTION = 0.3
+"""Friction of the tool's surface in the simulated runs."""
+
+_UPRIGHT = 1.0 / sin(radians(5.0))
+_TINY = 1e-290
+
+
+class Agarwal2023(NamedTuple):
+    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³] or None."""
+
+    stiffness: float
+    surface_friction: float
+    inertia: float | None = None
+
+
+def agarwal2023(
+    *,
+    zeta: float = 1.0,
+    surface_friction: float = SURFACE_FRICTION,
+    density: float = 0.0,
+    inertia: float = INERTIA,
+) -> Agarwal2023:
+    """The law of a medium with scale factor `zeta`, comparable to that of `treers2021` (see `FLAT_PRESS`).
+
+    `density` of the bed [kg/m³] and `inertia` λ: see `inertial_density`. Raises ValueError for numbers out of range.
+    """
+    if number("medium.surface_friction", surface_friction) < 0.0:
+        raise ValueError(f"medium.surface_friction is {surface_friction}; it must be 0 or more")
+    return Agarwal2023(
+        stiffness=number("medium.zeta", zeta, positive=True) * (1e6 / FLAT_PRESS),
+        surface_friction=float(surface_friction),
+        inertia=inertial_density(density, inertia),
+    )
+
+
+@inlined
+def _even_and_odd(c, x1, x2, square):  # type: ignore[no-untyped-def]
+    """The polynomial's parts even in x3, and odd in x3 divided by x3. `square`: x3²."""
+    even = (
+        (c[0] + c[1] * x1 + c[2] * x2)
+        + (c[4] * x1 * x1 + c[5] * x2 * x2 + c[7] * x1 * x2)
+        + (c[10] * x1 + c[14] * x2) * (x1 * x1)
+        + (c[11] * x2 + c[13] * x1) * (x2 * x2)
+        + (c[6] + c[15] * x2 + c[18] * x1) * square
+    )
+    odd = (c[3] + c[8] * x2 + c[9] * x1) + (c[16] * x2 + c[19] * x1) * x2 + c[17] * x1 * x1 + c[12] * square
+    return even, odd
+
+
+def agarwal2023_traction(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyped-def]
+    """Traction per depth [N/m³], Eq. (12), world axes. `flatness` is ignored."""
+    squared = vx * vx + vy * vy + vz * vz
+    per_speed = 1.0 / sqrt(max(squared, _TINY))
+    vx, vy, vz = vx * per_speed, vy * per_speed, vz * per_speed
+    # The published normal m = ±n never points up. Its sign matters by 10 to 20 % of an upright plate's force, so it
+    # changes over 5° on either side: f(m·v) m and f(m·v) are split by parity in m, and only the small parts keep it.
+    side = min(max(-nz * _UPRIGHT, -1.0), 1.0)
+    x1, x2, x3 = -vz, abs(nz), nx * vx + ny * vy + nz * vz
+    even1, odd1 = _even_and_odd(C1, x1, x2, x3 * x3)
+    even2, odd2 = _even_and_odd(C2, x1, x2, x3 * x3)
+    even3, odd3 = _even_and_odd(C3, x1, x2, x3 * x3)
+    x3s = x3 * side
+    f1, f2, f3 = side * even1 + x3 * odd1, even2 + x3s * odd2, even3 + x3s * odd3
+    # traction f1 n + f2 v - f3 E3: normal to the plate, and along it
+    across = f1 + f2 * x3 - f3 * nz
+    back = f1 - across
+    ax, ay, az = back * nx + f2 * vx, back * ny + f2 * vy, back * nz + f2 * vz - f3
+    pressure = max(-across, 0.0)  # grains do not pull
+    share = min(law.surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0)
+    stiffness = law.stiffness if squared > 0.0 else 0.0
+    return (
+        stiffness * (share * ax - pressure * nx),
+        stiffness * (share * ay - pressure * ny),
+        stiffness * (share * az - pressure * nz),
+    )

@@ -1,0 +1,135 @@
+"""The inertia of the grains: λ ρ v_n² against a leading plate's normal, whatever its depth."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, directions, random_plates, random_scene, seeds
+
+from rft_ros.rft import (
+    INTEGRATIONS,
+    Memory,
+    Plates,
+    agarwal2023,
+    alpha_y_model,
+    plate_forces,
+    treers2021,
+    wrenches,
+    wrenches_in_time,
+)
+from rft_ros.rft.inertia import CONFINEMENT, INERTIA
+
+RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
+DENSITY = 1500.0  # of `INERTIAL`
+AREA = 2e-4
+
+
+def plate(normal, rule, side=0.02):
+    """A plate of `AREA` at the tool frame's origin; a refined one has the shape of a triangle."""
+    if rule == "centroid":
+        return Plates.from_arrays([[0.0, 0.0, 0.0]], [normal], [AREA])
+    n = np.asarray(normal, dtype=float)
+    a = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.9 else [1.0, 0.0, 0.0])
+    a *= side / np.linalg.norm(a)
+    corners = np.array([a, np.cross(n, a), [0.0, 0.0, 0.0]])
+    corners -= corners.mean(axis=0)
+    return Plates.from_triangles(corners[None], np.array([0.01]))
+
+
+def at(velocity, depth=0.1):
+    return np.array([[0.0, 0.0, -depth, 0.0, 0.0, 0.0, 1.0, *velocity, 0.0, 0.0, 0.0]])
+
+
+def added(plates, states):
+    """Force by the grains' inertia [N]: with the density less without."""
+    return (wrenches(plates, INERTIAL, states) - wrenches(plates, CONSTANT, states))[0, :3]
+
+
+@RULES
+@given(normal=directions(), velocity=directions(), speed=st.floats(0.01, 3.0))
+def test_a_plate_that_leads_throughout_feels_the_published_stress_against_its_normal(rule, normal, velocity, speed):
+    lead = float(np.dot(normal, velocity))
+    if lead < 0.05:  # a refined plate leads in part up to 1°
+        return
+    body = plate(normal, rule)
+    stress = INERTIA * (1.0 + CONFINEMENT * min(normal[2], 0.0) ** 2) * DENSITY * (speed * lead) ** 2
+    expected = -stress * body.area * np.asarray(normal)
+    found = added(body, at(speed * np.asarray(velocity)))
+    force = np.abs(wrenches(body, CONSTANT, at(velocity))[0, :3]).max()  # both are subtracted from each other
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * force)
+
+
+@RULES
+def test_it_does_not_grow_with_depth_and_grows_with_the_square_of_speed(rule):
+    body = plate((1.0, 0.0, 0.0), rule)
+    slow, deep, fast = (added(body, at((v, 0.0, 0.0), depth))[0] for v, depth in ((0.5, 0.1), (0.5, 0.7), (1.0, 0.1)))
+    assert slow < 0.0
+    assert deep == pytest.approx(slow, rel=1e-9)
+    assert fast == pytest.approx(4.0 * slow, rel=1e-9)
+
+
+@RULES
+def test_a_plate_that_trails_or_is_dry_feels_none(rule):
+    body = plate((1.0, 0.0, 0.0), rule)
+    assert not added(body, at((-1.0, 0.0, 0.0))).any()
+    assert not added(body, at((1.0, 0.0, 0.0), depth=-0.1)).any()
+
+
+def test_a_refined_plate_feels_it_on_its_submerged_part_alone():
+    side = 0.02
+    corners = np.array([[[0, 0, 0], [0, side, -side], [0, 0, -side]], [[0, 0, 0], [0, side, 0], [0, side, -side]]])
+    square = Plates.from_triangles(corners, np.full(2, 0.01))
+    whole, half = (added(square, at((-1.0, 0.0, 0.0), depth))[0] for depth in (0.1, -0.5 * side))
+    assert half == pytest.approx(0.5 * whole, rel=1e-9)
+
+
+@RULES
+@given(seed=seeds)
+def test_the_forces_of_the_plates_add_up_to_the_wrench(rule, seed):
+    rng = np.random.default_rng(seed)
+    body, state = random_plates(rng, 60, rule), random_scene(rng, 1)
+    for law in (INERTIAL, agarwal2023(density=DENSITY)):
+        total = wrenches(body, law, state)[0, :3]
+        np.testing.assert_allclose(plate_forces(body, law, state[0]).sum(axis=0), total, atol=1e-9, rtol=1e-9)
+
+
+@RULES
+def test_with_memory_it_acts_at_once_and_ends_at_rest(rule):
+    body = plate((1.0, 0.0, 0.0), rule)
+    states = np.concatenate([at((1.0, 0.0, 0.0)), at((0.0, 0.0, 0.0))])
+    with_density, without = (
+        wrenches_in_time(body, law, states, [0.0, 0.01], Memory(body), mobilization_length=0.003)[:, 0]
+        for law in (INERTIAL, CONSTANT)
+    )
+    assert without[0] == pytest.approx(0.0, abs=1e-12)
+    assert with_density[0] == pytest.approx(-INERTIA * DENSITY * body.area, rel=1e-9)
+    assert with_density[1] == pytest.approx(without[1], rel=1e-9)
+
+
+@RULES
+@given(seed=seeds)
+def test_the_derivative_by_the_surface_height_has_none_of_it_and_the_torque_all(rule, seed):
+    rng = np.random.default_rng(seed)
+    body, state = random_plates(rng, 60, rule), random_scene(rng, 1)
+    wide, plain = (wrenches(body, law, state, sensitivities=True)[0] for law in (INERTIAL, CONSTANT))
+    np.testing.assert_allclose(wide[7:10], plain[7:10], rtol=1e-9, atol=1e-9)
+    narrow = wrenches(body, INERTIAL, state)[0]
+    np.testing.assert_allclose(wide[:7], narrow, rtol=1e-9, atol=1e-12)
+    moments = wide[10:].reshape(3, 3)  # r_j f_l
+    torque = [moments[1, 2] - moments[2, 1], moments[2, 0] - moments[0, 2], moments[0, 1] - moments[1, 0]]
+    np.testing.assert_allclose(torque, narrow[3:6], rtol=1e-9, atol=1e-12)
+
+
+@RULES
+@pytest.mark.parametrize("speed", [1e-200, 1e100, 1e200])
+def test_speeds_whose_squares_have_no_number_give_a_finite_wrench(rule, speed):
+    assert np.isfinite(wrenches(plate((0.6, 0.0, -0.8), rule), INERTIAL, at((speed, 0.0, -speed)))).all()
+
+
+def test_density_0_is_no_inertia_and_a_negative_one_is_refused():
+    model = alpha_y_model("constant", GENERIC)
+    assert treers2021(GENERIC, model, density=0.0).inertia is None
+    assert AGARWAL.inertia is None
+    for name, numbers in (("medium.density", {"density": -1.0}), ("medium.inertia", {"density": 1.0, "inertia": -1.0})):
+        with pytest.raises(ValueError, match=name):
+            treers2021(GENERIC, model, **numbers)
