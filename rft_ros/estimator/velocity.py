@@ -172,7 +172,7 @@ def _end_slopes(stamps, ring, surprises, stored, noise, newest, window, gap, twi
         for k in range(3 * g, 3 * g + 3):
             square += twist[k] * twist[k]
         bound = _MOVES * noise[g] * factors[g]
-        still = still and square <= bound < np.inf
+        still = still and (square == 0.0 or square <= bound < np.inf)  # an attitude without noise does not move
     if still:
         twist[:] = 0.0
     return n

@@ -183,14 +183,14 @@ def round_plates(shared_data, tmp_path_factory):
 
 
 def test_pressure_that_depends_on_the_plate_is_noted_with_numbers(round_plates):
-    """Growth with depth, least squares through the surface, on the lower face: 1.30, 1.57, 1.84 N/cm³."""
+    """Growth with depth, least squares through the surface, on the lower face: 1.29, 1.57, 1.84 N/cm³."""
     note = next(n for n in record(round_plates)["notes"] if "size" in n)
-    assert "1.30 N/cm³ under 28.3 cm²" in note
+    assert "1.29 N/cm³ under 28.3 cm²" in note
     assert "1.57 N/cm³ under 50.2 cm²" in note
     assert "1.84 N/cm³ under 78.5 cm²" in note
 
 
 def test_one_zeta_for_three_plates_has_a_large_error(round_plates):
     zeta = record(round_plates)["fitted"]["medium_zeta"]
-    assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
+    assert zeta["value"] == [pytest.approx(1.53, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1
