@@ -165,7 +165,7 @@ def main() -> None:
     own_domain()
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
-        given = ("mesh.file:=plate", f"executor:={arguments.executor}", f"learning.mode:='{arguments.learning}'")
+        given = ("mesh.file:=plate", f"executor:={arguments.executor}", f"learning.mode:={arguments.learning}")
         rft = Harness(*(w for p in given for w in ("-p", p)), log=Path(folder) / "node.log").wait_ready()
         result = soak(rft, seconds=arguments.seconds, rate=arguments.rate, seed=arguments.seed)
         status = rft.stop()
