@@ -17,8 +17,8 @@ def run(_arguments: argparse.Namespace) -> int:
     from rft_ros.estimator.warm_up import warm_up_all
 
     def announce() -> None:
-        print("compiling, about 40 s ...", flush=True)
+        print("compiling, a minute or more ...", flush=True)
 
-    warm_up_all(memory=True, on_cold_cache=announce)
+    warm_up_all(memory=True, learning=True, on_cold_cache=announce)
     print("everything is compiled")
     return 0

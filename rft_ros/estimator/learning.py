@@ -121,6 +121,7 @@ _STATE = np.dtype(
         ("learned", float),  # path of the last record that taught
         ("judged", float),  # path of the last record that was judged
         ("entered", float),  # path at which the tool last entered
+        ("felt", float),  # path of the last record with too small a force to compare
         ("speed", float),
         ("pushing", np.bool_),  # in the grains, neither withdrawn nor fast
         ("air", float),  # path through the air since the last push
@@ -498,6 +499,8 @@ def _compare(state, record, y, step):  # type: ignore[no-untyped-def]
     """Means of the measured against the model's force, for `issues`."""
     f, length = record.force, C.sum_length
     flat, square = f[0] * f[0] + f[1] * f[1], _dot(f, f)
+    if square < C.opposing**2:
+        state.felt = record.path
     share = min(1.0, (C.ratio_most * math.sqrt(square) + C.opposing) / max(math.sqrt(_dot(y, y)), 1e-300))
     state.along = _toward(state.along, share * _dot(y, f), step, length)
     state.square = _toward(state.square, square, step, length)
@@ -699,12 +702,12 @@ class Learning:
     def issues(self) -> list[BeliefIssue]:
         """Why the load cell or the model cannot be right.
 
-        The model is judged over 5 mm of path, from 8 mm after the tool entered.
+        The model is judged over 5 mm of path, from 8 mm after the tool entered and after its force reached 0.05 N.
         """
         state = self._state
         stuck = state["stuck_path"] > C.stuck_length and state["repeats"] >= C.stuck_samples
         found = [BeliefIssue.STUCK] if stuck else []
-        if not state["square"] > 0.0 or state["judged"] - state["entered"] < C.entry:
+        if not state["square"] > 0.0 or state["judged"] - max(state["entered"], state["felt"]) < C.entry:
             return found
         ratio = state["along"] / state["square"]
         if ratio < 0.0:

@@ -39,7 +39,7 @@ from rft_ros.tool import share_directory
 __all__ = ["Watched", "demo"]
 
 _SHOWN = ("predicted", "sigma", "compensated", "residual")
-_WAIT = 120.0  # s, for a node that compiles first
+_WAIT = 900.0  # s, for a node that compiles first beside other work; a node that ended is noticed at once
 _NODE, _ARM = "the node", "the virtual arm"
 
 
@@ -187,7 +187,7 @@ def demo(output: Path, *, seconds: float) -> Watched | None:
             watcher = Watcher(bag)
             with _process("rft_ros.node.main", "--ros-args", "--params-file", str(parameters)) as node:
                 watcher.children[_NODE] = node
-                console.print("waiting for the node ...")
+                console.print("waiting for the node, which may have to compile first ...")
                 watcher.call(GetParameters, "/rft/get_parameters", GetParameters.Request(names=["mesh.file"]))
                 with _process("rft_ros.node.virtual_arm", "--seconds", str(seconds), "--listeners", "2") as arm:
                     watcher.children[_ARM] = arm

@@ -301,6 +301,19 @@ def test_a_load_cell_that_fails_for_10_mm_does_no_lasting_harm_and_is_named(
     assert issues >= {NAMED[fault]} if fault in NAMED else not issues
 
 
+@pytest.mark.parametrize("noise", [0.05, 0.5])
+def test_a_thin_tip_that_enters_first_does_not_let_noise_question_the_load_cell(noise) -> None:  # type: ignore[no-untyped-def]
+    series = plunge()
+    shift = 250  # samples, 12.5 mm of path
+    rows = np.concatenate([np.repeat(1e-6 * series.rows[:1], shift, axis=0), series.rows[:-shift]])
+    forces = rows[:, :3] + np.random.default_rng(3).normal(0.0, noise, (len(rows), 3))
+    learning = learner()
+    for k, stamp in enumerate(series.stamps):
+        learning.predict(int(stamp), rows[k], speed=SPEED)
+        learning.learn(int(stamp), forces[k])
+        assert not learning.issues(), k
+
+
 @pytest.mark.parametrize(
     ("change", "issue"),
     [
