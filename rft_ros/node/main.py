@@ -110,7 +110,9 @@ def _run(stop: threading.Event) -> int:
 
 
 def _announce_compilation() -> None:
-    print("rft_node: compiling, a minute or more, first start only; services answer after it", file=sys.stderr, flush=True)
+    print(
+        "rft_node: compiling, about a minute, first start only; services answer after it", file=sys.stderr, flush=True
+    )
 
 
 def _executor(node: "Node") -> "Executor":
