@@ -124,7 +124,7 @@ from rft_ros.estimator import Estimator, PoseSample, Settings
 from rft_ros.estimator.parameters import defaults, model_of
 from rft_ros.estimator.warm_up import warm_up_all
 
-warm_up_all(memory=True, on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
+warm_up_all(memory=True, learning=True, on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
 for rule in ("centroid", "refined"):
     model = model_of({**defaults(), "mesh.file": "plate", "integration": rule})
     for length in (0.0, 0.001):
