@@ -38,6 +38,12 @@ _REASONS = {
     Reason.WRENCH_FRAME_UNKNOWN: "the load-cell sample's frame_id is not `sensor_frame`",
     Reason.WRENCH_STAMP_ZERO: "the load-cell sample's stamp is zero",
     Reason.WRENCH_OUT_OF_ORDER: "the load-cell sample's stamp is before that of the last one",
+    Reason.SURFACE_OFF: "a cloud came, but `ground.cell` is 0",
+    Reason.SURFACE_LATE: "the cloud's stamp is 0.5 s or more before that of the last pose",
+    Reason.SURFACE_FRAME_UNKNOWN: "the cloud's frame_id is not `world_frame`",
+    Reason.SURFACE_STAMP_ZERO: "the cloud's stamp is zero",
+    Reason.SURFACE_OUT_OF_ORDER: "the cloud's stamp is not after that of the last cloud",
+    Reason.SURFACE_RATE_LIMITED: "the cloud comes less than 45 ms after the last one; not used",
 }
 
 
@@ -142,7 +148,7 @@ def _topics() -> str:
     """The README's table of topics."""
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     rows = lines[lines.index("| topic | type | meaning |") :]
-    return _table(*rows[: rows.index("")]).replace("](docs/node.md#", "](#")
+    return _table(*rows[: rows.index("")]).replace("](docs/node.md#", "](#").replace("](docs/", "](")
 
 
 def _with_tables(file: Path, tables: dict[str, str]) -> str:

@@ -9,14 +9,20 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, TwistSample
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, node_parameters, settings_of
+from rft_ros.ground import HeightMap
 from rft_ros.progress import bar
 
 __all__ = ["ReplayOptions", "play", "push", "read_replay_options", "states_of", "topics_of"]
 
-_TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured"}
+_TOPICS: dict[Role, str] = {
+    "pose": "~/pose",
+    "twist": "~/twist",
+    "wrench": "~/wrench_measured",
+    "surface": "~/surface_points",
+}
 _SECTION = "rft_replay"
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
@@ -59,7 +65,8 @@ def read_replay_options(file: Path) -> ReplayOptions:
 def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
     """Topic of each role that the parameters need: /rft/pose and so on, unless remapped; later remaps win.
 
-    No twist topic if the velocity comes from the poses. Raises InputError for a remap that cannot be used.
+    No twist topic if the velocity comes from the poses; no surface topic on a level plane. Raises InputError for a
+    remap that cannot be used.
     """
     topics = {role: _resolved(name) for role, name in _TOPICS.items()}
     roles = {topic: role for role, topic in topics.items()}
@@ -75,6 +82,8 @@ def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
         topics[role] = _resolved(right)
     if values["twist_source"] != "topic":
         del topics["twist"]
+    if not values["ground.cell"]:
+        del topics["surface"]
     return topics
 
 
@@ -91,8 +100,10 @@ def push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
         return estimator.push_pose(sample)
     if isinstance(sample, TwistSample):
         estimator.push_twist(sample)
-    else:
+    elif isinstance(sample, WrenchSample):
         estimator.push_wrench(sample)
+    else:
+        estimator.push_surface(sample)
     return None
 
 
@@ -113,8 +124,10 @@ def play(
 
 def states_of(
     bag: Path, values: Values, model: Model, options: ReplayOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], HeightMap | None]:
     """Times since the first estimate [s], shape [n], and states, shape [n, 13], of the poses with an estimate.
+
+    The last value is the ground at the end, if it is a map.
 
     Raises InputError if there are none.
     """
@@ -128,4 +141,4 @@ def states_of(
     if not states:
         reasons = ", ".join(estimator.counted())
         raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons or 'no poses'})")
-    return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states)
+    return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states), estimator.ground

@@ -16,7 +16,7 @@ from rft_ros.estimator.messages import TYPES, Role, Sample, decoder
 
 __all__ = ["Recording"]
 
-_RANK: tuple[Role, ...] = ("wrench", "twist", "pose")
+_RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose")
 
 _LATEST = 100_000_000
 """Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
@@ -57,7 +57,7 @@ class Recording:
     `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: topic of each role; only these are read.
     `start`, `end`: receive time since the bag's first message on any topic [s].
 
-    Order: receive time (the bag's log time); at equal times wrench, twist, pose; then the order in the file.
+    Order: receive time (the bag's log time); at equal times surface, wrench, twist, pose; then the order in the file.
 
     Raises InputError for a missing pose or twist topic, a topic of another type, a path that is not a bag, and a ROS 1
     bag without index. A damaged bag is used up to the damage, which `damage` describes.
@@ -192,7 +192,7 @@ class Recording:
                 advice = f"--remap ~/{role}:={fits}"
                 if role == "twist":
                     advice = f"twist_source: pose_difference, or {advice}"
-                if role != "wrench":
+                if role in ("pose", "twist"):
                     raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' (use {advice}); it has {there}")
             elif found[topic] != {wanted}:
                 is_ = " and ".join(sorted(found[topic]))

@@ -62,7 +62,9 @@ def calibrate(
     """
     settings, result = settings_of(values), Calibration()
     rest, medium = settings.rest_speed, medium_named(str(values["medium.name"]))
-    law = model_of({**values, "medium.zeta": 1.0}, tool=tracks[0].tool).law  # any tool: the law has none
+    law = model_of(
+        {**values, "medium.zeta": 1.0, "ground.cell": 0.0, "ground.file": ""}, tool=tracks[0].tool
+    ).law  # any tool: the law has none
     sensor = Sensor(cell=settings.load_cell)
     height, height_error = settings.surface_height, 0.0
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0

@@ -55,7 +55,7 @@ def _draw(trace: "DepthTrace", bag: Path, figure: Path) -> None:
     if trace.swap is not None:
         values["alpha_y.model"] = "linear"
     model = model_of(values)
-    scene = animate_evenly(model.tool.name, model.tool, model.law, *states_of(bag, values, model, ReplayOptions()))
+    scene = animate_evenly(model.tool.name, model.tool, model.law, *states_of(bag, values, model, ReplayOptions())[:2])
     strength = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 0.003] = -1.0
     title = "rft demo: an ellipsoid pitches ±9° on its way down at 5 mm/s into virtual grains"

@@ -1,26 +1,32 @@
-"""PoseStamped, TwistStamped and WrenchStamped as bytes: CDR and ROS 1 in, CDR out.
+"""PoseStamped, TwistStamped, WrenchStamped and PointCloud2 as bytes: CDR and ROS 1 in, CDR out.
 
-Their layout is fixed, a header (stamp, frame_id) and then 6 or 7 doubles, so no message definition is needed. Decoding
-a message with struct takes 0.9 us; rosbags takes 4.3 us and rclpy 16 us (an object at every level).
+The first three have a fixed layout, a header (stamp, frame_id) and then 6 or 7 doubles, so no message definition is
+needed. Decoding a message with struct takes 0.9 us; rosbags takes 4.3 us and rclpy 16 us (an object at every level). Of
+a cloud only the head is decoded; its points stay views of the bytes.
 """
 
 import struct
 from collections.abc import Callable
 from typing import Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+
 from rft_ros.estimator import PoseSample, TwistSample, Wrench, WrenchSample
+from rft_ros.ground import Cloud
 
 __all__ = ["TYPES", "UNREADABLE", "Role", "Sample", "decoder", "wrench_cdr"]
 
-Role = Literal["pose", "twist", "wrench"]
+Role = Literal["pose", "twist", "wrench", "surface"]
 """The inputs."""
-Sample = PoseSample | TwistSample | WrenchSample
+Sample = PoseSample | TwistSample | WrenchSample | Cloud
 """What a message of each role becomes."""
 
 TYPES: dict[Role, str] = {
     "pose": "geometry_msgs/msg/PoseStamped",
     "twist": "geometry_msgs/msg/TwistStamped",
     "wrench": "geometry_msgs/msg/WrenchStamped",
+    "surface": "sensor_msgs/msg/PointCloud2",
 }
 """Message type of each role's topic."""
 
@@ -62,8 +68,68 @@ def _from_ros1(data: bytes, count: int) -> _Content:
     return _stamp(seconds, nanoseconds), frame, _ROS1_DOUBLES[count].unpack_from(data, 16 + length)
 
 
+class _Fields:
+    """Reads a message field by field: CDR, aligned from byte 4, or ROS 1, not aligned."""
+
+    def __init__(self, data: bytes, *, ros1: bool) -> None:
+        if not ros1 and data[:2] not in _CDR:
+            raise ValueError(f"encoding {data[:2].hex() or 'missing'} is not plain CDR")
+        self._data, self._aligned = data, not ros1
+        self._order = ">" if data[:2] == b"\x00\x00" and not ros1 else "<"
+        self.at = 4  # after the encapsulation, or ROS 1's sequence number
+
+    def numbers(self, kinds: str) -> tuple[int, ...]:
+        """Unsigned integers: I of four bytes, B of one."""
+        values: list[int] = []
+        for kind in kinds:
+            size = struct.calcsize(kind)
+            self.at += -self.at % size if self._aligned else 0
+            values += struct.unpack_from(self._order + kind, self._data, self.at)
+            self.at += size
+        return tuple(values)
+
+    def text(self) -> str:
+        (length,) = self.numbers("I")
+        raw = self._data[self.at : self.at + length]
+        self.at += length
+        return raw.rstrip(b"\x00").decode()
+
+
+_COORDINATES = {7: "f4", 8: "f8"}  # of PointField.datatype
+
+
+def _cloud(data: bytes, *, ros1: bool) -> Cloud:
+    """A PointCloud2 with fields x, y and z of one or two floating-point types."""
+    fields = _Fields(data, ros1=ros1)
+    stamp = _stamp(*fields.numbers("II"))
+    frame = fields.text()
+    height, width, count = fields.numbers("III")
+    places: dict[str, tuple[int, str]] = {}
+    for _ in range(count):
+        name, (offset, kind, _) = fields.text(), fields.numbers("IBI")
+        if name in ("x", "y", "z") and kind in _COORDINATES:
+            places[name] = offset, _COORDINATES[kind]
+    big, step, row, length = fields.numbers("BIII")
+    end = max((offset + int(kind[1:]) for offset, kind in places.values()), default=0)
+    if len(places) != 3 or end > step:
+        raise ValueError("the cloud has no fields x, y and z of type FLOAT32 or FLOAT64")
+    if not (height * row <= length <= len(data) - fields.at and width * step <= row):
+        raise ValueError(f"the cloud's {length} bytes are fewer than its {height} x {width} points need")
+
+    def axis(name: str) -> NDArray[np.floating]:
+        offset, kind = places[name]
+        type_ = np.dtype((">" if big else "<") + kind)
+        if not height * width:
+            return np.empty(0)
+        return np.ndarray((height, width), type_, data, fields.at + offset, (row, step)).reshape(-1)
+
+    return Cloud(stamp, frame, axis("x"), axis("y"), axis("z"))
+
+
 def decoder(role: Role, *, ros1: bool) -> Callable[[bytes], Sample]:
     """A function from a serialised message to its sample; it raises one of `UNREADABLE` for other bytes."""
+    if role == "surface":
+        return lambda data: _cloud(data, ros1=ros1)
     content = _from_ros1 if ros1 else _from_cdr
     if role == "wrench":
         return lambda data: WrenchSample(*content(data, 6))

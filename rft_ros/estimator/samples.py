@@ -74,6 +74,12 @@ class Reason(str, Enum):
     WRENCH_FRAME_UNKNOWN = "wrench_frame_unknown"
     WRENCH_STAMP_ZERO = "wrench_stamp_zero"
     WRENCH_OUT_OF_ORDER = "wrench_out_of_order"
+    SURFACE_OFF = "surface_off"
+    SURFACE_LATE = "surface_late"
+    SURFACE_FRAME_UNKNOWN = "surface_frame_unknown"
+    SURFACE_STAMP_ZERO = "surface_stamp_zero"
+    SURFACE_OUT_OF_ORDER = "surface_out_of_order"
+    SURFACE_RATE_LIMITED = "surface_rate_limited"
 
     def __str__(self) -> str:
         return self.value

@@ -10,6 +10,7 @@ from rft_ros.child_process import start_child
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.settings import LearningMode, Model, Settings
+from rft_ros.ground import Cloud, HeightMap
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, plate_forces, treers2021
 from rft_ros.tool import load_tool
 
@@ -23,6 +24,8 @@ def warm_up(model: Model, *, learning: bool = False) -> None:
     for k in range(1, 5):
         height = -1e3 - 0.001 * k  # deep in the grains, where a pose reaches every function
         estimator.push_wrench(WrenchSample(k * 10_000_000, "ft_sensor", (0.0,) * 6))
+        if model.ground is not None:
+            estimator.push_surface(Cloud(k * 10_000_000, "world", *np.zeros((3, 1))))
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
 
 
@@ -75,7 +78,8 @@ def compile_kernels(integration: Integration, memory: bool, learning: bool = Fal
     tool = load_tool("plate", integration=integration)
     for name in ALPHA_Y_MODELS:
         law = treers2021(medium, alpha_y_model(name, medium, table))
-        model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
+        ground = HeightMap.unknown(1.0)
+        model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name, ground=ground)
         for m in (model, replace(model, mobilization_length=1.0))[: 1 + memory]:
             warm_up(m)
             if learning:

@@ -168,7 +168,7 @@ def _code(plates: Plates, law: Law, what: bool | Literal["forces"], memory: Memo
     good, blocks = checked_law(law), plates.blocks
     if what == "forces":
         good = checked_law(good._replace(alpha_y=as_table(good.alpha_y)))  # one compilation for all models
-        arguments: tuple[object, ...] = good, 0.0, np.zeros(13), blocks.order, np.zeros((1, 3))
+        arguments: tuple[object, ...] = good, (0.0, 0.0, 0.0), np.zeros(13), blocks.order, np.zeros((1, 3))
         entry = machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, *arguments))
     else:
         past = memory and (np.zeros(1), 1.0, memory.tractions, memory.active, memory.motion)
