@@ -14,7 +14,18 @@ KIND = "sensor_msgs/msg/PointCloud2"
 POINTS = np.arange(12.0).reshape(4, 3)
 
 
-def serialised(points=POINTS, *, ros1=False, dtype="<f4", names="xyz", height=1, padding=3, frame="world", pad_rows=0):
+def serialised(
+    points=POINTS,
+    *,
+    ros1=False,
+    dtype="<f4",
+    names="xyz",
+    height=1,
+    padding=3,
+    frame="world",
+    pad_rows=0,
+    stamp=12 * 10**9 + 34,
+):
     store = STORES[ros1]
     t = store.types
     points = np.asarray(points)
@@ -28,7 +39,7 @@ def serialised(points=POINTS, *, ros1=False, dtype="<f4", names="xyz", height=1,
     size = np.dtype(dtype).itemsize
     kind = {"f4": 7, "f8": 8, "i4": 5}[dtype[1:]]
     fields = [t["sensor_msgs/msg/PointField"](n, padding + k * size, kind, 1) for k, n in enumerate(names)]
-    time = t["builtin_interfaces/msg/Time"](sec=12, nanosec=34)
+    time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
     head = {"stamp": time, "frame_id": frame, **({"seq": 0} if ros1 else {})}
     header = t["std_msgs/msg/Header"](**head)
     cloud = t[KIND](header, height, width, fields, dtype[0] == ">", step, rows.shape[1], rows.ravel(), True)
