@@ -6,12 +6,14 @@ tool's depth, at least half of its width; it lies ahead by its radius in horizon
 vertical motion, and between in between. docs/ground.md shows this against simulated grains.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.ground.height_map import HeightMap
+from rft_ros.rft import LEVEL
 from rft_ros.rft.compilation import compiled, inlined
 from rft_ros.rft.frames import from_frame, rotation
 
@@ -173,4 +175,6 @@ class Support:
             ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state, self._placed, self._out
         )  # fmt: skip
         h, sx, sy, rough, depth = self._out.tolist()
+        if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
+            return LocalSurface(level, LEVEL, 0.0, level - float(state[2]))
         return LocalSurface(h, (sx, sy), rough, depth)

@@ -12,7 +12,7 @@ normal n and area dA [m²]. A state (`STATE`, `checked_states`) places the tool 
 
     d = surface_height - z,   v = v_o + ω × r                                                    Eq. (1)
 
-An inclined surface takes `surface_height` + slope · (x, y) in place of `surface_height`; depth stays vertical.
+An inclined surface takes surface_height + slope · (x, y) in place of surface_height; depth stays vertical.
 It is loaded if it is below the surface, d > 0, and leads, v·n > 0; otherwise its force is 0.
 
 Directions. The velocity splits into v1, along the plate's horizontal, and v23, in the vertical plane of its normal:

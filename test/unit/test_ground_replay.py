@@ -42,7 +42,8 @@ def test_a_replay_uses_the_clouds_and_writes_the_ground(bag, tmp_path):
     ground = read_height_map(tmp_path / "mapped" / "ground.csv", CELL)
     np.testing.assert_allclose(ground.points()[:, 2], 0.004, atol=1e-6)
     level, mapped = (
-        np.array([float(row["predicted_fz"] or "nan") for row in rows_of(tmp_path / name)]) for name in ("level", "mapped")
+        np.array([float(row["predicted_fz"] or "nan") for row in rows_of(tmp_path / name)])
+        for name in ("level", "mapped")
     )
     early = 0.5e9 // STEP
     np.testing.assert_array_equal(level[: int(early)], mapped[: int(early)])
