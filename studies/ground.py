@@ -4,6 +4,7 @@ A height map of the simulated bed before each pass stands for what a camera sees
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,7 +43,7 @@ def four_passes() -> tuple[Series, Series]:
     ends = [0, *(int(drag[-1]) + 1 for drag in drags[:-1]), len(states)]
     rows, memory = np.empty_like(level.rows), Memory(tool.plates)
     durations = np.diff(level.stamps, prepend=level.stamps[0]) * 1e-9
-    for number, (first, last, drag) in enumerate(zip(ends, ends[1:], drags, strict=True), start=1):
+    for number, ((first, last), drag) in enumerate(zip(pairwise(ends), drags, strict=True), start=1):
         at = states[drag[0]]  # the plate stands lowered while the map is taken
         corners = tool.corners
         box = ToolBox(
