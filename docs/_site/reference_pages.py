@@ -43,7 +43,7 @@ _REASONS = {
     Reason.SURFACE_FRAME_UNKNOWN: "the cloud's frame_id is not `world_frame`",
     Reason.SURFACE_STAMP_ZERO: "the cloud's stamp is zero",
     Reason.SURFACE_OUT_OF_ORDER: "the cloud's stamp is not after that of the last cloud",
-    Reason.SURFACE_RATE_LIMITED: "the cloud comes less than 45 ms after the last one; not used",
+    Reason.SURFACE_RATE_LIMITED: "the cloud comes less than 0.19 s after the last one",
 }
 
 

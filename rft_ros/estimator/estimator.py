@@ -50,7 +50,7 @@ _WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 _CLOUDS = 16
-_CLOUD_PERIOD = 45_000_000  # ns; clouds that follow sooner are not needed
+_CLOUD_PERIOD = 190_000_000  # ns; clouds that follow sooner are not needed
 _PLACES = 2048
 """Poses kept to find the tool's place at the stamp of a cloud: `DELAY` at 1,000 Hz, four times."""
 

@@ -158,7 +158,8 @@ def _medians(z, index, i0, j0, seen):  # type: ignore[no-untyped-def]
     for c in range(n * m):
         if first[c + 1] > first[c]:
             part = ordered[first[c] : first[c + 1]]
-            part.sort()
+            if len(part) > 1:
+                part.sort()
             seen[c // m, c % m] = 0.5 * (part[(len(part) - 1) // 2] + part[len(part) // 2])
 
 

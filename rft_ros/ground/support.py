@@ -119,19 +119,19 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, state, placed, out
     x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
     h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, _LEAST_RADIUS * cell)
     h -= sx * x + sy * y
+    bottom = placed[lowest, 2] + _LEAST_RADIUS * cell  # in the air the tool's lowest part decides where to look
     for _ in range(_ROUNDS):
         total = mx = my = mz = square = deepest = 0.0
         for k in range(corners.shape[0]):
             x, y, z = placed[k, 0], placed[k, 1], placed[k, 2]
-            depth = max(h + sx * x + sy * y - pz - z, 0.0)
+            depth = max(h + sx * x + sy * y - pz, bottom) - z
+            depth = max(depth, 0.0)
             total += depth
             mx += depth * x
             my += depth * y
             mz += depth * z
             square += depth * (x * x + y * y)
             deepest = max(deepest, depth)
-        if not total > 0.0:
-            break
         mx /= total
         my /= total
         mz /= total

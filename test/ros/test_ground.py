@@ -31,7 +31,7 @@ def cloud(stamp, height, *, frame="world", n=60):
 
 
 def inputs(count=300):
-    """(topic, stamp, message): a tool that sinks 1 cm, and a cloud every 0.1 s in which the ground rises."""
+    """(topic, stamp, message): a tool that sinks 1 cm, and a cloud every 0.2 s in which the ground rises."""
     for k in range(count):
         stamp = START + k * 5_000_000
         pose, twist, wrench = PoseStamped(), TwistStamped(), WrenchStamped()
@@ -40,8 +40,8 @@ def inputs(count=300):
             set_stamp(message, stamp)
         pose.pose.position.z, pose.pose.orientation.w = 0.01 - 0.02 * k * 0.005, 1.0
         twist.twist.linear.z = -0.02
-        if k % 20 == 0:
-            yield "surface_points", stamp, cloud(stamp, 0.0005 * (k // 20))
+        if k % 40 == 0:
+            yield "surface_points", stamp, cloud(stamp, 0.001 * (k // 40))
         yield "wrench_measured", stamp, wrench
         yield "twist", stamp, twist
         yield "pose", stamp, pose

@@ -51,7 +51,7 @@ def test_the_ground_ahead_resists_and_not_the_hole_behind():
 
 def test_a_tool_on_a_pile_is_below_its_surface():
     pile = ground(lambda x, y: np.maximum(0.03 - np.hypot(x, y) * 0.4, 0.0))
-    assert SUPPORT.local_surface(pile, state(DOWN, z=0.02), level=0.0).depth > 0.0
+    assert SUPPORT.local_surface(pile, state(DOWN, z=0.01), level=0.0).depth > 0.0
     assert SUPPORT.local_surface(pile, state(DOWN, z=0.06), level=0.0).depth < 0.0
 
 
