@@ -11,7 +11,17 @@ from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.settings import LearningMode, Model, Settings
 from rft_ros.ground import Cloud, HeightMap
-from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, plate_forces, treers2021
+from rft_ros.rft import (
+    ALPHA_Y_MODELS,
+    INTEGRATIONS,
+    LEVEL,
+    MEDIA,
+    Integration,
+    Table,
+    alpha_y_model,
+    plate_forces,
+    treers2021,
+)
 from rft_ros.tool import load_tool
 
 __all__ = ["compile_kernels", "warm_up", "warm_up_all"]
@@ -29,26 +39,28 @@ def warm_up(model: Model, *, learning: bool = False) -> None:
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
 
 
-def warm_up_all(*, memory: bool, learning: bool = False, on_cold_cache: Callable[[], None] = lambda: None) -> None:
+def warm_up_all(
+    *, memory: bool, learning: bool = False, ground: bool = False, on_cold_cache: Callable[[], None] = lambda: None
+) -> None:
     """Warm up for whatever can be swapped in: each rule of integration with each α_y model, and the markers.
 
-    `memory`: also for media with a mobilization length; `learning`: also for the modes that learn. If numba's cache
-    lacks a kernel, `on_cold_cache` is called, and two processes fill the cache, one for each rule: twice as fast, and
-    the compiler's 100 MB go with them.
+    `memory`: also for media with a mobilization length; `learning`: also for the modes that learn; `ground`: also for
+    maps of the ground. If numba's cache lacks a kernel, `on_cold_cache` is called, and two processes fill the cache,
+    one for each rule: twice as fast, and the compiler's 100 MB go with them.
     """
     try:
         with event.install_listener("numba:compile", _ColdCache()):
-            _warm_up_both(memory=memory, learning=learning)
+            _warm_up_both(memory, learning, ground)
     except _NotCompiledError:
         on_cold_cache()
-        processes = [start_child(compile_kernels, integration, memory, learning) for integration in INTEGRATIONS]
+        processes = [start_child(compile_kernels, rule, memory, learning, ground) for rule in INTEGRATIONS]
         try:
             for process in processes:
                 process.wait()
         finally:
             for process in processes:
                 process.kill()
-        _warm_up_both(memory=memory, learning=learning)
+        _warm_up_both(memory, learning, ground)
 
 
 class _NotCompiledError(Exception):
@@ -65,23 +77,31 @@ class _ColdCache(event.Listener):  # type: ignore[misc]
         pass
 
 
-def _warm_up_both(*, memory: bool, learning: bool) -> None:
+def _warm_up_both(memory: bool, learning: bool, ground: bool) -> None:
     for integration in INTEGRATIONS:
-        compile_kernels(integration, memory, learning)
+        compile_kernels(integration, memory, learning, ground)
 
 
-def compile_kernels(integration: Integration, memory: bool, learning: bool = False) -> None:
-    """Compile, or load, the kernels of one rule of integration; also those that `memory` and `learning` need."""
+def compile_kernels(integration: Integration, memory: bool, learning: bool = False, ground: bool = False) -> None:
+    """Compile, or load, the kernels of one rule of integration; also what `memory`, `learning` and `ground` need."""
     medium = next(iter(MEDIA.values()))
     table = Table.sampled([0.0], [0.0], [[1.0]])
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
     tool = load_tool("plate", integration=integration)
     for name in ALPHA_Y_MODELS:
         law = treers2021(medium, alpha_y_model(name, medium, table))
-        ground = HeightMap.unknown(1.0)
-        model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name, ground=ground)
+        model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
         for m in (model, replace(model, mobilization_length=1.0))[: 1 + memory]:
-            warm_up(m)
-            if learning:
-                warm_up(m, learning=True)
-    plate_forces(tool.plates, law, state)
+            for map_ in (None, _inclined())[: 1 + ground]:
+                warm_up(replace(m, ground=map_))
+                if learning:
+                    warm_up(replace(m, ground=map_), learning=True)
+    for slope in (LEVEL, (0.1, 0.0))[: 1 + ground]:
+        plate_forces(tool.plates, law, state, slope=slope)
+
+
+def _inclined() -> HeightMap:
+    """A map that makes the surface an inclined plane: it has machine code of its own."""
+    side = 1e4 * np.arange(-5.0, 6.0)
+    x, y = np.repeat(side, 11), np.tile(side, 11)
+    return HeightMap.unknown(1e4).with_points(x, y, 0.1 * x)

@@ -85,8 +85,9 @@ def _run(stop: threading.Event) -> int:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = RftNode(worker)
         memory, learning = node.estimator.model.mobilization_length > 0.0, node.estimator.learning is not None
-        if memory or learning:
-            warm_up_all(memory=memory, learning=learning, on_cold_cache=_announce_compilation)
+        ground = node.estimator.ground is not None
+        if memory or learning or ground:
+            warm_up_all(memory=memory, learning=learning, ground=ground, on_cold_cache=_announce_compilation)
         gc.collect()
         gc.freeze()  # collecting the objects of numba and trimesh takes 22 ms and frees none
         executor = _executor(node)

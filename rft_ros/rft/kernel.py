@@ -46,13 +46,14 @@ def _length(v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _surface(plane, state, axes):  # type: ignore[no-untyped-def]
+def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
     """Depth of the tool frame's origin, and the vector that gives a point's height above it from tool axes.
 
-    `plane`: height at x = y = 0 [m] and slopes dz/dx, dz/dy of the surface. Depth is vertical; the vector is E3 where
-    the surface is level, to the last bit.
+    `slope`: None for a level surface, which has its own machine code, or dz/dx and dz/dy. Depth is vertical.
     """
-    height, sx, sy = plane
+    if slope is None:
+        return height - state[2], axes[6:]
+    sx, sy = slope
     below = height + sx * state[0] + sy * state[1] - state[2]
     a, b, c = axes[6] - sx * axes[0] - sy * axes[3], axes[7] - sx * axes[1] - sy * axes[4], axes[8]
     return below, (a, b, c - sx * axes[2] - sy * axes[5])
@@ -179,13 +180,13 @@ def _plate(rows, i, axes, twist, below, rise, refined, careful):  # type: ignore
 
 
 @inlined
-def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
+def _sums(rows, first, last, scene, slope, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
     """Sums over consecutive plates: force, torque, submerged area; if `sensitive` also dF/dh and the moments r_j f_l.
 
     `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of 1, and how much deeper
     the tool frame was half a step before [m].
     """
-    axes, twist, law, below, rise, slope_x, slope_y = scene
+    axes, twist, law, below, rise = scene
     fx = fy = fz = tx = ty = tz = submerged = 0.0
     hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(first, last):
@@ -202,7 +203,8 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step, sensitive)
             share = max(share, _LEAST_SHARE)
             leads = share > _LEAST_SHARE
             # computed before the law, which does not depend on it: their latencies overlap
-            left = fraction_left(velocity, below - z + slope_x * x + slope_y * y + sunk, leads, per_length)
+            depth = below - z + sunk if slope is None else below - z + slope[0] * x + slope[1] * y + sunk
+            left = fraction_left(velocity, depth, leads, per_length)
             ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
             ax, ay, az = approach(tractions, i, (ax * share, ay * share, az * share), left, leads)
             if careful:
@@ -240,11 +242,11 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
     flatness = BLENDED if refined else SWITCHED
     columns = 19 if sensitive else 7
 
-    def sums(rows, bounds, reach, law, plane, states, past, out):  # type: ignore[no-untyped-def]
+    def sums(rows, bounds, reach, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
         """`past`: None, or with memory: durations, mobilization length, the memory's tractions, active and motion."""
         for k in range(states.shape[0]):
             axes, twist, scale = _motion(states[k], reach)
-            below, rise = _surface(plane, states[k], axes)
+            below, rise = _surface(height, slope, states[k], axes)
             if past is None:
                 step = None
                 seen = _seen_from_tool(axes, twist, reach, rise)
@@ -261,7 +263,7 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                 before = last[0] if last[0] >= 0.0 else now
                 path = min(0.5 * (now + before) / seen[2] * durations[k], 1e100) if now > 0.0 else 0.0
                 last[0] = now
-                sinking = twist[2] - plane[1] * twist[0] - plane[2] * twist[1]
+                sinking = twist[2] if slope is None else twist[2] - slope[0] * twist[0] - slope[1] * twist[1]
                 step = tractions, path * min(DEPTH * DEPTH / length, 1e100), 0.5 * path * sinking
             for c in range(columns):
                 out[k, c] = 0.0
@@ -284,13 +286,13 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                         kind = _kind(bounds, b, seen, below, refined, past)
                 if run >= _PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
-                    scene = axes, twist, law, below, rise, plane[1], plane[2]
+                    scene = axes, twist, law, below, rise
                     if run == _PLAIN:
-                        part = _sums(rows, i, j, scene, refined, False, NEVER_FLAT, step, sensitive)
+                        part = _sums(rows, i, j, scene, slope, refined, False, NEVER_FLAT, step, sensitive)
                     elif run == _FLAT_OR_CUT:
-                        part = _sums(rows, i, j, scene, refined, True, flatness, step, sensitive)
+                        part = _sums(rows, i, j, scene, slope, refined, True, flatness, step, sensitive)
                     else:
-                        part = _sums(rows, i, j, scene, refined, True, NEVER_FLAT, step, sensitive)
+                        part = _sums(rows, i, j, scene, slope, refined, True, NEVER_FLAT, step, sensitive)
                     for c in range(columns):
                         out[k, c] += part[c]
                     if past is not None:
@@ -306,9 +308,9 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
 def _forces_of_plates(refined: bool) -> Any:
     flatness = BLENDED if refined else SWITCHED
 
-    def forces(rows, reach, law, plane, state, order, out):  # type: ignore[no-untyped-def]
+    def forces(rows, reach, law, height, slope, state, order, out):  # type: ignore[no-untyped-def]
         axes, twist, _ = _motion(state, reach)
-        below, rise = _surface(plane, state, axes)
+        below, rise = _surface(height, slope, state, axes)
         for i in range(len(order)):
             _, normal, velocity, load, share, _ = _plate(rows, i, axes, twist, below, rise, refined, True)
             nx, ny, nz = normal

@@ -40,7 +40,7 @@ _WIDE = len(COLUMNS) + len(SENSITIVITIES)
 
 _Code = tuple[Callable[..., None], Law]
 # By a law's id: the law, which keeps the id from being reused, and the code with the checked law that it takes. Key of
-# the code: integration rule, what it computes, and whether it is without memory.
+# the code: integration rule, what it computes, and whether it is without memory and for a level surface.
 _CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
 _LAWS_KEPT = 32
 
@@ -69,16 +69,17 @@ def wrenches(
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    entry, law = _code(plates, law, bool(sensitivities), None)
-    blocks, reach, plane = plates.blocks, plates.reach, _plane(surface_height, slope)
+    incline = _incline(slope)
+    entry, law = _code(plates, law, bool(sensitivities), None, incline)
+    blocks, reach, height = plates.blocks, plates.reach, number("surface_height", surface_height)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
     result = _result(out, n, sensitivities)
     workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        entry(blocks.rows, blocks.bounds, reach, law, plane, states, None, result)
+        entry(blocks.rows, blocks.bounds, reach, law, height, incline, states, None, result)
     else:
-        tool = blocks.rows, blocks.bounds, reach, law, plane
+        tool = blocks.rows, blocks.bounds, reach, law, height, incline
         edges = np.linspace(0, n, workers + 1).astype(int)
         with ThreadPoolExecutor(workers) as pool:
             for job in [
@@ -108,10 +109,11 @@ def wrenches_in_time(
     """
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
-    entry, law = _code(plates, law, bool(sensitivities), memory)
+    incline = _incline(slope)
+    entry, law = _code(plates, law, bool(sensitivities), memory, incline)
     if memory.plates is not plates and not np.array_equal(memory.plates.blocks.rows, plates.blocks.rows):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
-    blocks, plane = plates.blocks, _plane(surface_height, slope)
+    blocks, height = plates.blocks, number("surface_height", surface_height)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
     durations = numbers("durations", durations, rows=n)
@@ -120,7 +122,7 @@ def wrenches_in_time(
     length = number("mobilization_length", mobilization_length, positive=True)
     past = durations, length, memory.tractions, memory.active, memory.motion
     result = _result(out, n, sensitivities)
-    entry(blocks.rows, blocks.bounds, plates.reach, law, plane, states, past, result)
+    entry(blocks.rows, blocks.bounds, plates.reach, law, height, incline, states, past, result)
     return result
 
 
@@ -136,10 +138,11 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    entry, law = _code(plates, law, "forces", None)
+    incline = _incline(slope)
+    entry, law = _code(plates, law, "forces", None, incline)
     blocks, out = plates.blocks, np.empty((len(plates), 3))
-    plane, one = _plane(surface_height, slope), numbers("state", state, rows=13)
-    entry(blocks.rows, plates.reach, law, plane, one, blocks.order, out)
+    height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
+    entry(blocks.rows, plates.reach, law, height, incline, one, blocks.order, out)
     return out
 
 
@@ -154,40 +157,47 @@ def edge_shares(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0
     return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
 
 
-def _code(plates: Plates, law: Law, what: bool | Literal["forces"], memory: Memory | None) -> _Code:
+def _code(
+    plates: Plates,
+    law: Law,
+    what: bool | Literal["forces"],
+    memory: Memory | None,
+    incline: tuple[float, float] | None,
+) -> _Code:
     """The compiled loop and the law to pass to it; compiles when a law's type is first seen.
 
     `what`: "forces" on each plate, or sums over plates, True for sums with sensitivities.
     """
     found = _CODE.get(id(law))
     if found is not None and plates.__class__ is Plates:
-        code = found[1].get((plates.integration, what, memory is None))
+        code = found[1].get((plates.integration, what, memory is None, incline is None))
         if code is not None:
             return code
     _check_plates(plates)
     good, blocks = checked_law(law), plates.blocks
     if what == "forces":
         good = checked_law(good._replace(alpha_y=as_table(good.alpha_y)))  # one compilation for all models
-        arguments: tuple[object, ...] = good, (0.0, 0.0, 0.0), np.zeros(13), blocks.order, np.zeros((1, 3))
+        arguments: tuple[object, ...] = good, 0.0, incline, np.zeros(13), blocks.order, np.zeros((1, 3))
         entry = machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, *arguments))
     else:
         past = memory and (np.zeros(1), 1.0, memory.tractions, memory.active, memory.motion)
-        arguments = good, (0.0, 0.0, 0.0), np.zeros((1, 13)), past, np.zeros((1, 19))
+        arguments = good, 0.0, incline, np.zeros((1, 13)), past, np.zeros((1, 19))
         entry = machine_code(SUMS[plates.integration, what], (blocks.rows, blocks.bounds, plates.reach, *arguments))
     if found is None:
         if len(_CODE) >= _LAWS_KEPT:
             _CODE.clear()
         found = _CODE[id(law)] = law, {}
-    code = found[1][plates.integration, what, memory is None] = entry, good
+    code = found[1][plates.integration, what, memory is None, incline is None] = entry, good
     return code
 
 
-def _plane(height: float, slope: tuple[float, float]) -> tuple[float, float, float]:
-    """The surface as the kernel takes it: height at x = y = 0 [m], dz/dx, dz/dy."""
+def _incline(slope: tuple[float, float]) -> tuple[float, float] | None:
+    """The slope as the kernel takes it: None for a level surface."""
     if slope is LEVEL:
-        return number("surface_height", height), 0.0, 0.0
+        return None
     x, y = slope
-    return number("surface_height", height), number("slope[0]", x), number("slope[1]", y)
+    found = number("slope[0]", x), number("slope[1]", y)
+    return None if found == LEVEL else found
 
 
 def _check_plates(plates: Plates) -> None:
