@@ -86,8 +86,15 @@ def _run(stop: threading.Event) -> int:
         node = RftNode(worker)
         model, learning = node.estimator.model, node.estimator.learning is not None
         memory, inertia = model.mobilization_length > 0.0, model.law.inertia is not None
-        if memory or learning or inertia:
-            warm_up_all(memory=memory, learning=learning, inertia=inertia, on_cold_cache=_announce_compilation)
+        ground = model.ground is not None
+        if memory or learning or inertia or ground:
+            warm_up_all(
+                memory=memory,
+                learning=learning,
+                inertia=inertia,
+                ground=ground,
+                on_cold_cache=_announce_compilation,
+            )
         gc.collect()
         gc.freeze()  # collecting the objects of numba and trimesh takes 22 ms and frees none
         executor = _executor(node)
