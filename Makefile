@@ -11,7 +11,7 @@ demo: venv
 
 test: venv lint
 	$(BIN)/rft warm-up
-	$(BIN)/python -m pytest test -n 3 --dist loadfile --no-loadscope-reorder -q
+	$(BIN)/python -m pytest test -n 2 --dist loadfile --no-loadscope-reorder -q
 
 lint: venv
 	$(BIN)/ruff check .

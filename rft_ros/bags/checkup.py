@@ -118,7 +118,7 @@ class Checkup:
     def _of_tool(self) -> Iterator[Finding]:
         tool = self._estimator.model.tool
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
-        deepest = f", at most {1e3 * self._deepest:.3g} mm below the surface" if self._poses else ""
+        deepest = f", at most {1e3 * self._deepest:.3g} mm below the surface" if np.isfinite(self._deepest) else ""
         sizes = [issue.message for issue in tool.issues if issue.kind == "size"]
         advice = f": {sizes[0]}" if sizes else deepest
         yield Finding(not sizes, f"mesh {tool.name}: {extents} mm{advice}")
@@ -202,4 +202,5 @@ class Checkup:
                 count = self._estimator.counts[reason.value]
                 yield Finding(False, f"{reason}: {count} times at {self._poses} poses; docs/node.md, Reasons, says why")
         estimates = self._estimator.counts["estimates"]
-        yield Finding(estimates > 0, f"estimates: {estimates} at {self._poses} poses")
+        advice = "" if estimates else "; mend what stands above first"
+        yield Finding(estimates > 0, f"estimates: {estimates} at {self._poses} poses{advice}")

@@ -82,8 +82,11 @@ def _empty(summary: "Summary") -> int:
     """Print an error for a bag without any estimate; exit status 1 for it."""
     if summary.estimates:
         return 0
-    poses = summary.messages["pose"]
-    print(f"rft replay: bag '{summary.bag}' has no estimate for its {poses:,} poses", file=sys.stderr, flush=True)
+    poses, why = summary.messages["pose"], ""
+    if summary.reasons:
+        reason = max(summary.reasons, key=summary.reasons.__getitem__)
+        why = f"; most often {summary.unknown_frames.get(reason, reason)}"
+    print(f"rft replay: bag '{summary.bag}' has no estimate for its {poses:,} poses{why}", file=sys.stderr, flush=True)
     return 1
 
 

@@ -300,6 +300,8 @@ def checked(name: str, value: object) -> Value:
         near = get_close_matches(name, _BY_NAME, n=1)
         raise InputError(f"there is no parameter '{name}'" + (f"; did you mean '{near[0]}'?" if near else ""))
     if parameter.type == "string":
+        if value is False and "off" in parameter.choices:  # YAML, and so ROS, reads an unquoted off as false
+            value = "off"
         if not isinstance(value, str):
             raise InputError(f"{name} is {value!r}; it must be a string")
         if parameter.choices and value not in parameter.choices:

@@ -17,14 +17,15 @@ __all__ = ["PoseDifference"]
 _CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
 _LINES = 16
-_SURPRISES = 64
-_QUANTILE, _CHI2_OF_QUANTILE = 0.7, 3.665  # chi-squared, 3 degrees of freedom; a turn disturbs three surprises
-_LINES_DIFFER = 40.0  # the same at 1e-8: a false alarm costs a noisy slope
-_PARABOLA_DIFFERS = 16.3  # the same at 1e-3: a false alarm costs the lag of a line
+_MISFITS = 256
+# Bounds on chi-squared with 3 degrees of freedom, at the probability of a false alarm.
+_QUANTILE, _CHI2_OF_QUANTILE = 0.7, 3.665  # a turn disturbs only three misfits
+_LINES_DIFFER = 40.0  # 1e-8: a false alarm costs a noisy slope
+_PARABOLA_DIFFERS = 16.3  # 1e-3: a false alarm costs the lag of a line
+_MOVES = 40.0  # 1e-8: noise taken for motion at rest lets the grains go
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
-_REFRESH = 8  # surprises between two estimates of the noise, and before the first
+_REFRESH = 8  # misfits between two estimates of the noise, and before the first
 _THIN = 1.0 / 64.0  # of the window: poses of its older part that are closer do not count
-_MOVES = 21.1  # the same at 1e-4: a slope is not noise
 
 
 @inlined
@@ -47,13 +48,13 @@ def _rotation_vector(row, ax, ay, az, aw):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _variance(surprises):  # type: ignore[no-untyped-def]
+def _variance(misfits):  # type: ignore[no-untyped-def]
     """Variance of one coordinate of a pose, from a quantile that turns do not shift."""
-    return max(np.sort(surprises)[int(_QUANTILE * (len(surprises) - 1))] / _CHI2_OF_QUANTILE, _ROUNDING)
+    return max(np.sort(misfits)[int(_QUANTILE * (len(misfits) - 1))] / _CHI2_OF_QUANTILE, _ROUNDING)
 
 
 @inlined
-def _surprise(t, x, g):  # type: ignore[no-untyped-def]
+def _misfit(t, x, g):  # type: ignore[no-untyped-def]
     """Squared distance of pose 0, at the origin, from the parabola through poses 1 to 3, in variances of one pose."""
     p, q, r = t[1], t[2], t[3]
     a, b, c = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
@@ -64,11 +65,11 @@ def _surprise(t, x, g):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _end_slopes(stamps, ring, surprises, stored, noise, newest, window, gap, twist):  # type: ignore[no-untyped-def]
+def _end_slopes(stamps, ring, misfits, stored, noise, newest, window, gap, twist):  # type: ignore[no-untyped-def]
     """Slopes at the newest pose; rotations as vectors from the newest pose, world axes.
 
     `stamps`, `window`, `gap` [ns]; a stamp is 0 where there is no pose. `ring`: rows position, quaternion xyzw.
-    `surprises`: the last `_surprise`s, of position [m²] and rotation [rad²], shape [2, n]; zeros, which encoders with
+    `misfits`: the last `_misfit`s, of position [m²] and rotation [rad²], shape [2, n]; zeros, which encoders with
     coarse steps give, do not count. `stored`: how many there were. Updates both, and `noise`, the `_variance` or
     infinity where too few are known; writes vx..wz to `twist`; returns the number of poses used.
     """
@@ -162,17 +163,17 @@ def _end_slopes(stamps, ring, surprises, stored, noise, newest, window, gap, twi
 
     still = True
     for g in range(2):
-        surprise = _surprise(first_t, first_x, g) if n > 3 else 0.0
-        if surprise > 0.0:
-            surprises[g, stored[g] % _SURPRISES] = surprise
+        misfit = _misfit(first_t, first_x, g) if n > 3 else 0.0
+        if misfit > 0.0:
+            misfits[g, stored[g] % _MISFITS] = misfit
             stored[g] += 1
             if stored[g] % _REFRESH == 0:
-                noise[g] = _variance(surprises[g, : min(stored[g], _SURPRISES)])
+                noise[g] = _variance(misfits[g, : min(stored[g], _MISFITS)])
         square = 0.0
         for k in range(3 * g, 3 * g + 3):
             square += twist[k] * twist[k]
         bound = _MOVES * noise[g] * factors[g]
-        still = still and square <= bound < np.inf
+        still = still and (square == 0.0 or square <= bound < np.inf)  # an attitude without noise does not move
     if still:
         twist[:] = 0.0
     return n
@@ -186,7 +187,7 @@ class PoseDifference:
         self._gap = 0
         self._stamps = np.zeros(_CAPACITY, dtype=np.int64)
         self._ring = np.zeros((_CAPACITY, 7))
-        self._surprises = np.zeros((2, _SURPRISES))
+        self._misfits = np.zeros((2, _MISFITS))
         self._stored = np.zeros(2, dtype=np.int64)
         self._noise = np.full(2, np.inf)
         self._newest = -1
@@ -210,7 +211,7 @@ class PoseDifference:
         used: int = _end_slopes(
             self._stamps,
             self._ring,
-            self._surprises,
+            self._misfits,
             self._stored,
             self._noise,
             self._newest,

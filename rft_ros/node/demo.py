@@ -181,6 +181,7 @@ def demo(output: Path, *, seconds: float) -> Watched | None:
     console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger\n")
     signal.signal(signal.SIGTERM, _terminated)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the children
+    rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way
     try:
         with BagWriter(output / "bag") as bag:
             watcher = Watcher(bag)

@@ -77,7 +77,7 @@ class NodeParameters:
         for name in overrides:
             if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
                 node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
-        node.add_pre_set_parameters_callback(self._with_doubles)
+        node.add_pre_set_parameters_callback(self._in_table_types)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
@@ -98,9 +98,17 @@ class NodeParameters:
         if not result.successful:
             self._node.get_logger().error(f"not set ({why}): {result.reason}")
 
-    def _with_doubles(self, parameters: list[RosParameter]) -> list[RosParameter]:
+    def _in_table_types(self, parameters: list[RosParameter]) -> list[RosParameter]:
         numeric = {p.name for p in PARAMETERS if p.type != "string"}
-        return [_as_double(p) if p.name in numeric and p.type_ in _FLOAT_TYPES else p for p in parameters]
+        switches = {p.name for p in PARAMETERS if "off" in p.choices}
+        return [
+            _as_double(p)
+            if p.name in numeric and p.type_ in _FLOAT_TYPES
+            else RosParameter(p.name, value="off")
+            if p.name in switches and p.value is False
+            else p
+            for p in parameters
+        ]
 
     def _merged(self, parameters: list[RosParameter]) -> tuple[dict[str, Value], frozenset[str]]:
         changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self._values}

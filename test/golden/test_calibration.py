@@ -82,21 +82,22 @@ def test_each_trial_predicts_the_others_penetration_within_12_percent_of_its_pea
 
 @pytest.mark.parametrize("trial", TRIALS)
 def test_penetration_is_no_worse_with_memory_than_without(held_out, trial):
-    """Of the peak: 8.0 % without and 8.1 % with it in trial 2, 9.1 and 8.9 % in trial 3; with its own ζ, 2.0 to 1.9 and
+    """Of the peak: 8.2 % without and 8.1 % with it in trial 2, 9.3 and 9.1 % in trial 3; with its own ζ, 2.0 to 1.9 and
     3.7 to 3.5 %. The other's ζ is too low for trial 2, so a force that builds up later is further off."""
     assert penetration_residual(held_out[trial, True]) < penetration_residual(held_out[trial, False]) + 0.0015
 
 
 @pytest.mark.parametrize(("trial", "held"), [(2, 0.860), (3, 1.068)])
 def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial, held):
-    """Flat to 0.1 and 0.3 % of the peak, and within 10 % of it with the trial's own ζ and the other's λ: 98 and 93 %.
+    """Flat to 0.1 % of the peak, and within 10 % of it with the trial's own ζ and the other's λ: 98 and 93 %.
 
     With the other's ζ, which differs by 14 %, trial 2 is held at 86 % of its measured peak (measured: 97 to 100 %) and
     trial 3 at 107 % (measured: 94 to 99 %).
     """
     phase, depth, predicted, measured = held_out[trial, True]
-    rest, peak = (phase == "dwell") & (depth > BOTTOM), np.nanmax(measured)
-    assert rest.sum() > 800
+    rest, peak = np.flatnonzero((phase == "dwell") & (depth > BOTTOM)), np.nanmax(measured)
+    assert len(rest) > 800
+    rest = rest[:-10]  # in the last 50 ms before the phase of withdrawal the arm begins to move
     assert np.ptp(predicted[rest]) < 0.004 * peak
     assert predicted[rest].mean() / peak == pytest.approx(held, abs=0.005)
     zeta = {t: read_parameter_file(calibrated[t])["medium.zeta"] for t in TRIALS}
@@ -131,7 +132,7 @@ def test_memory_halves_the_residual_of_the_withdrawal(held_out, trial):
 
 
 def test_mobilization_length_agrees_between_the_trials(calibrated):
-    """5.9 and 5.1 mm with errors of 2.4 and 2.0 mm, since the measured decay is straighter than the model's."""
+    """6.0 and 5.1 mm with errors of 2.4 and 2.0 mm, since the measured decay is straighter than the model's."""
     fits = {name: record(file)["fitted"]["medium_mobilization_length"] for name, file in calibrated.items()}
     lengths = {name: fit["value"][0] for name, fit in fits.items()}
     errors = {name: fit["standard_error"][0] for name, fit in fits.items()}
@@ -183,14 +184,14 @@ def round_plates(shared_data, tmp_path_factory):
 
 
 def test_pressure_that_depends_on_the_plate_is_noted_with_numbers(round_plates):
-    """Growth with depth, least squares through the surface, on the lower face: 1.30, 1.57, 1.84 N/cm³."""
+    """Growth with depth, least squares through the surface, on the lower face: 1.29, 1.57, 1.84 N/cm³."""
     note = next(n for n in record(round_plates)["notes"] if "size" in n)
-    assert "1.30 N/cm³ under 28.3 cm²" in note
+    assert "1.29 N/cm³ under 28.3 cm²" in note
     assert "1.57 N/cm³ under 50.2 cm²" in note
     assert "1.84 N/cm³ under 78.5 cm²" in note
 
 
 def test_one_zeta_for_three_plates_has_a_large_error(round_plates):
     zeta = record(round_plates)["fitted"]["medium_zeta"]
-    assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
+    assert zeta["value"] == [pytest.approx(1.53, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1

@@ -134,7 +134,7 @@ class Harness:
         client = self._clients.get(name)
         if client is None:
             client = self._clients[name] = self.node.create_client(service, f"{self.name}/{name}")
-        assert client.wait_for_service(timeout_sec=WAIT), f"no service {name}"
+        self.until(lambda: client.wait_for_service(timeout_sec=0.5))
         future = client.call_async(request)
         self.until(future.done)
         return future.result()
@@ -221,6 +221,11 @@ class Harness:
 
     def diagnostic(self, component: str) -> tuple[bytes, str, dict[str, str]]:
         """The next report of a component: level, message, values."""
+        idle = 0
+        while idle < 20:  # reports made before this call may be queued, among answers on other topics
+            seen = len(self.diagnostics)
+            rclpy.spin_once(self.node, timeout_sec=0.0)
+            idle = 0 if len(self.diagnostics) > seen else idle + 1
         seen = len(self.diagnostics)
         self.until(lambda: len(self.diagnostics) > seen)
         return self.last_status(component)

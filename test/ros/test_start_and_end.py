@@ -94,7 +94,7 @@ def test_each_executor_answers_and_ends_cleanly_on_a_signal(start_node, executor
     np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=2.0), rtol=1e-15)
     children = descendants(rft.process.pid)
     assert rft.stop(number) == 0
-    assert not alive(children)
+    wait_until(lambda: not alive(children), "the children end")
     assert "ready: tool plate" in rft.said()
     assert "Traceback" not in rft.said()
 

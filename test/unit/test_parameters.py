@@ -178,3 +178,11 @@ def test_a_tool_that_is_there_is_not_loaded_again(mesh):
     values = {**defaults(), "mesh.file": mesh}
     tool = model_of(values).tool
     assert model_of({**values, "mesh.file": "/nowhere.stl"}, tool=tool).tool is tool
+
+
+def test_an_unquoted_off_which_yaml_reads_as_false_switches_off():
+    assert checked("learning.mode", False) == "off"
+    with pytest.raises(InputError, match="must be a string"):
+        checked("learning.mode", True)
+    with pytest.raises(InputError, match="must be a string"):
+        checked("medium.name", False)
