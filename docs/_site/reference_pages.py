@@ -49,7 +49,7 @@ _REASONS = {
     Reason.TF_GAP: "the transforms around the wanted stamp are more than `max_input_age` away from it",
     Reason.SURFACE_OFF: "a cloud came, but `ground.cell` is 0",
     Reason.SURFACE_LATE: "the cloud's stamp is 0.5 s or more before that of the last pose",
-    Reason.SURFACE_FRAME_UNKNOWN: "the cloud's frame_id is not `world_frame`",
+    Reason.SURFACE_FRAME_UNKNOWN: "the cloud's frame_id is not `world_frame`, and no fixed transform links it",
     Reason.SURFACE_STAMP_ZERO: "the cloud's stamp is zero",
     Reason.SURFACE_OUT_OF_ORDER: "the cloud's stamp is not after that of the last cloud",
     Reason.SURFACE_RATE_LIMITED: "the cloud comes less than 0.19 s after the last one",

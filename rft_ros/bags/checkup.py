@@ -152,10 +152,10 @@ class Checkup:
                 yield Finding(True, f"{role}: {rate} on {topic}{frames}, stamps {1e3 * age:.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
-        advice = "set the parameter to it, or publish the fixed transform between the two on /tf_static"
+        publish = "publish the fixed transform between the two on /tf_static"
         for reason, sentence in self._estimator.unknown_frames().items():
-            clouds = reason == Reason.SURFACE_FRAME_UNKNOWN.value
-            yield Finding(False, f"frames: {sentence}; {'publish the cloud in it' if clouds else advice}")
+            choice = "" if reason == Reason.SURFACE_FRAME_UNKNOWN.value else "set the parameter to it, or "
+            yield Finding(False, f"frames: {sentence}; {choice}{publish}")
         if frames := self._estimator.transforms.frames():
             yield Finding(True, f"frames: {', '.join(frames)}")
 

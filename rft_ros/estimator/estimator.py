@@ -229,7 +229,7 @@ class Estimator:
         self._ground = None if model.ground is None else Ground(model.ground, self._background)
         self._support = Support(model.tool.corners)
         self._surface: LocalSurface | None = None
-        self._clouds: deque[Cloud] = deque(maxlen=_CLOUDS)
+        self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_CLOUDS)
         self._last_cloud = 0
         self._places: deque[PoseSample] = deque(maxlen=_PLACES)  # where the tool was when a cloud was seen
 
@@ -288,12 +288,14 @@ class Estimator:
         """
         newest = self._places[-1].stamp if self._places else 0
         since = cloud.stamp - self._last_cloud
+        world = self.settings.world_frame
+        place = None if cloud.frame == world else self.transforms.fixed(world, cloud.frame)
         reason = None
         if self._ground is None:
             reason = Reason.SURFACE_OFF
         elif cloud.stamp <= 0:
             reason = Reason.SURFACE_STAMP_ZERO
-        elif cloud.frame != self.settings.world_frame:
+        elif cloud.frame != world and place is None:
             reason = Reason.SURFACE_FRAME_UNKNOWN
             self._unknown_frames[reason] = cloud.frame
         elif -TIME_JUMP < since <= 0:
@@ -306,20 +308,21 @@ class Estimator:
             self.counts[reason.value] += 1
             return reason
         self._last_cloud = cloud.stamp
-        self._clouds.append(cloud)
+        self._clouds.append((cloud, place))
         self._use_clouds()
         return None
 
     def _use_clouds(self) -> None:
         """Give the ground the clouds whose pose, the first at or after their stamp, is known."""
         newest = self._places[-1].stamp if self._places else 0
-        while self._ground is not None and self._clouds and self._clouds[0].stamp <= newest:
-            cloud = self._clouds.popleft()
+        while self._ground is not None and self._clouds and self._clouds[0][0].stamp <= newest:
+            cloud, camera = self._clouds.popleft()
             pose = next(place for place in self._places if place.stamp >= cloud.stamp)
             corners = self.model.tool.corners
             position, rotation = np.array(pose.position), rotation_matrix(pose.quaternion)
             box = ToolBox(position=position, rotation=rotation, low=corners.min(axis=0), high=corners.max(axis=0))
-            self._ground.add(cloud, box)
+            placed = None if camera is None else (np.array(camera.position), rotation_matrix(camera.quaternion))
+            self._ground.add(cloud, box, placed)
 
     def _taken(self, history: deque[_Sample], sample: _Sample, unusable: Reason | None, late: Reason) -> Reason | None:
         """Add a sample to its history, or count and return the reason why not: unusable, or `late` if out of order."""

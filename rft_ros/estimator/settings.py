@@ -76,7 +76,7 @@ class Settings:
             known = f"world_frame {self.world_frame!r} nor tool_frame {self.tool_frame!r}"
             return f"twist frame_id {frame!r} is neither {known}"
         if reason is Reason.SURFACE_FRAME_UNKNOWN:
-            return f"surface_points frame_id {frame!r} is not world_frame {self.world_frame!r}"
+            return f"surface_points frame_id {frame!r} is not world_frame {self.world_frame!r}, nor fixed in it"
         return f"wrench frame_id {frame!r} is not sensor_frame {self.sensor_frame!r}"
 
 

@@ -8,6 +8,7 @@ from numba.core import event
 
 from rft_ros.child_process import start_child
 from rft_ros.estimator.estimator import Estimator
+from rft_ros.estimator.parameters import Values
 from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.settings import LearningMode, Model, Settings
 from rft_ros.ground import Cloud, HeightMap
@@ -24,7 +25,7 @@ from rft_ros.rft import (
 )
 from rft_ros.tool import load_tool
 
-__all__ = ["compile_kernels", "warm_up", "warm_up_all"]
+__all__ = ["compile_kernels", "warm_up", "warm_up_all", "warm_up_for"]
 
 
 def warm_up(model: Model, *, learning: bool = False) -> None:
@@ -37,6 +38,14 @@ def warm_up(model: Model, *, learning: bool = False) -> None:
         if model.ground is not None:
             estimator.push_surface(Cloud(k * 10_000_000, "world", *np.zeros((3, 1))))
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
+
+
+def warm_up_for(values: Values, *, on_cold_cache: Callable[[], None]) -> None:
+    """Warm up for what these parameters need beyond the defaults, and for what can be swapped in while they hold."""
+    memory, inertia = bool(values["medium.mobilization_length"]), bool(values["medium.density"])
+    learning, ground = values["learning.mode"] != "off", bool(values["ground.cell"])
+    if memory or learning or inertia or ground:
+        warm_up_all(memory=memory, learning=learning, inertia=inertia, ground=ground, on_cold_cache=on_cold_cache)
 
 
 def warm_up_all(

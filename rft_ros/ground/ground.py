@@ -12,6 +12,8 @@ from rft_ros.ground.height_map import HeightMap, ToolBox
 
 __all__ = ["DELAY", "Cloud", "Ground"]
 
+Array = NDArray[np.float64]
+
 DELAY = 500_000_000
 """A cloud changes the ground this long [ns] after its stamp, whenever it arrives until then. So the same stamps give
 the same results live and in a replay, and a pose finds the map ready: it takes some hundredths of a second."""
@@ -47,11 +49,21 @@ class Ground:
         self._waiting.clear()
         self.map = self._newest = self.start
 
-    def add(self, cloud: Cloud, tool: ToolBox) -> None:
-        """Take a cloud; `tool`: where the tool was at its stamp."""
+    def add(self, cloud: Cloud, tool: ToolBox, camera: tuple[Array, Array] | None = None) -> None:
+        """Take a cloud; `tool`: where the tool was at its stamp.
+
+        `camera`: position [m], shape [3], and rotation to world, shape [3, 3], of the cloud's frame; None: it is the
+        world's.
+        """
 
         def merged() -> HeightMap:
-            self._newest = self._newest.with_points(cloud.x, cloud.y, cloud.z, tool)
+            x, y, z = cloud.x, cloud.y, cloud.z
+            if camera is not None:
+                position, rotation = camera
+                u, v, w = np.array([x, y, z], dtype=np.float64)
+                with np.errstate(invalid="ignore", over="ignore"):  # points that are not finite
+                    x, y, z = (a * u + b * v + c * w + p for (a, b, c), p in zip(rotation, position, strict=True))
+            self._newest = self._newest.with_points(x, y, z, tool)
             return self._newest
 
         self._waiting.append((cloud.stamp + DELAY, self._run(merged)))

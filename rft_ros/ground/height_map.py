@@ -225,9 +225,15 @@ def read_height_map(file: Path, cell: float) -> HeightMap:
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:
-    """Write the known cells as CSV, which `read_height_map` reads back. Raises InputError if it cannot be written."""
+    """Write the known cells as CSV or NPZ, by the file's suffix; `read_height_map` reads both.
+
+    Raises InputError if it cannot be written.
+    """
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
+        if file.suffix == ".npz":
+            np.savez(file, **dict(zip(_COLUMNS, ground.points().T, strict=True)))
+            return
         with file.open("w", encoding="utf-8", newline="\n") as lines:
             np.savetxt(lines, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
     except OSError as error:

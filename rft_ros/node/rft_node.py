@@ -109,9 +109,9 @@ class RftNode(Node):
         return self.create_subscription(message, topic, callback, qos, raw=True, qos_overriding_options=overridable)
 
     @property
-    def executor_name(self) -> str:
-        """The parameter `executor`."""
-        return str(self._table.values["executor"])
+    def values(self) -> Values:
+        """The values of all parameters."""
+        return self._table.values
 
     def announce(self) -> None:
         """Log that the node is ready, and the issues of its mesh."""
@@ -290,7 +290,7 @@ class RftNode(Node):
             return response
         # Not ROS time: simulated time begins at 1970 each time and would repeat names.
         moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
-        file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_ground_{moment}.csv"
+        file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_ground_{moment}.npz"
         try:
             self._background.submit(write_height_map, file, self.estimator.ground).result()
         except InputError as error:

@@ -53,10 +53,11 @@ def _length(v):  # type: ignore[no-untyped-def]
 def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
     """Depth of the tool frame's origin, and the vector that gives a point's height above it from tool axes.
 
-    `slope`: None for a level surface, which has its own machine code, or dz/dx and dz/dy. Depth is vertical.
+    `slope`: None for a level surface, which has its own machine code, or dz/dx and dz/dy. Depth is vertical. The vector
+    is None for a level surface: E3, which the compiler must know to be the one in `axes`, or bits change.
     """
     if slope is None:
-        return height - state[2], axes[6:]
+        return height - state[2], None
     sx, sy = slope
     below = height + sx * state[0] + sy * state[1] - state[2]
     a, b, c = axes[6] - sx * axes[0] - sy * axes[3], axes[7] - sx * axes[1] - sy * axes[4], axes[8]
@@ -68,7 +69,8 @@ def _seen_from_tool(axes, twist, reach, rise):  # type: ignore[no-untyped-def]
     """Linear and angular velocity in tool axes, a bound on all points' speeds, E3 in tool axes, the reach, `rise`."""
     linear = into_frame(axes, twist[0], twist[1], twist[2])
     angular = into_frame(axes, twist[3], twist[4], twist[5])
-    return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach, rise
+    fastest = _length(linear) + _length(angular) * reach
+    return linear, angular, fastest, axes[6:], reach, axes[6:] if rise is None else rise
 
 
 @inlined
@@ -145,7 +147,7 @@ def _plate(rows, i, axes, twist, below, rise, refined, careful):  # type: ignore
     and `refined` must be constants, or the loop is not vectorised.
     """
     vx, vy, vz, wx, wy, wz = twist
-    zx, zy, zz = rise
+    zx, zy, zz = axes[6:] if rise is None else rise
     a, b, c = rows[0, i], rows[1, i], rows[2, i]
     area = rows[6, i]
     depth = below - (zx * a + zy * b + zz * c)

@@ -70,7 +70,9 @@ def test_inertia_of_a_submerged_plate_is_the_same_on_a_slope():
         for slope in ((0.0, 0.0), (0.2, -0.1))
     )
     assert level[0, 2] > 0.1
-    assert_allclose(inclined, level, rtol=1e-9, atol=1e-9)
+    assert_allclose(inclined[:, :3], level[:, :3], rtol=1e-9, atol=1e-9)
+    # it acts at the centre of load, which the slope moves by some micrometres
+    assert_allclose(inclined[:, 3:6], level[:, 3:6], atol=1e-5 * level[0, 2])
 
 
 def test_memory_on_a_slope_is_memory_on_the_level_plane_where_depths_agree():

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from one_plate import SECOND, START, plate_model, pose, twist
+from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, Estimator, Reason, Settings
+from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.ground import DELAY, Cloud, HeightMap
 
@@ -62,6 +63,24 @@ def test_maps_made_in_the_background_give_the_same_bytes():
 
     with ThreadPoolExecutor(1) as background:
         assert forces(on_map(background=background), clouds) == forces(on_map(), clouds)
+
+
+def test_a_cloud_in_the_frame_of_a_fixed_camera_is_as_one_in_the_world():
+    turn = Rotation.from_euler("xyz", [3.0, 0.1, -0.5])
+    place = np.array([0.3, -0.2, 0.8])
+    bed = np.column_stack([X, Y, 0.005 + 0.1 * X])
+    seen = [*turn.inv().apply(bed - place).T]
+    seen[2][7], seen[0][9] = np.inf, np.nan  # a depth camera sends such points, too
+    e = on_map()
+    e.push_transform(TransformSample(0, "world", "optical", (*place,), (*turn.as_quat(),), fixed=True))
+    found = forces(e, [Cloud(START, "optical", *seen)])
+    assert found == pytest.approx(forces(on_map(), [cloud(START, bed[:, 2])]), rel=1e-6)
+
+
+def test_a_cloud_of_a_camera_that_moves_is_refused():
+    e = on_map()
+    e.push_transform(TransformSample(START, "world", "optical", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)))
+    assert e.push_surface(cloud(START, frame="optical")) is Reason.SURFACE_FRAME_UNKNOWN
 
 
 @pytest.mark.parametrize(

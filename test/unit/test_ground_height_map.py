@@ -85,10 +85,7 @@ def test_no_points_change_nothing():
 def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
     ground = HeightMap.unknown(CELL).with_points(*bed(lambda x, y: 0.2 * x - 0.1 * y))
     file = tmp_path / f"ground{suffix}"
-    if suffix == ".csv":
-        write_height_map(file, ground)
-    else:
-        np.savez(file, **dict(zip("xyh", ground.points().T, strict=True)))
+    write_height_map(file, ground)
     again = read_height_map(file, CELL)
     assert again.corner == ground.corner
     assert_array_equal(again.heights, ground.heights)
