@@ -110,9 +110,10 @@ def _draw(level: Series, ground: Series):  # type: ignore[no-untyped-def]
         near = (along > x.min() * 1e-3 - 0.02) & (along < 0.07)
         panels[1][number].fill_between(1e3 * along[near], -30.0, 1e3 * height[near], color="#C2A878", alpha=0.6)
         edge = 1e3 * float((level.states[drag[0], 2]) - 0.015)
-        panels[1][number].axhline(edge, color=BLACK, lw=0.8, ls=":")
+        panels[1][number].axhline(edge, color=BLACK, lw=0.8, ls=":", label="lower edge of the plate")
         panels[1][number].set_ylim(-30.0, 15.0)
         label_axes(panels[1][number], x="x [mm]", y="Height before the pass [mm]" if not number else "")
     label_axes(panels[0][0], x="", y="Force against the motion [N]")
     panels[0][0].legend(fontsize=7, loc="upper left")
+    panels[1][0].legend(fontsize=7, loc="lower left")
     return figure

@@ -53,11 +53,10 @@ def _length(v):  # type: ignore[no-untyped-def]
 def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
     """Depth of the tool frame's origin, and the vector that gives a point's height above it from tool axes.
 
-    `slope`: None for a level surface, which has its own machine code, or dz/dx and dz/dy. Depth is vertical. The vector
-    is None for a level surface: E3, which the compiler must know to be the one in `axes`, or bits change.
+    `slope`: None for a level surface, which has its own machine code, or dz/dx and dz/dy. Depth is vertical.
     """
     if slope is None:
-        return height - state[2], None
+        return height - state[2], axes[6:]
     sx, sy = slope
     below = height + sx * state[0] + sy * state[1] - state[2]
     a, b, c = axes[6] - sx * axes[0] - sy * axes[3], axes[7] - sx * axes[1] - sy * axes[4], axes[8]
@@ -69,8 +68,7 @@ def _seen_from_tool(axes, twist, reach, rise):  # type: ignore[no-untyped-def]
     """Linear and angular velocity in tool axes, a bound on all points' speeds, E3 in tool axes, the reach, `rise`."""
     linear = into_frame(axes, twist[0], twist[1], twist[2])
     angular = into_frame(axes, twist[3], twist[4], twist[5])
-    fastest = _length(linear) + _length(angular) * reach
-    return linear, angular, fastest, axes[6:], reach, axes[6:] if rise is None else rise
+    return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach, rise
 
 
 @inlined
@@ -139,15 +137,16 @@ def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _plate(rows, i, axes, twist, below, rise, refined, careful):  # type: ignore[no-untyped-def]
+def _plate(rows, i, axes, twist, below, rise, slope, refined, careful):  # type: ignore[no-untyped-def]
     """One plate in world axes, Eq. (1): centre of load, normal, scaled velocity, load, leading share, submerged area.
 
     The centre of load is relative to the tool frame's origin; the load is depth integrated over the area below the
-    surface [m³]. `below`, `rise`: from `_surface`. `careful` False: the plate is fully submerged. `careful`
-    and `refined` must be constants, or the loop is not vectorised.
+    surface [m³]. `below`, `rise`: from `_surface`; `slope`: as there. `careful` False: the plate is fully submerged.
+    `careful` and `refined` must be constants, or the loop is not vectorised.
     """
     vx, vy, vz, wx, wy, wz = twist
-    zx, zy, zz = axes[6:] if rise is None else rise
+    up = axes[6:]  # `rise` is equal on a level surface, but not known to be, which would change the order of sums
+    zx, zy, zz = up if slope is None else rise
     a, b, c = rows[0, i], rows[1, i], rows[2, i]
     area = rows[6, i]
     depth = below - (zx * a + zy * b + zz * c)
@@ -196,7 +195,8 @@ def _sums(rows, first, last, scene, slope, inertia, refined, careful, flatness, 
     fx = fy = fz = tx = ty = tz = submerged = 0.0
     hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(first, last):
-        (x, y, z), normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, rise, refined, careful)
+        plate = _plate(rows, i, axes, twist, below, rise, slope, refined, careful)
+        (x, y, z), normal, velocity, load, share, area = plate
         nx, ny, nz = normal
         ux, uy, uz = velocity
         loaded = area
@@ -320,7 +320,7 @@ def _forces_of_plates(refined: bool) -> Any:
         axes, twist, _, squared = _motion(state, reach)
         below, rise = _surface(height, slope, state, axes)
         for i in range(len(order)):
-            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, rise, refined, True)
+            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, rise, slope, refined, True)
             nx, ny, nz = normal
             ux, uy, uz = velocity
             tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
