@@ -2,8 +2,8 @@
 
 A tool that moves sideways shears a wedge of grains ahead of it, about twice as long as the tool is deep, so neither the
 hole that the tool is in nor a single crest decides, but the mean height of that wedge. The disc's radius is the
-tool's depth, at least half of its width; it lies ahead by its radius in horizontal motion, under the tool in
-vertical motion, and between in between. docs/ground.md shows this against simulated grains.
+tool's depth, at least half of its width; it lies ahead by its radius or twice the depth, the smaller, in horizontal
+motion, under the tool in vertical motion, and between in between. docs/ground.md shows this against simulated grains.
 """
 
 import math
@@ -22,6 +22,7 @@ __all__ = ["LocalSurface", "Support"]
 Array = NDArray[np.float64]
 
 _LEAST_RADIUS = 2.0  # cells, so that a slope can be fitted
+_WEDGE = 2.0  # length of the wedge over depth: the disc of a tool that is wider than deep lies no further ahead
 _ROUNDS = 4  # radius and depth depend on each other; the fourth round changes the height by less than 1 %
 _DIRECTIONS = 96
 
@@ -143,7 +144,7 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, state, placed, out
         ahead = 0.0
         if fastest > 1e-290:
             vx, vy, vz = vx / fastest, vy / fastest, vz / fastest
-            ahead = radius / np.sqrt(vx * vx + vy * vy + vz * vz)
+            ahead = min(radius, max(_WEDGE * deepest, _LEAST_RADIUS * cell)) / np.sqrt(vx * vx + vy * vy + vz * vz)
         x, y = px + mx + ahead * vx, py + my + ahead * vy
         h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
         h -= sx * mx + sy * my  # what lies ahead of the tool's middle acts there
