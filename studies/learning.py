@@ -32,13 +32,17 @@ from studies.result import BLUE, ORANGE, VERMILION, StudyResult, TextTable, labe
 __all__ = [
     "CHOICES",
     "LAGS",
+    "PASSES",
     "Choice",
     "Learned",
     "Series",
     "bag_series",
+    "dem_model",
     "dem_series",
     "learned",
     "model_rows",
+    "pass_errors",
+    "passes_of",
     "series_of",
     "study",
     "unlearned",
@@ -52,7 +56,8 @@ LAGS = (0.002, 0.005)
 _ROOT = Path(__file__).resolve().parents[1]
 _RECORDINGS = _ROOT.parent / "shared" / "data"
 _ROUND_PLATES = {"cmu_plate_large_60mm_1": 60, "cmu_plate_large_80mm_7": 80, "cmu_plate_large_100mm_4": 100}
-_PASSES = "multipass_plate_b90_d15"
+PASSES = "multipass_plate_b90_d15"
+"""The run of four passes."""
 _FRESH = ("drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
 _BLOCK = "buried_block"
 _INERTIAL = 0.2  # m/s, of the tool frame's origin
@@ -81,17 +86,18 @@ CHOICES = (
 class Series:
     """The model and the measured force along one run of n samples.
 
-    `stamps` [ns]; `speeds` of the tool's fastest point [m/s]; `passing`: withdrawn, or so fast that inertia matters;
-    `rows`: the model, shape [n, 19], columns of `wrenches` with sensitivities; `forces`: measured, world axes [N],
-    shape [n, 3]; `judged`: the samples that count; `expected`: what they are compared with [N], shape [n, 3].
-    `zeta_error`: relative standard error of ζ by the calibration; 0: not known.
+    `states`: shape [n, 13], columns `rft_ros.rft.STATE`; `stamps` [ns]; `speeds` of the tool's fastest point [m/s];
+    `passing`: withdrawn, or so fast that inertia matters; `rows`: the model, shape [n, 19], columns of `wrenches` with
+    sensitivities; `forces`: measured, world axes [N], shape [n, 3]; `judged`: the samples that count; `expected`: what
+    they are compared with [N], shape [n, 3]. `zeta_error`: relative standard error of ζ by the calibration; 0: not
+    known.
     """
 
     name: str
     reach: float
+    states: Array
     stamps: NDArray[np.int64]
     speeds: Array
-    velocities: Array
     passing: NDArray[np.bool_]
     rows: Array
     forces: Array
@@ -158,9 +164,9 @@ def series_of(
     return Series(
         name=name,
         reach=plates.reach,
+        states=states,
         stamps=(1e9 + np.round((times - times[0]) * 1e9)).astype(np.int64),
         speeds=np.where(speeds < rest, 0.0, speeds),
-        velocities=velocities,
         passing=passing,
         rows=rows,
         forces=forces,
@@ -175,10 +181,11 @@ def _smoothed(forces: Array) -> Array:
 
 def dem_series(name: str, choice: Choice) -> Series:
     """A simulated run with ζ from the calibration run; the samples that count are those of the data's README."""
-    plates, zeta = _dem_tool(name, choice).plates, _dem_zeta(choice)
+    tool, law_ = dem_model(name, choice)
+    plates = tool.plates
     data = np.loadtxt(DATA / f"{name}.csv", delimiter=",", skiprows=1)
     states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
-    rows = model_rows(plates, law(choice.alpha_y, zeta=zeta), states, times, choice.mobilization_length)
+    rows = model_rows(plates, law_, states, times, choice.mobilization_length)
     series = series_of(name, plates, states, times, rows, forces, rest=1e-9)
     moving = np.flatnonzero(np.any(states[:, 7:13] != 0.0, axis=1))
     smooth = np.zeros_like(forces)
@@ -186,6 +193,11 @@ def dem_series(name: str, choice: Choice) -> Series:
     inner = moving[5:-8]
     size = np.linalg.norm(smooth[inner], axis=1)
     return replace(series, judged=inner[size > 0.2 * size.max()], expected=smooth)
+
+
+def dem_model(name: str, choice: Choice) -> tuple[Tool, Law]:
+    """The tool of a simulated run, and the law with ζ from the calibration run."""
+    return _dem_tool(name, choice), law(choice.alpha_y, zeta=_dem_zeta(choice))
 
 
 @cache
@@ -280,11 +292,15 @@ def peak_error(series: Series, predicted: Array) -> float:
 
 def pass_errors(series: Series, predicted: Array) -> list[float]:
     """`vector_error` of each level drag, less three samples at each end."""
-    level = (series.velocities[:, 0] > 0.05) & (np.abs(series.velocities[:, 2]) < 1e-9) & (series.rows[:, 6] > 0.0)
-    moving = np.flatnonzero(level)
     expected = _smoothed(series.forces)
-    drags = [run[3:-3] for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
-    return [vector_error(replace(series, judged=run, expected=expected), predicted) for run in drags]
+    return [vector_error(replace(series, judged=run[3:-3], expected=expected), predicted) for run in passes_of(series)]
+
+
+def passes_of(series: Series) -> list[NDArray[np.int64]]:
+    """The samples of each level drag."""
+    velocities = series.states[:, 7:10]
+    moving = np.flatnonzero((velocities[:, 0] > 0.05) & (np.abs(velocities[:, 2]) < 1e-9))
+    return [run for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
 
 
 def coverage(series: Series, out: Array) -> Array:
@@ -334,7 +350,7 @@ def study() -> StudyResult:
                 count = np.sum([coverage(r, out) for r, out in zip(runs, results, strict=True)], axis=0)
                 shares += f"{' / ' if shares else ''}{100 * count[0] / count[2]:.0f}, {100 * count[1] / count[2]:.0f} %"
             rows.append((f"{title}; {choice.name}", *cells, shares))
-        passes = dem_series(_PASSES, choice)
+        passes = dem_series(PASSES, choice)
         each = [pass_errors(passes, passes.rows[:, :3])] + [
             pass_errors(passes, learned(passes, lag=lag).out) for lag in LAGS
         ]

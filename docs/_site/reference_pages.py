@@ -47,6 +47,12 @@ _REASONS = {
     Reason.TF_MISSING: "the wanted stamp is before the first transform kept (8 s at 500 Hz)",
     Reason.TF_STALE: "no transform after the wanted stamp has come within 1 s of the other inputs' stamps",
     Reason.TF_GAP: "the transforms around the wanted stamp are more than `max_input_age` away from it",
+    Reason.SURFACE_OFF: "a cloud came, but `ground.cell` is 0",
+    Reason.SURFACE_LATE: "the cloud's stamp is 0.5 s or more before that of the last pose",
+    Reason.SURFACE_FRAME_UNKNOWN: "the cloud's frame_id is not `world_frame`, and no fixed transform links it",
+    Reason.SURFACE_STAMP_ZERO: "the cloud's stamp is zero",
+    Reason.SURFACE_OUT_OF_ORDER: "the cloud's stamp is not after that of the last cloud",
+    Reason.SURFACE_RATE_LIMITED: "the cloud comes less than 0.19 s after the last one",
 }
 
 
@@ -151,7 +157,7 @@ def _topics() -> str:
     """The README's table of topics."""
     lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
     rows = lines[lines.index("| topic | type | meaning |") :]
-    return _table(*rows[: rows.index("")]).replace("](docs/node.md#", "](#")
+    return _table(*rows[: rows.index("")]).replace("](docs/node.md#", "](#").replace("](docs/", "](")
 
 
 def _with_tables(file: Path, tables: dict[str, str]) -> str:

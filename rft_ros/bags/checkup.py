@@ -9,9 +9,10 @@ import numpy as np
 
 from rft_ros.bags.playback import push_all
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, WrenchSample
-from rft_ros.estimator.messages import Role, Sample
+from rft_ros.estimator.messages import Role, Sample, Stamped
 from rft_ros.estimator.parameters import Values, settings_of
 from rft_ros.estimator.tool_poses import ToolPoses
+from rft_ros.ground import Cloud
 
 __all__ = ["Checkup", "Finding"]
 
@@ -19,13 +20,14 @@ _ENOUGH = 20  # estimates in the grains, or in the air
 _FELT = 0.2  # N: a smaller force decides nothing
 _ALIKE = 0.5  # correlation of the measured and the predicted force
 _RARE = 0.01  # share of poses
-_EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED}
-_ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench"}
+_EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
+_ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench", Cloud: "surface"}
 _ADVICE: dict[Role, str] = {
     "pose": "start the driver, remap ~/pose, or set pose_source: tf",
     "tf": "start the robot's state publisher, or set pose_source: topic",
     "twist": "set twist_source: pose_difference, or remap ~/twist",
     "wrench": "start the load cell's driver, or remap ~/wrench_measured",
+    "surface": "the ground stays as at the start",
 }
 
 
@@ -87,7 +89,7 @@ class Checkup:
         self._compare()
 
     def _hear(self, heard: _Heard, sample: Sample, time: int) -> None:
-        if isinstance(sample, PoseSample | TwistSample | WrenchSample):
+        if isinstance(sample, Stamped):
             stamp = sample.stamp
             heard.frames[sample.frame] += 1
         elif all(transform.fixed for transform in sample):
@@ -130,7 +132,7 @@ class Checkup:
         for role, topic in self._topics.items():
             heard = self._heard[role]
             if not heard.times:
-                yield Finding(False, f"{role}: nothing on {topic}; {_ADVICE[role]}")
+                yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
             if heard.unstamped:
                 yield Finding(
@@ -140,7 +142,7 @@ class Checkup:
             rate = f"{(len(heard.times) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
             age = float(np.median(heard.ages or [0.0]))
             frames = f", frame {' and '.join(sorted(heard.frames))}" if heard.frames else ""
-            if abs(age) > limit:
+            if abs(age) > limit and role != "surface":
                 off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive"
                 yield Finding(
                     False,
@@ -150,9 +152,10 @@ class Checkup:
                 yield Finding(True, f"{role}: {rate} on {topic}{frames}, stamps {1e3 * age:.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
-        advice = "set the parameter to it, or publish the fixed transform between the two on /tf_static"
-        for sentence in self._estimator.unknown_frames().values():
-            yield Finding(False, f"frames: {sentence}; {advice}")
+        publish = "publish the fixed transform between the two on /tf_static"
+        for reason, sentence in self._estimator.unknown_frames().items():
+            choice = "" if reason == Reason.SURFACE_FRAME_UNKNOWN.value else "set the parameter to it, or "
+            yield Finding(False, f"frames: {sentence}; {choice}{publish}")
         if frames := self._estimator.transforms.frames():
             yield Finding(True, f"frames: {', '.join(frames)}")
 

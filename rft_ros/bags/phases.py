@@ -92,7 +92,8 @@ class LowestPoint:
             return None if answer.reason in _UNPLACED else self._estimator.depth(), None
         _lowest_point(self._corners, self._estimator.state, self._out)
         height, vx, vy, vz, *up = self._out.tolist()
-        depth = self._estimator.settings.surface_height - height
+        mapped = self._estimator.ground is not None
+        depth = self._estimator.surface.depth if mapped else self._estimator.settings.surface_height - height
         if depth > self._deepest:
             self._deepest, self._up = depth, np.array(up)
         speed = answer.speed if isinstance(answer, Estimate) else 0.0

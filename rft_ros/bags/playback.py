@@ -14,6 +14,7 @@ from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, node_parameters, settings_of
 from rft_ros.estimator.tool_poses import ToolPoses
 from rft_ros.estimator.transforms import Transforms
+from rft_ros.ground import Cloud, HeightMap
 from rft_ros.progress import bar
 
 __all__ = [
@@ -28,7 +29,13 @@ __all__ = [
     "unposed",
 ]
 
-_TOPICS: dict[Role, str] = {"pose": "~/pose", "twist": "~/twist", "wrench": "~/wrench_measured", "tf": "/tf"}
+_TOPICS: dict[Role, str] = {
+    "pose": "~/pose",
+    "twist": "~/twist",
+    "wrench": "~/wrench_measured",
+    "surface": "~/surface_points",
+    "tf": "/tf",
+}
 _SECTION = "rft_replay"
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
@@ -71,8 +78,8 @@ def read_replay_options(file: Path) -> ReplayOptions:
 def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
     """Topic of each role that the parameters need: /rft/pose and so on, unless remapped; later remaps win.
 
-    No twist topic if the velocity comes from the poses; /tf in place of a pose topic if these come from transforms.
-    Raises InputError for a remap that cannot be used.
+    No twist topic if the velocity comes from the poses; no surface topic on a level plane; /tf in place of a pose topic
+    if poses come from transforms. Raises InputError for a remap that cannot be used.
     """
     tf = values["pose_source"] == "tf"
     topics = {role: _resolved(name) for role, name in _TOPICS.items() if tf or role != "tf"}
@@ -89,6 +96,8 @@ def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
         topics[role] = _resolved(right)
     if values["twist_source"] != "topic":
         del topics["twist"]
+    if not values["ground.cell"]:
+        del topics["surface"]
     if tf:
         del topics["pose"]
     return topics
@@ -109,6 +118,8 @@ def push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
         estimator.push_twist(sample)
     elif isinstance(sample, WrenchSample):
         estimator.push_wrench(sample)
+    elif isinstance(sample, Cloud):
+        estimator.push_surface(sample)
     else:
         for transform in sample:
             estimator.push_transform(transform)
@@ -177,8 +188,10 @@ def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:
 
 def states_of(
     bag: Path, values: Values, model: Model, options: ReplayOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], HeightMap | None]:
     """Times since the first estimate [s], shape [n], and states, shape [n, 13], of the poses with an estimate.
+
+    The last value is the ground at the end, if it is a map.
 
     Raises InputError if there are none.
     """
@@ -192,4 +205,4 @@ def states_of(
     if not states:
         reasons = ", ".join(estimator.counted())
         raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons or 'no poses'})")
-    return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states)
+    return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states), estimator.ground

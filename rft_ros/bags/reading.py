@@ -13,12 +13,12 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.damaged import DamagedFile
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
-from rft_ros.estimator.messages import TYPES, Role, Sample, decoder
+from rft_ros.estimator import TransformSample
+from rft_ros.estimator.messages import TYPES, Role, Sample, Stamped, decoder
 
 __all__ = ["Recording"]
 
-_RANK: tuple[Role, ...] = ("wrench", "twist", "pose", "tf")
+_RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 
 _LATEST = 100_000_000
 """Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
@@ -60,7 +60,8 @@ class Recording:
     `start`, `end`: receive time since the bag's first message on any topic [s]. `optional`: roles whose topic may be
     missing.
 
-    Order: receive time (the bag's log time); at equal times wrench, twist, pose, tf; then the order in the file.
+    Order: receive time (the bag's log time); at equal times surface, wrench, twist, pose, tf; then the order in the
+    file.
 
     Raises InputError for a missing topic, a topic of another type, a path that is not a bag, and a ROS 1
     bag without index. A damaged bag is used up to the damage, which `damage` describes.
@@ -73,7 +74,7 @@ class Recording:
         *,
         start: float | None = None,
         end: float | None = None,
-        optional: Collection[Role] = frozenset[Role]({"wrench"}),
+        optional: Collection[Role] = frozenset[Role]({"wrench", "surface"}),
     ) -> None:
         self.bag = bag
         self.counts: Counter[Role] = Counter()
@@ -117,7 +118,7 @@ class Recording:
                 with suppress(Exception):  # damage: `_messages` finds and reports it
                     for _, _, data in part.messages({topic}, part.first, part.last + 1):
                         sample = decode(bytes(data))
-                        assert not isinstance(sample, PoseSample | TwistSample | WrenchSample)
+                        assert not isinstance(sample, Stamped)
                         found += sample
         return tuple(dict.fromkeys(found))
 

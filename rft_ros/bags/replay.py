@@ -31,8 +31,12 @@ from rft_ros.estimator import (
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.estimator.warm_up import warm_up
+from rft_ros.ground import write_height_map
 
-__all__ = ["replay", "replay_model"]
+__all__ = ["GROUND", "replay", "replay_model"]
+
+GROUND = "ground.csv"
+"""The ground at the end, for `ground.file`."""
 
 
 def replay_model(values: Values) -> Model:
@@ -58,9 +62,10 @@ def replay(
     `values`: the node's parameters (`read_parameter_file`). `options`: None for the whole bag without tare. `model`:
     `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
 
-    Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with
-    `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters and versions give the same
-    bytes, except in wall.json. Rows and messages are in the order in which the poses arrived; each message has its
+    Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with a map
+    of the ground `GROUND`, with `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters
+    and versions give the same bytes, except in wall.json. Rows and messages are in the order in which the poses
+    arrived; each message has its
     pose's stamp. Raises InputError for a bag that cannot be used (`Recording`) and for a tare that is refused.
     """
     options = options or ReplayOptions()
@@ -85,6 +90,8 @@ def replay(
                 why = f" ({recording.damage})" if recording.damage else ""
                 what = f"message on {topics['pose']}" if "pose" in topics else unposed(estimator)
                 raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{why}")
+            if estimator.ground is not None:
+                write_height_map(out / GROUND, estimator.ground)
             whole, phases = statistics(trace)
             quality_flags, trust = count_flags(trace)
             estimator.counts.pop("estimates", 0)
@@ -111,7 +118,16 @@ def replay(
             if report or figures:
                 from rft_ros.bags.replay_report import draw
 
-                draw(summary, trace, model, out, vertical=motion.vertical_axis(), page=report, pictures=figures)
+                draw(
+                    summary,
+                    trace,
+                    model,
+                    out,
+                    vertical=motion.vertical_axis(),
+                    page=report,
+                    pictures=figures,
+                    ground=estimator.ground,
+                )
     except OSError as error:
         raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     return summary

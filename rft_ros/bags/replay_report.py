@@ -15,8 +15,9 @@ from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Model
 from rft_ros.estimator.parameters import PARAMETERS
 from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
+from rft_ros.ground import HeightMap
 from rft_ros.report.animation import Animation, animate
-from rft_ros.report.charts import Chart
+from rft_ros.report.charts import Chart, Line, Panel
 from rft_ros.report.page import Table, write_page
 from rft_ros.report.pictures import draw_chart, draw_tool
 from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
@@ -27,15 +28,25 @@ _BUCKETS = 1500
 _BLOCK = 4096
 _FRACTIONS = (0.25, 0.5, 0.75)
 _MOST_FACES = 4000
+_MAP_CELLS = 150
 _PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
 
 
 def draw(
-    summary: Summary, trace: Trace, model: Model, out: Path, *, vertical: tuple[str, str], page: bool, pictures: bool
+    summary: Summary,
+    trace: Trace,
+    model: Model,
+    out: Path,
+    *,
+    vertical: tuple[str, str],
+    page: bool,
+    pictures: bool,
+    ground: HeightMap | None = None,
 ) -> None:
     """Write ``report.html`` (`page`) and the same figures as PNG (`pictures`) to the folder `out`.
 
-    `vertical`: the sensor axis nearest to vertical, and where it points ("up" or "down").
+    `ground`: at the end, if it is a map. `vertical`: the sensor axis nearest to vertical, and where it points ("up" or
+    "down").
     """
     rows = decimated(trace)
     first = int(rows["stamp"].min()) if len(rows) else 0
@@ -52,9 +63,11 @@ def draw(
         learned=rows["learned"],
     )
     charts = replay_charts(series)
+    if ground is not None and model.ground is not None:
+        charts += (_ground_chart(model.ground, ground),)
     surface = summary.parameters["surface_height"]
     assert isinstance(surface, float)
-    tool = _tool_animation(rows, model, surface_height=surface)
+    tool = _tool_animation(rows, model, surface_height=surface, ground=ground)
     if page:
         _write_page(summary, out / "report.html", charts=charts, tool=tool)
     for chart in charts if pictures else ():
@@ -177,7 +190,30 @@ def _version(package: str) -> str:
         return "not installed"
 
 
-def _tool_animation(rows: NDArray[np.void], model: Model, *, surface_height: float) -> Animation | None:
+def _ground_chart(start: HeightMap, end: HeightMap) -> Chart:
+    panels = []
+    for ground, when in ((start, "at the start"), (end, "at the end")):
+        k = 1 + max(ground.heights.shape) // _MAP_CELLS
+        heights = 1e3 * ground.heights[::k, ::k].astype(np.float64)
+        x, y = (
+            1e3 * ground.cell * (first + 0.5 + k * np.arange(n))
+            for first, n in zip(ground.corner, heights.shape, strict=True)
+        )
+        line = Line(label="Height [mm]", colour="z", x=x, y=y, values=heights, kind="map")
+        panels.append(Panel(x_label=f"x [mm], {when}", y_label="y [mm]", lines=(line,)))
+    return Chart(
+        name="ground",
+        title="Ground",
+        sentence="Height of the ground in world axes; blank where nothing is known.",
+        panels=(tuple(panels),),
+        same_x=False,
+        height=460,
+    )
+
+
+def _tool_animation(
+    rows: NDArray[np.void], model: Model, *, surface_height: float, ground: HeightMap | None
+) -> Animation | None:
     """The tool at some depths of the penetration, at its deepest (shown first), and during later phases.
 
     None if no estimate has the tool in the grains.
@@ -186,7 +222,8 @@ def _tool_animation(rows: NDArray[np.void], model: Model, *, surface_height: flo
     if not indices:
         return None
     states = np.array(rows["state"][indices])
-    states[:, :2] = 0.0  # a recording may cross the bed
+    if ground is None:
+        states[:, :2] = 0.0  # a recording may cross the bed
     return animate(
         f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}",
         model.tool,
@@ -194,6 +231,7 @@ def _tool_animation(rows: NDArray[np.void], model: Model, *, surface_height: flo
         states,
         [f"{1e3 * row['depth']:.1f} mm, {PHASES[row['phase']]}" for row in rows[indices]],
         surface_height=surface_height,
+        ground=ground,
         first=chosen,
         most_faces=_MOST_FACES,
     )

@@ -62,8 +62,9 @@ def calibrate(
     """
     settings, result = settings_of(values), Calibration()
     medium = medium_named(str(values["medium.name"]))
-    # any tool: the law has none; no inertia: recordings for a calibration are slow
-    law = model_of({**values, "medium.zeta": 1.0, "medium.density": 0.0}, tool=tracks[0].tool).law
+    # any tool: the law has none; no inertia: recordings for a calibration are slow; fits know level ground only
+    level = {**values, "ground.cell": 0.0, "ground.file": ""}
+    law = model_of({**level, "medium.zeta": 1.0, "medium.density": 0.0}, tool=tracks[0].tool).law
     sensor = Sensor(cell=settings.load_cell)
     height, height_error = settings.surface_height, 0.0
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0

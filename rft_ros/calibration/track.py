@@ -89,8 +89,9 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     with fewer than two poses that have both.
     """
     options = options or ReplayOptions()
-    topics = topics_of(values, options.remap)
-    model = model_of({**values, "tolerance": 0.0})  # the error of a reduced tool would bias every fit
+    # the error of a reduced tool would bias every fit; the fits know level ground only
+    values = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
+    topics, model = topics_of(values, options.remap), model_of(values)
     # without bias and weight the estimator's compensated wrench is the raw reading
     settings = replace(
         settings_of(values),

@@ -75,8 +75,8 @@ def _of_bag(arguments: argparse.Namespace) -> "Animation":
 
     values, options = recording(arguments)
     model = model_of(values)
-    times, states = states_of(arguments.source, values, model, options)
+    times, states, ground = states_of(arguments.source, values, model, options)
     remembers = model.mobilization_length > 0.0
     title = f"{model.tool.name} (law without memory)" if remembers else model.tool.name
     height = settings_of(values).surface_height
-    return animate_evenly(title, model.tool, model.law, times, states, surface_height=height)
+    return animate_evenly(title, model.tool, model.law, times, states, surface_height=height, ground=ground)

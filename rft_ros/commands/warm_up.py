@@ -1,24 +1,34 @@
 """Compile the machine code that node and replay need, ahead of their first start.
 
-rft warm-up
+rft warm-up --params my_cell.yaml
 """
 
 import argparse
+from pathlib import Path
 
 __all__ = ["add_options", "run"]
 
 
-def add_options(_command: argparse.ArgumentParser) -> None:
-    """Declare nothing: the command has no arguments."""
+def add_options(command: argparse.ArgumentParser) -> None:
+    """Declare ``--params``."""
+    command.add_argument(
+        "--params",
+        type=Path,
+        metavar="FILE.yaml",
+        help="a parameter file: also compile what its density or its map of the ground needs",
+    )
 
 
-def run(_arguments: argparse.Namespace) -> int:
+def run(arguments: argparse.Namespace) -> int:
     """Compile; exit status 0."""
-    from rft_ros.estimator.warm_up import warm_up_all
+    from rft_ros.estimator.parameters import defaults, read_parameter_file
+    from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
 
     def announce() -> None:
         print("compiling, a minute or more ...", flush=True)
 
+    values = read_parameter_file(arguments.params) if arguments.params else defaults()
     warm_up_all(memory=True, learning=True, on_cold_cache=announce)
+    warm_up_for(values, on_cold_cache=announce)
     print("everything is compiled")
     return 0

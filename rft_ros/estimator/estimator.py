@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter, deque
+from concurrent.futures import Executor
 from dataclasses import replace
 from typing import TypeVar
 
@@ -26,8 +27,10 @@ from rft_ros.estimator.samples import (
 from rft_ros.estimator.settings import Model, Settings
 from rft_ros.estimator.transforms import Placement, Transforms
 from rft_ros.estimator.velocity import PoseDifference
+from rft_ros.ground import DELAY, Cloud, Ground, HeightMap, LocalSurface, Support, ToolBox
 from rft_ros.rft import (
     COLUMNS,
+    LEVEL,
     SENSITIVITIES,
     STATE,
     Memory,
@@ -44,6 +47,11 @@ _ABSURD = 1e100
 
 _WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
+
+_CLOUDS = 16
+_CLOUD_PERIOD = 190_000_000  # ns; clouds that follow sooner are not needed
+_PLACES = 2048
+"""Poses kept to find the tool's place at the stamp of a cloud: `DELAY` at 1,000 Hz, four times."""
 
 _TWISTS = 256
 """Twists kept: a pose that waited in a queue of 200 messages still finds the twist of its own time."""
@@ -63,9 +71,10 @@ class Estimator:
     at least `learning_lag` of path before.
     `counts`: under "estimates" the number of estimates; under each `Reason`, how often it refused a sample, or left a
     pose without an estimate or a residual.
+    `background`: with an executor of one thread, maps of the ground are made there; the estimates are the same.
     """
 
-    def __init__(self, settings: Settings, model: Model) -> None:
+    def __init__(self, settings: Settings, model: Model, *, background: Executor | None = None) -> None:
         self.counts: Counter[str] = Counter()
         self.transforms = Transforms()
         self._unknown_frames: dict[Reason, str] = {}
@@ -87,6 +96,8 @@ class Estimator:
         self._remembered = 0  # stamp [ns] of the memory's last state
         self._quality = QualityMonitor(model.tool)
         self.model = model
+        self._background = background
+        self._begin_ground(model)
         self._begin_memory(model)
         self.settings = settings
         self._begin_learning(settings, model)
@@ -107,8 +118,31 @@ class Estimator:
         """Depth of the lowest point below the surface at the last pose [m]: negative above it, NaN before any."""
         if self._pose is None:
             return math.nan
-        lowest = self._pose.position[2] + self.model.tool.lowest_point(rotation_matrix(self._pose.quaternion))
+        rotation = rotation_matrix(self._pose.quaternion)
+        if self._ground is not None:
+            height, (sx, sy), *_ = self.surface
+            x, y, z = (self.model.tool.corners @ rotation.T + self._pose.position).T
+            return float((height + sx * x + sy * y - z).max())
+        lowest = self._pose.position[2] + self.model.tool.lowest_point(rotation)
         return self.settings.surface_height - lowest
+
+    @property
+    def surface(self) -> LocalSurface:
+        """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
+        return self._surface or LocalSurface(self.settings.surface_height, LEVEL, 0.0, math.nan)
+
+    @property
+    def ground(self) -> HeightMap | None:
+        """The map of the ground that the last pose was evaluated on, or None."""
+        return None if self._ground is None else self._ground.map
+
+    def level_ground(self) -> bool:
+        """Go back to the ground at the start; False if the ground is no map."""
+        if self._ground is None:
+            return False
+        self._ground.level()
+        self._clouds.clear()
+        return True
 
     def unknown_frames(self) -> dict[str, str]:
         """By reason: a sentence with the last frame_id refused under the present settings, and the expected one."""
@@ -131,6 +165,9 @@ class Estimator:
         if model is not None:
             if model.tool is not self.model.tool:
                 self._quality = QualityMonitor(model.tool)
+                self._support = Support(model.tool.corners)
+            if model.ground is not self.model.ground:
+                self._begin_ground(model)
             if model.tool is not self.model.tool or (model.mobilization_length > 0.0) != (self._memory is not None):
                 self._begin_memory(model)
             self.model = model
@@ -188,6 +225,14 @@ class Estimator:
             self.settings = replace(s, load_cell=replace(s.load_cell, **found._asdict()))
         self._frame = LoadCellFrame(self.settings.load_cell)
 
+    def _begin_ground(self, model: Model) -> None:
+        self._ground = None if model.ground is None else Ground(model.ground, self._background)
+        self._support = Support(model.tool.corners)
+        self._surface: LocalSurface | None = None
+        self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_CLOUDS)
+        self._last_cloud = 0
+        self._places: deque[PoseSample] = deque(maxlen=_PLACES)  # where the tool was when a cloud was seen
+
     def _begin_memory(self, model: Model) -> None:
         self._memory = Memory(model.tool.plates) if model.mobilization_length > 0.0 else None
         self._remembered = 0
@@ -235,6 +280,49 @@ class Estimator:
                 reason = Reason.WRENCH_FRAME_UNKNOWN
                 self._unknown_frames[reason] = sample.frame
         return self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
+
+    def push_surface(self, cloud: Cloud) -> Reason | None:
+        """Add points of the ground; returns the reason if they are refused.
+
+        They change the ground at the first pose that is stamped `DELAY` or more after them.
+        """
+        newest = self._places[-1].stamp if self._places else 0
+        since = cloud.stamp - self._last_cloud
+        world = self.settings.world_frame
+        place = None if cloud.frame == world else self.transforms.fixed(world, cloud.frame)
+        reason = None
+        if self._ground is None:
+            reason = Reason.SURFACE_OFF
+        elif cloud.stamp <= 0:
+            reason = Reason.SURFACE_STAMP_ZERO
+        elif cloud.frame != world and place is None:
+            reason = Reason.SURFACE_FRAME_UNKNOWN
+            self._unknown_frames[reason] = cloud.frame
+        elif -TIME_JUMP < since <= 0:
+            reason = Reason.SURFACE_OUT_OF_ORDER
+        elif newest - cloud.stamp >= DELAY:
+            reason = Reason.SURFACE_LATE
+        elif 0 < since < _CLOUD_PERIOD:
+            reason = Reason.SURFACE_RATE_LIMITED
+        if reason is not None:
+            self.counts[reason.value] += 1
+            return reason
+        self._last_cloud = cloud.stamp
+        self._clouds.append((cloud, place))
+        self._use_clouds()
+        return None
+
+    def _use_clouds(self) -> None:
+        """Give the ground the clouds whose pose, the first at or after their stamp, is known."""
+        newest = self._places[-1].stamp if self._places else 0
+        while self._ground is not None and self._clouds and self._clouds[0][0].stamp <= newest:
+            cloud, camera = self._clouds.popleft()
+            pose = next(place for place in self._places if place.stamp >= cloud.stamp)
+            corners = self.model.tool.corners
+            position, rotation = np.array(pose.position), rotation_matrix(pose.quaternion)
+            box = ToolBox(position=position, rotation=rotation, low=corners.min(axis=0), high=corners.max(axis=0))
+            placed = None if camera is None else (np.array(camera.position), rotation_matrix(camera.quaternion))
+            self._ground.add(cloud, box, placed)
 
     def _taken(self, history: deque[_Sample], sample: _Sample, unusable: Reason | None, late: Reason) -> Reason | None:
         """Add a sample to its history, or count and return the reason why not: unusable, or `late` if out of order."""
@@ -286,6 +374,11 @@ class Estimator:
         pose = self._accept(sample)
         if isinstance(pose, Reason):
             return pose
+        if self._ground is not None:
+            self._places.append(pose)
+            if self._clouds:
+                self._use_clouds()
+            self._ground.advance(pose.stamp)
         if not self._placed:
             return Reason.SENSOR_FRAME_UNKNOWN
         self._comparison.settle(pose.stamp)
@@ -315,6 +408,7 @@ class Estimator:
             depth=self.depth,
             settings=self.settings,
             law=self.model.law,
+            surface=self._surface,
         )
         if self.learning is not None and self.learning.surprise:
             quality_flags |= SURPRISE
@@ -356,6 +450,9 @@ class Estimator:
         self._tare = Tare()
         self._difference.reset()
         self._begin_memory(self.model)
+        self._places.clear()
+        self._last_cloud = 0
+        self.level_ground()
         self.finish()
         if self.learning is not None:
             self.learning.leave()
@@ -407,13 +504,17 @@ class Estimator:
 
         With memory it also advances the memory to `stamp`, and sets the candidate's velocity to 0 at rest.
         """
-        plates, law, surface = self.model.tool.plates, self.model.law, self.settings.surface_height
+        plates, law, surface, slope = self.model.tool.plates, self.model.law, self.settings.surface_height, LEVEL
+        if self._ground is not None:
+            self._surface = self._support.local_surface(self._ground.map, self._candidate[0], level=surface)
+            surface, slope = self._surface.height, self._surface.slope
         if self._memory is None:
             wrenches(
                 plates,
                 law,
                 self._candidate,
                 surface_height=surface,
+                slope=slope,
                 threads=1,
                 sensitivities=self.learning is not None,
                 out=self._result,
@@ -432,6 +533,7 @@ class Estimator:
             self._memory,
             mobilization_length=length,
             surface_height=surface,
+            slope=slope,
             sensitivities=self.learning is not None,
             out=self._result,
         )

@@ -13,6 +13,7 @@ import yaml
 from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
 from rft_ros.estimator.settings import LoadCell, Model, Settings
+from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.rft import (
     ALPHA_Y_MODELS,
     INERTIA,
@@ -29,6 +30,7 @@ from rft_ros.tool import Tool, ToolRequest, locate_mesh
 from rft_ros.yaml_file import read_yaml
 
 __all__ = [
+    "FILES",
     "NODE_KEYS",
     "PARAMETERS",
     "TOOL_PARAMETERS",
@@ -40,9 +42,9 @@ __all__ = [
     "model_of",
     "node_parameters",
     "parameter_tree",
+    "path_beside",
     "read_parameter_file",
     "settings_of",
-    "table_path",
     "tool_request",
     "write_parameter_file",
 ]
@@ -179,6 +181,23 @@ PARAMETERS: tuple[Parameter, ...] = (
         high=1.0,
     ),
     Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", unit="m", low=-1e6, high=1e6),
+    Parameter(
+        "ground.cell",
+        0.0,
+        "Side of the cells of a map of the ground's height. 0.0: a level plane at surface_height.",
+        unit="m",
+        low=0.0,
+        high=1.0,
+        applies="restart",
+    ),
+    Parameter(
+        "ground.file",
+        "",
+        "Heights at the start: CSV with columns x, y, h, or NPZ with these arrays, in world_frame; relative to the"
+        " parameter file that names it. Needs ground.cell; unknown cells are at surface_height.",
+        unit="m",
+        applies="restart",
+    ),
     Parameter("world_frame", "world", "frame_id of poses; z up."),
     Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),
     Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
@@ -290,6 +309,8 @@ def checked(name: str, value: object) -> Value:
         return value
     if parameter.type == "double":
         number = _number(parameter, value)
+        if name == "ground.cell" and 0.0 < number < 1e-4:
+            raise InputError(f"ground.cell is {number:g}; it must be 0, or at least 0.0001 m")
         if name == "sensor.sign" and abs(number) != 1.0:
             raise InputError(f"sensor.sign is {number:g}; it must be 1.0 or -1.0")
         return number
@@ -347,8 +368,13 @@ def tool_request(values: Values) -> ToolRequest:
     return ToolRequest(**{field: v[name] for field, name in TOOL_PARAMETERS.items()})
 
 
-def model_of(values: Values, *, tool: Tool | None = None, generation: int = 0) -> Model:
-    """The model from checked values; loads the tool if none is given. Raises InputError for what cannot be used."""
+def model_of(
+    values: Values, *, tool: Tool | None = None, ground: HeightMap | None = None, generation: int = 0
+) -> Model:
+    """The model from checked values; loads the tool and the ground unless they are given.
+
+    Raises InputError for what cannot be used.
+    """
     v: Mapping[str, Any] = values
     medium = medium_named(v["medium.name"])
     name = v["alpha_y.model"]
@@ -371,8 +397,17 @@ def model_of(values: Values, *, tool: Tool | None = None, generation: int = 0) -
         zeta=v["medium.zeta"],
         alpha_y=name,
         mobilization_length=v["medium.mobilization_length"],
+        ground=ground or _ground_of(v["ground.cell"], v["ground.file"]),
         generation=generation,
     )
+
+
+def _ground_of(cell: float, file: str) -> HeightMap | None:
+    if file and not cell:
+        raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
+    if not cell:
+        return None
+    return read_height_map(Path(file).expanduser(), cell) if file else HeightMap.unknown(cell)
 
 
 NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
@@ -421,7 +456,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
 def read_parameter_file(file: Path) -> dict[str, Value]:
     """Every parameter: the file's value for the node `rft`, checked, or the default.
 
-    A relative `alpha_y.table` becomes relative to the file's folder.
+    A relative `alpha_y.table` or `ground.file` becomes relative to the file's folder.
     """
     values = defaults()
     flat = node_parameters(file, NODE_KEYS)
@@ -434,24 +469,30 @@ def read_parameter_file(file: Path) -> dict[str, Value]:
             values[name] = checked(name, value)
         except InputError as error:
             raise InputError(f"parameter file '{file}': {error}") from None
-    if table := str(values["alpha_y.table"]):
-        values["alpha_y.table"] = table_path(file, table)
+    for name in FILES:
+        if path := str(values[name]):
+            values[name] = path_beside(file, path)
     return values
 
 
-def table_path(file: Path, table: str) -> str:
-    """The path of an `alpha_y.table` in a parameter file: relative to the file's folder, `~` expanded."""
-    return str(file.parent / Path(table).expanduser())
+FILES = ("alpha_y.table", "ground.file")
+"""Parameters that name a file, relative to the parameter file."""
+
+
+def path_beside(file: Path, path: str) -> str:
+    """A path named in a parameter file: relative to the file's folder, `~` expanded."""
+    return str(file.parent / Path(path).expanduser())
 
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     """Write a new file that `read_parameter_file` and the node read. Raises InputError if it exists.
 
-    A relative path in `alpha_y.table` or `mesh.file` is made absolute.
+    A relative path in `FILES` or `mesh.file` is made absolute.
     """
     plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
-    if table := plain["alpha_y.table"]:
-        plain["alpha_y.table"] = str(Path(table).expanduser().absolute())
+    for name in FILES:
+        if plain[name]:
+            plain[name] = str(Path(plain[name]).expanduser().absolute())
     mesh = locate_mesh(plain["mesh.file"])
     if mesh == Path(plain["mesh.file"]).expanduser():  # a path: neither a shipped name nor a package:// URI
         plain["mesh.file"] = str(mesh.absolute())

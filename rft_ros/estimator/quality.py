@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.settings import Settings
+from rft_ros.ground import LocalSurface
 from rft_ros.rft import Law, Plates, edge_shares, rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
@@ -38,6 +39,10 @@ class QualityFlag(IntFlag):
     """More than 2 % deeper than `medium.calibrated_depth`."""
     SURPRISE = 256
     """Harder or softer grains than learned, by the load-cell samples that have arrived."""
+    STEEP = 512
+    """The ground around the tool is tilted by over 15°."""
+    UNEVEN = 1024
+    """The ground departs from a plane by over a quarter of the depth, as at a crest narrower than the tool."""
 
 
 class Trust(str, Enum):
@@ -69,6 +74,8 @@ _SENTENCES = {
     QualityFlag.KNIFE_EDGE: f"faces moving along themselves: {_INTEGRATION}",
     QualityFlag.DEEP: "deeper than the calibration",
     QualityFlag.SURPRISE: "grains harder or softer than learned",
+    QualityFlag.STEEP: "ground tilted by over 15 degrees",
+    QualityFlag.UNEVEN: "ground uneven over the width of the tool",
 }
 
 
@@ -113,13 +120,17 @@ def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: 
 
 
 # plain integers, in the order of `_SENTENCES`: an operation on IntFlag takes a microsecond
-_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP, SURPRISE = map(int, _SENTENCES)
+_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP, SURPRISE, _STEEP, _UNEVEN = map(
+    int, _SENTENCES
+)
 
 _FAST_SPEED = 0.025  # m/s
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _FLAT_SHARE = 0.1  # of the wet area
 _EDGE_SHARE = 0.4  # more than the narrow sides of a plate that moves straight down
 _DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
+_STEEP_SLOPE = math.tan(math.radians(15.0))
+_UNEVEN_SHARE = 0.25  # of the depth
 _EVERY = 8  # estimates between two evaluations of the slow flags
 
 
@@ -147,10 +158,12 @@ class QualityMonitor:
         depth: Callable[[], float],
         settings: Settings,
         law: Law,
+        surface: LocalSurface | None = None,
     ) -> int:
         """Flags of the next estimate, at a state, shape [13], columns `rft_ros.rft.STATE`: bitwise or of `QualityFlag`.
 
         `speed`: as in `Estimate` [m/s]. `depth`: returns the depth of the lowest point [m]; called only if needed.
+        `surface`: around the tool, if the ground is a map.
         """
         if not submerged:
             self._path.clear()
@@ -164,11 +177,19 @@ class QualityMonitor:
             flags = _NEAR_REST
         if self._countdown == 0:
             self._countdown = _EVERY
-            self._slow_flags = self._evaluate_slow_flags(state, depth, settings)
+            height = settings.surface_height
+            if surface is not None:
+                height = surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1]
+            self._slow_flags = self._evaluate_slow_flags(state, depth, settings, float(height))
         self._countdown -= 1
+        if surface is not None:
+            flags |= _STEEP if math.hypot(*surface.slope) > _STEEP_SLOPE else 0
+            flags |= _UNEVEN if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
         return flags | self._slow_flags
 
-    def _evaluate_slow_flags(self, state: NDArray[np.float64], depth: Callable[[], float], settings: Settings) -> int:
+    def _evaluate_slow_flags(
+        self, state: NDArray[np.float64], depth: Callable[[], float], settings: Settings, height: float
+    ) -> int:
         """The flags that are expensive to evaluate and change slowly."""
         flags = self._tool_flags
         if self._path.add(state):
@@ -176,7 +197,7 @@ class QualityMonitor:
         if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
             flags |= _DEEP
         if self._plates.integration == "centroid":  # the refined rule does not jump
-            flat, edge = edge_shares(self._plates, state, surface_height=settings.surface_height)
+            flat, edge = edge_shares(self._plates, state, surface_height=height)
             flags |= (_NEAR_FLAT if flat > _FLAT_SHARE else 0) | (_KNIFE_EDGE if edge > _EDGE_SHARE else 0)
         return flags
 

@@ -102,6 +102,12 @@ class Reason(str, Enum):
     TF_MISSING = "tf_missing"
     TF_STALE = "tf_stale"
     TF_GAP = "tf_gap"
+    SURFACE_OFF = "surface_off"
+    SURFACE_LATE = "surface_late"
+    SURFACE_FRAME_UNKNOWN = "surface_frame_unknown"
+    SURFACE_STAMP_ZERO = "surface_stamp_zero"
+    SURFACE_OUT_OF_ORDER = "surface_out_of_order"
+    SURFACE_RATE_LIMITED = "surface_rate_limited"
 
     def __str__(self) -> str:
         return self.value

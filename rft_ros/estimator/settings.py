@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from rft_ros.estimator.samples import Reason, Vector, Wrench
+from rft_ros.ground import HeightMap
 from rft_ros.rft import Law
 from rft_ros.tool import Tool
 
@@ -74,14 +75,17 @@ class Settings:
         if reason is Reason.TWIST_FRAME_UNKNOWN:
             known = f"world_frame {self.world_frame!r} nor tool_frame {self.tool_frame!r}"
             return f"twist frame_id {frame!r} is neither {known}"
+        if reason is Reason.SURFACE_FRAME_UNKNOWN:
+            return f"surface_points frame_id {frame!r} is not world_frame {self.world_frame!r}, nor fixed in it"
         return f"wrench frame_id {frame!r} is not sensor_frame {self.sensor_frame!r}"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
-    """A tool and a law, replaced as a whole; `generation` counts the models of a run.
+    """A tool, a law and the ground at the start, replaced as a whole; `generation` counts the models of a run.
 
-    `mobilization_length`: λ of the medium [m]; 0 disables memory, as published. The rest names the law's parameters.
+    `mobilization_length`: λ of the medium [m]; 0 disables memory, as published. `ground`: known heights; None: a level
+    plane. The rest names the law's parameters.
     """
 
     tool: Tool
@@ -91,4 +95,5 @@ class Model:
     alpha_y: str
     law_name: str = "treers2021"
     mobilization_length: float = 0.0
+    ground: HeightMap | None = None
     generation: int = 0

@@ -3,8 +3,8 @@
 from collections import deque
 
 from rft_ros.estimator.estimator import Estimator
-from rft_ros.estimator.messages import Sample
-from rft_ros.estimator.samples import TIME_JUMP, PoseSample, Reason, TwistSample, WrenchSample
+from rft_ros.estimator.messages import Sample, Stamped
+from rft_ros.estimator.samples import TIME_JUMP, PoseSample, Reason, WrenchSample
 
 __all__ = ["ToolPoses"]
 
@@ -32,7 +32,7 @@ class ToolPoses:
             if rate == 0.0 and sample.stamp > 0:
                 self._want(sample.stamp)
             return self._ready(sample.stamp)
-        if isinstance(sample, PoseSample | TwistSample):
+        if isinstance(sample, Stamped):
             return self._ready(sample.stamp)
         if rate > 0.0:
             self._want_at(rate)

@@ -8,12 +8,24 @@ from numba.core import event
 
 from rft_ros.child_process import start_child
 from rft_ros.estimator.estimator import Estimator
+from rft_ros.estimator.parameters import Values
 from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.settings import LearningMode, Model, Settings
-from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, MEDIA, Integration, Table, alpha_y_model, law_named, plate_forces
+from rft_ros.ground import Cloud, HeightMap
+from rft_ros.rft import (
+    ALPHA_Y_MODELS,
+    INTEGRATIONS,
+    LEVEL,
+    MEDIA,
+    Integration,
+    Table,
+    alpha_y_model,
+    law_named,
+    plate_forces,
+)
 from rft_ros.tool import load_tool
 
-__all__ = ["compile_kernels", "warm_up", "warm_up_all"]
+__all__ = ["compile_kernels", "warm_up", "warm_up_all", "warm_up_for"]
 
 
 def warm_up(model: Model, *, learning: bool = False) -> None:
@@ -23,31 +35,47 @@ def warm_up(model: Model, *, learning: bool = False) -> None:
     for k in range(1, 5):
         height = -1e3 - 0.001 * k  # deep in the grains, where a pose reaches every function
         estimator.push_wrench(WrenchSample(k * 10_000_000, "ft_sensor", (0.0,) * 6))
+        if model.ground is not None:
+            estimator.push_surface(Cloud(k * 10_000_000, "world", *np.zeros((3, 1))))
         estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
 
 
+def warm_up_for(values: Values, *, on_cold_cache: Callable[[], None]) -> None:
+    """Warm up for what these parameters need beyond the defaults, and for what can be swapped in while they hold."""
+    memory, inertia = bool(values["medium.mobilization_length"]), bool(values["medium.density"])
+    learning, ground = values["learning.mode"] != "off", bool(values["ground.cell"])
+    if memory or learning or inertia or ground:
+        warm_up_all(memory=memory, learning=learning, inertia=inertia, ground=ground, on_cold_cache=on_cold_cache)
+
+
 def warm_up_all(
-    *, memory: bool, learning: bool = False, inertia: bool = False, on_cold_cache: Callable[[], None] = lambda: None
+    *,
+    memory: bool,
+    learning: bool = False,
+    inertia: bool = False,
+    ground: bool = False,
+    on_cold_cache: Callable[[], None] = lambda: None,
 ) -> None:
     """Warm up for whatever can be swapped in: each rule of integration with each law and α_y model, and the markers.
 
     `memory`: also for media with a mobilization length; `learning`: also for the modes that learn; `inertia`: for media
-    with a density, and for no others. If numba's cache lacks a kernel, `on_cold_cache` is called, and two processes
-    fill the cache, one for each rule: twice as fast, and the compiler's 100 MB go with them.
+    with a density, and for no others; `ground`: also for maps of the ground. If numba's cache lacks a kernel,
+    `on_cold_cache` is called, and two processes fill the cache, one for each rule: twice as fast, and the compiler's
+    100 MB go with them.
     """
     try:
         with event.install_listener("numba:compile", _ColdCache()):
-            _warm_up_both(memory, learning, inertia)
+            _warm_up_both(memory, learning, inertia, ground)
     except _NotCompiledError:
         on_cold_cache()
-        processes = [start_child(compile_kernels, rule, memory, learning, inertia) for rule in INTEGRATIONS]
+        processes = [start_child(compile_kernels, rule, memory, learning, inertia, ground) for rule in INTEGRATIONS]
         try:
             for process in processes:
                 process.wait()
         finally:
             for process in processes:
                 process.kill()
-        _warm_up_both(memory, learning, inertia)
+        _warm_up_both(memory, learning, inertia, ground)
 
 
 class _NotCompiledError(Exception):
@@ -64,13 +92,15 @@ class _ColdCache(event.Listener):  # type: ignore[misc]
         pass
 
 
-def _warm_up_both(memory: bool, learning: bool, inertia: bool) -> None:
+def _warm_up_both(memory: bool, learning: bool, inertia: bool, ground: bool) -> None:
     for integration in INTEGRATIONS:
-        compile_kernels(integration, memory, learning, inertia)
+        compile_kernels(integration, memory, learning, inertia, ground)
 
 
-def compile_kernels(integration: Integration, memory: bool, learning: bool = False, inertia: bool = False) -> None:
-    """Compile, or load, the kernels of one rule of integration; also those that `memory` and `learning` need."""
+def compile_kernels(
+    integration: Integration, memory: bool, learning: bool = False, inertia: bool = False, ground: bool = False
+) -> None:
+    """Compile, or load, the kernels of one rule of integration for what `warm_up_all` names."""
     medium = next(iter(MEDIA.values()))
     table = Table.sampled([0.0], [0.0], [[1.0]])
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
@@ -79,7 +109,16 @@ def compile_kernels(integration: Integration, memory: bool, learning: bool = Fal
         law = law_named(law_name, medium, alpha_y_model(name, medium, table), density=float(inertia))
         model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
         for m in (model, replace(model, mobilization_length=1.0))[: 1 + memory]:
-            warm_up(m)
-            if learning:
-                warm_up(m, learning=True)
-        plate_forces(tool.plates, law, state)
+            for map_ in (None, _inclined())[: 1 + ground]:
+                warm_up(replace(m, ground=map_))
+                if learning:
+                    warm_up(replace(m, ground=map_), learning=True)
+        for slope in (LEVEL, (0.1, 0.0))[: 1 + ground]:
+            plate_forces(tool.plates, law, state, slope=slope)
+
+
+def _inclined() -> HeightMap:
+    """A map that makes the surface an inclined plane: it has machine code of its own."""
+    side = 1e4 * np.arange(-5.0, 6.0)
+    x, y = np.repeat(side, 11), np.tile(side, 11)
+    return HeightMap.unknown(1e4).with_points(x, y, 0.1 * x)

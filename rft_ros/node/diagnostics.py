@@ -23,7 +23,7 @@ DIAGNOSTICS_PERIOD = 1.0
 _INPUTS: tuple[Role, ...] = ("pose", "twist", "wrench")
 _LATENCIES = 1000  # recorded per report, at most
 _QUIET_REPORTS = 3  # a reason that is missing in this many successive reports has ended
-_NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value}
+_NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value, Reason.SURFACE_RATE_LIMITED.value}
 """Reasons that are part of normal operation: no warning in the log or the status."""
 
 

@@ -9,6 +9,7 @@ import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
+from sensor_msgs.msg import PointCloud2
 
 from rft_ros.bags.checkup import Finding
 from rft_ros.errors import InputError
@@ -18,7 +19,12 @@ from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
 __all__ = ["listen"]
 
 _INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
-_MESSAGES: dict[Role, Any] = {"pose": PoseStamped, "twist": TwistStamped, "wrench": WrenchStamped}
+_MESSAGES: dict[Role, Any] = {
+    "pose": PoseStamped,
+    "twist": TwistStamped,
+    "wrench": WrenchStamped,
+    "surface": PointCloud2,
+}
 _NODE = "rft"
 
 

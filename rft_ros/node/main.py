@@ -75,7 +75,7 @@ def _run(stop: threading.Event) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from rft_ros.errors import InputError
-    from rft_ros.estimator.warm_up import warm_up_all
+    from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
     from rft_ros.node.rft_node import RftNode
     from rft_ros.node.tool_worker import ToolWorker
 
@@ -84,10 +84,7 @@ def _run(stop: threading.Event) -> int:
         warm_up_all(memory=False, on_cold_cache=_announce_compilation)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = RftNode(worker)
-        model, learning = node.estimator.model, node.estimator.learning is not None
-        memory, inertia = model.mobilization_length > 0.0, model.law.inertia is not None
-        if memory or learning or inertia:
-            warm_up_all(memory=memory, learning=learning, inertia=inertia, on_cold_cache=_announce_compilation)
+        warm_up_for(node.values, on_cold_cache=_announce_compilation)
         gc.collect()
         gc.freeze()  # collecting the objects of numba and trimesh takes 22 ms and frees none
         executor = _executor(node)
@@ -119,7 +116,7 @@ def _executor(node: "Node") -> "Executor":
     """The executor named by the parameter `executor`, if this rclpy has it."""
     from rclpy.executors import SingleThreadedExecutor
 
-    if node.executor_name == "events":
+    if node.values["executor"] == "events":
         try:
             from rclpy.experimental import EventsExecutor
 

@@ -17,6 +17,7 @@ from rclpy.serialization import serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rft_ros.estimator import Estimate, Estimator, Measurement, Wrench
+from rft_ros.ground import HeightMap
 from rft_ros.rft import plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 
@@ -38,6 +39,14 @@ def _colours(traction: NDArray[np.float64]) -> NDArray[np.float32]:
     rgba[:, 1] = np.where(loaded, 0.85 * (1.0 - x), 0.8)
     rgba[:, 2] = np.where(loaded, 0.1, 0.8)
     return np.repeat(rgba, 3, axis=0)
+
+
+def _moved_colours(moved: NDArray[np.float64]) -> NDArray[np.float32]:
+    """RGBA of cells, shape [n, 4], by how far they rose: blue at -20 mm, sand colour at 0, red at 20 mm."""
+    x = np.clip(moved / 0.02, -1.0, 1.0)[:, None]
+    sand, up, down = np.array([[0.76, 0.7, 0.5]]), np.array([[0.8, 0.1, 0.1]]), np.array([[0.1, 0.2, 0.8]])
+    rgb = sand + np.abs(x) * (np.where(x > 0.0, up, down) - sand)
+    return np.column_stack([rgb, np.ones(len(x))]).astype(np.float32)
 
 
 def _splice(marker: Marker, corners: bytes, colours: NDArray[np.float32]) -> bytes:
@@ -66,22 +75,26 @@ class Markers:
         self._answer: Estimate | None = None
         self._state = estimator.state.copy()
         self._model, self._settings = estimator.model, estimator.settings
+        self._surface, self._ground = estimator.surface, estimator.ground
+        self._drawn_ground: tuple[HeightMap, bytes, NDArray[np.float32]] | None = None
 
     def estimated(self, answer: Estimate) -> None:
         """Keep an estimate with its state, model and settings: the estimator's own may change before `publish`."""
         self._answer = answer
         self._state[:] = self._estimator.state
         self._model, self._settings = self._estimator.model, self._estimator.settings
+        self._surface, self._ground = self._estimator.surface, self._estimator.ground
 
     def publish(self, measurement: Measurement | None) -> None:
         """Draw the last estimate and measurement, if there is a subscriber and the estimate is new."""
-        answer, state, model, settings = self._answer, self._state, self._model, self._settings
+        answer, state, model = self._answer, self._state, self._model
         if answer is None or not self._publisher.get_subscription_count():
             return
         self._answer = None
         if self._tool is not model.tool:
             self._prepare(model.tool)
-        forces = plate_forces(model.tool.facets, model.law, state, surface_height=settings.surface_height)
+        plane = self._surface
+        forces = plate_forces(model.tool.facets, model.law, state, surface_height=plane.height, slope=plane.slope)
         facets = self._facets
         traction = np.linalg.norm(forces[facets], axis=1) / model.tool.facets.packed[6, facets]
         tool = self._marker(answer.stamp, 0, Marker.TRIANGLE_LIST)
@@ -91,6 +104,23 @@ class Markers:
         self._publisher.publish(_splice(tool, self._corners, _colours(traction)))
         measured = measurement.compensated if measurement else None
         self._publisher.publish(MarkerArray(markers=self._small(answer, measured, state)))
+        if self._ground is not None and model.ground is not None:
+            self._publish_ground(answer.stamp, self._ground, model.ground)
+
+    def _publish_ground(self, stamp: int, ground: HeightMap, start: HeightMap) -> None:
+        """The known cells, at most some thousand, coloured by how far they have moved since the start."""
+        if self._drawn_ground is None or self._drawn_ground[0] is not ground:
+            cells = ground.points()
+            cells = cells[:: 1 + len(cells) // _MOST_FACETS]
+            moved = cells[:, 2] - start.heights_at(cells[:, 0], cells[:, 1])
+            corners = np.ascontiguousarray(cells, dtype="<f8").tobytes()
+            self._drawn_ground = ground, corners, _moved_colours(np.nan_to_num(moved))
+        _, corners, colours = self._drawn_ground
+        marker = self._marker(stamp, 4, Marker.CUBE_LIST)
+        marker.pose.orientation.w = 1.0
+        marker.scale.x = marker.scale.y = ground.cell
+        marker.scale.z = 1e-4
+        self._publisher.publish(_splice(marker, corners, colours))
 
     def _prepare(self, tool: Tool) -> None:
         """Choose the facets that are drawn, and serialise their corners in the tool frame."""
@@ -115,7 +145,8 @@ class Markers:
             markers.append(arrow)
         surface = self._marker(answer.stamp, 3, Marker.CUBE)
         surface.pose.position.x, surface.pose.position.y = state[0].item(), state[1].item()
-        surface.pose.position.z = self._settings.surface_height
+        (sx, sy), x, y = self._surface.slope, surface.pose.position.x, surface.pose.position.y
+        surface.pose.position.z = self._surface.height + sx * x + sy * y
         surface.scale.x = surface.scale.y = 10.0 * self._model.tool.plates.reach
         surface.scale.z = 1e-4
         surface.color.r, surface.color.g, surface.color.b, surface.color.a = 0.76, 0.7, 0.5, 0.4

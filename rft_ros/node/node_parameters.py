@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.estimator.parameters import (
+    FILES,
     NODE_KEYS,
     PARAMETERS,
     Parameter,
@@ -19,7 +20,7 @@ from rft_ros.estimator.parameters import (
     Values,
     checked,
     node_parameters,
-    table_path,
+    path_beside,
 )
 
 __all__ = ["NodeParameters", "parameter_files"]
@@ -69,8 +70,8 @@ class NodeParameters:
             # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
             override = overrides.get(p.name)
             value = p.default if override is None else checked(p.name, _plain(override.value))
-            if p.name == "alpha_y.table":
-                value = _resolved_table(str(value))
+            if p.name in FILES:
+                value = _resolved(p.name, str(value))
             self._values[p.name] = value
             node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
         for name in overrides:
@@ -141,12 +142,12 @@ def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, array | tuple) else value
 
 
-def _resolved_table(table: str) -> str:
-    """The path of an `alpha_y.table`; one that a parameter file names is relative to that file's folder."""
-    for file in reversed(parameter_files() if table else []):  # ROS takes the last file's value
-        if node_parameters(file, NODE_KEYS).get("alpha_y.table") == table:
-            return table_path(file, table)
-    return table
+def _resolved(name: str, path: str) -> str:
+    """The path in a parameter of `FILES`; one that a parameter file names is relative to that file's folder."""
+    for file in reversed(parameter_files() if path else []):  # ROS takes the last file's value
+        if node_parameters(file, NODE_KEYS).get(name) == path:
+            return path_beside(file, path)
+    return path
 
 
 def parameter_files() -> list[Path]:

@@ -1,7 +1,11 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from datetime import datetime, timezone
+from pathlib import Path
 from time import perf_counter
 
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -11,13 +15,15 @@ from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
+from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, TwistSample, WrenchSample
-from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder, wrench_cdr
+from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
 from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
 from rft_ros.estimator.tool_poses import ToolPoses
+from rft_ros.ground import Cloud, write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
@@ -32,11 +38,15 @@ __all__ = ["RftNode"]
 _INPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 """Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream."""
 
+_CLOUDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""A cloud has megabytes."""
+
 _OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE)
 
 _TARE_WINDOW = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
+_NO_GROUND = "the ground is a level plane; set ground.cell in the parameter file and restart the node"
 _NOT_IN_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # they change the settings only
 _TOOL_NAMES = frozenset(TOOL_PARAMETERS.values())
 
@@ -48,7 +58,9 @@ class RftNode(Node):
         super().__init__("rft")
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
         values = self._table.values
-        self.estimator = Estimator(settings_of(values), model_of(values))
+        # One thread: numba's loops release the GIL, so that a tick does not wait for a cloud.
+        self._background = ThreadPoolExecutor(1)
+        self.estimator = Estimator(settings_of(values), model_of(values), background=self._background)
         self._next_model: Model | None = None
         self._with_learning = self.estimator.learning is not None
         self._with_memory = self.estimator.model.mobilization_length > 0.0
@@ -72,12 +84,16 @@ class RftNode(Node):
         else:
             self._subscribe(PoseStamped, "~/pose", self._on_pose)
         subscribe_transforms(self, values, self._on_transforms)
+        if self.estimator.ground is not None:
+            self._subscribe(PointCloud2, "~/surface_points", self._on_surface, _CLOUDS)
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(Trigger, "~/status", self._on_status)
         self.create_service(Trigger, "~/forget", self._medium.forget)
         self.create_service(
             Trigger, "~/save_medium", lambda _, response: self._medium.save(self._table.values, response)
         )
+        self.create_service(Trigger, "~/level_ground", self._on_level_ground)
+        self.create_service(Trigger, "~/save_ground", self._on_save_ground)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
         self._markers = Markers(self, self.estimator)
@@ -85,15 +101,17 @@ class RftNode(Node):
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
 
-    def _subscribe(self, message: type, topic: str, callback: Callable[[bytes], None]) -> Subscription:
+    def _subscribe(
+        self, message: type, topic: str, callback: Callable[[bytes], None], qos: QoSProfile = _INPUTS
+    ) -> Subscription:
         # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
         overridable = QoSOverridingOptions.with_default_policies()
-        return self.create_subscription(message, topic, callback, _INPUTS, raw=True, qos_overriding_options=overridable)
+        return self.create_subscription(message, topic, callback, qos, raw=True, qos_overriding_options=overridable)
 
     @property
-    def executor_name(self) -> str:
-        """The parameter `executor`."""
-        return str(self._table.values["executor"])
+    def values(self) -> Values:
+        """The values of all parameters."""
+        return self._table.values
 
     def announce(self) -> None:
         """Log that the node is ready, and the issues of its mesh."""
@@ -120,7 +138,7 @@ class RftNode(Node):
         except UNREADABLE:
             self.estimator.counts[Reason.MESSAGE_UNREADABLE.value] += 1
             return None
-        if isinstance(sample, PoseSample | TwistSample | WrenchSample):
+        if isinstance(sample, Stamped):
             self._diagnostics.received(role, sample.stamp)
         return sample
 
@@ -134,9 +152,14 @@ class RftNode(Node):
         if isinstance(sample := self._received("twist", data), TwistSample):
             self.estimator.push_twist(sample)
 
+    def _on_surface(self, data: bytes) -> None:
+        if isinstance(cloud := self._received("surface", data), Cloud):
+            self.estimator.push_surface(cloud)
+            self._answer_from_transforms(cloud)
+
     def _on_transforms(self, role: Role, data: bytes) -> None:
         sample = self._received(role, data)
-        if sample is None or isinstance(sample, PoseSample | TwistSample | WrenchSample):
+        if sample is None or isinstance(sample, Stamped):
             return
         for transform in sample:
             self.estimator.push_transform(transform)
@@ -200,7 +223,7 @@ class RftNode(Node):
         self._next_model = None
         if any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
             m = self.estimator.model
-            self._next_model = model_of(values, tool=m.tool, generation=m.generation + 1)
+            self._next_model = model_of(values, tool=m.tool, ground=m.ground, generation=m.generation + 1)
 
     def _apply(self, values: Values, changed: frozenset[str]) -> None:
         self.estimator.use(settings=settings_of(values))
@@ -254,6 +277,26 @@ class RftNode(Node):
 
     def _on_status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success, response.message = self._diagnostics.status()
+        return response
+
+    def _on_level_ground(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.estimator.level_ground()
+        response.message = "ground as at the start" if response.success else _NO_GROUND
+        return response
+
+    def _on_save_ground(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.estimator.ground is None:
+            response.message = f"not saved: {_NO_GROUND}"
+            return response
+        # Not ROS time: simulated time begins at 1970 each time and would repeat names.
+        moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
+        file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_ground_{moment}.npz"
+        try:
+            self._background.submit(write_height_map, file, self.estimator.ground).result()
+        except InputError as error:
+            response.message = str(error)
+            return response
+        response.success, response.message = True, str(file)
         return response
 
     def _on_markers(self) -> None:

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, reason_of
-from rft_ros.rft import Law, plate_forces, rotation_matrix
+from rft_ros.ground import HeightMap, LocalSurface, Support
+from rft_ros.rft import LEVEL, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool, drawable
 
 __all__ = ["FILMS", "Animation", "animate", "animate_evenly", "animation_figure", "draw_moment", "write_film"]
@@ -34,7 +35,7 @@ class Animation:
 
     `labels`: one for each moment. `placed`: vertices [m], shape [k, n, 3]. `faces`: indices of vertices, shape [m, 3].
     `traction`: on each face [N/m²], shape [k, m]. `forces`: on the tool [N], shape [k, 3]. `surface_height` [m].
-    `first`: index of the moment shown first.
+    `first`: index of the moment shown first. `ground`: x [n], y [m] and heights [n, m] of a map of the ground [m].
     """
 
     title: str
@@ -45,6 +46,7 @@ class Animation:
     forces: Array
     surface_height: float
     first: int = 0
+    ground: tuple[Array, Array, Array] | None = None
 
     def box(self) -> tuple[Array, Array]:
         """Lowest and highest corner of tool and surface [m], with a margin; at least half as wide as high."""
@@ -70,7 +72,8 @@ class Animation:
 
     def in_millimetres(self) -> "Animation":
         """The same with lengths in mm, for drawing."""
-        return replace(self, placed=1e3 * self.placed, surface_height=1e3 * self.surface_height)
+        ground = self.ground and (1e3 * self.ground[0], 1e3 * self.ground[1], 1e3 * self.ground[2])
+        return replace(self, placed=1e3 * self.placed, surface_height=1e3 * self.surface_height, ground=ground)
 
 
 def animate(
@@ -81,12 +84,23 @@ def animate(
     labels: Sequence[str],
     *,
     surface_height: float,
+    ground: HeightMap | None = None,
     first: int = 0,
     most_faces: int = _MOST_FACES,
 ) -> Animation:
-    """The animation of states, shape [k, 13]. The traction does not include memory. `surface_height` [m]."""
+    """The animation of states, shape [k, 13]. The traction does not include memory.
+
+    `surface_height` [m] where `ground` knows nothing.
+    """
     vertices, faces, plates = drawable(tool, most_faces=most_faces)
-    forces = np.array([plate_forces(plates, law, state, surface_height=surface_height) for state in states])
+    support, level = Support(tool.corners), LocalSurface(surface_height, LEVEL, 0.0, 0.0)
+    surfaces = [support.local_surface(ground, s, level=surface_height) if ground else level for s in states]
+    forces = np.array(
+        [
+            plate_forces(plates, law, state, surface_height=surface.height, slope=surface.slope)
+            for state, surface in zip(states, surfaces, strict=True)
+        ]
+    )
     return Animation(
         title=title,
         labels=tuple(labels),
@@ -96,16 +110,32 @@ def animate(
         forces=forces.sum(axis=1),
         surface_height=surface_height,
         first=first,
+        ground=None if ground is None else _grid(ground, states, 3.0 * tool.plates.reach),
     )
 
 
 def animate_evenly(
-    title: str, tool: Tool, law: Law, times: Array, states: Array, *, surface_height: float = 0.0
+    title: str,
+    tool: Tool,
+    law: Law,
+    times: Array,
+    states: Array,
+    *,
+    surface_height: float = 0.0,
+    ground: HeightMap | None = None,
 ) -> Animation:
     """The animation of at most 60 of the states, evenly spaced by index. `states`: shape [n, 13]. `times` [s]."""
     used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
     labels = [f"t = {time:.2f} s" for time in times[used]]
-    return animate(title, tool, law, states[used], labels, surface_height=surface_height)
+    return animate(title, tool, law, states[used], labels, surface_height=surface_height, ground=ground)
+
+
+def _grid(ground: HeightMap, states: Array, around: float) -> tuple[Array, Array, Array]:
+    """x, y and heights [m] of the ground around the tool's path, at most 100 x 100."""
+    low, high = states[:, :2].min(axis=0) - around, states[:, :2].max(axis=0) + around
+    x, y = (np.linspace(a, b, 100) for a, b in zip(low, high, strict=True))
+    across, along = np.meshgrid(x, y, indexing="ij")
+    return x, y, ground.heights_at(across, along)
 
 
 def animation_figure(scene: Animation) -> Any:
@@ -137,8 +167,11 @@ def animation_figure(scene: Animation) -> Any:
             ),
         ]  # fmt: skip
 
+    x, y, heights = scene.ground or (low[[0]], low[[1]], np.full((2, 2), scene.surface_height))
+    if scene.ground is None:
+        x, y = np.array([low[0], high[0]]), np.array([low[1], high[1]])
     ground = go.Surface(
-        x=[low[0], high[0]], y=[low[1], high[1]], z=np.full((2, 2), scene.surface_height), name="surface",
+        x=x, y=y, z=heights.T, name="surface",
         colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
     )  # fmt: skip
     frames = [

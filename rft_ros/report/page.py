@@ -138,6 +138,7 @@ def chart_figure(chart: Chart) -> Any:
         shapes=shapes,
         barmode="overlay",
         bargap=0.0,
+        coloraxis={"colorscale": "Viridis"},
     )
     return figure
 
@@ -158,6 +159,8 @@ def _trace(line: Line, *, new: bool) -> Any:
     if line.kind == "bars":
         return go.Bar(x=_short((line.x[:-1] + line.x[1:]) / 2.0), y=_short(line.y), marker_color=colour, opacity=0.5,
                       marker_line_width=0, **shared)  # fmt: skip
+    if line.values is not None:
+        return go.Heatmap(x=_short(line.x), y=_short(line.y), z=_short(line.values.T), coloraxis="coloraxis")
     if line.kind == "band":
         x, y = _outline(line)
         filled = {"fill": "toself", "fillcolor": _faint(colour), "hoverinfo": "skip"}

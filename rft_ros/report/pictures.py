@@ -65,7 +65,11 @@ def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
         for column, panel in enumerate(panels):
             axes = grid[row][column]
             for line in panel.lines:
-                legend.setdefault(line.label, _draw(axes, line))
+                drawn = _draw(axes, line)
+                if line.kind == "map":
+                    figure.colorbar(drawn, ax=axes, label=line.label)
+                else:
+                    legend.setdefault(line.label, drawn)
             for span in () if column else chart.spans:
                 axes.axvspan(span.begin, span.end, color=COLOURS[span.name], alpha=SHADE, lw=0)
                 legend.setdefault(f"{span.name} ", Patch(color=COLOURS[span.name], alpha=2 * SHADE))
@@ -87,6 +91,8 @@ def _draw(axes: Any, line: Line) -> Any:
     colour = COLOURS[line.colour]
     if line.kind == "bars":
         return axes.stairs(line.y, line.x, color=colour, fill=True, alpha=0.5)
+    if line.values is not None:
+        return axes.pcolormesh(line.x, line.y, line.values.T, shading="nearest")
     if line.kind == "band":
         return axes.fill_between(line.x, line.y[0], line.y[1], color=colour, alpha=BAND, lw=0)
     return axes.plot(line.x, line.y, color=colour, lw=line.width, solid_capstyle="butt")[0]

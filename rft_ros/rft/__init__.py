@@ -12,6 +12,7 @@ normal n and area dA [m²]. A state (`STATE`, `checked_states`) places the tool 
 
     d = surface_height - z,   v = v_o + ω × r                                                    Eq. (1)
 
+An inclined surface takes surface_height + slope · (x, y) in place of surface_height; depth stays vertical.
 It is loaded if it is below the surface, d > 0, and leads, v·n > 0; otherwise its force is 0.
 
 Directions. The velocity splits into v1, along the plate's horizontal, and v23, in the vertical plane of its normal:
@@ -89,7 +90,7 @@ from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import LAWS, Law, Treers2021, law_named, traction_per_depth, treers2021
-from rft_ros.rft.wrench import COLUMNS, SENSITIVITIES, edge_shares, plate_forces, wrenches, wrenches_in_time
+from rft_ros.rft.wrench import COLUMNS, LEVEL, SENSITIVITIES, edge_shares, plate_forces, wrenches, wrenches_in_time
 
 __all__ = [
     "ALPHA_Y_MODELS",
@@ -97,6 +98,7 @@ __all__ = [
     "INERTIA",
     "INTEGRATIONS",
     "LAWS",
+    "LEVEL",
     "MEDIA",
     "SENSITIVITIES",
     "STATE",

@@ -50,11 +50,25 @@ def _length(v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _seen_from_tool(axes, twist, reach):  # type: ignore[no-untyped-def]
-    """Linear and angular velocity in tool axes, a bound on all points' speeds, E3 in tool axes, and the reach."""
+def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
+    """Depth of the tool frame's origin, and the vector that gives a point's height above it from tool axes.
+
+    `slope`: None for a level surface, which has its own machine code, or dz/dx and dz/dy. Depth is vertical.
+    """
+    if slope is None:
+        return height - state[2], axes[6:]
+    sx, sy = slope
+    below = height + sx * state[0] + sy * state[1] - state[2]
+    a, b, c = axes[6] - sx * axes[0] - sy * axes[3], axes[7] - sx * axes[1] - sy * axes[4], axes[8]
+    return below, (a, b, c - sx * axes[2] - sy * axes[5])
+
+
+@inlined
+def _seen_from_tool(axes, twist, reach, rise):  # type: ignore[no-untyped-def]
+    """Linear and angular velocity in tool axes, a bound on all points' speeds, E3 in tool axes, the reach, `rise`."""
     linear = into_frame(axes, twist[0], twist[1], twist[2])
     angular = into_frame(axes, twist[3], twist[4], twist[5])
-    return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach
+    return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach, rise
 
 
 @inlined
@@ -75,8 +89,8 @@ def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def
 
     `bounds`: from `Blocks`. `past`: as in `sums`; past[3] is the memory's `active`.
     """
-    linear, angular, fastest, up, reach = seen
-    depth, spread = below - _middle(bounds, b, 2, up), _spread(bounds, b, 2, up) + ROUNDING * (reach + abs(below))
+    linear, angular, fastest, up, reach, rise = seen
+    depth, spread = below - _middle(bounds, b, 2, rise), _spread(bounds, b, 2, rise) + ROUNDING * (reach + abs(below))
     if depth + spread <= 0.0:
         return _SKIP_DRY
     wet = depth - spread > 0.0
@@ -123,15 +137,16 @@ def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-untyped-def]
+def _plate(rows, i, axes, twist, below, rise, slope, refined, careful):  # type: ignore[no-untyped-def]
     """One plate in world axes, Eq. (1): centre of load, normal, scaled velocity, load, leading share, submerged area.
 
     The centre of load is relative to the tool frame's origin; the load is depth integrated over the area below the
-    surface [m³]. `below`: depth of the tool frame's origin. `careful` False: the plate is fully submerged. `careful`
-    and `refined` must be constants, or the loop is not vectorised.
+    surface [m³]. `below`, `rise`: from `_surface`; `slope`: as there. `careful` False: the plate is fully submerged.
+    `careful` and `refined` must be constants, or the loop is not vectorised.
     """
     vx, vy, vz, wx, wy, wz = twist
-    zx, zy, zz = axes[6:]
+    up = axes[6:]  # `rise` is equal on a level surface, but not known to be, which would change the order of sums
+    zx, zy, zz = up if slope is None else rise
     a, b, c = rows[0, i], rows[1, i], rows[2, i]
     area = rows[6, i]
     depth = below - (zx * a + zy * b + zz * c)
@@ -170,17 +185,18 @@ def _plate(rows, i, axes, twist, below, refined, careful):  # type: ignore[no-un
 
 
 @inlined
-def _sums(rows, first, last, scene, inertia, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
+def _sums(rows, first, last, scene, slope, inertia, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
     """Sums over consecutive plates: force, torque, submerged area; if `sensitive` also dF/dh and the moments r_j f_l.
 
     `inertia`: of the law. `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of
     1, and how much deeper the tool frame was half a step before [m].
     """
-    axes, twist, squared, law, below = scene
+    axes, twist, squared, law, below, rise = scene
     fx = fy = fz = tx = ty = tz = submerged = 0.0
     hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(first, last):
-        (x, y, z), normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, refined, careful)
+        plate = _plate(rows, i, axes, twist, below, rise, slope, refined, careful)
+        (x, y, z), normal, velocity, load, share, area = plate
         nx, ny, nz = normal
         ux, uy, uz = velocity
         loaded = area
@@ -193,7 +209,8 @@ def _sums(rows, first, last, scene, inertia, refined, careful, flatness, step, s
             share = max(share, _LEAST_SHARE)
             leads = share > _LEAST_SHARE
             # computed before the law, which does not depend on it: their latencies overlap
-            left = fraction_left(velocity, below - z + sunk, leads, per_length)
+            depth = below - z + sunk if slope is None else below - z + slope[0] * x + slope[1] * y + sunk
+            left = fraction_left(velocity, depth, leads, per_length)
             ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
             ax, ay, az = approach(tractions, i, (ax * share, ay * share, az * share), left, leads)
             if careful:
@@ -233,14 +250,14 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
     flatness = BLENDED if refined else SWITCHED
     columns = 19 if sensitive else 7
 
-    def sums(rows, bounds, reach, law, surface_height, states, past, out):  # type: ignore[no-untyped-def]
+    def sums(rows, bounds, reach, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
         """`past`: None, or with memory: durations, mobilization length, the memory's tractions, active and motion."""
         for k in range(states.shape[0]):
             axes, twist, scale, squared = _motion(states[k], reach)
-            below = surface_height - states[k, 2]
+            below, rise = _surface(height, slope, states[k], axes)
             if past is None:
                 step = None
-                seen = _seen_from_tool(axes, twist, reach)
+                seen = _seen_from_tool(axes, twist, reach, rise)
             else:
                 durations, length, tractions, _, last = past
                 if scale > 0.0:
@@ -248,13 +265,14 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                         last[1 + c] = twist[c]
                 # at rest the path is 0, and the law takes the last direction of motion
                 twist = last[1], last[2], last[3], last[4], last[5], last[6]
-                seen = _seen_from_tool(axes, twist, reach)
+                seen = _seen_from_tool(axes, twist, reach, rise)
                 # path [m] per unit of scaled speed, at the mean speed of the step's ends; bounded: inf * 0 is NaN
                 now = seen[2] / scale if scale > 0.0 else 0.0
                 before = last[0] if last[0] >= 0.0 else now
                 path = min(0.5 * (now + before) / seen[2] * durations[k], 1e100) if now > 0.0 else 0.0
                 last[0] = now
-                step = tractions, path * min(DEPTH * DEPTH / length, 1e100), 0.5 * path * twist[2]
+                sinking = twist[2] if slope is None else twist[2] - slope[0] * twist[0] - slope[1] * twist[1]
+                step = tractions, path * min(DEPTH * DEPTH / length, 1e100), 0.5 * path * sinking
             for c in range(columns):
                 out[k, c] = 0.0
             # unsigned: numba adds code for negative indices otherwise
@@ -276,13 +294,13 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                         kind = _kind(bounds, b, seen, below, refined, past)
                 if run >= _PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
-                    scene = axes, twist, squared, law, below
+                    scene = axes, twist, squared, law, below, rise
                     if run == _PLAIN:
-                        part = _sums(rows, i, j, scene, law.inertia, refined, False, NEVER_FLAT, step, sensitive)
+                        part = _sums(rows, i, j, scene, slope, law.inertia, refined, False, NEVER_FLAT, step, sensitive)
                     elif run == _FLAT_OR_CUT:
-                        part = _sums(rows, i, j, scene, law.inertia, refined, True, flatness, step, sensitive)
+                        part = _sums(rows, i, j, scene, slope, law.inertia, refined, True, flatness, step, sensitive)
                     else:
-                        part = _sums(rows, i, j, scene, law.inertia, refined, True, NEVER_FLAT, step, sensitive)
+                        part = _sums(rows, i, j, scene, slope, law.inertia, refined, True, NEVER_FLAT, step, sensitive)
                     for c in range(columns):
                         out[k, c] += part[c]
                     if past is not None:
@@ -298,11 +316,11 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
 def _forces_of_plates(refined: bool) -> Any:
     flatness = BLENDED if refined else SWITCHED
 
-    def forces(rows, reach, law, surface_height, state, order, out):  # type: ignore[no-untyped-def]
+    def forces(rows, reach, law, height, slope, state, order, out):  # type: ignore[no-untyped-def]
         axes, twist, _, squared = _motion(state, reach)
-        below = surface_height - state[2]
+        below, rise = _surface(height, slope, state, axes)
         for i in range(len(order)):
-            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, refined, True)
+            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, rise, slope, refined, True)
             nx, ny, nz = normal
             ux, uy, uz = velocity
             tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)

@@ -20,7 +20,7 @@ from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import Law, checked_law, law_of_plates
 
-__all__ = ["COLUMNS", "SENSITIVITIES", "edge_shares", "plate_forces", "wrenches", "wrenches_in_time"]
+__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_shares", "plate_forces", "wrenches", "wrenches_in_time"]
 
 Array = NDArray[np.float64]
 
@@ -39,9 +39,12 @@ _WIDE = len(COLUMNS) + len(SENSITIVITIES)
 
 _Code = tuple[Callable[..., None], Law]
 # By a law's id: the law, which keeps the id from being reused, and the code with the checked law that it takes. Key of
-# the code: integration rule, what it computes, and whether it is without memory.
+# the code: integration rule, what it computes, and whether it is without memory and for a level surface.
 _CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
 _LAWS_KEPT = 32
+
+LEVEL = 0.0, 0.0
+"""The slope of a level surface."""
 
 
 def wrenches(
@@ -50,6 +53,7 @@ def wrenches(
     states: ArrayLike,
     *,
     surface_height: float = 0.0,
+    slope: tuple[float, float] = LEVEL,
     threads: int | None = None,
     sensitivities: bool = False,
     out: Array | None = None,
@@ -57,23 +61,24 @@ def wrenches(
     """Wrench at each state, Eq. (9), by the integration rule of `plates`.
 
     `states`: shape [n, 13], columns `STATE`; finite, unit quaternions (see `checked_states`). `surface_height`: world z
-    of the undisturbed surface [m]. `threads`: default one, or all cores for large inputs. `out`: array for the result,
-    float64, C-contiguous.
+    of the undisturbed surface [m], at x = y = 0 if it is inclined; `slope`: its dz/dx and dz/dy, depth stays vertical.
+    `threads`: default one, or all cores for large inputs. `out`: array for the result, float64, C-contiguous.
     Returns shape [n, 7], columns `COLUMNS`: force on the tool by the grains [N] and torque about the tool frame's
     origin [N m], world axes; submerged area [m²]. With `sensitivities`: shape [n, 19], columns `SENSITIVITIES` added.
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    entry, law = _code(plates, law, bool(sensitivities), None)
+    incline = _incline(slope)
+    entry, law = _code(plates, law, bool(sensitivities), None, incline)
     blocks, reach, height = plates.blocks, plates.reach, number("surface_height", surface_height)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
     result = _result(out, n, sensitivities)
     workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        entry(blocks.rows, blocks.bounds, reach, law, height, states, None, result)
+        entry(blocks.rows, blocks.bounds, reach, law, height, incline, states, None, result)
     else:
-        tool = blocks.rows, blocks.bounds, reach, law, height
+        tool = blocks.rows, blocks.bounds, reach, law, height, incline
         edges = np.linspace(0, n, workers + 1).astype(int)
         with ThreadPoolExecutor(workers) as pool:
             for job in [
@@ -92,6 +97,7 @@ def wrenches_in_time(
     *,
     mobilization_length: float,
     surface_height: float = 0.0,
+    slope: tuple[float, float] = LEVEL,
     sensitivities: bool = False,
     out: Array | None = None,
 ) -> Array:
@@ -102,7 +108,8 @@ def wrenches_in_time(
     """
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
-    entry, law = _code(plates, law, bool(sensitivities), memory)
+    incline = _incline(slope)
+    entry, law = _code(plates, law, bool(sensitivities), memory, incline)
     if memory.plates is not plates and not np.array_equal(memory.plates.blocks.rows, plates.blocks.rows):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
     blocks, height = plates.blocks, number("surface_height", surface_height)
@@ -114,19 +121,27 @@ def wrenches_in_time(
     length = number("mobilization_length", mobilization_length, positive=True)
     past = durations, length, memory.tractions, memory.active, memory.motion
     result = _result(out, n, sensitivities)
-    entry(blocks.rows, blocks.bounds, plates.reach, law, height, states, past, result)
+    entry(blocks.rows, blocks.bounds, plates.reach, law, height, incline, states, past, result)
     return result
 
 
-def plate_forces(plates: Plates, law: Law, state: ArrayLike, *, surface_height: float = 0.0) -> Array:
+def plate_forces(
+    plates: Plates,
+    law: Law,
+    state: ArrayLike,
+    *,
+    surface_height: float = 0.0,
+    slope: tuple[float, float] = LEVEL,
+) -> Array:
     """Force on each plate by the grains [N], shape [n, 3], world axes, in the plates' order: the terms of Eq. (9).
 
-    `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height`: world z of the surface [m].
+    `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    entry, law = _code(plates, law, "forces", None)
+    incline = _incline(slope)
+    entry, law = _code(plates, law, "forces", None, incline)
     blocks, out = plates.blocks, np.empty((len(plates), 3))
     height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
-    entry(blocks.rows, plates.reach, law, height, one, blocks.order, out)
+    entry(blocks.rows, plates.reach, law, height, incline, one, blocks.order, out)
     return out
 
 
@@ -141,32 +156,47 @@ def edge_shares(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0
     return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
 
 
-def _code(plates: Plates, law: Law, what: bool | Literal["forces"], memory: Memory | None) -> _Code:
+def _code(
+    plates: Plates,
+    law: Law,
+    what: bool | Literal["forces"],
+    memory: Memory | None,
+    incline: tuple[float, float] | None,
+) -> _Code:
     """The compiled loop and the law to pass to it; compiles when a law's type is first seen.
 
     `what`: "forces" on each plate, or sums over plates, True for sums with sensitivities.
     """
     found = _CODE.get(id(law))
     if found is not None and plates.__class__ is Plates:
-        code = found[1].get((plates.integration, what, memory is None))
+        code = found[1].get((plates.integration, what, memory is None, incline is None))
         if code is not None:
             return code
     _check_plates(plates)
     good, blocks = checked_law(law), plates.blocks
     if what == "forces":
         good = checked_law(law_of_plates(good))
-        arguments: tuple[object, ...] = good, 0.0, np.zeros(13), blocks.order, np.zeros((1, 3))
+        arguments: tuple[object, ...] = good, 0.0, incline, np.zeros(13), blocks.order, np.zeros((1, 3))
         entry = machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, *arguments))
     else:
         past = memory and (np.zeros(1), 1.0, memory.tractions, memory.active, memory.motion)
-        arguments = good, 0.0, np.zeros((1, 13)), past, np.zeros((1, 19))
+        arguments = good, 0.0, incline, np.zeros((1, 13)), past, np.zeros((1, 19))
         entry = machine_code(SUMS[plates.integration, what], (blocks.rows, blocks.bounds, plates.reach, *arguments))
     if found is None:
         if len(_CODE) >= _LAWS_KEPT:
             _CODE.clear()
         found = _CODE[id(law)] = law, {}
-    code = found[1][plates.integration, what, memory is None] = entry, good
+    code = found[1][plates.integration, what, memory is None, incline is None] = entry, good
     return code
+
+
+def _incline(slope: tuple[float, float]) -> tuple[float, float] | None:
+    """The slope as the kernel takes it: None for a level surface."""
+    if slope is LEVEL:
+        return None
+    x, y = slope
+    found = number("slope[0]", x), number("slope[1]", y)
+    return None if found == LEVEL else found
 
 
 def _check_plates(plates: Plates) -> None:

@@ -46,7 +46,8 @@ class Harness:
         name = self.name = f"{namespace}/rft"
         if reliable and log:
             overrides = log.with_suffix(".yaml")
-            topics = ("/tf", *(f"{name}/{topic}" for topic in ("pose", "twist", "wrench_measured")))
+            inputs = ("pose", "twist", "wrench_measured", "surface_points")
+            topics = ("/tf", *(f"{name}/{topic}" for topic in inputs))
             lines = [f"    qos_overrides.{topic}.subscription.reliability: reliable" for topic in topics]
             overrides.write_text("/**:\n  ros__parameters:\n" + "\n".join(lines) + "\n")
             arguments = (*arguments, "--params-file", str(overrides))

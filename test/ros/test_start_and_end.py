@@ -103,7 +103,7 @@ def test_where_rclpy_has_no_events_executor_the_node_says_so_and_takes_the_singl
     warnings = []
 
     class Node:
-        executor_name = "events"
+        values = {"executor": "events"}  # noqa: RUF012
 
         def get_logger(self):
             return self

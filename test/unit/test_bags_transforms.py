@@ -82,7 +82,7 @@ def test_a_part_of_a_recording_knows_the_fixed_transforms_of_all_of_it(tmp_path)
 
 def test_a_view_of_transforms_shows_the_same_states(tmp_path):
     given = values(**FRAMES, pose_source="tf", tf_rate=50.0)
-    times, states = states_of(record(tmp_path / "bag", tf=True), given, model_of(given), ReplayOptions())
+    times, states, _ = states_of(record(tmp_path / "bag", tf=True), given, model_of(given), ReplayOptions())
     assert np.diff(times) == pytest.approx(np.full(len(times) - 1, 0.02), abs=0.51)
     assert states[:, 2].min() == pytest.approx(-0.03, abs=1e-3)
 

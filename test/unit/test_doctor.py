@@ -46,8 +46,9 @@ def examined(tmp_path, capsys, parameters, **faults):
     return found
 
 
-def test_a_good_cell_needs_nothing(tmp_path, capsys):
-    assert examined(tmp_path, capsys, {}) == []
+@pytest.mark.parametrize("more", [{}, {"ground.cell": 0.004}], ids=["level", "map without a camera"])
+def test_a_good_cell_needs_nothing(tmp_path, capsys, more):
+    assert examined(tmp_path, capsys, more) == []
 
 
 @pytest.mark.parametrize("fault", FAULTS)

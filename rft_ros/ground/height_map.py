@@ -1,0 +1,240 @@
+"""A height map: square cells with one height each, from points, from files, and to files."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError, reason_of
+from rft_ros.rft.compilation import compiled
+
+__all__ = ["MOST_CELLS", "HeightMap", "ToolBox", "read_height_map", "write_height_map"]
+
+Array = NDArray[np.float64]
+Numbers = NDArray[np.floating]
+
+MOST_CELLS = 1 << 21
+"""Greatest number of cells of a map: 8 m² of 2 mm cells, 8 MB. Points that would enlarge it further are left out."""
+
+_MARGIN = 2.0  # cells around the tool in which points may be the tool's own
+_REACH = 700.0  # cells; points further from the tool are left out
+_JUMP = 3.0  # cells; grains slide at slopes far below this, so a cell that stands out further is an outlier
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ToolBox:
+    """A tool's bounding box, placed in the world; points in it or within two cells of it are the tool's own.
+
+    `position` [m], shape [3]; `rotation`: tool to world, shape [3, 3]; `low`, `high`: corners in the tool frame [m].
+    """
+
+    position: Array
+    rotation: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeightMap:
+    """Heights of square cells in the world frame; immutable.
+
+    `cell`: side of a cell [m]. `corner`: x and y index of the first cell; cell (i, j) of `heights` covers x from
+    (corner[0] + i) cell, and y likewise. `heights`: world z [m], shape [n, m]; NaN where nothing is known.
+    """
+
+    cell: float
+    corner: tuple[int, int]
+    heights: NDArray[np.float32]
+
+    def __post_init__(self) -> None:
+        self.heights.flags.writeable = False
+
+    @classmethod
+    def unknown(cls, cell: float) -> "HeightMap":
+        """A map of which nothing is known; `cell` [m]."""
+        return cls(cell=cell, corner=(0, 0), heights=np.full((1, 1), np.nan, dtype=np.float32))
+
+    def points(self) -> Array:
+        """Centres of the known cells and their heights: x, y, h [m], shape [k, 3]."""
+        i, j = np.nonzero(~np.isnan(self.heights))
+        x, y = (self.cell * (index + start + 0.5) for index, start in zip((i, j), self.corner, strict=True))
+        return np.column_stack([x, y, self.heights[i, j].astype(np.float64)])
+
+    def heights_at(self, x: Array, y: Array) -> Array:
+        """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where nothing is known."""
+        i, j = (np.floor(v / self.cell).astype(int) - start for v, start in zip((x, y), self.corner, strict=True))
+        n, m = self.heights.shape
+        inside = (i >= 0) & (i < n) & (j >= 0) & (j < m)
+        found = np.where(inside, self.heights[np.clip(i, 0, n - 1), np.clip(j, 0, m - 1)], np.nan)
+        return found.astype(np.float64)
+
+    def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: ToolBox | None = None) -> "HeightMap":
+        """The map in which each cell that the points hit takes their median height.
+
+        `x`, `y`, `z` [m], shape [n] each. Points that are not finite, that belong to the `tool`, or that would enlarge
+        the map over `MOST_CELLS` are left out, and cells that differ from the median of the cells around them by over
+        three cells' sides. Releases the GIL while it computes.
+        """
+        p = np.ascontiguousarray(np.vstack([x, y, z]), dtype=np.float64)
+        box = np.zeros(18)
+        if tool is not None:
+            box[:] = (
+                *tool.position,
+                *tool.rotation.ravel(),
+                *(tool.low - _MARGIN * self.cell),
+                *(tool.high + _MARGIN * self.cell),
+            )
+        bounds, index = np.empty(4, dtype=np.int64), np.empty((2, p.shape[1]), dtype=np.int64)
+        old = np.array([*self.corner, *(c + n for c, n in zip(self.corner, self.heights.shape, strict=True))])
+        if np.isnan(self.heights).all():
+            old[2:] = old[:2]
+        if not _cells_of(p, self.cell, box, tool is not None, old, index, bounds):
+            return self
+        i0, j0, i1, j1 = bounds.tolist()
+        heights = np.full((i1 - i0, j1 - j0), np.nan, dtype=np.float32)
+        if old[2] > old[0]:
+            a, b = int(old[0]) - i0, int(old[1]) - j0
+            heights[a : a + self.heights.shape[0], b : b + self.heights.shape[1]] = self.heights
+        seen = np.full(heights.shape, np.nan, dtype=np.float32)
+        _medians(p[2], index, i0, j0, seen)
+        _take_plausible(seen, heights, _JUMP * self.cell)
+        return HeightMap(cell=self.cell, corner=(i0, j0), heights=heights)
+
+
+@compiled
+def _cells_of(p, cell, box, has_tool, old, index, bounds):  # type: ignore[no-untyped-def]
+    """Write each point's cell to `index`, column 0 minimal for one left out, and the new map's `bounds`.
+
+    Returns how many points are used.
+    """
+    left_out = np.iinfo(np.int64).min
+    for b in range(4):
+        bounds[b] = old[b]
+    count = 0
+    for k in range(p.shape[1]):
+        x, y, z = p[0, k], p[1, k], p[2, k]
+        index[0, k] = left_out
+        if not (abs(x) < 1e8 * cell and abs(y) < 1e8 * cell and abs(z) < 1e6):  # NaN, too
+            continue
+        if has_tool:
+            dx, dy, dz = x - box[0], y - box[1], z - box[2]
+            inside = True
+            if max(abs(dx), abs(dy)) > _REACH * cell:  # so that a stray point does not decide where the map lies
+                continue
+            for c in range(3):
+                r = box[3 + c] * dx + box[6 + c] * dy + box[9 + c] * dz
+                inside = inside and box[12 + c] <= r <= box[15 + c]
+            if inside:
+                continue
+        i, j = int(np.floor(x / cell)), int(np.floor(y / cell))
+        first = bounds[2] <= bounds[0]
+        i0, i1 = (i, i + 1) if first else (min(bounds[0], i), max(bounds[2], i + 1))
+        j0, j1 = (j, j + 1) if first else (min(bounds[1], j), max(bounds[3], j + 1))
+        if (i1 - i0) * (j1 - j0) > MOST_CELLS:
+            continue
+        bounds[0], bounds[1], bounds[2], bounds[3] = i0, j0, i1, j1
+        index[0, k], index[1, k] = i, j
+        count += 1
+    return count
+
+
+@compiled
+def _medians(z, index, i0, j0, seen):  # type: ignore[no-untyped-def]
+    """Write the median height of the points in each cell to `seen`; a counting sort by cell."""
+    n, m = seen.shape
+    first = np.zeros(n * m + 1, dtype=np.int64)
+    for k in range(z.shape[0]):
+        if index[0, k] >= i0:
+            first[(index[0, k] - i0) * m + index[1, k] - j0 + 1] += 1
+    for c in range(n * m):
+        first[c + 1] += first[c]
+    place, ordered = first[:-1].copy(), np.empty(first[n * m])
+    for k in range(z.shape[0]):
+        if index[0, k] >= i0:
+            c = (index[0, k] - i0) * m + index[1, k] - j0
+            ordered[place[c]] = z[k]
+            place[c] += 1
+    for c in range(n * m):
+        if first[c + 1] > first[c]:
+            part = ordered[first[c] : first[c + 1]]
+            if len(part) > 1:
+                part.sort()
+            seen[c // m, c % m] = 0.5 * (part[(len(part) - 1) // 2] + part[len(part) // 2])
+
+
+@compiled
+def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
+    """Copy the cells of `seen` to `heights`, except those further than `jump` from the median around them."""
+    n, m = seen.shape
+    around = np.empty(8)
+    for i in range(n):
+        for j in range(m):
+            h = seen[i, j]
+            if np.isnan(h):
+                continue
+            count = 0
+            for a in range(max(i - 1, 0), min(i + 2, n)):
+                for b in range(max(j - 1, 0), min(j + 2, m)):
+                    if (a != i or b != j) and not np.isnan(seen[a, b]):
+                        k = count  # insertion sort
+                        while k > 0 and around[k - 1] > seen[a, b]:
+                            around[k] = around[k - 1]
+                            k -= 1
+                        around[k] = seen[a, b]
+                        count += 1
+            if count == 0 or abs(h - 0.5 * (around[(count - 1) // 2] + around[count // 2])) <= jump:
+                heights[i, j] = h
+
+
+_COLUMNS = ("x", "y", "h")
+
+
+def read_height_map(file: Path, cell: float) -> HeightMap:
+    """A height map from a CSV file with the columns x, y, h, or an NPZ file with these arrays, of one shape [m].
+
+    Each cell of side `cell` [m] takes the median of the heights in it. Raises InputError, one sentence, for a file that
+    cannot be used or does not fit in `MOST_CELLS`.
+    """
+    try:
+        if file.suffix.lower() == ".npz":
+            with np.load(file, allow_pickle=False) as arrays:
+                x, y, h = (np.asarray(arrays[name], dtype=np.float64).ravel() for name in _COLUMNS)
+        else:
+            with file.open(encoding="utf-8") as lines:
+                header = tuple(name.strip() for name in next(lines, "").split(","))
+                if header != _COLUMNS:
+                    raise InputError(f"ground.file '{file}' has the header '{','.join(header)}'; it must be 'x,y,h'")
+                x, y, h = np.loadtxt(lines, delimiter=",", ndmin=2, dtype=np.float64).reshape(-1, 3).T
+    except InputError:
+        raise
+    except Exception as error:  # numpy's and zip's readers raise almost anything on damage
+        raise InputError(f"ground.file '{file}' cannot be read: {reason_of(error)}") from None
+    if not len(x) or not len(x) == len(y) == len(h):
+        counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
+        raise InputError(f"ground.file '{file}' has {counts}; it needs the same number of each, and at least one")
+    if not np.isfinite([x, y, h]).all():
+        raise InputError(f"ground.file '{file}' has values that are not finite numbers; remove their rows")
+    spans = [float(np.ptp(v)) / cell + 1.0 for v in (x, y)]
+    if spans[0] * spans[1] > MOST_CELLS:
+        raise InputError(
+            f"ground.file '{file}' spans {spans[0]:.0f} x {spans[1]:.0f} cells of ground.cell {cell:g} m;"
+            f" it must fit in {MOST_CELLS:,} cells"
+        )
+    return HeightMap.unknown(cell).with_points(x, y, h)
+
+
+def write_height_map(file: Path, ground: HeightMap) -> None:
+    """Write the known cells as CSV or NPZ, by the file's suffix; `read_height_map` reads both.
+
+    Raises InputError if it cannot be written.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        if file.suffix == ".npz":
+            np.savez(file, **dict(zip(_COLUMNS, ground.points().T, strict=True)))
+            return
+        with file.open("w", encoding="utf-8", newline="\n") as lines:
+            np.savetxt(lines, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
+    except OSError as error:
+        raise InputError(f"height map '{file}' cannot be written: {reason_of(error)}") from None

@@ -1,0 +1,115 @@
+"""The ground in the node: clouds live and replayed, the services, and clouds that cannot be used."""
+
+from pathlib import Path
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from harness import set_stamp
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import PointCloud2, PointField
+from std_srvs.srv import Trigger
+from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, started
+
+from rft_ros.bags.writing import BagWriter
+from rft_ros.ground import read_height_map
+
+CELL = 0.002
+START = 1_700_000_000_000_000_000
+GROUND = {**PARAMETERS, "ground.cell": CELL}
+CLOUD = "sensor_msgs/msg/PointCloud2"
+
+
+def cloud(stamp, height, *, frame="world", n=60):
+    axis = CELL * (np.arange(-n // 2, n // 2) + 0.5)
+    x, y = np.meshgrid(axis, axis)
+    points = np.column_stack([x.ravel(), y.ravel(), np.full(n * n, height) + 0.2 * x.ravel()]).astype("<f4")
+    message = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)
+    message.fields = [PointField(name=c, offset=4 * k, datatype=7, count=1) for k, c in enumerate("xyz")]
+    message.data = points.tobytes()
+    message.header.frame_id = frame
+    set_stamp(message, stamp)
+    return message
+
+
+def inputs(count=300):
+    """(topic, stamp, message): a tool that sinks 1 cm, and a cloud every 0.2 s in which the ground rises."""
+    for k in range(count):
+        stamp = START + k * 5_000_000
+        pose, twist, wrench = PoseStamped(), TwistStamped(), WrenchStamped()
+        for message, frame in ((wrench, "ft_sensor"), (twist, "world"), (pose, "world")):
+            message.header.frame_id = frame
+            set_stamp(message, stamp)
+        pose.pose.position.z, pose.pose.orientation.w = 0.01 - 0.02 * k * 0.005, 1.0
+        twist.twist.linear.z = -0.02
+        if k % 40 == 0:
+            yield "surface_points", stamp, cloud(stamp, 0.001 * (k // 40))
+        yield "wrench_measured", stamp, wrench
+        yield "twist", stamp, twist
+        yield "pose", stamp, pose
+
+
+def surface_publisher(rft):
+    publisher = rft.node.create_publisher(PointCloud2, f"{rft.name}/surface_points", 10)
+    rft.until(lambda: publisher.get_subscription_count() == 1)
+    return publisher
+
+
+def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
+    rft = started(start_node, GROUND)
+    publishers = {
+        "wrench_measured": rft.wrench,
+        "twist": rft.twist,
+        "pose": rft.pose,
+        "surface_points": surface_publisher(rft),
+    }
+    poses = 0
+    with BagWriter(tmp_path / "inputs") as bag:
+        for topic, stamp, message in inputs():
+            bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, CLOUD), stamp, serialize_message(message))
+            publishers[topic].publish(message)
+            poses += topic == "pose"
+            rft.until(lambda poses=poses: len(rft.received["wrench_predicted"]) >= poses - 5)
+    last = WrenchStamped()
+    last.header.frame_id = "ft_sensor"
+    set_stamp(last, 2_000_000_000_000_000_000)
+    rft.wrench.publish(last)
+    assert_equal(rft, tmp_path / "inputs", GROUND, tmp_path)
+    ground = read_height_map(tmp_path / "replayed" / "ground.csv", CELL)
+    assert len(ground.points()) > 1000
+
+
+def test_services_level_and_save_the_ground(start_node, tmp_path):
+    file = tmp_path / "bed.csv"
+    file.write_text("x,y,h\n0.001,0.001,0.005\n0.003,0.001,0.005\n")
+    rft = started(start_node, {**GROUND, "ground.file": str(file)})
+    assert rft.call(Trigger, "level_ground", Trigger.Request()).success
+    saved = rft.call(Trigger, "save_ground", Trigger.Request())
+    assert saved.success
+    assert np.array_equal(*(read_height_map(Path(name), CELL).points() for name in (file, saved.message)))
+
+
+def test_on_a_level_plane_the_services_say_so(start_node):
+    rft = started(start_node, PARAMETERS)
+    for service in ("level_ground", "save_ground"):
+        answer = rft.call(Trigger, service, Trigger.Request())
+        assert not answer.success
+        assert "set ground.cell" in answer.message
+
+
+def test_a_cloud_in_another_frame_is_counted_and_the_node_lives(start_node):
+    rft = started(start_node, GROUND)
+    publisher = surface_publisher(rft)
+    publisher.publish(cloud(START, 0.0, frame="camera"))
+    publisher.publish(PointCloud2())
+
+    def counted():
+        found = {v.key for d in rft.diagnostics for s in d.status for v in s.values if v.key.startswith("count.")}
+        return {"count.surface_frame_unknown", "count.message_unreadable"} <= found
+
+    rft.until(counted)
+
+
+def test_a_ground_file_that_cannot_be_used_ends_the_node_with_a_sentence(start_node, tmp_path):
+    rft = start_node("-p", f"ground.cell:={CELL}", "-p", f"ground.file:={tmp_path / 'none.csv'}")
+    assert rft.process.wait(240) == 2
+    assert "none.csv' cannot be read" in rft.log.read_text()

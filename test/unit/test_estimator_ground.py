@@ -1,0 +1,162 @@
+"""Points of the ground in the estimator: when they count, what they change, and what refuses them."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from one_plate import SECOND, START, plate_model, pose, twist
+from scipy.spatial.transform import Rotation
+
+from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
+from rft_ros.estimator.quality import QualityFlag
+from rft_ros.ground import DELAY, Cloud, HeightMap
+
+MS = SECOND // 1000
+CELL = 0.004
+AXIS = CELL * (np.arange(-30, 30) + 0.5)
+X, Y = (v.ravel() for v in np.meshgrid(AXIS, AXIS, indexing="ij"))
+
+
+def cloud(stamp, height=0.0, frame="world"):
+    return Cloud(stamp, frame, X, Y, np.broadcast_to(np.asarray(height, dtype=np.float64), X.shape))
+
+
+def on_map(*, background=None, model=None, **settings):
+    ground = HeightMap.unknown(CELL)
+    return Estimator(Settings(**settings), replace(model or plate_model(), ground=ground), background=background)
+
+
+def forces(e, clouds=(), *, until=120, late=0):
+    """fz at 10 ms steps of a plate that is pushed down 1 cm deep; each cloud arrives `late` steps after its stamp."""
+    waiting = sorted(clouds)
+    found = []
+    for k in range(until):
+        stamp = START + 10 * k * MS
+        while waiting and waiting[0].stamp + 10 * late * MS <= stamp:
+            assert e.push_surface(waiting.pop(0)) is None
+        e.push_twist(twist(stamp))
+        answer = e.push_pose(pose(stamp))
+        assert isinstance(answer, Estimate)
+        found.append(answer.predicted[2])
+    return found
+
+
+def test_a_map_that_knows_nothing_gives_the_bytes_of_the_level_plane():
+    assert forces(on_map()) == forces(Estimator(Settings(), plate_model()))
+
+
+def test_a_cloud_counts_from_half_a_second_after_its_stamp():
+    found = forces(on_map(), [cloud(START + 100 * MS, 0.005)])
+    changed = (100 * MS + DELAY) // (10 * MS)
+    assert found[:changed] == [found[0]] * changed
+    assert found[changed] == pytest.approx(1.5 * found[0], rel=1e-5)
+
+
+def test_when_a_cloud_arrives_changes_nothing():
+    clouds = [cloud(START + 200 * k * MS, 0.001 * k) for k in range(1, 4)]
+    assert forces(on_map(), clouds, late=0) == forces(on_map(), clouds, late=37)
+
+
+def test_maps_made_in_the_background_give_the_same_bytes():
+    clouds = [cloud(START + 200 * k * MS, 0.001 * k) for k in range(1, 4)]
+
+    with ThreadPoolExecutor(1) as background:
+        assert forces(on_map(background=background), clouds) == forces(on_map(), clouds)
+
+
+def test_a_cloud_in_the_frame_of_a_fixed_camera_is_as_one_in_the_world():
+    turn = Rotation.from_euler("xyz", [3.0, 0.1, -0.5])
+    place = np.array([0.3, -0.2, 0.8])
+    bed = np.column_stack([X, Y, 0.005 + 0.1 * X])
+    seen = [*turn.inv().apply(bed - place).T]
+    seen[2][7], seen[0][9] = np.inf, np.nan  # a depth camera sends such points, too
+    e = on_map()
+    e.push_transform(TransformSample(0, "world", "optical", (*place,), (*turn.as_quat(),), fixed=True))
+    found = forces(e, [Cloud(START, "optical", *seen)])
+    assert found == pytest.approx(forces(on_map(), [cloud(START, bed[:, 2])]), rel=1e-6)
+
+
+def test_a_cloud_of_a_camera_that_moves_is_refused():
+    e = on_map()
+    e.push_transform(TransformSample(START, "world", "optical", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)))
+    assert e.push_surface(cloud(START, frame="optical")) is Reason.SURFACE_FRAME_UNKNOWN
+
+
+@pytest.mark.parametrize(
+    ("sent", "reason"),
+    [
+        (cloud(0), Reason.SURFACE_STAMP_ZERO),
+        (cloud(START, frame="camera"), Reason.SURFACE_FRAME_UNKNOWN),
+        (cloud(START - DELAY), Reason.SURFACE_LATE),
+    ],
+)
+def test_a_cloud_that_cannot_be_used_is_counted_and_changes_nothing(sent, reason):
+    e = on_map()
+    forces(e, until=1)
+    assert e.push_surface(sent) is reason
+    assert e.counts[reason.value] == 1
+    before = e.ground
+    forces_after = forces(on_map(), until=3)
+    assert e.ground is before
+    assert forces_after == [forces_after[0]] * 3
+
+
+def test_clouds_out_of_order_too_often_or_without_a_map_are_counted():
+    e = on_map()
+    assert e.push_surface(cloud(START + 100 * MS)) is None
+    assert e.push_surface(cloud(START + 110 * MS)) is Reason.SURFACE_RATE_LIMITED
+    assert e.push_surface(cloud(START + 90 * MS)) is Reason.SURFACE_OUT_OF_ORDER
+    assert Estimator(Settings(), plate_model()).push_surface(cloud(START)) is Reason.SURFACE_OFF
+
+
+def test_a_pose_at_an_absurd_place_has_a_reason_and_the_next_an_estimate():
+    e = on_map()
+    forces(e, [cloud(START, 0.005)])
+    for k, z in enumerate((-1e308, 1e308, -0.01)):
+        stamp = START + (2000 + 10 * k) * MS
+        e.push_twist(twist(stamp))
+        answer = e.push_pose(pose(stamp, position=(0.0, 0.0, z)))
+    assert e.counts[Reason.ESTIMATE_NOT_FINITE.value] == 1
+    assert isinstance(answer, Estimate)
+
+
+def test_level_ground_goes_back_to_the_start():
+    e = on_map()
+    found = forces(e, [cloud(START, 0.005)])
+    assert e.level_ground()
+    e.push_twist(twist(START + 2 * SECOND))
+    assert e.push_pose(pose(START + 2 * SECOND)).predicted[2] == found[0]
+    assert not Estimator(Settings(), plate_model()).level_ground()
+
+
+def test_depth_is_that_below_the_local_surface():
+    e = on_map()
+    forces(e, [cloud(START, 0.005)])
+    assert e.depth() == pytest.approx(0.015, abs=1e-6)
+    assert e.surface.depth == pytest.approx(0.015, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("height", "flag"),
+    [
+        (0.2 * X, QualityFlag.NONE),
+        (0.3 * X, QualityFlag.STEEP),
+        (np.where(np.abs(X) < 0.006, 0.010, -0.010), QualityFlag.UNEVEN),
+    ],
+)
+def test_steep_ground_and_a_crest_narrower_than_the_tool_are_flagged(height, flag):
+    e = on_map()
+    forces(e, [cloud(START, height)])
+    e.push_twist(twist(START + 2 * SECOND))
+    answer = e.push_pose(pose(START + 2 * SECOND, position=(0.0, 0.0, -0.01)))
+    assert answer.quality_flags & (QualityFlag.STEEP | QualityFlag.UNEVEN) == flag
+
+
+def test_a_new_run_drops_the_clouds_of_the_run_before():
+    e = on_map()
+    forces(e, until=1)
+    assert e.push_surface(cloud(START)) is None
+    e.push_twist(twist(START - 10 * SECOND))
+    assert isinstance(e.push_pose(pose(START - 10 * SECOND)), Estimate)
+    assert e.push_surface(cloud(START - 10 * SECOND + MS)) is None
