@@ -1,6 +1,10 @@
 """The exception for unusable input, and the wording of file errors."""
 
-__all__ = ["InputError", "reason_of"]
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Literal
+
+__all__ = ["InputError", "file_errors", "reason_of"]
 
 
 class InputError(ValueError):
@@ -15,3 +19,12 @@ def reason_of(error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "it is not UTF-8 text"
     return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+@contextmanager
+def file_errors(what: str, done: Literal["read", "written"]) -> Iterator[None]:
+    """Raise InputError where a file cannot be used in this block: "`what` cannot be read", or written, and why."""
+    try:
+        yield
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{what} cannot be {done}: {reason_of(error)}") from None

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_line, metrics
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 
 __all__ = ["Batch", "folder_names", "replay_all"]
 
@@ -70,9 +70,7 @@ def replay_all(
         else:
             batch.summaries[name] = summary
             done(summary)
-    try:
+    with file_errors(f"output folder '{out}'", "written"):
         out.mkdir(parents=True, exist_ok=True)
         (out / "summary.json").write_text(batch.json(), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     return batch

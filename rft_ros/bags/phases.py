@@ -29,8 +29,7 @@ class Phase(str, Enum):
     DWELL = "dwell"
     WITHDRAWAL = "withdrawal"
 
-    def __str__(self) -> str:
-        return self.value
+    __str__ = str.__str__
 
 
 class Moment(NamedTuple):

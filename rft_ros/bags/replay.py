@@ -16,7 +16,7 @@ from rft_ros.bags.reading import Recording
 from rft_ros.bags.statistics import Group, count_flags, statistics
 from rft_ros.bags.summary import Summary
 from rft_ros.bags.writing import BagWriter
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import (
     Estimate,
     Estimator,
@@ -76,7 +76,7 @@ def replay(
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     motion = LowestPoint(estimator)
-    try:
+    with file_errors(f"output folder '{out}'", "written"):
         out.mkdir(parents=True, exist_ok=True)
         with Trace(out) as trace, LearningErrors.of(settings, model, out) as learning_errors:
             with Recording(bag, topics, start=options.start, end=options.end) as recording:
@@ -112,8 +112,6 @@ def replay(
                 from rft_ros.bags.replay_report import draw
 
                 draw(summary, trace, model, out, vertical=motion.vertical_axis(), page=report, pictures=figures)
-    except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     return summary
 
 

@@ -10,11 +10,8 @@ from rft_ros.commands.options import BAG, number_option, output_option, recordin
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=BAG)
     recording_options(command, required=True)
     output_option(command, "CALIBRATED.yaml", "file to write")

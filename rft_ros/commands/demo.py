@@ -14,17 +14,13 @@ from rft_ros.errors import InputError
 if TYPE_CHECKING:
     from rft_ros.node.demo import Watched
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     output_option(command, "DIR", "folder for bag and figure (default out/demo)", Path("out/demo"))
     number_option(command, "--seconds", "S", "how long the arm moves [s] (default 12)", 12.0)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Run the demo; exit status."""
     try:
         from rft_ros.node.demo import demo
     except ImportError as error:

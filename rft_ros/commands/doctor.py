@@ -17,11 +17,8 @@ if TYPE_CHECKING:
     from rft_ros.bags.playback import ReplayOptions
     from rft_ros.estimator.messages import Role
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
     command.add_argument("--bag", type=Path, metavar="BAG", help=f"{BAG} (default: listen to ROS)")
     remap_option(command)

@@ -20,11 +20,8 @@ from rft_ros.commands.options import (
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument(
         "states",
         type=Path,
@@ -60,7 +57,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Predict; exit status."""
     import numpy as np
 
     from rft_ros.rft import Memory, wrenches, wrenches_in_time

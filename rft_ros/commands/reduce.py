@@ -17,29 +17,16 @@ if TYPE_CHECKING:
 
     from rft_ros.tool import Tool
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("mesh", metavar="MESH", help=MESH)
     mesh_options(command)
     integration_option(command)
     size = command.add_mutually_exclusive_group()
-    number_option(
-        size,
-        "--tolerance",
-        "SHARE",
-        "error allowed, as a share of the force, at the 95th percentile of motions not used for the choice"
-        " (default 0.025)",
-        0.025,
-    )
-    size.add_argument(
-        "--plates",
-        type=int,
-        metavar="N",
-        help="at most this many plates, regardless of the error (default: --tolerance decides)",
-    )
+    meaning = "greatest error over force, at the 95th percentile of motions not used for the choice (default 0.025)"
+    number_option(size, "--tolerance", "SHARE", meaning, 0.025)
+    meaning = "at most this many plates, regardless of the error (default: --tolerance decides)"
+    size.add_argument("--plates", type=int, metavar="N", help=meaning)
     command.add_argument(
         "--scene",
         metavar="STATES.csv|BAG|FAMILY",
@@ -50,15 +37,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--params", type=Path, metavar="FILE.yaml", help="for a recorded bag: the node's parameter file"
     )
-    number_option(
-        *(command, "--surface-height", "Z"),
-        "world z of the surface in the scene [m] (default: the parameter file's, or 0)",
-    )
+    meaning = "world z of the surface in the scene [m] (default: the parameter file's, or 0)"
+    number_option(command, "--surface-height", "Z", meaning)
     output_option(command, "OUT.npz", "file to write; accepted wherever a mesh is")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Reduce; exit status."""
     from rich.console import Console
     from rich.table import Table
 

@@ -15,11 +15,8 @@ if TYPE_CHECKING:
     from rft_ros.bags.limits import Limit
     from rft_ros.bags.summary import Summary
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=f"{BAG}; several get a folder each below DIR")
     output_option(command, "DIR", "folder for the results")
     recording_options(command)
@@ -37,7 +34,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay; exit status."""
     from rft_ros.bags.batch import replay_all
     from rft_ros.bags.limits import read_limits
     from rft_ros.bags.replay import replay, replay_model

@@ -183,8 +183,7 @@ class BeliefIssue(str, Enum):
     STRONG = "the measured force is over five times the model's: check medium.zeta, mesh.scale and surface_height"
     TURNED = "the measured force is turned by over 45 degrees from the model's: check sensor.quaternion and the frames"
 
-    def __str__(self) -> str:
-        return self.value
+    __str__ = str.__str__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 import yaml
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
 from rft_ros.estimator.settings import LoadCell, Model, Settings
 from rft_ros.rft import (
@@ -456,9 +456,7 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     if mesh == Path(plain["mesh.file"]).expanduser():  # a path: neither a shipped name nor a package:// URI
         plain["mesh.file"] = str(mesh.absolute())
     tree = {"/**": {"ros__parameters": plain}}
-    try:
+    with file_errors(f"parameter file '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("x", encoding="utf-8") as new:
             new.write(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False))
-    except OSError as error:
-        raise InputError(f"parameter file '{file}' cannot be written: {reason_of(error)}") from None

@@ -103,8 +103,7 @@ class Reason(str, Enum):
     TF_STALE = "tf_stale"
     TF_GAP = "tf_gap"
 
-    def __str__(self) -> str:
-        return self.value
+    __str__ = str.__str__
 
 
 class Estimate(NamedTuple):

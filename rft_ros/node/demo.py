@@ -29,7 +29,7 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Wrench, WrenchSample
 from rft_ros.estimator.messages import decoder
 from rft_ros.installation import program
@@ -165,10 +165,8 @@ def demo(output: Path, *, seconds: float) -> Watched | None:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     console = Console()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    try:
+    with file_errors(f"output folder '{output}'", "written"):
         output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"output folder '{output}' cannot be written: {reason_of(error)}") from None
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
     console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains that are stronger")
     console.print(
