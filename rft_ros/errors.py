@@ -1,10 +1,11 @@
-"""The exception for unusable input, and the wording of file errors."""
+"""The exception for unusable input, and phrases that its sentences share."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
+from difflib import get_close_matches
 from typing import Literal
 
-__all__ = ["InputError", "file_errors", "reason_of"]
+__all__ = ["InputError", "file_errors", "reason_of", "suggestion"]
 
 
 class InputError(ValueError):
@@ -19,6 +20,12 @@ def reason_of(error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "it is not UTF-8 text"
     return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+def suggestion(word: str, names: Iterable[str]) -> str:
+    """The end of a sentence about an unknown word: "; did you mean" the nearest name, or nothing if none is near."""
+    near = get_close_matches(word, names, n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 @contextmanager

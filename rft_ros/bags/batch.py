@@ -27,14 +27,6 @@ class Batch:
             text.append(metric_line("  penetration", metrics(summary.phases["penetration"]), width))
         return text
 
-    def json(self) -> str:
-        """The text of the common summary.json: each bag's summary, or why it failed."""
-        content = {
-            "bags": {name: summary.content() for name, summary in self.summaries.items()},
-            "failures": self.failures,
-        }
-        return json.dumps(content, indent=2, allow_nan=False) + "\n"
-
 
 def folder_names(bags: Sequence[Path]) -> list[str]:
     """A unique name for each bag's folder: the bag's without suffix, with a number if that is taken."""
@@ -52,18 +44,18 @@ def folder_names(bags: Sequence[Path]) -> list[str]:
 def replay_all(
     bags: Sequence[Path],
     out: Path,
-    one: Callable[[Path, Path, str], Summary],
+    one: Callable[..., Summary],
     *,
     done: Callable[[Summary | InputError], None],
 ) -> Batch:
-    """Replay each bag by `one(bag, folder, label)` into a folder below `out`, and write a common ``summary.json``.
+    """Replay each bag by `one(bag, folder, label=...)` into a folder below `out`, and write a common ``summary.json``.
 
     `done` is called with each bag's summary or InputError. Raises InputError if ``summary.json`` cannot be written.
     """
     batch = Batch()
     for number, (bag, name) in enumerate(zip(bags, folder_names(bags), strict=True), start=1):
         try:
-            summary = one(bag, out / name, f"{number}/{len(bags)} {name}")
+            summary = one(bag, out / name, label=f"{number}/{len(bags)} {name}")
         except InputError as error:
             batch.failures[name] = str(error)
             done(error)
@@ -72,5 +64,6 @@ def replay_all(
             done(summary)
     with file_errors(f"output folder '{out}'", "written"):
         out.mkdir(parents=True, exist_ok=True)
-        (out / "summary.json").write_text(batch.json(), encoding="utf-8")
+        content = {"bags": {name: s.content() for name, s in batch.summaries.items()}, "failures": batch.failures}
+        (out / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     return batch

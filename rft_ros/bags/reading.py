@@ -22,9 +22,7 @@ _RANK: tuple[Role, ...] = ("wrench", "twist", "pose", "tf")
 _LATEST = 100_000_000
 """Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
 
-_TOGETHER = 256
-"""Messages sorted at a time."""
-
+_TOGETHER = 256  # messages sorted at a time
 _SUFFIXES = (".mcap", ".db3", ".bag")
 
 

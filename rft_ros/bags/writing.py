@@ -15,8 +15,7 @@ from rft_ros.estimator.messages import TYPES, wrench_cdr
 
 __all__ = ["BagWriter"]
 
-_MARK = {"written_by": "rft_ros"}
-"""Custom data that marks bags which rft_ros wrote and may replace."""
+_MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros wrote and may replace
 
 
 class BagWriter:

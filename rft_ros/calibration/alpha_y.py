@@ -33,29 +33,18 @@ AlphaYModel = Literal["auto", "constant", "linear", "table"]
 """Which model of α_y to fit; "auto": linear where the slope over β is significant, else constant."""
 
 _ALIKE = np.cos(np.deg2rad(5.0))
-_FACES = 0.6
-"""Least share of a plate's surface that its two faces make up."""
-
-_STEADY = 0.5
-"""Share of a run, at its end, that is used: earlier the force is still building up."""
-
+_FACES = 0.6  # least share of a plate's surface that its two faces make up
+_STEADY = 0.5  # share of a run, at its end, that is used: earlier the force is still building up
 _SHORTEST = 0.01
-_SHALLOWEST = 0.005
-"""Shortest level run, and least depth of the face's centre [m]."""
-
+_SHALLOWEST = 0.005  # shortest level run, and least depth of the face's centre [m]
 _LEADING = np.sin(np.deg2rad(1.0))
 _SIDEWAYS = np.sin(np.deg2rad(5.0))
 
-_ALONG = 80.0
-"""Least ψ [deg] of a run along e1: f1 is within 1 % of 1 there."""
-
+_ALONG = 80.0  # least ψ [deg] of a run along e1: f1 is within 1 % of 1 there
 _SAME_BETA = 5.0
 _BETA_SPAN = 20.0
-_SURE = 3.0
-"""Standard errors by which a slope in β must differ from 0 to be used."""
-
-_LINE_ROWS = np.arange(0.0, 91.0, 15.0)
-"""β [deg] at which a line is written to a table."""
+_SURE = 3.0  # standard errors by which a slope in β must differ from 0 to be used
+_LINE_ROWS = np.arange(0.0, 91.0, 15.0)  # β [deg] at which a line is written to a table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -26,8 +26,7 @@ __all__ = [
     "mean_of",
 ]
 
-_GRID = 24
-"""Values of the nonlinear parameter tried before the best one is refined."""
+_GRID = 24  # values of the nonlinear parameter tried before the best one is refined
 
 _Result = TypeVar("_Result")
 

@@ -17,8 +17,7 @@ __all__ = ["Penetration", "ZetaFit", "fit_zeta"]
 _SHALLOWEST = 0.005
 """Least depth of a penetration [m]: the force of a shallower one depends more on the surface height than on ζ."""
 
-_NOTEWORTHY = 0.1
-"""Greatest relative difference of ζ between tools of different size without a note."""
+_NOTEWORTHY = 0.1  # greatest relative difference of ζ between tools of different size without a note
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

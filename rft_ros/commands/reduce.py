@@ -23,7 +23,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     mesh_options(command)
     integration_option(command)
     size = command.add_mutually_exclusive_group()
-    meaning = "greatest error over force, at the 95th percentile of motions not used for the choice (default 0.025)"
+    meaning = "error allowed, as a share of force, at the 95th percentile of motions not used to choose (default 0.025)"
     number_option(size, "--tolerance", "SHARE", meaning, 0.025)
     meaning = "at most this many plates, regardless of the error (default: --tolerance decides)"
     size.add_argument("--plates", type=int, metavar="N", help=meaning)
@@ -43,9 +43,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from rich.console import Console
-    from rich.table import Table
-
     from rft_ros.tool import load_tool
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
     from rft_ros.tool.reduced_file import save_reduced
@@ -66,7 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
     save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
 
-    table = Table(show_header=False)
     for name, value in (
         ("tool", f"{tool.name} ({tool.file})"),
         ("integration", plates.integration),
@@ -76,8 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         ("error", f"{100.0 * reduction.error:.2f} % of the force at the 95th percentile"),
         ("written", str(arguments.output)),
     ):
-        table.add_row(name, value)
-    Console().print(table)
+        print(f"{name:<12} {value}")
     return 0
 
 

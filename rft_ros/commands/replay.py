@@ -5,6 +5,7 @@ rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -44,18 +45,8 @@ def run(arguments: argparse.Namespace) -> int:
         model = replay_model(values)
     warn_of(model.tool)
 
-    def one(bag: Path, out: Path, label: str | None = None) -> "Summary":
-        return replay(
-            bag,
-            out,
-            values,
-            options,
-            model=model,
-            report=not arguments.no_report,
-            figures=arguments.figures,
-            label=label,
-        )
-
+    pages = {"report": not arguments.no_report, "figures": arguments.figures}
+    one = partial(replay, values=values, options=options, model=model, **pages)
     if len(arguments.bag) == 1:
         summary = one(arguments.bag[0], arguments.output)
         _print(summary)
@@ -87,12 +78,11 @@ def _empty(summary: "Summary") -> int:
 
 
 def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
-    """Print the checks of each bag; exit status 1 if one failed."""
     from rft_ros.bags.limits import check, limit_lines
 
     kept = True
     for name, summary in summaries.items() if limits else ():
         checks = check(limits, summary)
         print("\n".join([f"{name}: limits", *limit_lines(checks)]))
-        kept &= all(checked.kept for checked in checks)
+        kept &= all(limit.allows(value) for limit, value in checks)
     return 0 if kept else 1

@@ -4,13 +4,12 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError, file_errors, suggestion
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
 from rft_ros.estimator.settings import LoadCell, Model, Settings
 from rft_ros.rft import (
@@ -278,8 +277,7 @@ def checked(name: str, value: object) -> Value:
     """The value in the parameter's type. Raises InputError that names both and says what is allowed."""
     parameter = _BY_NAME.get(name)
     if parameter is None:
-        near = get_close_matches(name, _BY_NAME, n=1)
-        raise InputError(f"there is no parameter '{name}'" + (f"; did you mean '{near[0]}'?" if near else ""))
+        raise InputError(f"there is no parameter '{name}'{suggestion(name, _BY_NAME)}")
     if parameter.type == "string":
         if value is False and "off" in parameter.choices:  # YAML, and so ROS, reads an unquoted off as false
             value = "off"

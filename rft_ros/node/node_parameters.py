@@ -24,8 +24,6 @@ from rft_ros.estimator.parameters import (
     table_path,
 )
 
-__all__ = ["NodeParameters", "parameter_files"]
-
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
     unit = f" [{parameter.unit}]" if parameter.unit else ""

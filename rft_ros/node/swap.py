@@ -3,8 +3,6 @@
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.tool import Tool, ToolRequest
 
-__all__ = ["ToolSwap"]
-
 
 class ToolSwap:
     """One tool in force and a stack of requested ones; the newest is being loaded.

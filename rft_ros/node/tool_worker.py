@@ -14,8 +14,6 @@ from rft_ros.child_process import start_child
 from rft_ros.errors import InputError
 from rft_ros.tool import Tool, ToolRequest
 
-__all__ = ["ToolWorker", "receive_tool", "send_tool", "serve"]
-
 _DEADLINE = 120.0  # s
 _EXIT = 0.5  # s, for a worker that closed its connection to end
 _NICENESS = 10  # the worker gets a tenth of a busy core, and all of an idle one

@@ -94,5 +94,5 @@ def test_an_error_after_a_replay_does_not_turn_the_bag_into_a_failure(bags, tmp_
         raise InputError("the terminal is gone")
 
     with pytest.raises(InputError, match="the terminal is gone"):
-        replay_all(bags, tmp_path / "out", lambda *_: "a summary", done=done)
+        replay_all(bags, tmp_path / "out", lambda *_, **__: "a summary", done=done)
     assert heard == ["a summary"]
