@@ -31,7 +31,8 @@ def suggestion(word: str, names: Iterable[str]) -> str:
 @contextmanager
 def file_errors(what: str, done: Literal["read", "written"]) -> Iterator[None]:
     """Raise InputError where a file cannot be used in this block: "`what` cannot be read", or written, and why."""
+    kinds = (OSError, UnicodeDecodeError) if done == "read" else (OSError,)
     try:
         yield
-    except (OSError, UnicodeDecodeError) as error:
+    except kinds as error:
         raise InputError(f"{what} cannot be {done}: {reason_of(error)}") from None

@@ -83,14 +83,10 @@ class AlphaYFit:
 
     def value(self) -> FittedValue:
         """For the record; the node takes `rows` or `model`."""
-        return FittedValue(
-            name=f"alpha_y ({self.model})",
-            values=self.values,
-            errors=self.errors,
-            unit="N/cm³, N/cm³/deg" if self.model == "linear" else "N/cm³",
-            goodness=self.goodness + ("; agrees with the published model" if self.published else ""),
-            source=f"{self.runs} level runs along e1",
-        )
+        unit = "N/cm³, N/cm³/deg" if self.model == "linear" else "N/cm³"
+        goodness = self.goodness + ("; agrees with the published model" if self.published else "")
+        source = f"{self.runs} level runs along e1"
+        return FittedValue(f"alpha_y ({self.model})", self.values, self.errors, unit, goodness, source)
 
 
 def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

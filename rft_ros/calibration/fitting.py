@@ -35,7 +35,7 @@ class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
     """The data do not determine the quantity. One sentence with the numbers that show it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FittedValue:
     """A fitted quantity: `values` and their standard `errors` in `unit`.
 

@@ -119,11 +119,6 @@ def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surf
     )
     length, error = mean_of([t.length for t in turns], [t.error for t in turns])
     misfit, without = 100.0 * np.mean([(t.misfit, t.misfit_without) for t in turns], axis=0)
-    return FittedValue(
-        name="medium.mobilization_length",
-        values=(length,),
-        errors=(error,),
-        unit="m",
-        goodness=f"RMS {misfit:.1f} % of the greatest force around turns; without memory {without:.1f} %",
-        source=", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns),
-    )
+    goodness = f"RMS {misfit:.1f} % of the greatest force around turns; without memory {without:.1f} %"
+    source = ", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns)
+    return FittedValue("medium.mobilization_length", (length,), (error,), "m", goodness, source)

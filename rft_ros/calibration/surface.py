@@ -47,14 +47,9 @@ class SurfaceFit:
 
     def value(self) -> FittedValue:
         """`surface_height`."""
-        return FittedValue(
-            name="surface_height",
-            values=(self.height,),
-            errors=(self.error,),
-            unit="m",
-            goodness=f"RMS up to {100 * max(c.misfit for c in self.contacts):.1f} % of the force's rise",
-            source=f"first contact of {len(self.contacts)} ways down",
-        )
+        goodness = f"RMS up to {100 * max(c.misfit for c in self.contacts):.1f} % of the force's rise"
+        source = f"first contact of {len(self.contacts)} ways down"
+        return FittedValue("surface_height", (self.height,), (self.error,), "m", goodness, source)
 
     def notes(self) -> list[str]:
         """A sentence if the contacts lie at different heights."""

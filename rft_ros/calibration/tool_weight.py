@@ -72,8 +72,7 @@ def fit_tool_weight(
     source = f"{len(poses)} poses in the air, gravity turned by up to {widest:.1f}°"
 
     def value(name: str, values: NDArray[np.float64], own: NDArray[np.float64], unit: str, goodness: str) -> None:
-        pair = {"values": tuple(values.tolist()), "errors": tuple(own.tolist())}
-        fitted.append(FittedValue(name=name, **pair, unit=unit, goodness=goodness, source=source))
+        fitted.append(FittedValue(name, tuple(values.tolist()), tuple(own.tolist()), unit, goodness, source))
 
     fitted: list[FittedValue] = []
     reasons: dict[str, str] = {}

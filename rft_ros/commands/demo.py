@@ -48,7 +48,7 @@ def _draw(watcher: "Watcher", bag: Path, figure: Path) -> None:
     from rft_ros.installation import share_directory
     from rft_ros.node.virtual_arm import LAYER
     from rft_ros.report.animation import animate_evenly
-    from rft_ros.report.pictures import DepthTrace, draw_force_over_depth
+    from rft_ros.report.pictures import draw_force_over_depth
 
     values = {**read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml"), "learning.mode": "off"}
     model = model_of(values)
@@ -64,7 +64,10 @@ def _draw(watcher: "Watcher", bag: Path, figure: Path) -> None:
     strength = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 0.003] = -1.0
     sigma = dict(watcher.wrenches["sigma"])
-    trace = DepthTrace(
+    draw_force_over_depth(
+        figure,
+        title="rft demo: an ellipsoid pitches ±9° on its way down at 5 mm/s into grains that the node does not know",
+        scene=replace(scene, first=int(strength.argmax())),
         measured=np.array([(depth[s], *w[:3]) for s, w in watcher.wrenches["compensated"] if s in depth]),
         fixed=np.array(fixed),
         learned=np.array(
@@ -73,5 +76,3 @@ def _draw(watcher: "Watcher", bag: Path, figure: Path) -> None:
         surprise=np.array([(depth[s], score) for s, score in watcher.surprise if s in depth]),
         layer=LAYER,
     )
-    title = "rft demo: an ellipsoid pitches ±9° on its way down at 5 mm/s into grains that the node does not know"
-    draw_force_over_depth(trace, figure, title=title, scene=replace(scene, first=int(strength.argmax())))

@@ -112,15 +112,8 @@ def law_of(arguments: argparse.Namespace) -> "Law":
             if not Path(name).suffix:
                 raise InputError(f"--alpha-y '{name}' is not constant, linear or the CSV file of a table")
             name, table = "table", read_alpha_y_table(name)
-        return law_named(
-            arguments.law,
-            medium,
-            alpha_y_model(name, medium, table),
-            zeta=arguments.zeta,
-            surface_friction=arguments.surface_friction,
-            density=arguments.density,
-            inertia=arguments.inertia,
-        )
+        numbers = {option: getattr(arguments, option) for option in ("zeta", "surface_friction", "density", "inertia")}
+        return law_named(arguments.law, medium, alpha_y_model(name, medium, table), **numbers)
     except ValueError as error:
         raise InputError(str(error)) from None
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
+from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
@@ -35,7 +36,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from rft_ros.bags.batch import replay_all
+    from rft_ros.bags.batch import comparison_lines, replay_each
     from rft_ros.bags.limits import read_limits
     from rft_ros.bags.replay import replay, replay_model
 
@@ -45,24 +46,25 @@ def run(arguments: argparse.Namespace) -> int:
         model = replay_model(values)
     warn_of(model.tool)
 
-    pages = {"report": not arguments.no_report, "figures": arguments.figures}
-    one = partial(replay, values=values, options=options, model=model, **pages)
+    one = partial(
+        replay, values=values, options=options, model=model, report=not arguments.no_report, figures=arguments.figures
+    )
     if len(arguments.bag) == 1:
         summary = one(arguments.bag[0], arguments.output)
-        _print(summary)
+        print("\n".join(summary.lines()), flush=True)
         print(f"-> {arguments.output / ('summary.json' if arguments.no_report else 'report.html')}")
         return max(_checked({summary.bag: summary}, limits), _empty(summary))
-    batch = replay_all(arguments.bag, arguments.output, one, done=_print)
-    print("\n".join(batch.lines()))
-    empty = max((_empty(summary) for summary in batch.summaries.values()), default=0)
-    return max(_checked(batch.summaries, limits), empty, 1 if batch.failures else 0)
-
-
-def _print(outcome: "Summary | Exception") -> None:
-    if isinstance(outcome, Exception):
-        print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
-    else:
-        print("\n".join(outcome.lines()), flush=True)
+    summaries = {}
+    for name, outcome in replay_each(arguments.bag, arguments.output, one):
+        if isinstance(outcome, InputError):
+            print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
+        else:
+            print("\n".join(outcome.lines()), flush=True)
+            summaries[name] = outcome
+    failed = len(summaries) < len(arguments.bag)
+    print("\n".join([f"{len(summaries)} of {len(arguments.bag)} bags replayed", *comparison_lines(summaries)]))
+    empty = max(map(_empty, summaries.values()), default=0)
+    return max(_checked(summaries, limits), empty, 1 if failed else 0)
 
 
 def _empty(summary: "Summary") -> int:

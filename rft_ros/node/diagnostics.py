@@ -13,7 +13,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.node.learned_medium import surprise_sentence
-from rft_ros.node.swap import ToolSwap
+from rft_ros.node.tool_worker import ToolSwap
 
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two reports [s]."""
