@@ -47,12 +47,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--figure", type=Path, metavar="FILE.png", help="draw the penetrations to this file (default: no figure)"
     )
-    number_option(
-        command,
-        "--tare",
-        "S",
-        "zero each bag's load cell over its first S seconds; 0: no tare (default: the parameter file's, or none)",
-    )
+    tare = "zero each bag's load cell over its first S seconds; 0: none (default: the parameter file's, else none)"
+    number_option(command, "--tare", "S", tare)
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -41,19 +41,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     surface_option(command)
     integration_option(command)
-    number_option(
-        command,
-        "--tolerance",
-        "SHARE",
-        "reduce the tool to the fewest plates within this share of the force in any motion, such as 0.01 (default 0:"
-        " full tool)",
-        0.0,
-    )
-    output_option(
-        command,
-        "OUT.csv",
-        "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin",
-    )
+    fewest = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
+    number_option(command, "--tolerance", "SHARE", fewest, 0.0)
+    header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
+    output_option(command, "OUT.csv", header)
 
 
 def run(arguments: argparse.Namespace) -> int:

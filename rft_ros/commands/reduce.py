@@ -23,10 +23,10 @@ def add_options(command: argparse.ArgumentParser) -> None:
     mesh_options(command)
     integration_option(command)
     size = command.add_mutually_exclusive_group()
-    meaning = "error allowed, as a share of force, at the 95th percentile of motions not used to choose (default 0.025)"
-    number_option(size, "--tolerance", "SHARE", meaning, 0.025)
-    meaning = "at most this many plates, regardless of the error (default: --tolerance decides)"
-    size.add_argument("--plates", type=int, metavar="N", help=meaning)
+    allowed = "error allowed, as a share of force, at the 95th percentile of motions not used to choose (default 0.025)"
+    number_option(size, "--tolerance", "SHARE", allowed, 0.025)
+    most = "at most this many plates, regardless of the error (default: --tolerance decides)"
+    size.add_argument("--plates", type=int, metavar="N", help=most)
     command.add_argument(
         "--scene",
         metavar="STATES.csv|BAG|FAMILY",
@@ -37,8 +37,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--params", type=Path, metavar="FILE.yaml", help="for a recorded bag: the node's parameter file"
     )
-    meaning = "world z of the surface in the scene [m] (default: the parameter file's, or 0)"
-    number_option(command, "--surface-height", "Z", meaning)
+    height = "world z of the surface in the scene [m] (default: the parameter file's, or 0)"
+    number_option(command, "--surface-height", "Z", height)
     output_option(command, "OUT.npz", "file to write; accepted wherever a mesh is")
 
 

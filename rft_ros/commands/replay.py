@@ -22,12 +22,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=f"{BAG}; several get a folder each below DIR")
     output_option(command, "DIR", "folder for the results")
     recording_options(command)
-    number_option(
-        command,
-        "--tare",
-        "S",
-        "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)",
-    )
+    tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
+    number_option(command, "--tare", "S", tare)
     command.add_argument(
         "--check", type=Path, metavar="LIMITS.yaml", help="exit with 1 if a metric of a bag's summary exceeds a limit"
     )
