@@ -11,7 +11,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.damaged import DamagedFile
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.estimator.messages import TYPES, Role, Sample, decoder
 
@@ -86,13 +86,15 @@ class Recording:
 
     def __enter__(self) -> "Recording":
         try:
-            with file_errors(f"bag '{self.bag}'", "read"):
-                self._open()
-                if not sum(part.count for part in self._parts):
-                    raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
-                self._check_topics()
-                self.fixed = self._read_fixed()
-                self._set_span()
+            self._open()
+            if not sum(part.count for part in self._parts):
+                raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
+            self._check_topics()
+            self.fixed = self._read_fixed()
+            self._set_span()
+        except OSError as error:
+            self._close()
+            raise InputError(f"bag '{self.bag}' cannot be read: {reason_of(error)}") from None
         except BaseException:
             self._close()
             raise

@@ -17,7 +17,7 @@ from rft_ros.bags.reading import Recording
 from rft_ros.bags.statistics import Group, count_flags, statistics
 from rft_ros.bags.summary import Summary
 from rft_ros.bags.writing import BagWriter
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import (
     Estimate,
     Estimator,
@@ -77,7 +77,7 @@ def replay(
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     motion = LowestPoint(estimator)
-    with file_errors(f"output folder '{out}'", "written"):
+    try:
         out.mkdir(parents=True, exist_ok=True)
         with ExitStack() as traces:
             trace = traces.enter_context(Trace(out))
@@ -115,6 +115,8 @@ def replay(
                 from rft_ros.bags.replay_report import draw
 
                 draw(summary, trace, model, out, vertical=motion.vertical_axis(), page=report, pictures=figures)
+    except OSError as error:
+        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     return summary
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError, reason_of
 from rft_ros.rft import Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool, drawable
 
@@ -190,7 +190,7 @@ def write_film(scene: Animation, file: Path) -> None:
     writer = animation.writers["ffmpeg" if file.suffix == ".mp4" else "pillow"](fps=_FRAMES_A_SECOND)
     figure = Figure(figsize=(7.6, 6.0), dpi=90)
     FigureCanvasAgg(figure)
-    with file_errors(f"output '{file}'", "written"):
+    try:
         file.parent.mkdir(parents=True, exist_ok=True)
         with writer.saving(figure, str(file), dpi=90):
             for n, label in enumerate(scene.labels):
@@ -199,6 +199,8 @@ def write_film(scene: Animation, file: Path) -> None:
                 draw_moment(figure, axes, replace(scene, first=n), elevation=14.0, whole=True)
                 figure.suptitle(f"{scene.title}   {label}")
                 writer.grab_frame()
+    except OSError as error:
+        raise InputError(f"output '{file}' cannot be written: {reason_of(error)}") from None
 
 
 def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0, whole: bool = False) -> None:
