@@ -208,8 +208,17 @@ class PoseDifference:
         row = self._ring[self._newest]
         row[0:3] = pose.position
         row[3:7] = pose.quaternion
-        arrays = self._stamps, self._ring, self._misfits, self._stored, self._noise
-        used: int = _end_slopes(*arrays, self._newest, self._window, self._gap, self.twist)
+        used: int = _end_slopes(
+            self._stamps,
+            self._ring,
+            self._misfits,
+            self._stored,
+            self._noise,
+            self._newest,
+            self._window,
+            self._gap,
+            self.twist,
+        )
         return used >= _FEWEST
 
     def reset(self) -> None:
