@@ -162,8 +162,8 @@ def demo(output: Path, *, seconds: float) -> Watcher | None:
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
     console.print(
         "[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains that are stronger than the"
-        " model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and weight off the load"
-        " cell and learns the difference. By hand, in terminals of your own:\n"
+        " model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and weight off the"
+        " load cell and learns the difference. By hand, in terminals of your own:\n"
     )
     console.print(f"  {program('rft_node')} --ros-args --params-file {parameters}", soft_wrap=True)
     console.print(f"  {sys.executable} -m rft_ros.node.virtual_arm --seconds {seconds:g}", soft_wrap=True)
