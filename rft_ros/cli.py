@@ -4,16 +4,16 @@ Exit status: 0 done, 1 failed, 2 wrong usage or unusable input, 130 interrupted.
 """
 
 import argparse
-import difflib
 import os
 import signal
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
 from typing import NoReturn
 
 from rft_ros.commands import calibrate, check_mesh, demo, doctor, predict, reduce, replay, sweep, view, warm_up
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, suggestion
 from rft_ros.installation import program
 
 __all__ = ["main", "parser"]
@@ -35,7 +35,7 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
         epilog=f"{rft} COMMAND --help describes that command. " + (__doc__ or "").partition("\n\n")[2],
         formatter_class=_Help,
     )
-    whole.add_argument("--version", action=_Version, nargs=0, help="show the installed version and exit")
+    whole.add_argument("--version", action="version", version=_version(), help="show the installed version and exit")
     commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
     for name, module in _COMMANDS.items():
         text, _, examples = (module.__doc__ or "").strip().partition("\n\n")
@@ -70,17 +70,11 @@ class _Help(argparse.HelpFormatter):
         return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
-class _Version(argparse.Action):
-    """Print the installed version, which takes time to look up, only on request."""
-
-    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> NoReturn:
-        from importlib.metadata import PackageNotFoundError, version
-
-        try:
-            print(f"rft {version('rft_ros')}")
-        except PackageNotFoundError:
-            print("rft, not installed")
-        parser.exit()
+def _version() -> str:
+    try:
+        return f"rft {version('rft_ros')}"
+    except PackageNotFoundError:
+        return "rft, not installed"
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -103,12 +97,14 @@ def _run(arguments: Sequence[str]) -> int:
         return 2
     word = arguments[0]
     if not word.startswith("-") and word not in _COMMANDS:
-        print(f"rft: there is no command '{word}'; {_suggestion(word, _COMMANDS)}", file=sys.stderr)
+        near = suggestion(word, _COMMANDS) or f"; there are {', '.join(_COMMANDS)}"
+        print(f"rft: there is no command '{word}'{near}", file=sys.stderr)
         return 2
     parsed, unknown = whole.parse_known_args(arguments)
     if unknown:
         options = [name for name in parsed.own._option_string_actions if name.startswith("--")]
-        parsed.own.error(f"'{unknown[0]}' is not one of its arguments; {_suggestion(unknown[0], options)}")
+        near = suggestion(unknown[0], options) or f"; there are {', '.join(options)}"
+        parsed.own.error(f"'{unknown[0]}' is not one of its arguments{near}")
     try:
         status: int = parsed.run(parsed)
         return status
@@ -120,12 +116,6 @@ def _run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print(f"rft {parsed.command}: interrupted", file=sys.stderr)
         return 130
-
-
-def _suggestion(word: str, names: Iterable[str]) -> str:
-    """The nearest name, else all names."""
-    near = difflib.get_close_matches(word, names, n=1)
-    return f"did you mean '{near[0]}'?" if near else f"there are {', '.join(names)}"
 
 
 if __name__ == "__main__":

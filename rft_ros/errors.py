@@ -1,6 +1,11 @@
-"""The exception for unusable input, and the wording of file errors."""
+"""The exception for unusable input, and phrases that its sentences share."""
 
-__all__ = ["InputError", "reason_of"]
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from difflib import get_close_matches
+from typing import Literal
+
+__all__ = ["InputError", "file_errors", "reason_of", "suggestion"]
 
 
 class InputError(ValueError):
@@ -15,3 +20,19 @@ def reason_of(error: Exception) -> str:
     if isinstance(error, UnicodeDecodeError):
         return "it is not UTF-8 text"
     return (isinstance(error, OSError) and error.strerror) or str(error)
+
+
+def suggestion(word: str, names: Iterable[str]) -> str:
+    """The end of a sentence about an unknown word: "; did you mean" the nearest name, or nothing if none is near."""
+    near = get_close_matches(word, names, n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""
+
+
+@contextmanager
+def file_errors(what: str, done: Literal["read", "written"]) -> Iterator[None]:
+    """Raise InputError where a file cannot be used in this block: "`what` cannot be read", or written, and why."""
+    kinds = (OSError, UnicodeDecodeError) if done == "read" else (OSError,)
+    try:
+        yield
+    except kinds as error:
+        raise InputError(f"{what} cannot be {done}: {reason_of(error)}") from None

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.rft import STATE, checked_states
 
 __all__ = ["WRENCH_HEADER", "read_states", "write_wrenches"]
@@ -20,10 +20,8 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Raises InputError that names the file, line and column.
     """
-    try:
+    with file_errors(f"states file '{file}'", "read"):
         lines = file.read_text(encoding="utf-8").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"states file '{file}' cannot be read: {reason_of(error)}") from None
     if not lines or not lines[0].strip():
         raise InputError(f"states file '{file}' is empty; its first line must be {','.join(STATES_HEADER)}")
     header = [name.strip() for name in lines[0].split(",")]
@@ -60,10 +58,7 @@ def _row(line: str, header: list[str], where: str) -> list[float]:
 
 def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.float64]) -> None:
     """Write t and the wrenches, shape [n, 6 or more], with every digit that float64 holds."""
-    try:
-        with file.open("w", encoding="utf-8", newline="\n") as out:
-            out.write(",".join(WRENCH_HEADER) + "\n")
-            for t, row in zip(times.tolist(), wrenches[:, :6].tolist(), strict=True):
-                out.write(",".join(repr(value) for value in (t, *row)) + "\n")
-    except OSError as error:
-        raise InputError(f"cannot write '{file}': {error.strerror}") from None
+    with file_errors(f"output '{file}'", "written"), file.open("w", encoding="utf-8", newline="\n") as out:
+        out.write(",".join(WRENCH_HEADER) + "\n")
+        for t, row in zip(times.tolist(), wrenches[:, :6].tolist(), strict=True):
+            out.write(",".join(repr(value) for value in (t, *row)) + "\n")

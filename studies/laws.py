@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.estimator.learning import Learning, LearningSettings
+from rft_ros.estimator.learning import Learning
 from rft_ros.rft import Law, Memory, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 from studies.dem import (
@@ -116,7 +116,7 @@ def _learned(run: DemRun, model: Law, length: float) -> Array:
         )
     else:
         rows = wrenches(plates, model, states, sensitivities=True)
-    learning = Learning(LearningSettings(lag=LAG), reach=plates.reach)
+    learning = Learning(lag=LAG, reach=plates.reach)
     out = np.empty((len(states), 3))
     for k, time in enumerate(run.times):
         stamp = round(1e9 * (1.0 + time - run.times[0]))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
-from rft_ros.estimator.learning import Learning, LearningSettings, Surprise
+from rft_ros.estimator.learning import Learning, Surprise
 from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.estimator.quality import write_prior_sigma
 from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
@@ -127,7 +127,7 @@ class Learned:
 
 def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learned:
     """A series through the filter, with its own measured forces [N] or others, shape [n, 3]."""
-    learning = Learning(LearningSettings(lag=lag), reach=series.reach)
+    learning = Learning(lag=lag, reach=series.reach)
     measured = series.forces if forces is None else forces
     out, surprise = np.empty((len(series.stamps), 12)), np.zeros(len(series.stamps), dtype=np.int64)
     for k, stamp in enumerate(series.stamps.tolist()):

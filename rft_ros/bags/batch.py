@@ -1,39 +1,24 @@
 """Replay several recordings: one folder each and a common summary; a failure does not stop the others."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_line, metrics
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 
-__all__ = ["Batch", "folder_names", "replay_all"]
+__all__ = ["comparison_lines", "folder_names", "replay_each"]
 
 
-class Batch:
-    """Summaries and failures of several bags by folder name, in the given order."""
-
-    def __init__(self) -> None:
-        self.summaries: dict[str, Summary] = {}
-        self.failures: dict[str, str] = {}
-
-    def lines(self) -> list[str]:
-        """A table: the metrics of each bag, overall and over penetration."""
-        text = [f"{len(self.summaries)} of {len(self.summaries) + len(self.failures)} bags replayed"]
-        width = max((len(name) for name in self.summaries), default=0) + 14
-        text.append(metric_line("force on the tool", METRIC_HEADS, width))
-        for name, summary in self.summaries.items():
-            text.append(metric_line(name, metrics(summary), width))
-            text.append(metric_line("  penetration", metrics(summary.phases["penetration"]), width))
-        return text
-
-    def json(self) -> str:
-        """The text of the common summary.json: each bag's summary, or why it failed."""
-        content = {
-            "bags": {name: summary.content() for name, summary in self.summaries.items()},
-            "failures": self.failures,
-        }
-        return json.dumps(content, indent=2, allow_nan=False) + "\n"
+def comparison_lines(summaries: dict[str, Summary]) -> list[str]:
+    """A table: the metrics of each bag by its folder's name, overall and over penetration."""
+    width = max((len(name) for name in summaries), default=0) + 14
+    text = [metric_line("force on the tool", METRIC_HEADS, width)]
+    for name, summary in summaries.items():
+        text.append(metric_line(name, metrics(summary), width))
+        text.append(metric_line("  penetration", metrics(summary.phases["penetration"]), width))
+    return text
 
 
 def folder_names(bags: Sequence[Path]) -> list[str]:
@@ -49,30 +34,23 @@ def folder_names(bags: Sequence[Path]) -> list[str]:
     return names
 
 
-def replay_all(
-    bags: Sequence[Path],
-    out: Path,
-    one: Callable[[Path, Path, str], Summary],
-    *,
-    done: Callable[[Summary | InputError], None],
-) -> Batch:
-    """Replay each bag by `one(bag, folder, label)` into a folder below `out`, and write a common ``summary.json``.
+def replay_each(
+    bags: Sequence[Path], out: Path, one: Callable[..., Summary]
+) -> Iterator[tuple[str, Summary | InputError]]:
+    """Replay each bag by `one(bag, folder, label=...)` into a folder below `out`; at last write ``summary.json`` there.
 
-    `done` is called with each bag's summary or InputError. Raises InputError if ``summary.json`` cannot be written.
+    Yields each folder's name with the bag's summary or error. Raises InputError if ``summary.json`` cannot be written.
     """
-    batch = Batch()
+    content: dict[str, dict[str, Any]] = {"bags": {}, "failures": {}}
     for number, (bag, name) in enumerate(zip(bags, folder_names(bags), strict=True), start=1):
+        outcome: Summary | InputError
         try:
-            summary = one(bag, out / name, f"{number}/{len(bags)} {name}")
+            outcome = one(bag, out / name, label=f"{number}/{len(bags)} {name}")
         except InputError as error:
-            batch.failures[name] = str(error)
-            done(error)
+            outcome, content["failures"][name] = error, str(error)
         else:
-            batch.summaries[name] = summary
-            done(summary)
-    try:
+            content["bags"][name] = outcome.content()
+        yield name, outcome
+    with file_errors(f"output folder '{out}'", "written"):
         out.mkdir(parents=True, exist_ok=True)
-        (out / "summary.json").write_text(batch.json(), encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
-    return batch
+        (out / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

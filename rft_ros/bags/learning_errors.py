@@ -1,8 +1,7 @@
 """The error of a replay's predictions without and with learning, from estimators that run beside the replay."""
 
 from collections import deque
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,7 +27,10 @@ class LearningError:
 
 
 class LearningErrors:
-    """Runs beside a replay, by name: without learning, with learning at `learning_lag`, and with a lag of 5 mm."""
+    """Runs beside a replay, by name: without learning, with learning at `learning_lag`, and with a lag of 5 mm.
+
+    No runs if `learning_mode` is off. `traces` closes their scratch files, which are in `folder`.
+    """
 
     def __init__(self, settings: Settings, model: Model, traces: ExitStack, folder: Path) -> None:
         runs = {"off": replace(settings, learning_mode="off")}
@@ -36,15 +38,8 @@ class LearningErrors:
             runs[f"{1e3 * lag:g} mm"] = replace(settings, learning_mode="apply", learning_lag=lag)
         self._runs = {
             name: (Estimator(own, model), traces.enter_context(Trace(folder)), deque[Estimate]())
-            for name, own in runs.items()
+            for name, own in (runs.items() if settings.learning_mode != "off" else ())
         }
-
-    @classmethod
-    @contextmanager
-    def of(cls, settings: Settings, model: Model, folder: Path) -> Iterator["LearningErrors | None"]:
-        """For use in a `with` block, with scratch files in `folder`; None where `learning_mode` is off."""
-        with ExitStack() as traces:
-            yield None if settings.learning_mode == "off" else cls(settings, model, traces, folder)
 
     def push(self, sample: Sample) -> None:
         """Push a sample of the replay into every run."""

@@ -1,6 +1,5 @@
 """Limits on a replay's metrics, for continuous integration."""
 
-import difflib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -8,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from rft_ros.bags.summary import Summary
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, suggestion
 from rft_ros.estimator import Reason
 from rft_ros.yaml_file import read_yaml
 
-__all__ = ["Limit", "LimitCheck", "check", "limit_lines", "read_limits"]
+__all__ = ["Limit", "check", "limit_lines", "read_limits"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,18 +22,9 @@ class Limit:
     min: float = -math.inf
     max: float = math.inf
 
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LimitCheck:
-    """A limit and the metric's value. A missing value (None) fails the check."""
-
-    limit: Limit
-    value: float | None
-
-    @property
-    def kept(self) -> bool:
-        """Whether the value exists and lies within the limit."""
-        return self.value is not None and self.limit.min <= self.value <= self.limit.max
+    def allows(self, value: float | None) -> bool:
+        """Whether the metric may have this value. A missing one (None) fails."""
+        return value is not None and self.min <= value <= self.max
 
 
 def read_limits(file: Path) -> list[Limit]:
@@ -57,8 +47,8 @@ def _limit(file: Path, metric: str, bounds: object) -> Limit:
     return limit
 
 
-def check(limits: list[Limit], summary: Summary) -> list[LimitCheck]:
-    """Check a summary against limits. Raises InputError for a metric that summary.json does not have."""
+def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | None]]:
+    """Each limit with the summary's value. Raises InputError for a metric that summary.json does not have."""
     content = summary.content()
     for words in ("damage", "parameters"):
         del content[words]
@@ -66,10 +56,9 @@ def check(limits: list[Limit], summary: Summary) -> list[LimitCheck]:
     values |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
     for limit in limits:
         if limit.metric not in values:
-            near = difflib.get_close_matches(limit.metric, values, n=1)
-            advice = f"; did you mean '{near[0]}'?" if near else ""
-            raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{advice}")
-    return [LimitCheck(limit=limit, value=values[limit.metric]) for limit in limits]
+            near = suggestion(limit.metric, values)
+            raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{near}")
+    return [(limit, values[limit.metric]) for limit in limits]
 
 
 def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, float | None]]:
@@ -80,13 +69,12 @@ def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, flo
             yield f"{path}{key}", value
 
 
-def limit_lines(checks: list[LimitCheck]) -> list[str]:
+def limit_lines(checks: list[tuple[Limit, float | None]]) -> list[str]:
     """A table: each limit with the value, and "ok" or "FAILED"."""
-    width = max(len(c.limit.metric) for c in checks)
+    width = max(len(limit.metric) for limit, _ in checks)
     text = [f"  {'metric':<{width}}{'value':>12}{'min':>10}{'max':>10}"]
-    for checked in checks:
-        limit = checked.limit
-        value = "-" if checked.value is None else f"{checked.value:.5g}"
+    for limit, value in checks:
+        shown = "-" if value is None else f"{value:.5g}"
         bounds = "".join(f"{'' if math.isinf(b) else f'{b:g}':>10}" for b in (limit.min, limit.max))
-        text.append(f"  {limit.metric:<{width}}{value:>12}{bounds}  {'ok' if checked.kept else 'FAILED'}")
+        text.append(f"  {limit.metric:<{width}}{shown:>12}{bounds}  {'ok' if limit.allows(value) else 'FAILED'}")
     return text

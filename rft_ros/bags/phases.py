@@ -29,8 +29,7 @@ class Phase(str, Enum):
     DWELL = "dwell"
     WITHDRAWAL = "withdrawal"
 
-    def __str__(self) -> str:
-        return self.value
+    __str__ = str.__str__
 
 
 class Moment(NamedTuple):
@@ -106,17 +105,12 @@ class LowestPoint:
         return "xyz"[axis], "up" if up[axis] > 0.0 else "down"
 
 
-_HOLD = 100_000_000
-"""Shortest phase [ns]. It counts from its first moment."""
-
-_WAITING = 4096
-"""Greatest number of moments that wait for their phase."""
-
+_HOLD = 100_000_000  # shortest phase [ns]; it counts from its first moment
+_WAITING = 4096  # greatest number of moments that wait for their phase
 _STEEP, _STILL_STEEP = 0.1, 0.05
 """Sine of the least slope that counts as down or up; the second value applies within that phase."""
 
-_STILL_AT_REST = 1.5
-"""A tool at rest counts as at rest up to this many times `rest_speed`."""
+_STILL_AT_REST = 1.5  # a tool at rest counts as at rest up to this many times `rest_speed`
 
 _Item = TypeVar("_Item")
 _Settled = tuple[_Item, Phase | None]

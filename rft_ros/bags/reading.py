@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
@@ -23,9 +22,7 @@ _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 _LATEST = 100_000_000
 """Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
 
-_TOGETHER = 256
-"""Messages sorted at a time."""
-
+_TOGETHER = 256  # messages sorted at a time
 _SUFFIXES = (".mcap", ".db3", ".bag")
 
 
@@ -104,9 +101,7 @@ class Recording:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._close()
 
     def _read_fixed(self) -> tuple[TransformSample, ...]:

@@ -4,6 +4,7 @@ import json
 import time
 from collections import deque
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import fields
 from pathlib import Path
 from typing import NamedTuple
@@ -83,7 +84,9 @@ def replay(
     motion = LowestPoint(estimator)
     try:
         out.mkdir(parents=True, exist_ok=True)
-        with Trace(out) as trace, LearningErrors.of(settings, model, out) as learning_errors:
+        with ExitStack() as traces:
+            trace = traces.enter_context(Trace(out))
+            learning_errors = LearningErrors(settings, model, traces, out)
             with Recording(bag, topics, start=options.start, end=options.end) as recording:
                 _write_estimates(recording, estimator, motion, trace, out, label or bag.name, learning_errors)
             if not recording.counts["pose"]:
@@ -108,7 +111,7 @@ def replay(
                 trust=trust,
                 duration=(recording.time - recording.first) * 1e-9,
                 damage=recording.damage,
-                learning={} if learning_errors is None else learning_errors.finish(),
+                learning=learning_errors.finish(),
                 phases=phases,
                 seconds=time.perf_counter() - began,
             )
@@ -149,7 +152,7 @@ def _write_estimates(
     trace: Trace,
     out: Path,
     label: str,
-    learning_errors: LearningErrors | None,
+    learning_errors: LearningErrors,
 ) -> None:
     """Play the recording; write each pose to table, bag and trace once its phase and measurement are known."""
     phases: Phases[_Row] = Phases(estimator.settings.rest_speed)
@@ -174,8 +177,7 @@ def _write_estimates(
                     trace.add(depth, answer, measurement, phase, state, learned)
 
         for sample, answer in play(recording, estimator, label):
-            if learning_errors is not None:
-                learning_errors.push(sample)
+            learning_errors.push(sample)
             if answer is not None:
                 depth, moment = motion.after(answer)
                 learned = learned_numbers(estimator.learning.belief()) if estimator.learning else ()

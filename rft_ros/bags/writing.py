@@ -3,21 +3,19 @@
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from types import TracebackType
 
 import yaml
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Wrench
 from rft_ros.estimator.messages import TYPES, wrench_cdr
 
 __all__ = ["BagWriter"]
 
-_MARK = {"written_by": "rft_ros"}
-"""Custom data that marks bags which rft_ros wrote and may replace."""
+_MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros wrote and may replace
 
 
 class BagWriter:
@@ -34,19 +32,15 @@ class BagWriter:
         self._serialise: dict[str, Callable[[int, Wrench], bytes]] = {}
 
     def __enter__(self) -> "BagWriter":
-        try:
+        with file_errors(f"bag '{self.path}'", "written"):
             self._remove_old()
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
-        except OSError as error:
-            raise InputError(f"bag '{self.path}' cannot be written: {reason_of(error)}") from None
         for key, value in _MARK.items():
             self._writer.set_custom_data(key, value)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._writer.close()
 
     def write_wrench(self, topic: str, stamp: int, frame: str, wrench: Wrench) -> None:

@@ -33,29 +33,18 @@ AlphaYModel = Literal["auto", "constant", "linear", "table"]
 """Which model of α_y to fit; "auto": linear where the slope over β is significant, else constant."""
 
 _ALIKE = np.cos(np.deg2rad(5.0))
-_FACES = 0.6
-"""Least share of a plate's surface that its two faces make up."""
-
-_STEADY = 0.5
-"""Share of a run, at its end, that is used: earlier the force is still building up."""
-
+_FACES = 0.6  # least share of a plate's surface that its two faces make up
+_STEADY = 0.5  # share of a run, at its end, that is used: earlier the force is still building up
 _SHORTEST = 0.01
-_SHALLOWEST = 0.005
-"""Shortest level run, and least depth of the face's centre [m]."""
-
+_SHALLOWEST = 0.005  # shortest level run, and least depth of the face's centre [m]
 _LEADING = np.sin(np.deg2rad(1.0))
 _SIDEWAYS = np.sin(np.deg2rad(5.0))
 
-_ALONG = 80.0
-"""Least ψ [deg] of a run along e1: f1 is within 1 % of 1 there."""
-
+_ALONG = 80.0  # least ψ [deg] of a run along e1: f1 is within 1 % of 1 there
 _SAME_BETA = 5.0
 _BETA_SPAN = 20.0
-_SURE = 3.0
-"""Standard errors by which a slope in β must differ from 0 to be used."""
-
-_LINE_ROWS = np.arange(0.0, 91.0, 15.0)
-"""β [deg] at which a line is written to a table."""
+_SURE = 3.0  # standard errors by which a slope in β must differ from 0 to be used
+_LINE_ROWS = np.arange(0.0, 91.0, 15.0)  # β [deg] at which a line is written to a table
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -94,14 +83,10 @@ class AlphaYFit:
 
     def value(self) -> FittedValue:
         """For the record; the node takes `rows` or `model`."""
-        return FittedValue(
-            name=f"alpha_y ({self.model})",
-            values=self.values,
-            errors=self.errors,
-            unit="N/cm³, N/cm³/deg" if self.model == "linear" else "N/cm³",
-            goodness=self.goodness + ("; agrees with the published model" if self.published else ""),
-            source=f"{self.runs} level runs along e1",
-        )
+        unit = "N/cm³, N/cm³/deg" if self.model == "linear" else "N/cm³"
+        goodness = self.goodness + ("; agrees with the published model" if self.published else "")
+        source = f"{self.runs} level runs along e1"
+        return FittedValue(f"alpha_y ({self.model})", self.values, self.errors, unit, goodness, source)
 
 
 def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:

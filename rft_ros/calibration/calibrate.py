@@ -19,8 +19,7 @@ __all__ = ["PARTS", "Calibration", "calibrate"]
 PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
 """What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
 
-_CLEAR = 0.002
-"""A still tool is in the air if its lowest point is this much [m] above the surface."""
+_CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 
 
 @dataclass(slots=True, kw_only=True)
@@ -83,10 +82,9 @@ def calibrate(
 
     if "sensor" in parts:
         with _or_reason(result, "sensor.bias"):
-            weight = fit_tool_weight(tracks, sensor.cell, air=air)
-            sensor = weight.sensor
-            result.fitted += weight.fitted
-            result.not_identifiable |= weight.not_identifiable
+            sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air)
+            result.fitted += fitted
+            result.not_identifiable |= reasons
     if tare:
         tracks, sensor = tared(tracks, sensor, seconds=tare, air=air)
     if "zeta" in parts:

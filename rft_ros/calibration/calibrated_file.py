@@ -12,7 +12,7 @@ import yaml
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import file_errors
 from rft_ros.estimator.parameters import NODE_KEYS, defaults, parameter_tree
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
@@ -84,12 +84,10 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     head = f"# {source.name} calibrated by rft calibrate; sources and standard errors: {SECTION} below.\n"
     head += "".join(f"# From {name}, recorded {date}.\n" for name, date in begins.items())
     texts[file] = head + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
-    try:
+    with file_errors(f"calibrated file '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         for path, text in texts.items():
             path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"calibrated file '{file}' cannot be written: {reason_of(error)}") from None
     return list(texts)
 
 

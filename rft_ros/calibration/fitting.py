@@ -26,8 +26,7 @@ __all__ = [
     "mean_of",
 ]
 
-_GRID = 24
-"""Values of the nonlinear parameter tried before the best one is refined."""
+_GRID = 24  # values of the nonlinear parameter tried before the best one is refined
 
 _Result = TypeVar("_Result")
 
@@ -36,7 +35,7 @@ class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
     """The data do not determine the quantity. One sentence with the numbers that show it."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class FittedValue:
     """A fitted quantity: `values` and their standard `errors` in `unit`.
 

@@ -5,7 +5,7 @@ so does its build-up if a recording begins with the tool at rest in the grains.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,18 +26,12 @@ from rft_ros.rft import Law, Memory, wrenches_in_time
 
 __all__ = ["fit_memory_length", "forces_in_time"]
 
-_SHORTEST, _LONGEST = 1e-4, 0.1
-"""Range of λ that is searched [m]."""
-
-_UNSURE = 0.5
-"""Greatest accepted standard error of λ, relative to λ."""
-
-_UNLIKE = 0.15
-"""Greatest accepted RMS residual, relative to the greatest force."""
+_SHORTEST, _LONGEST = 1e-4, 0.1  # range of λ that is searched [m]
+_UNSURE = 0.5  # greatest accepted standard error of λ, relative to λ
+_UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _TurnFit:
+class _TurnFit(NamedTuple):
     """λ of one turn [m] with its standard `error`; RMS residual over the greatest force, with λ and without memory."""
 
     bag: str
@@ -110,13 +104,7 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
             f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
         )
     without = fit_series(shape(low)[:, None], measured.T.ravel())
-    return _TurnFit(
-        bag=track.name,
-        length=length,
-        error=length * relative,
-        misfit=misfit,
-        misfit_without=without.rms / peak,
-    )
+    return _TurnFit(track.name, length, length * relative, misfit, without.rms / peak)
 
 
 def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> FittedValue:
@@ -131,11 +119,6 @@ def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surf
     )
     length, error = mean_of([t.length for t in turns], [t.error for t in turns])
     misfit, without = 100.0 * np.mean([(t.misfit, t.misfit_without) for t in turns], axis=0)
-    return FittedValue(
-        name="medium.mobilization_length",
-        values=(length,),
-        errors=(error,),
-        unit="m",
-        goodness=f"RMS {misfit:.1f} % of the greatest force around turns; without memory {without:.1f} %",
-        source=", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns),
-    )
+    goodness = f"RMS {misfit:.1f} % of the greatest force around turns; without memory {without:.1f} %"
+    source = ", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns)
+    return FittedValue("medium.mobilization_length", (length,), (error,), "m", goodness, source)

@@ -10,32 +10,16 @@ from rft_ros.calibration.track import Track
 
 __all__ = ["Stroke", "Turn", "down_strokes", "level_runs", "still_intervals", "turns_in_grains"]
 
-_GAP = 0.5
-"""A longer time between samples [s] ends a segment."""
-
-_SETTLING = 0.1
-"""Time [s] that is left out after a stop and before a start: the arm vibrates and velocities lag."""
-
-_SHORTEST_STILL = 0.25
-"""Shortest time at rest, after settling [s]."""
-
-_TURN = 0.002
-"""Shortest movement up that ends a stroke down [m]."""
-
-_TILT = np.deg2rad(3.0)
-"""Greatest difference of orientations that count as one [rad]."""
-
+_GAP = 0.5  # a longer time between samples [s] ends a segment
+_SETTLING = 0.1  # time [s] that is left out after a stop and before a start: the arm vibrates and velocities lag
+_SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
+_TURN = 0.002  # shortest movement up that ends a stroke down [m]
+_TILT = np.deg2rad(3.0)  # greatest difference of orientations that count as one [rad]
 _STEEP = np.tan(np.deg2rad(15.0))
 _LEVEL = np.sin(np.deg2rad(5.0))
-_TURNING = 0.2
-"""Greatest speed from rotation in a straight motion, relative to that from translation."""
-
-_CHORD = 0.001
-"""Path over which the directions before and after a turn are taken [m]."""
-
-_TURNED = 0.5
-"""Cosine of the least angle of a turn, 60°."""
-
+_TURNING = 0.2  # greatest speed from rotation in a straight motion, relative to that from translation
+_CHORD = 0.001  # path over which the directions before and after a turn are taken [m]
+_TURNED = 0.5  # cosine of the least angle of a turn, 60°
 _BEFORE = 0.003
 _AFTER = 0.010
 """Path used before and after a turn [m]: long enough for the force to settle, short enough to miss the next turn."""
@@ -68,7 +52,6 @@ class Turn:
 
 
 def _segments(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArray[np.int64]]:
-    """Indices of each unbroken segment of the mask."""
     rows = np.flatnonzero(mask)
     broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > _GAP)
     return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]

@@ -17,17 +17,14 @@ __all__ = ["Contact", "SurfaceFit", "first_contact", "fit_surface"]
 _AIR = 0.02
 """Height above the surface [m] up to which the force in the air is used: further up the load cell may have drifted."""
 
-_CLEAR = 0.001
-"""Height above the surface [m] from which samples at rest are used as well."""
-
+_CLEAR = 0.001  # height above the surface [m] from which samples at rest are used as well
 _SHALLOW = 0.25
 _SHALLOWEST = 0.004
 """The fit uses this share of the stroke's depth, but at least this depth [m]. Over the whole depth, a pressure that
 grows faster than linearly would shift the surface down."""
 
 _DEPTHS = 256
-_SCATTERED = 0.002
-"""Greatest difference of heights of first contact [m] without a note."""
+_SCATTERED = 0.002  # greatest difference of heights of first contact [m] without a note
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,14 +47,9 @@ class SurfaceFit:
 
     def value(self) -> FittedValue:
         """`surface_height`."""
-        return FittedValue(
-            name="surface_height",
-            values=(self.height,),
-            errors=(self.error,),
-            unit="m",
-            goodness=f"RMS up to {100 * max(c.misfit for c in self.contacts):.1f} % of the force's rise",
-            source=f"first contact of {len(self.contacts)} ways down",
-        )
+        goodness = f"RMS up to {100 * max(c.misfit for c in self.contacts):.1f} % of the force's rise"
+        source = f"first contact of {len(self.contacts)} ways down"
+        return FittedValue("surface_height", (self.height,), (self.error,), "m", goodness, source)
 
     def notes(self) -> list[str]:
         """A sentence if the contacts lie at different heights."""

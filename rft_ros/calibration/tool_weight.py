@@ -16,13 +16,10 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 
-__all__ = ["Sensor", "ToolWeightFit", "fit_tool_weight", "tared"]
+__all__ = ["Sensor", "fit_tool_weight", "tared"]
 
-_WIDEST = 30.0
-"""Least turn of gravity in the sensor frame that separates mass from bias [deg]."""
-
-_SPREAD = 0.15
-"""Least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass."""
+_WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
+_SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,19 +45,14 @@ class Sensor:
         return float(np.hypot(np.sqrt(x @ self.force_covariance @ x), self.tare_error))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ToolWeightFit:
-    """The load cell with the fitted values; what is not identifiable stays as given, with the reason by name."""
-
-    sensor: Sensor
-    fitted: tuple[FittedValue, ...]
-    not_identifiable: dict[str, str]
-
-
-def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float) -> ToolWeightFit:
+def fit_tool_weight(
+    tracks: Sequence[Track], cell: LoadCell, *, air: float
+) -> tuple[Sensor, list[FittedValue], dict[str, str]]:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
 
-    Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass is negative.
+    Returns the load cell with the fitted values, these values, and by name the reason for each that is not
+    identifiable, which stays as given. Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass
+    is negative.
     """
     poses = [
         (track.readings[rows], track.gravity_in_sensor(cell)[rows].mean(axis=0))
@@ -80,8 +72,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float) -> T
     source = f"{len(poses)} poses in the air, gravity turned by up to {widest:.1f}°"
 
     def value(name: str, values: NDArray[np.float64], own: NDArray[np.float64], unit: str, goodness: str) -> None:
-        pair = {"values": tuple(values.tolist()), "errors": tuple(own.tolist())}
-        fitted.append(FittedValue(name=name, **pair, unit=unit, goodness=goodness, source=source))
+        fitted.append(FittedValue(name, tuple(values.tolist()), tuple(own.tolist()), unit, goodness, source))
 
     fitted: list[FittedValue] = []
     reasons: dict[str, str] = {}
@@ -130,8 +121,7 @@ def fit_tool_weight(tracks: Sequence[Track], cell: LoadCell, *, air: float) -> T
     value("sensor.bias", bias, own, "N, N m", f"RMS {rms:.3f} N between poses{kept}")
     fx, fy, fz, tx, ty, tz = bias.tolist()
     cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
-    sensor = Sensor(cell=cell, force_covariance=cov)
-    return ToolWeightFit(sensor=sensor, fitted=(fitted[-1], *fitted[:-1]), not_identifiable=reasons)
+    return Sensor(cell=cell, force_covariance=cov), [fitted[-1], *fitted[:-1]], reasons
 
 
 def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float) -> tuple[list[Track], Sensor]:

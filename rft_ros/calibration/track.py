@@ -21,8 +21,7 @@ __all__ = ["Track", "read_track"]
 _BOTTOMLESS = -1e9
 """A surface height [m] that no tool reaches, so that the estimator also answers poses at rest in the grains."""
 
-_SMOOTHING = 0.1
-"""Time over which velocities are averaged before they classify the motion [s]."""
+_SMOOTHING = 0.1  # time over which velocities are averaged before they classify the motion [s]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

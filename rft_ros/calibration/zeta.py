@@ -17,8 +17,7 @@ __all__ = ["Penetration", "ZetaFit", "fit_zeta"]
 _SHALLOWEST = 0.005
 """Least depth of a penetration [m]: the force of a shallower one depends more on the surface height than on ζ."""
 
-_NOTEWORTHY = 0.1
-"""Greatest relative difference of ζ between tools of different size without a note."""
+_NOTEWORTHY = 0.1  # greatest relative difference of ζ between tools of different size without a note
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -69,23 +68,11 @@ class ZetaFit:
             held_out = max(p.misfit(self.zeta_of_others(k)) for k, p in enumerate(found))
             goodness += f"; each predicted by the others' ζ: {100 * held_out:.1f} %"
         deepest = max(found, key=lambda p: float(p.depth.max()))
+        each = ", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found)
+        depth, source = float(deepest.depth.max()), f"deepest penetration, {deepest.bag}"
         return (
-            FittedValue(
-                name="medium.zeta",
-                values=(self.zeta,),
-                errors=(self.error,),
-                unit="",
-                goodness=goodness,
-                source=", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found),
-            ),
-            FittedValue(
-                name="medium.calibrated_depth",
-                values=(float(deepest.depth.max()),),
-                errors=(self.surface_error,),
-                unit="m",
-                goodness="",
-                source=f"deepest penetration, {deepest.bag}",
-            ),
+            FittedValue("medium.zeta", (self.zeta,), (self.error,), "", goodness, each),
+            FittedValue("medium.calibrated_depth", (depth,), (self.surface_error,), "m", "", source),
         )
 
     def notes(self) -> list[str]:

@@ -4,17 +4,22 @@ rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.png -o calibrated.
 """
 
 import argparse
+import math
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.progress import busy
 
-__all__ = ["add_options", "run"]
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from rft_ros.calibration.calibrate import Calibration
+    from rft_ros.calibration.zeta import ZetaFit
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=BAG)
     recording_options(command, required=True)
     output_option(command, "CALIBRATED.yaml", "file to write")
@@ -42,12 +47,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--figure", type=Path, metavar="FILE.png", help="draw the penetrations to this file (default: no figure)"
     )
-    number_option(
-        command,
-        "--tare",
-        "S",
-        "zero each bag's load cell over its first S seconds; 0: no tare (default: the parameter file's, or none)",
-    )
+    tare = "zero each bag's load cell over its first S seconds; 0: none (default: the parameter file's, else none)"
+    number_option(command, "--tare", "S", tare)
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -55,9 +56,9 @@ def run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from rft_ros.bags.playback import mounted
-    from rft_ros.calibration import PARTS, calibrate, read_track
+    from rft_ros.calibration.calibrate import PARTS, calibrate
     from rft_ros.calibration.calibrated_file import write_calibrated
-    from rft_ros.calibration.overview import draw_penetrations, print_overview
+    from rft_ros.calibration.track import read_track
 
     parts = tuple(arguments.fit or PARTS)
     for part in parts:
@@ -77,7 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     console = Console()
     print_overview(result, console)
     if arguments.figure and result.zeta:
-        draw_penetrations(result.zeta, arguments.figure)
+        _draw_penetrations(result.zeta, arguments.figure)
     if not result.fitted:
         console.print("nothing is identifiable from these bags; no file was written")
         return 1
@@ -87,7 +88,6 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _meshes(rules: list[str], bags: list[str]) -> dict[str, str]:
-    """Mesh file by bag's name, from rules BAG=FILE."""
     meshes = {}
     for rule in rules:
         bag, separator, file = rule.partition("=")
@@ -95,3 +95,66 @@ def _meshes(rules: list[str], bags: list[str]) -> dict[str, str]:
             raise InputError(f"--mesh '{rule}' is not BAG=FILE with one of the bags {', '.join(bags)}")
         meshes[bag] = file
     return meshes
+
+
+def print_overview(result: "Calibration", console: "Console") -> None:
+    """Print the fitted values with standard errors and goodness of fit, what is not identifiable and why, and notes."""
+    from rich.table import Column, Table
+    from rich.text import Text
+
+    if result.fitted:
+        heads = [Column(head, no_wrap=True) for head in ("fitted", "value ± error", "unit")]
+        table = Table(*heads, Column("goodness of fit; from", overflow="fold"), box=None, pad_edge=False)
+        for f in result.fitted:
+            values = "\n".join(_with_error(v, e) for v, e in zip(f.values, f.errors, strict=True))
+            how = "; from ".join(filter(None, (f.goodness, f.source)))
+            table.add_row(*(Text(cell) for cell in (f.name, values, f.unit, how)))
+        console.print(table)
+    if result.not_identifiable:
+        console.print()
+        table = Table(Column("not identifiable", no_wrap=True), "why", box=None, pad_edge=False)
+        for name, why in result.not_identifiable.items():
+            table.add_row(Text(name), Text(why))
+        console.print(table)
+    for note in result.notes:
+        console.print(Text(f"note: {note}"))
+
+
+def _with_error(value: float, error: float) -> str:
+    """Value ± standard error, to two digits of the error."""
+    if not error > 0.0:
+        return f"{value:.6g}"
+    places = max(0, 1 - math.floor(math.log10(error)))
+    return f"{value:.{places}f} ± {error:.{places}f}"
+
+
+def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
+    """Draw measured and predicted force over depth to a PNG, one panel for each penetration."""
+    from rft_ros.report.charts import Chart, Line, Panel
+    from rft_ros.report.pictures import draw_chart
+
+    rows = []
+    for number, p in enumerate(fit.penetrations):
+        lines = {
+            "measured, less bias and tool weight": ("measured", p.measured),
+            "RFT with its own ζ": ("z", p.zeta * p.predicted),
+        }
+        name = f"{p.bag}: own ζ {p.zeta:.2f}"
+        if len(fit.penetrations) > 1:
+            others = fit.zeta_of_others(number)
+            lines["RFT with the mean ζ of the others"] = ("predicted", others * p.predicted)
+            lines["residual of that"] = ("residual", p.measured - others * p.predicted)
+            name += f", ζ of the others {others:.2f} (RMS {100 * p.misfit(others):.1f} % of the peak)"
+        panel = Panel(
+            x_label=f"Depth of the lowest point [mm]; {name}",
+            y_label="Vertical force [N]",
+            lines=tuple(Line(label=k, colour=c, x=1e3 * p.depth, y=y) for k, (c, y) in lines.items()),
+        )
+        rows.append((panel,))
+    panels, height = tuple(rows), 330 * len(rows)
+    chart = Chart(name="penetrations", title="Vertical penetration", panels=panels, same_x=False, height=height)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        draw_chart(chart, file, title=f"ζ = {fit.zeta:.3f} ± {fit.error:.3f}")
+    except (OSError, ValueError) as error:
+        raise InputError(f"figure '{file}' cannot be written: {reason_of(error)}") from None

@@ -7,11 +7,8 @@ import argparse
 
 from rft_ros.commands.options import MESH, mesh_options
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("file", metavar="FILE", help=MESH)
     mesh_options(command)
 

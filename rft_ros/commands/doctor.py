@@ -13,15 +13,10 @@ from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
-    from rft_ros.bags.checkup import Checkup, Finding
-    from rft_ros.bags.playback import ReplayOptions
-    from rft_ros.estimator.messages import Role
-
-__all__ = ["add_options", "run"]
+    from rft_ros.bags.checkup import Finding
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
     command.add_argument("--bag", type=Path, metavar="BAG", help=f"{BAG} (default: listen to ROS)")
     remap_option(command)
@@ -32,6 +27,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Check; exit status 1 if something is to be done."""
     from rft_ros.bags.checkup import Checkup
     from rft_ros.bags.playback import topics_of
+    from rft_ros.bags.reading import Recording
     from rft_ros.estimator.parameters import NODE_KEYS, model_of, node_parameters
 
     values, options = recording(arguments)
@@ -42,32 +38,22 @@ def run(arguments: argparse.Namespace) -> int:
     checkup = Checkup(values, model, named=named, topics=topics, tare=options.tare)
     findings = [_compiled()]
     if arguments.bag:
-        _play(arguments.bag, topics, options, checkup)
+        with Recording(arguments.bag, topics, start=options.start, end=options.end, optional=tuple(topics)) as messages:
+            checkup.push(messages.fixed, messages.first)
+            for sample in messages:
+                checkup.push(sample, messages.time)
     else:
-        findings += _listen(topics, arguments.seconds, checkup)
+        try:
+            from rft_ros.node.listen import listen
+        except ImportError as error:
+            raise InputError(
+                f"listening needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or give --bag"
+            ) from None
+        with busy(f"listening for {arguments.seconds:g} s"):
+            findings += listen(topics, arguments.seconds, checkup.push)
     findings += checkup.findings()
     print("\n".join(map(str, findings)))
     return 0 if all(finding.ok for finding in findings) else 1
-
-
-def _play(bag: Path, topics: "dict[Role, str]", options: "ReplayOptions", checkup: "Checkup") -> None:
-    from rft_ros.bags.reading import Recording
-
-    with Recording(bag, topics, start=options.start, end=options.end, optional=tuple(topics)) as messages:
-        checkup.push(messages.fixed, messages.first)
-        for sample in messages:
-            checkup.push(sample, messages.time)
-
-
-def _listen(topics: "dict[Role, str]", seconds: float, checkup: "Checkup") -> "list[Finding]":
-    try:
-        from rft_ros.node.listen import listen
-    except ImportError as error:
-        raise InputError(
-            f"listening needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or give --bag"
-        ) from None
-    with busy(f"listening for {seconds:g} s"):
-        return listen(topics, seconds, checkup.push)
 
 
 def _compiled() -> "Finding":

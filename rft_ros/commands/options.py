@@ -14,23 +14,6 @@ if TYPE_CHECKING:
     from rft_ros.rft import Law
     from rft_ros.tool import Tool
 
-__all__ = [
-    "BAG",
-    "MESH",
-    "finite",
-    "integration_option",
-    "law_of",
-    "law_options",
-    "mesh_options",
-    "number_option",
-    "output_option",
-    "recording",
-    "recording_options",
-    "remap_option",
-    "surface_option",
-    "warn_of",
-]
-
 # Copies of names in rft_ros.rft and rft_ros.tool: importing those would delay the help text by a second.
 _INTEGRATIONS = ("centroid", "refined")
 _LAWS = ("treers2021", "agarwal2023")
@@ -61,7 +44,7 @@ def number_option(
 
 
 def output_option(command: argparse._ActionsContainer, metavar: str, meaning: str, default: Path | None = None) -> None:
-    """``-o`` and ``--output``, required unless there is a default."""
+    """``-o``, required unless there is a default."""
     command.add_argument(
         "-o", "--output", type=Path, required=default is None, default=default, metavar=metavar, help=meaning
     )
@@ -113,12 +96,8 @@ def law_options(command: argparse._ActionsContainer) -> None:
         help="constant, linear or a TABLE.csv of beta [deg], alpha_y [N/cm³] (default constant)",
     )
     number_option(command, "--density", "RHO", "bulk density [kg/m³] for inertia (default 0: none)", 0.0)
-    number_option(
-        command, "--inertia", "FACTOR", "factor of the inertia of an upright plate, no unit (default 1.4)", 1.4
-    )
-    number_option(
-        command, "--surface-friction", "MU", "friction of the tool, no unit, for agarwal2023 (default 0.3)", 0.3
-    )
+    number_option(command, "--inertia", "FACTOR", "inertia of an upright plate, no unit (default 1.4)", 1.4)
+    number_option(command, "--surface-friction", "MU", "of the tool, no unit, for agarwal2023 (default 0.3)", 0.3)
 
 
 def law_of(arguments: argparse.Namespace) -> "Law":
@@ -133,15 +112,8 @@ def law_of(arguments: argparse.Namespace) -> "Law":
             if not Path(name).suffix:
                 raise InputError(f"--alpha-y '{name}' is not constant, linear or the CSV file of a table")
             name, table = "table", read_alpha_y_table(name)
-        return law_named(
-            arguments.law,
-            medium,
-            alpha_y_model(name, medium, table),
-            zeta=arguments.zeta,
-            surface_friction=arguments.surface_friction,
-            density=arguments.density,
-            inertia=arguments.inertia,
-        )
+        numbers = {option: getattr(arguments, option) for option in ("zeta", "surface_friction", "density", "inertia")}
+        return law_named(arguments.law, medium, alpha_y_model(name, medium, table), **numbers)
     except ValueError as error:
         raise InputError(str(error)) from None
 

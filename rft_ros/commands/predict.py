@@ -20,11 +20,8 @@ from rft_ros.commands.options import (
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument(
         "states",
         type=Path,
@@ -44,23 +41,13 @@ def add_options(command: argparse.ArgumentParser) -> None:
     )
     surface_option(command)
     integration_option(command)
-    number_option(
-        command,
-        "--tolerance",
-        "SHARE",
-        "reduce the tool to the fewest plates within this share of the force in any motion, such as 0.01 (default 0:"
-        " full tool)",
-        0.0,
-    )
-    output_option(
-        command,
-        "OUT.csv",
-        "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin",
-    )
+    fewest = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
+    number_option(command, "--tolerance", "SHARE", fewest, 0.0)
+    header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
+    output_option(command, "OUT.csv", header)
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Predict; exit status."""
     import numpy as np
 
     from rft_ros.rft import Memory, wrenches, wrenches_in_time

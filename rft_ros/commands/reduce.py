@@ -17,29 +17,16 @@ if TYPE_CHECKING:
 
     from rft_ros.tool import Tool
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("mesh", metavar="MESH", help=MESH)
     mesh_options(command)
     integration_option(command)
     size = command.add_mutually_exclusive_group()
-    number_option(
-        size,
-        "--tolerance",
-        "SHARE",
-        "error allowed, as a share of the force, at the 95th percentile of motions not used for the choice"
-        " (default 0.025)",
-        0.025,
-    )
-    size.add_argument(
-        "--plates",
-        type=int,
-        metavar="N",
-        help="at most this many plates, regardless of the error (default: --tolerance decides)",
-    )
+    allowed = "error allowed, as a share of force, at the 95th percentile of motions not used to choose (default 0.025)"
+    number_option(size, "--tolerance", "SHARE", allowed, 0.025)
+    most = "at most this many plates, regardless of the error (default: --tolerance decides)"
+    size.add_argument("--plates", type=int, metavar="N", help=most)
     command.add_argument(
         "--scene",
         metavar="STATES.csv|BAG|FAMILY",
@@ -50,18 +37,12 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--params", type=Path, metavar="FILE.yaml", help="for a recorded bag: the node's parameter file"
     )
-    number_option(
-        *(command, "--surface-height", "Z"),
-        "world z of the surface in the scene [m] (default: the parameter file's, or 0)",
-    )
+    height = "world z of the surface in the scene [m] (default: the parameter file's, or 0)"
+    number_option(command, "--surface-height", "Z", height)
     output_option(command, "OUT.npz", "file to write; accepted wherever a mesh is")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Reduce; exit status."""
-    from rich.console import Console
-    from rich.table import Table
-
     from rft_ros.tool import load_tool
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
     from rft_ros.tool.reduced_file import save_reduced
@@ -82,7 +63,6 @@ def run(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
     save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
 
-    table = Table(show_header=False)
     for name, value in (
         ("tool", f"{tool.name} ({tool.file})"),
         ("integration", plates.integration),
@@ -92,8 +72,7 @@ def run(arguments: argparse.Namespace) -> int:
         ("error", f"{100.0 * reduction.error:.2f} % of the force at the 95th percentile"),
         ("written", str(arguments.output)),
     ):
-        table.add_row(name, value)
-    Console().print(table)
+        print(f"{name:<12} {value}")
     return 0
 
 

@@ -5,30 +5,25 @@ rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
 
 import argparse
 import sys
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
+from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
     from rft_ros.bags.limits import Limit
     from rft_ros.bags.summary import Summary
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=f"{BAG}; several get a folder each below DIR")
     output_option(command, "DIR", "folder for the results")
     recording_options(command)
-    number_option(
-        command,
-        "--tare",
-        "S",
-        "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)",
-    )
+    tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
+    number_option(command, "--tare", "S", tare)
     command.add_argument(
         "--check", type=Path, metavar="LIMITS.yaml", help="exit with 1 if a metric of a bag's summary exceeds a limit"
     )
@@ -37,8 +32,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Replay; exit status."""
-    from rft_ros.bags.batch import replay_all
+    from rft_ros.bags.batch import comparison_lines, replay_each
     from rft_ros.bags.limits import read_limits
     from rft_ros.bags.replay import replay, replay_model
 
@@ -48,34 +42,25 @@ def run(arguments: argparse.Namespace) -> int:
         model = replay_model(values)
     warn_of(model.tool)
 
-    def one(bag: Path, out: Path, label: str | None = None) -> "Summary":
-        return replay(
-            bag,
-            out,
-            values,
-            options,
-            model=model,
-            report=not arguments.no_report,
-            figures=arguments.figures,
-            label=label,
-        )
-
+    one = partial(
+        replay, values=values, options=options, model=model, report=not arguments.no_report, figures=arguments.figures
+    )
     if len(arguments.bag) == 1:
         summary = one(arguments.bag[0], arguments.output)
-        _print(summary)
+        print("\n".join(summary.lines()), flush=True)
         print(f"-> {arguments.output / ('summary.json' if arguments.no_report else 'report.html')}")
         return max(_checked({summary.bag: summary}, limits), _empty(summary))
-    batch = replay_all(arguments.bag, arguments.output, one, done=_print)
-    print("\n".join(batch.lines()))
-    empty = max((_empty(summary) for summary in batch.summaries.values()), default=0)
-    return max(_checked(batch.summaries, limits), empty, 1 if batch.failures else 0)
-
-
-def _print(outcome: "Summary | Exception") -> None:
-    if isinstance(outcome, Exception):
-        print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
-    else:
-        print("\n".join(outcome.lines()), flush=True)
+    summaries = {}
+    for name, outcome in replay_each(arguments.bag, arguments.output, one):
+        if isinstance(outcome, InputError):
+            print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
+        else:
+            print("\n".join(outcome.lines()), flush=True)
+            summaries[name] = outcome
+    failed = len(summaries) < len(arguments.bag)
+    print("\n".join([f"{len(summaries)} of {len(arguments.bag)} bags replayed", *comparison_lines(summaries)]))
+    empty = max(map(_empty, summaries.values()), default=0)
+    return max(_checked(summaries, limits), empty, 1 if failed else 0)
 
 
 def _empty(summary: "Summary") -> int:
@@ -91,12 +76,11 @@ def _empty(summary: "Summary") -> int:
 
 
 def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
-    """Print the checks of each bag; exit status 1 if one failed."""
     from rft_ros.bags.limits import check, limit_lines
 
     kept = True
     for name, summary in summaries.items() if limits else ():
         checks = check(limits, summary)
         print("\n".join([f"{name}: limits", *limit_lines(checks)]))
-        kept &= all(checked.kept for checked in checks)
+        kept &= all(limit.allows(value) for limit, value in checks)
     return 0 if kept else 1

@@ -9,11 +9,8 @@ from pathlib import Path
 from rft_ros.commands.options import output_option
 from rft_ros.errors import InputError
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument(
         "study", type=Path, metavar="STUDY.yaml", help="tools, motions and media, as in config/sweep_example.yaml"
     )

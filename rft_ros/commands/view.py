@@ -25,11 +25,8 @@ from rft_ros.progress import busy
 if TYPE_CHECKING:
     from rft_ros.report.animation import Animation
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare the command's arguments."""
     command.add_argument("source", type=Path, metavar="STATES.csv|BAG", help=f"states as for rft predict, or a {BAG}")
     states = command.add_argument_group("for states")
     states.add_argument("--mesh", metavar="FILE", help=MESH)
@@ -41,7 +38,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Draw; exit status."""
     from rft_ros.report.animation import FILMS, write_film
     from rft_ros.report.page import write_animation_page
 

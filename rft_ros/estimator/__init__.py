@@ -9,7 +9,6 @@ from rft_ros.estimator.samples import (
     Reason,
     TransformSample,
     TwistSample,
-    Vector,
     Wrench,
     WrenchSample,
 )
@@ -27,7 +26,6 @@ __all__ = [
     "Settings",
     "TransformSample",
     "TwistSample",
-    "Vector",
     "Wrench",
     "WrenchSample",
 ]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.rft import Table
 
 __all__ = ["read_alpha_y_table"]
@@ -25,10 +25,8 @@ def read_alpha_y_table(file: str) -> Table:
     path = Path(file).expanduser()
     rows: list[list[float]] = []
     names_may_come = True
-    try:
+    with file_errors(f"alpha_y.table '{file}'", "read"):
         lines = path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"alpha_y.table '{file}' cannot be read: {reason_of(error)}") from None
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.learning import Learning, LearningSettings
+from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
 from rft_ros.estimator.quality import SURPRISE, QualityMonitor, inertial_speed, write_prior_sigma
 from rft_ros.estimator.samples import (
@@ -190,7 +190,7 @@ class Estimator:
             if (new.learning_mode, new.zeta_error) != (old.learning_mode, old.zeta_error):
                 self._begin_learning(new, model)
             return
-        learning.settings = replace(learning.settings, lag=new.learning_lag)
+        learning.lag = new.learning_lag
         learning.reach = model.tool.plates.reach
         if model.law is not old_model.law or model.mobilization_length != old_model.mobilization_length:
             learning.forget()
@@ -200,10 +200,9 @@ class Estimator:
     def _begin_learning(self, settings: Settings, model: Model) -> None:
         self.learning = None
         if settings.learning_mode != "off":
-            prior = LearningSettings(
-                lag=settings.learning_lag, strength_error=settings.zeta_error or _UNKNOWN_ZETA_ERROR
-            )
-            self.learning = Learning(prior, reach=model.tool.plates.reach)
+            error = settings.zeta_error or _UNKNOWN_ZETA_ERROR
+            reach = model.tool.plates.reach
+            self.learning = Learning(lag=settings.learning_lag, strength_error=error, reach=reach)
         width = len(COLUMNS) + (len(SENSITIVITIES) if self.learning else 0)
         if self._result.shape[1] != width:
             self._result = np.zeros((1, width))

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.compilation import compiled, inlined, machine_code
 
-__all__ = ["Belief", "BeliefIssue", "Learning", "LearningSettings", "Lesson", "Surprise"]
+__all__ = ["Belief", "BeliefIssue", "Learning", "Surprise"]
 
 Array = NDArray[np.float64]
 
@@ -81,9 +81,7 @@ class _Constants(NamedTuple):
 C = _Constants()
 _FORCE_MOST = 1e100  # [N]; squares of larger forces overflow
 
-_GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
-"""Mean and covariance of θ."""
-
+_GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)  # mean and covariance of θ
 _RECORD = np.dtype(
     [
         ("stamp", np.int64),
@@ -151,22 +149,6 @@ _STATE = np.dtype(
 )
 
 
-class Lesson(IntEnum):
-    """What became of a load-cell sample."""
-
-    NONE = 0
-    """No moving pose in the grains has this stamp, or the sample is missing or not finite."""
-    TAKEN = 1
-    """It is learned once the tool is `lag` further."""
-    STUCK = 2
-    """The load cell repeats the same reading while the tool moves."""
-    OPPOSED = 3
-    """The measured force points against the model's."""
-
-
-_LESSONS = tuple(Lesson)
-
-
 class Surprise(IntEnum):
     """Whether the grains are as believed."""
 
@@ -184,26 +166,7 @@ class BeliefIssue(str, Enum):
     STRONG = "the measured force is over five times the model's: check medium.zeta, mesh.scale and surface_height"
     TURNED = "the measured force is turned by over 45 degrees from the model's: check sensor.quaternion and the frames"
 
-    def __str__(self) -> str:
-        return self.value
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class LearningSettings:
-    """`lag`: path [m] between a sample and the first prediction that it may change.
-
-    `strength_error`: relative standard error of ζ from the calibration; without a calibration keep the default. Raises
-    ValueError on values out of range.
-    """
-
-    lag: float = 0.002
-    strength_error: float = 0.15
-
-    def __post_init__(self) -> None:
-        if not 1e-5 <= self.lag <= 1.0:
-            raise ValueError(f"lag is {self.lag} m; it must lie in 0.00001 to 1")
-        if not 0.0 <= self.strength_error <= 2.0:
-            raise ValueError(f"strength_error is {self.strength_error}; it must lie in 0 to 2")
+    __str__ = str.__str__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -538,33 +501,30 @@ def _judge(state):  # type: ignore[no-untyped-def]
 
 @compiled
 def _learn(states, records, y, stamp, usable, repeated):  # type: ignore[no-untyped-def]
-    """Give the record of a stamp its measurement; returns the number of the `Lesson`."""
+    """Give the record of a stamp its measurement, unless it is missing, repeated or against the model's force."""
     state = states[0]
     while state.open < state.end and records[state.open % C.records].stamp < stamp:
         state.open += 1
     record = records[state.open % C.records]
     if state.open == state.end or record.stamp > stamp:
-        return 0
+        return
     state.open += 1
     if not usable:
-        return 0
+        return
     step = min(record.path - state.judged, C.step_most)
     state.judged = record.path
     state.stuck_path = state.stuck_path + step if repeated else 0.0
     state.repeats = state.repeats + 1 if repeated else 0
-    if state.stuck_path > C.stuck_length and state.repeats >= C.stuck_samples:
-        return 2
-    if not record.teaches:
-        return 0
+    if not record.teaches or (state.stuck_path > C.stuck_length and state.repeats >= C.stuck_samples):
+        return
     if not record.passing:
         _compare(state, record, y, step)
         if state.along < -(C.opposing**2):
-            return 3
+            return
     record.measured = True
     record.y[:] = y
     _score(state, record, step)
     _judge(state)
-    return 1
 
 
 class Learning:
@@ -574,11 +534,17 @@ class Learning:
     of stamps. A prediction uses the measurements whose path is at least `lag` behind, so no sample is part of its own
     prediction. The same calls give the same bytes.
 
-    `reach`: largest distance [m] of the tool's surface from the tool frame's origin.
+    `lag`: path [m] between a sample and the first prediction that it may change. `strength_error`: relative standard
+    error of ζ from the calibration; without a calibration keep the default. `reach`: largest distance [m] of the tool's
+    surface from the tool frame's origin. Raises ValueError for values out of range.
     """
 
-    def __init__(self, settings: LearningSettings, *, reach: float = 0.0) -> None:
-        self.settings = settings
+    def __init__(self, *, lag: float = 0.002, strength_error: float = 0.15, reach: float = 0.0) -> None:
+        if not 1e-5 <= lag <= 1.0:
+            raise ValueError(f"lag is {lag} m; it must lie in 0.00001 to 1")
+        if not 0.0 <= strength_error <= 2.0:
+            raise ValueError(f"strength_error is {strength_error}; it must lie in 0 to 2")
+        self.lag, self._strength_error = lag, strength_error
         self._states = np.zeros(1, _STATE)
         self._state: Any = self._states[0]
         self._records = np.zeros(C.records, _RECORD)
@@ -596,7 +562,7 @@ class Learning:
         state = self._state
         self._states[:] = np.zeros(1, _STATE)
         state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
-        state["prior"]["p"] = _covariance(self.settings.strength_error, C.prior_each, C.prior_surface)
+        state["prior"]["p"] = _covariance(self._strength_error, C.prior_each, C.prior_surface)
         state["growth"] = _covariance(C.growth_common, C.growth_each, C.growth_surface)
         state["latest"] = state["push"] = state["prior"]
         state["mean_square"] = state["tempo"] = state["scale"] = 1.0
@@ -636,20 +602,18 @@ class Learning:
         self._predict(
             self._states, self._records, self._row, self._out,
             int(stamp), duration, float(speed), bool(passing), bool(teaches), bool(apply),
-            float(self.settings.lag), float(self.reach),
+            float(self.lag), float(self.reach),
         )  # fmt: skip
         return self._out
 
-    def learn(self, stamp: int, force: Array | None, *, repeated: bool = False) -> Lesson:
+    def learn(self, stamp: int, force: Array | None, *, repeated: bool = False) -> None:
         """Take the compensated force [N] at a pose, world axes, shape [3]; None if there is none.
 
         `repeated`: the load cell's raw reading equals the one before, bit by bit.
         """
         self._y[:] = math.nan if force is None else force
         usable = math.hypot(*self._y.tolist()) < _FORCE_MOST
-        code = self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated))
-        lesson: Lesson = _LESSONS[code]
-        return lesson
+        self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated))
 
     @property
     def surprise(self) -> Surprise:

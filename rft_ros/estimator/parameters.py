@@ -4,13 +4,12 @@ import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any, Literal
 
 import yaml
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors, suggestion
 from rft_ros.estimator.alpha_y_table import read_alpha_y_table
 from rft_ros.estimator.settings import LoadCell, Model, Settings
 from rft_ros.ground import HeightMap, read_height_map
@@ -297,8 +296,7 @@ def checked(name: str, value: object) -> Value:
     """The value in the parameter's type. Raises InputError that names both and says what is allowed."""
     parameter = _BY_NAME.get(name)
     if parameter is None:
-        near = get_close_matches(name, _BY_NAME, n=1)
-        raise InputError(f"there is no parameter '{name}'" + (f"; did you mean '{near[0]}'?" if near else ""))
+        raise InputError(f"there is no parameter '{name}'{suggestion(name, _BY_NAME)}")
     if parameter.type == "string":
         if value is False and "off" in parameter.choices:  # YAML, and so ROS, reads an unquoted off as false
             value = "off"
@@ -497,9 +495,7 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     if mesh == Path(plain["mesh.file"]).expanduser():  # a path: neither a shipped name nor a package:// URI
         plain["mesh.file"] = str(mesh.absolute())
     tree = {"/**": {"ros__parameters": plain}}
-    try:
+    with file_errors(f"parameter file '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         with file.open("x", encoding="utf-8") as new:
             new.write(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False))
-    except OSError as error:
-        raise InputError(f"parameter file '{file}' cannot be written: {reason_of(error)}") from None

@@ -109,8 +109,7 @@ class Reason(str, Enum):
     SURFACE_OUT_OF_ORDER = "surface_out_of_order"
     SURFACE_RATE_LIMITED = "surface_rate_limited"
 
-    def __str__(self) -> str:
-        return self.value
+    __str__ = str.__str__
 
 
 class Estimate(NamedTuple):

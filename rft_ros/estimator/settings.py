@@ -8,16 +8,7 @@ from rft_ros.ground import HeightMap
 from rft_ros.rft import Law
 from rft_ros.tool import Tool
 
-__all__ = ["LearningMode", "LoadCell", "Model", "PoseSource", "SensorSource", "Settings", "TwistSource"]
-
-PoseSource = Literal["topic", "tf"]
-"""Source of the tool's pose: the topic ~/pose, or transforms."""
-
-SensorSource = Literal["parameters", "tf"]
-"""Source of the sensor's place on the tool: `sensor.position` and `sensor.quaternion`, or transforms."""
-
-TwistSource = Literal["topic", "pose_difference"]
-"""Source of the velocity: the topic ~/twist, or curves fitted to the last poses."""
+__all__ = ["LearningMode", "LoadCell", "Model", "Settings"]
 
 LearningMode = Literal["off", "observe", "apply"]
 """Whether the medium is learned from the load cell, and whether predictions use it."""
@@ -54,11 +45,11 @@ class Settings:
     tool_frame: str = "tool"
     sensor_frame: str = "ft_sensor"
     load_cell: LoadCell = field(default_factory=LoadCell)
-    sensor_source: SensorSource = "parameters"
+    sensor_source: Literal["parameters", "tf"] = "parameters"
     surface_height: float = 0.0
-    pose_source: PoseSource = "topic"
+    pose_source: Literal["topic", "tf"] = "topic"
     tf_rate: float = 0.0
-    twist_source: TwistSource = "topic"
+    twist_source: Literal["topic", "pose_difference"] = "topic"
     twist_window: float = 0.2
     max_input_age: float = 0.1
     max_rate: float = 0.0

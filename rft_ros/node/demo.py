@@ -9,7 +9,6 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from types import FrameType
@@ -29,30 +28,22 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Wrench, WrenchSample
 from rft_ros.estimator.messages import decoder
-from rft_ros.installation import program
+from rft_ros.installation import program, share_directory
 from rft_ros.node.virtual_arm import PAUSE
-from rft_ros.tool import share_directory
-
-__all__ = ["Watched", "demo"]
 
 _SHOWN = ("predicted", "sigma", "compensated", "residual")
 _WAIT = 900.0  # s, for a node that compiles first beside other work; a node that ended is noticed at once
 _NODE, _ARM = "the node", "the virtual arm"
 
 
-@dataclass(frozen=True, slots=True)
-class Watched:
-    """What the node published: wrenches by topic, and the surprise in standard deviations, each with its stamp [ns]."""
-
-    wrenches: dict[str, list[tuple[int, Wrench]]] = field(default_factory=lambda: {name: [] for name in _SHOWN})
-    surprise: list[tuple[int, float]] = field(default_factory=list)
-
-
 class Watcher:
-    """Records and shows topics and calls services, as `ros2 bag record`, `topic echo` and `service call` would."""
+    """Records and shows topics and calls services, as `ros2 bag record`, `topic echo` and `service call` would.
+
+    `wrenches`: by name of the node's topic; `surprise`: in standard deviations; each with its stamp [ns].
+    """
 
     def __init__(self, bag: BagWriter) -> None:
         self.node = rclpy.create_node("rft_demo")
@@ -60,7 +51,8 @@ class Watcher:
         self._decode = decoder("wrench", ros1=False)
         self.children: dict[str, subprocess.Popen[bytes]] = {}
         self.counts: dict[str, int] = {}
-        self.watched = Watched()
+        self.wrenches: dict[str, list[tuple[int, Wrench]]] = {name: [] for name in _SHOWN}
+        self.surprise: list[tuple[int, float]] = []
         self.learned = "nothing yet"
         self._subscribe(PoseStamped, "pose")
         self._subscribe(TwistStamped, "twist")
@@ -86,12 +78,12 @@ class Watcher:
 
     def _on_wrench(self, name: str, stamp: int, data: bytes) -> None:
         if isinstance(sample := self._decode(data), WrenchSample):
-            self.watched.wrenches[name].append((stamp, sample.wrench))
+            self.wrenches[name].append((stamp, sample.wrench))
 
     def _on_learned(self, stamp: int, data: bytes) -> None:
         message = deserialize_message(data, JointState)
         values, errors = message.position, message.effort
-        self.watched.surprise.append((stamp, values[4]))
+        self.surprise.append((stamp, values[4]))
         self.learned = f"vertical {values[0]:.2f} ± {errors[0]:.2f}, horizontal {values[1]:.2f} ± {errors[1]:.2f}"
 
     def spin(self, seconds: float) -> None:
@@ -154,27 +146,25 @@ def _table(watcher: Watcher, elapsed: float) -> Table:
     for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
         table.add_column(column, justify="right", min_width=6)
     for name in _SHOWN:
-        rows = watcher.watched.wrenches[name]
+        rows = watcher.wrenches[name]
         table.add_row(name, *([f"{v:.3f}" for v in rows[-1][1]] if rows else ["-"] * 6))
     return table
 
 
-def demo(output: Path, *, seconds: float) -> Watched | None:
+def demo(output: Path, *, seconds: float) -> Watcher | None:
     """Run the demo for `seconds` of arm motion and record it to ``bag`` in `output`; None if no estimate came."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     console = Console()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    try:
+    with file_errors(f"output folder '{output}'", "written"):
         output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f"output folder '{output}' cannot be written: {reason_of(error)}") from None
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
-    console.print("[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains that are stronger")
     console.print(
-        "than the model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and"
+        "[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains that are stronger than the"
+        " model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and weight off the"
+        " load cell and learns the difference. By hand, in terminals of your own:\n"
     )
-    console.print("weight off the load cell and learns the difference. By hand, in terminals of your own:\n")
     console.print(f"  {program('rft_node')} --ros-args --params-file {parameters}", soft_wrap=True)
     console.print(f"  {sys.executable} -m rft_ros.node.virtual_arm --seconds {seconds:g}", soft_wrap=True)
     console.print("  ros2 topic echo /rft/medium_learned")
@@ -196,7 +186,7 @@ def demo(output: Path, *, seconds: float) -> Watched | None:
             watcher.node.destroy_node()
     finally:
         rclpy.try_shutdown()
-    if not watcher.watched.wrenches["residual"]:
+    if not watcher.wrenches["residual"]:
         console.print("[red]no estimates came[/red]; see the node's messages above")
         return None
     for topic, count in watcher.counts.items():
@@ -204,7 +194,7 @@ def demo(output: Path, *, seconds: float) -> Watched | None:
     console.print(f"-> {output / 'bag'} (rosbag2, MCAP)", soft_wrap=True, highlight=False)
     again = f"{program('rft')} replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
     console.print(f"the same offline: {again}", soft_wrap=True, highlight=False)
-    return watcher.watched
+    return watcher
 
 
 def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]") -> None:
@@ -230,7 +220,6 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]") -
                 live.update(_table(watcher, elapsed))
             elif elapsed - said >= 1.0:
                 said = elapsed
-                rows_of = watcher.watched.wrenches
-                text = "  ".join(f"{name} {rows[-1][1][2]:6.3f}" for name, rows in rows_of.items() if rows)
+                text = "  ".join(f"{name} {rows[-1][1][2]:6.3f}" for name, rows in watcher.wrenches.items() if rows)
                 console.print(f"t = {elapsed:4.1f} s  fz [N]: {text}", highlight=False)
     watcher.check_children()

@@ -13,9 +13,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.node.learned_medium import surprise_sentence
-from rft_ros.node.swap import ToolSwap
-
-__all__ = ["DIAGNOSTICS_PERIOD", "Diagnostics"]
+from rft_ros.node.tool_worker import ToolSwap
 
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two reports [s]."""
@@ -38,10 +36,8 @@ class Diagnostics:
         self._latencies: list[float] = []
         self._reported: Counter[str] = Counter()
         self._received: Counter[str] = Counter()
-        self.newest: dict[str, int] = {}
-        """Stamp [ns] of the last message, by role."""
-        self.newest_estimate: Estimate | None = None
-        """The last estimate."""
+        self._newest: dict[str, int] = {}  # stamp [ns] of the last message, by role
+        self._newest_estimate: Estimate | None = None
         self._fastest = 0.0
         self._quality_flags = 0
         self._ongoing: dict[str, tuple[int, int]] = {}  # by reason: count, reports since the last occurrence
@@ -49,13 +45,13 @@ class Diagnostics:
     def received(self, role: Role, stamp: int) -> None:
         """Count a message with this stamp [ns]."""
         self._received[role] += 1
-        self.newest[role] = stamp
+        self._newest[role] = stamp
 
     def answered(self, estimate: Estimate, latency: float) -> None:
         """Record an estimate, and the time from its pose's callback to its publication [s]."""
         if len(self._latencies) < _LATENCIES:
             self._latencies.append(latency)
-        self.newest_estimate = estimate
+        self._newest_estimate = estimate
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
 
@@ -116,7 +112,7 @@ class Diagnostics:
 
     def _inputs(self, now: int, named: dict[str, str]) -> DiagnosticStatus:
         values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in _INPUTS}
-        values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self.newest.items()})
+        values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self._newest.items()})
         values.update({f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"})
         if not self._received["pose"]:
             return self._component_status("inputs", DiagnosticStatus.ERROR, "no poses", values)
@@ -134,7 +130,7 @@ class Diagnostics:
             "trust": (trust(flags) if new["estimates"] else Trust.NO).value,
             "quality_flags": ", ".join(flag_names(flags)),
         }
-        if (newest := self.newest_estimate) is not None:
+        if (newest := self._newest_estimate) is not None:
             values["speed_m_s"] = newest.speed
             values["force_sigma_n"] = math.hypot(*newest.sigma[:3])
             values["torque_sigma_nm"] = math.hypot(*newest.sigma[3:])

@@ -14,8 +14,6 @@ from rft_ros.estimator import Estimate, Estimator
 from rft_ros.estimator.learning import BeliefIssue, Learning, Surprise
 from rft_ros.estimator.parameters import Values, write_parameter_file
 
-__all__ = ["LearnedMedium", "surprise_sentence"]
-
 _PERIOD = 20_000_000  # ns, of the topic
 _NAMES = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
 _OFF = "learning.mode is off"

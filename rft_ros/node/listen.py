@@ -16,8 +16,6 @@ from rft_ros.errors import InputError
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder
 from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
 
-__all__ = ["listen"]
-
 _INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
 _MESSAGES: dict[Role, Any] = {
     "pose": PoseStamped,

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
     from rclpy.node import Node
 
-__all__ = ["main"]
-
 _HELP = """\
 usage: rft_node [--ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...]
 
@@ -113,7 +111,6 @@ def _announce_compilation() -> None:
 
 
 def _executor(node: "Node") -> "Executor":
-    """The executor named by the parameter `executor`, if this rclpy has it."""
     from rclpy.executors import SingleThreadedExecutor
 
     if node.values["executor"] == "events":

@@ -21,8 +21,6 @@ from rft_ros.ground import HeightMap
 from rft_ros.rft import plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 
-__all__ = ["Markers"]
-
 _MOST_FACETS = 5000  # of a finer tool every k-th facet is drawn, so that drawing takes about 1 ms
 _METRES_PER_NEWTON = 0.01
 _SENTINEL = 0x5AFEC0DE

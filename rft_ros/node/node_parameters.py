@@ -4,6 +4,7 @@ import itertools
 import sys
 from array import array
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParam
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
+from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import (
     FILES,
     NODE_KEYS,
@@ -22,13 +24,6 @@ from rft_ros.estimator.parameters import (
     node_parameters,
     path_beside,
 )
-
-__all__ = ["NodeParameters", "parameter_files"]
-
-_FLOAT_TYPES = {
-    RosParameter.Type.INTEGER: RosParameter.Type.DOUBLE,
-    RosParameter.Type.INTEGER_ARRAY: RosParameter.Type.DOUBLE_ARRAY,
-}
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -99,16 +94,13 @@ class NodeParameters:
             self._node.get_logger().error(f"not set ({why}): {result.reason}")
 
     def _in_table_types(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        numeric = {p.name for p in PARAMETERS if p.type != "string"}
-        switches = {p.name for p in PARAMETERS if "off" in p.choices}
-        return [
-            _as_double(p)
-            if p.name in numeric and p.type_ in _FLOAT_TYPES
-            else RosParameter(p.name, value="off")
-            if p.name in switches and p.value is False
-            else p
-            for p in parameters
-        ]
+        """The parameters as `checked` returns them; one that it refuses stays, and `_on_set` refuses it."""
+        found = []
+        for p in parameters:
+            with suppress(InputError):
+                p = RosParameter(p.name, value=_plain(checked(p.name, _plain(p.value))))
+            found.append(p)
+        return found
 
     def _merged(self, parameters: list[RosParameter]) -> tuple[dict[str, Value], frozenset[str]]:
         changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self._values}
@@ -130,12 +122,6 @@ class NodeParameters:
             self._node.get_logger().info(f"parameters set: {changes}" + (f" ({self._why})" if self._why else ""))
             self._values = merged
             self._apply(merged, changed)
-
-
-def _as_double(p: RosParameter) -> RosParameter:
-    value = _plain(p.value)
-    number = [float(v) for v in value] if isinstance(value, list) else float(value)
-    return RosParameter(p.name, _FLOAT_TYPES[p.type_], number)
 
 
 def _plain(value: Any) -> Any:

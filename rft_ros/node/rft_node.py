@@ -28,8 +28,7 @@ from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
-from rft_ros.node.swap import ToolSwap
-from rft_ros.node.tool_worker import ToolWorker
+from rft_ros.node.tool_worker import ToolSwap, ToolWorker
 from rft_ros.node.transforms import subscribe_transforms, transform_message
 from rft_ros.tool import ToolRequest, locate_mesh
 

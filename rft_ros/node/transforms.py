@@ -12,8 +12,6 @@ from rft_ros.errors import InputError
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.parameters import Values
 
-__all__ = ["TRANSFORMS_QOS", "subscribe_transforms", "transform_message"]
-
 TRANSFORMS_QOS: dict[Role, QoSProfile] = {
     "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
     "tf": QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT),

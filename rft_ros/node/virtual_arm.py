@@ -22,8 +22,6 @@ from rft_ros.rft import MEDIA, Law, alpha_y_model, rotation_matrix, treers2021, 
 from rft_ros.sweeps.motions import OscillatingInsertion
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["LAYER", "PAUSE", "main"]
-
 PAUSE = 3.0
 """Time that the arm rests in the air before it moves [s]."""
 

@@ -233,7 +233,7 @@ def write_film(scene: Animation, file: Path) -> None:
                 figure.suptitle(f"{scene.title}   {label}")
                 writer.grab_frame()
     except OSError as error:
-        raise InputError(f"cannot write '{file}': {reason_of(error)}") from None
+        raise InputError(f"output '{file}' cannot be written: {reason_of(error)}") from None
 
 
 def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0, whole: bool = False) -> None:

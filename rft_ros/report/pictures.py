@@ -1,7 +1,6 @@
 """PNG files by matplotlib: charts, the tool in the grains, force over depth."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,25 +13,9 @@ from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["DepthTrace", "draw_chart", "draw_force_over_depth", "draw_tool", "legend_below"]
+__all__ = ["draw_chart", "draw_force_over_depth", "draw_tool", "legend_below"]
 
 _Array = NDArray[np.float64]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class DepthTrace:
-    """What the demo measured and predicted. First column of each: depth of the tool's lowest point [m], increasing.
-
-    `measured`, `fixed` (the model without learning): then the force [N], sensor axes, shape [n, 4]. `learned`: the
-    same, then its standard deviations, shape [n, 7]. `surprise`: then the surprise in standard deviations, shape
-    [n, 2]. `layer`: depth of the hard layer [m].
-    """
-
-    measured: _Array
-    fixed: _Array
-    learned: _Array
-    surprise: _Array
-    layer: float
 
 
 def legend_below(figure: "Figure", entries: Mapping[str, Any], **style: Any) -> None:
@@ -110,8 +93,23 @@ def draw_tool(scene: Animation, file: Path, *, title: str) -> None:
     figure.savefig(file, dpi=110, metadata={"Software": None})
 
 
-def draw_force_over_depth(trace: DepthTrace, file: Path, *, title: str, scene: Animation) -> None:
-    """Draw the demo's figure to a PNG: the scene's first moment, and beside it force and surprise over depth."""
+def draw_force_over_depth(
+    file: Path,
+    *,
+    title: str,
+    scene: Animation,
+    measured: _Array,
+    fixed: _Array,
+    learned: _Array,
+    surprise: _Array,
+    layer: float,
+) -> None:
+    """Draw the demo's figure to a PNG: the scene's first moment, and beside it force and surprise over depth.
+
+    First column of each array: depth of the tool's lowest point [m], increasing. `measured`, `fixed` (the model without
+    learning): then the force [N], sensor axes, shape [n, 4]. `learned`: the same, then its standard deviations, shape
+    [n, 7]. `surprise`: then the surprise in standard deviations, shape [n, 2]. `layer`: depth of the hard layer [m].
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(13.6, 6.0), layout="constrained")
@@ -120,23 +118,24 @@ def draw_force_over_depth(trace: DepthTrace, file: Path, *, title: str, scene: A
     draw_moment(left, left.add_subplot(projection="3d", computed_zorder=False), scene)
     left.suptitle("Traction and force by the fixed model", fontsize=10)
     axes = right.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1.2, 0.9, 0.6)})
-    learned = trace.learned.T
     for axis, component, name in ((axes[0], 3, "z (down)"), (axes[1], 1, "x (sideways)")):
-        low, high = (learned[component] + k * learned[component + 3] for k in (-1.0, 1.0))
+        low, high = (learned[:, component] + k * learned[:, component + 3] for k in (-1.0, 1.0))
         for rows, label, style in (
-            (trace.measured, "virtual load cell, less bias and weight", {"color": "0.6", "lw": 1.0}),
-            (trace.fixed, "predicted by the fixed model", {"color": "tab:blue", "lw": 1.4, "ls": "--"}),
-            (trace.learned, "predicted by the node, which learns", {"color": "tab:red", "lw": 1.5}),
+            (measured, "virtual load cell, less bias and weight", {"color": "0.6", "lw": 1.0}),
+            (fixed, "predicted by the fixed model", {"color": "tab:blue", "lw": 1.4, "ls": "--"}),
+            (learned, "predicted by the node, which learns", {"color": "tab:red", "lw": 1.5}),
         ):
             axis.plot(rows[:, 0] * 1e3, rows[:, component], label=label, **style)
-        axis.fill_between(learned[0] * 1e3, low, high, color="tab:red", alpha=BAND, lw=0, label="± standard deviation")
+        axis.fill_between(
+            learned[:, 0] * 1e3, low, high, color="tab:red", alpha=BAND, lw=0, label="± standard deviation"
+        )
         axis.set_ylabel(f"Force along\nsensor {name} [N]")
-    axes[2].plot(trace.surprise[:, 0] * 1e3, trace.surprise[:, 1], color="0.3", lw=1.0)
+    axes[2].plot(surprise[:, 0] * 1e3, surprise[:, 1], color="0.3", lw=1.0)
     axes[2].set_ylabel("Surprise\n[std. deviations]")
     axes[2].set_xlabel("Depth of the tool's lowest point [mm]")
     drawn = 1e3 * float(scene.surface_height - scene.placed[scene.first, :, 2].min())
     for axis in axes:
-        axis.axvline(trace.layer * 1e3, color="tab:green", lw=1.2, label="hard layer begins")
+        axis.axvline(layer * 1e3, color="tab:green", lw=1.2, label="hard layer begins")
         axis.axvline(drawn, color="0.3", ls=":", lw=1.2, label="the moment on the left")
         axis.grid(alpha=0.3)
     handles, labels = axes[0].get_legend_handles_labels()

@@ -116,7 +116,6 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
 
 
 def _quality_flags(series: ReplaySeries) -> Panel:
-    """One thick line for each flag, drawn while it is set."""
     lines = []
     for place, flag in enumerate(series.quality_flags):
         times = [t for row, begin, end in series.segments(flag.rows) if flag.rows[row] for t in (begin, end, math.nan)]
@@ -137,14 +136,12 @@ def _line(name: str, x: _Numbers, y: _Numbers) -> Line:
 
 
 def _band(series: ReplaySeries, x: _Numbers, column: int) -> Line:
-    """The predicted component plus and minus its standard deviation."""
     middle, deviation = series.predicted[:, column], series.deviation[:, column]
     y = np.stack([middle - deviation, middle + deviation])
     return Line(label="± standard deviation", colour="predicted", x=x, y=y, kind="band")
 
 
 def _over_depth(series: ReplaySeries) -> tuple[Chart, ...]:
-    """Charts of force and torque: measured, coloured by phase, and predicted."""
     charts = []
     depth = 1e3 * series.depth
     for first in (0, 3):

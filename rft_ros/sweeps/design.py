@@ -21,7 +21,6 @@ _MEDIUM = (
     *("law", "medium", "zeta", "alpha_y", "surface_friction", "density", "inertia"),
     *("mobilization_length", "surface_height"),
 )
-_ORIGIN = 3
 
 Variant = dict[str, Any]
 """One point of a design: `tool`, `motion` and `medium`, each a dict of plain values."""
@@ -139,7 +138,7 @@ def _check_values(where: str, point: Mapping[str, object]) -> None:
         if key in _CHOICES and value not in _CHOICES[key]:
             raise InputError(f"{where}: {key} is {value!r}; it must be one of {', '.join(_CHOICES[key])}")
         if key == "origin":
-            if not isinstance(value, list) or len(value) != _ORIGIN or not all(_is_number(v) for v in value):
+            if not isinstance(value, list) or len(value) != 3 or not all(_is_number(v) for v in value):
                 raise InputError(f"{where}: origin is {value!r}; it must be three numbers")
         elif key in _TEXTS:
             if not isinstance(value, str):

@@ -20,7 +20,7 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Literal
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.progress import bar
 from rft_ros.sweeps.design import Design, Variant
 from rft_ros.sweeps.outcomes import RESULTS, row_of
@@ -83,7 +83,7 @@ def run(
     (default: one per core). The table has the same bytes however it was computed. Raises InputError.
     """
     columns = _columns(design)
-    try:
+    with file_errors(f"output folder '{out}'", "written"):
         (out / "chunks").mkdir(parents=True, exist_ok=True)
         chunk = _chunk_size(design, out, columns)
         chunks = [range(k, min(k + chunk, len(design))) for k in range(0, len(design), chunk)]
@@ -105,8 +105,6 @@ def run(
         seconds = time.perf_counter() - start
         rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
         file = _table(out, columns, rows, form)
-    except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
     failed = sum(bool(row[-1]) for row in rows)
     return Report(
         file=file,

@@ -65,13 +65,11 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
     share = float(areas[edges > _LONG * np.ptp(vertices[faces.ravel()], axis=0).max()].sum() / areas.sum())
     if share <= _COARSE_SHARE:
         return ()
-    return (
-        MeshIssue(
-            "coarse",
-            f"{100 * share:.0f} % of the surface is in facets longer than a quarter of the tool, which integration"
-            " centroid loads in their middle, all or nothing; take integration refined, or a finer mesh",
-        ),
+    message = (
+        f"{100 * share:.0f} % of the surface is in facets longer than a quarter of the tool, which integration"
+        " centroid loads in their middle, all or nothing; take integration refined, or a finer mesh"
     )
+    return (MeshIssue("coarse", message),)
 
 
 def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import MEDIA, Law, Plates, alpha_y_model, checked_states, treers2021, wrenches
 
-__all__ = ["LAWS", "Comparison", "random_motions"]
+__all__ = ["LAWS", "WrenchErrors", "random_motions"]
 
 Array = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ _SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's h
 _FEEBLE = 0.01  # of the median force: errors are divided by at least this force
 
 
-class Comparison:
+class WrenchErrors:
     """Compares reduced tools with the full tool, `plates`, over the same motions, `states` of shape [n, 13].
 
     Errors are relative to each state's own force (with one law) if `own_force`, else to the greatest force (with all

@@ -13,7 +13,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import Plates
 from rft_ros.tool.cubature import chosen_plates
 from rft_ros.tool.merge import Merger
-from rft_ros.tool.random_motions import Comparison, random_motions
+from rft_ros.tool.random_motions import WrenchErrors, random_motions
 
 __all__ = ["Reduction", "reduced_for_any_motion", "reduced_for_scene"]
 
@@ -58,9 +58,9 @@ def reduced_for_any_motion(
     `corners`: of the tool's convex hull [m], shape [k, 3].
     """
     merger = Merger(plates)
-    measuring = Comparison(plates, random_motions(corners, _STATES, seed=_MEASURING), own_force=True)
+    measuring = WrenchErrors(plates, random_motions(corners, _STATES, seed=_MEASURING), own_force=True)
     if count is None:
-        choosing = Comparison(plates, random_motions(corners, _STATES, seed=_CHOOSING), own_force=True)
+        choosing = WrenchErrors(plates, random_motions(corners, _STATES, seed=_CHOOSING), own_force=True)
         few = _fewest(merger, choosing, measuring, tolerance, most=min(int(_WORTH * len(plates)), merger.most))
     else:
         few = merger.merged(count)
@@ -68,7 +68,7 @@ def reduced_for_any_motion(
 
 
 def _fewest(
-    merger: Merger, choosing: Comparison, measuring: Comparison, tolerance: float, *, most: int
+    merger: Merger, choosing: WrenchErrors, measuring: WrenchErrors, tolerance: float, *, most: int
 ) -> Plates | None:
     """The smallest number of plates within the tolerance, by doubling and bisection; None if there is none."""
 
@@ -111,7 +111,7 @@ def reduced_for_scene(
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
     part = np.arange(len(states)) % 6
     between = _halfway(states, plates.reach)
-    stopping, measuring = (Comparison(plates, between[part == k], own_force=False) for k in (2, 5))
+    stopping, measuring = (WrenchErrors(plates, between[part == k], own_force=False) for k in (2, 5))
     if not (stopping.full[..., :3].any() and measuring.full[..., :3].any()):
         raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
     few = None
@@ -144,7 +144,7 @@ def _halfway(states: Array, reach: float) -> Array:
 
 
 def _reported(
-    plates: Plates, few: Plates | None, measuring: Comparison, tolerance: float, motions: str
+    plates: Plates, few: Plates | None, measuring: WrenchErrors, tolerance: float, motions: str
 ) -> tuple[Plates, Reduction]:
     plates, facets, error = few or plates, len(plates), measuring.percentile_95(few) if few else 0.0
     return plates, Reduction(facets=facets, plates=len(plates), error=error, tolerance=tolerance, motions=motions)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, file_errors
 from rft_ros.rft import Integration, Plates
 from rft_ros.tool.reduce import Reduction
 
@@ -87,11 +87,9 @@ def save_reduced(
         plates=placed(plates.rows, 1.0 / scale, -shift * scale),
         about=np.array(json.dumps(about)),
     )
-    try:
+    with file_errors(f"output '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_bytes(data.getvalue())
-    except OSError as error:
-        raise InputError(f"output '{file}' cannot be written: {error.strerror}") from None
 
 
 def read_reduced(file: Path) -> ReducedMesh:

@@ -18,9 +18,7 @@ CREASE = np.deg2rad(50.0)
 FLAT_HALF_ANGLE = np.deg2rad(1.0)
 """The smallest half angle [rad] over which a facet begins to lead, and that of a flat face."""
 
-_SPAN = 0.85
-"""Half angle of a curved facet over the mean angle between its normal and those at its corners."""
-
+_SPAN = 0.85  # half angle of a curved facet over the mean angle between its normal and those at its corners
 _TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
 """A point is a tip if more than this share of its normal's tilt against the facets is not balanced at their other
 corners (on a curved surface it is), and if the tilt exceeds this sine."""

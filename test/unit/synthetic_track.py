@@ -4,8 +4,8 @@ import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
-from rft_ros.calibration import Track
 from rft_ros.calibration.alpha_y import faces_of
+from rft_ros.calibration.track import Track
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.parameters import defaults

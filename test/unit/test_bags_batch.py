@@ -5,9 +5,8 @@ import json
 import pytest
 from recordings import moments, plunge, write_ros2
 
-from rft_ros.bags.batch import folder_names, replay_all
+from rft_ros.bags.batch import folder_names
 from rft_ros.cli import main
-from rft_ros.errors import InputError
 
 
 @pytest.fixture(scope="module")
@@ -84,15 +83,3 @@ def test_a_bag_is_never_the_output_folder(bags, tmp_path, capsys):
 def test_an_end_before_the_start_is_refused(bags, tmp_path, capsys):
     assert replay(bags[0], "-o", tmp_path / "out", "--start", 2, "--end", 1) == 2
     assert "end is 1 s; it must be after start, 2 s" in capsys.readouterr().err
-
-
-def test_an_error_after_a_replay_does_not_turn_the_bag_into_a_failure(bags, tmp_path):
-    heard = []
-
-    def done(outcome):
-        heard.append(outcome)
-        raise InputError("the terminal is gone")
-
-    with pytest.raises(InputError, match="the terminal is gone"):
-        replay_all(bags, tmp_path / "out", lambda *_: "a summary", done=done)
-    assert heard == ["a summary"]

@@ -59,16 +59,16 @@ def test_every_bag_of_a_batch_is_checked(bag, tmp_path, capsys):
 
 def test_reasons_and_flags_that_did_not_occur_count_as_zero(summary):
     names = ("reasons.twist_stale", "quality_flags.inertial", "quality_flags.deep")
-    findings = check([Limit(metric=name, max=0.0) for name in names], summary)
-    assert [f.value for f in findings] == [0.0, 0.0, 0.0]
-    assert all(f.kept for f in findings)
+    checks = check([Limit(metric=name, max=0.0) for name in names], summary)
+    assert [value for _, value in checks] == [0.0, 0.0, 0.0]
+    assert all(limit.allows(value) for limit, value in checks)
 
 
 def test_a_metric_without_value_fails_the_check(tmp_path):
     blind = write_ros2(tmp_path / "blind", plunge(), topics={r: TOPICS[r] for r in ("pose", "twist")})
-    (finding,) = check([Limit(metric="rms_over_peak", max=9.0)], replay(blind, tmp_path / "out", values()))
-    assert finding.value is None
-    assert not finding.kept
+    ((limit, value),) = check([Limit(metric="rms_over_peak", max=9.0)], replay(blind, tmp_path / "out", values()))
+    assert value is None
+    assert not limit.allows(value)
 
 
 def test_an_unknown_metric_is_refused_with_the_nearest_one(bag, tmp_path, capsys):

@@ -21,10 +21,11 @@ from synthetic_track import (
 )
 
 from rft_ros.bags.playback import read_replay_options
-from rft_ros.calibration import Calibration, FittedValue
+from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.calibrated_file import rounded
-from rft_ros.calibration.overview import print_overview
+from rft_ros.calibration.fitting import FittedValue
 from rft_ros.cli import main
+from rft_ros.commands.calibrate import print_overview
 from rft_ros.estimator.parameters import defaults, model_of, read_parameter_file
 
 

@@ -20,8 +20,9 @@ from synthetic_track import (
     unknown,
 )
 
-from rft_ros.calibration import PARTS, NotIdentifiable, calibrate
 from rft_ros.calibration.alpha_y import PlateRun, faces_of, fit_alpha_y
+from rft_ros.calibration.calibrate import PARTS, calibrate
+from rft_ros.calibration.fitting import NotIdentifiable
 from rft_ros.errors import InputError
 from rft_ros.tool import load_tool
 

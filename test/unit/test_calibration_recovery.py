@@ -22,8 +22,8 @@ from synthetic_track import (
     unknown,
 )
 
-from rft_ros.calibration import calibrate
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
+from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.rft import agarwal2023

@@ -124,7 +124,7 @@ def test_settings_that_change_live_keep_what_was_learned_except_where_the_prior_
     values = {**defaults(), "learning.mode": "observe", "learning.lag": 0.005}
     press.estimator.use(settings=settings_of(values))
     assert press.estimator.learning is learning
-    assert learning.settings.lag == 0.005
+    assert learning.lag == 0.005
     press.estimator.use(settings=settings_of({**values, "medium.zeta_error": 0.1}))
     assert press.estimator.learning.strength() is None
     press.estimator.use(settings=settings_of(defaults()))

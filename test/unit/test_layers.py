@@ -35,7 +35,7 @@ ALLOWED = {
     "sweeps": {"tool", "rft", "states_file", "progress", "errors", "yaml_file"},
     "commands": {
         *("node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"),
-        *("calibration", "sweeps", "progress"),
+        *("calibration", "sweeps", "progress", "installation"),
     },
     "cli": {"commands", "installation", "errors"},
 }

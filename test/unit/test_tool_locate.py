@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.tool import locate_mesh, share_directory
+from rft_ros.installation import share_directory
+from rft_ros.tool import locate_mesh
 
 SHIPPED = ("abb_plate", "ellipsoid", "plate", "root_tip", "sphere")
 

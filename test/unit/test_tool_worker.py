@@ -10,8 +10,7 @@ import time
 import numpy as np
 import pytest
 
-from rft_ros.node.swap import ToolSwap
-from rft_ros.node.tool_worker import ToolWorker, receive_tool, send_tool
+from rft_ros.node.tool_worker import ToolSwap, ToolWorker, receive_tool, send_tool
 from rft_ros.tool import Tool, ToolRequest, load_tool
 
 
