@@ -19,6 +19,7 @@ MOST_CELLS = 1 << 21
 
 _MARGIN = 2.0  # cells around the tool in which points may be the tool's own
 _REACH = 700.0  # cells; points further from the tool are left out
+_FEW = 16  # points in a cell
 _JUMP = 3.0  # cells; grains slide at slopes far below this, so a cell that stands out further is an outlier
 
 
@@ -158,8 +159,15 @@ def _medians(z, index, i0, j0, seen):  # type: ignore[no-untyped-def]
     for c in range(n * m):
         if first[c + 1] > first[c]:
             part = ordered[first[c] : first[c + 1]]
-            if len(part) > 1:
+            if len(part) > _FEW:
                 part.sort()
+            else:
+                for b in range(1, len(part)):  # insertion sort, which is faster for few
+                    h, a = part[b], b
+                    while a > 0 and part[a - 1] > h:
+                        part[a] = part[a - 1]
+                        a -= 1
+                    part[a] = h
             seen[c // m, c % m] = 0.5 * (part[(len(part) - 1) // 2] + part[len(part) // 2])
 
 
@@ -174,6 +182,13 @@ def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
             if np.isnan(h):
                 continue
             count = 0
+            alike = True
+            for a in range(max(i - 1, 0), min(i + 2, n)):
+                for b in range(max(j - 1, 0), min(j + 2, m)):
+                    alike = alike and not abs(seen[a, b] - h) > jump
+            if alike:  # then the median is, too
+                heights[i, j] = h
+                continue
             for a in range(max(i - 1, 0), min(i + 2, n)):
                 for b in range(max(j - 1, 0), min(j + 2, m)):
                     if (a != i or b != j) and not np.isnan(seen[a, b]):
