@@ -110,7 +110,8 @@ def law_of(arguments: argparse.Namespace) -> "Law":
         medium = medium_named(arguments.medium)
         if name not in ALPHA_Y_MODELS or name == "table":
             if not Path(name).suffix:
-                raise InputError(f"--alpha-y '{name}' is not constant, linear or the CSV file of a table")
+                names = ", ".join(n for n in ALPHA_Y_MODELS if n != "table")
+                raise InputError(f"--alpha-y '{name}' is not {names} or the CSV file of a table")
             name, table = "table", read_alpha_y_table(name)
         numbers = {option: getattr(arguments, option) for option in ("zeta", "surface_friction", "density", "inertia")}
         return law_named(arguments.law, medium, alpha_y_model(name, medium, table), **numbers)
