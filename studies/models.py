@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from statistics import mean
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -222,6 +223,8 @@ def study() -> StudyResult:
             "models": {
                 "run": [j.run for j in judged],
                 "choice": [j.choice.name for j in judged],
+                "law": [j.choice.law for j in judged],
+                "density": [j.choice.density for j in judged],
                 "integration": [j.choice.integration for j in judged],
                 "alpha_y": [j.choice.alpha_y for j in judged],
                 "tolerance": [j.choice.tolerance for j in judged],
@@ -241,37 +244,60 @@ def study() -> StudyResult:
 def _draw(groups: dict[str, dict[Choice, tuple[float, float]]]) -> Figure:
     figure = new_figure(18.0, 9.0)
     panels = figure.subplots(2, 3).ravel()
-    panels[len(groups)].set_axis_off()
     for axes, (group, found) in zip(panels, groups.items(), strict=False):
         _draw_group(axes, found, _simulated_seconds(group))
         label_axes(axes, x="Time for a run [s]", y="Median error of the force [%]", title=group)
+    key = panels[len(groups)]
+    key.set_axis_off()
+    for place, choice in enumerate(next(iter(groups.values()))):
+        y = 0.97 - 0.07 * place
+        key.plot(0.03, y, transform=key.transAxes, **_marker(choice))
+        key.text(0.07, y, f"{place + 1}   {choice.name}", transform=key.transAxes, va="center", fontsize=10)
     figure.suptitle("Force against simulated grains (discrete elements): accuracy and time of each choice")
     return figure
+
+
+def _marker(choice: Choice) -> dict[str, Any]:
+    colour = _colour_of(choice)
+    return {
+        "marker": "s" if choice.tolerance else "o",
+        "color": colour,
+        "mfc": "none" if choice.alpha_y == "linear" else colour,
+        "ms": 8,
+        "ls": "",
+    }
 
 
 def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float] | None) -> None:
     axes.set_xscale("log")
     low, high = (100.0 * p for p in PACKINGS)
     axes.axhspan(low, high, color="0.92", zorder=0)
-    ranked = sorted(found.items(), key=lambda item: -item[1][1])
-    top = max(100.0 * error for _, error in found.values())
-    fastest = min(seconds for seconds, _ in found.values())
-    for place, (choice, (seconds, error)) in enumerate(ranked):
-        marker = "s" if choice.tolerance else "o"
-        hollow = choice.alpha_y == "linear"
-        colour = _colour_of(choice)
-        axes.plot(seconds, 100.0 * error, marker, color=colour, mfc="none" if hollow else colour, ms=8)
+    top = 1.18 * max(100.0 * max(error for _, error in found.values()), high)
+    slowest = max(seconds for seconds, _ in found.values())
+    numbered = sorted(enumerate(found.items(), start=1), key=lambda item: item[1][1][1])
+    gap, last = 0.042 * top, -top
+    heights = [last := max(100.0 * error, last + gap) for _, (_, (_, error)) in numbered]
+    for k in range(len(heights)):  # labels that would leave the axes move down
+        heights[-1 - k] = min(heights[-1 - k], 0.97 * top - k * gap)
+    for height, (number, (choice, (seconds, error))) in zip(heights, numbered, strict=True):
+        axes.plot(seconds, 100.0 * error, **_marker(choice))
         axes.annotate(
-            f"{choice.name}: {100.0 * error:.1f} %",
+            f"{number}: {100.0 * error:.1f} %",
             (seconds, 100.0 * error),
-            xytext=(0.34, 0.96 - 0.045 * place),
-            textcoords="axes fraction",
+            xytext=(5.0 * slowest, height),
             fontsize=8,
             va="center",
-            arrowprops={"arrowstyle": "-", "color": colour, "lw": 0.6, "alpha": 0.6},
+            arrowprops={
+                "arrowstyle": "-",
+                "color": _colour_of(choice),
+                "lw": 0.6,
+                "alpha": 0.6,
+                "relpos": (0.0, 0.5),
+                "shrinkA": 0.0,
+            },
         )
-    axes.set_xlim(0.3 * fastest, 3e3)
-    axes.set_ylim(0.0, 1.18 * max(top, high))
+    axes.set_xlim(0.3 * min(seconds for seconds, _ in found.values()), 3e3)
+    axes.set_ylim(0.0, top)
     if simulated is None:
         return
     x = (simulated[0] * simulated[1]) ** 0.5
