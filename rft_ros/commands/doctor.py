@@ -14,6 +14,7 @@ from rft_ros.progress import busy
 
 if TYPE_CHECKING:
     from rft_ros.bags.checkup import Finding
+    from rft_ros.estimator.parameters import Values
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -36,7 +37,7 @@ def run(arguments: argparse.Namespace) -> int:
         model = model_of({**values, "tolerance": 0.0})
     named = node_parameters(arguments.params, NODE_KEYS)
     checkup = Checkup(values, model, named=named, topics=topics, tare=options.tare)
-    findings = [_compiled()]
+    findings = [_compiled(values)]
     if arguments.bag:
         with Recording(arguments.bag, topics, start=options.start, end=options.end, optional=tuple(topics)) as messages:
             checkup.push(messages.fixed, messages.first)
@@ -56,9 +57,9 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if all(finding.ok for finding in findings) else 1
 
 
-def _compiled() -> "Finding":
+def _compiled(values: "Values") -> "Finding":
     from rft_ros.bags.checkup import Finding
-    from rft_ros.estimator.warm_up import warm_up_all
+    from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
 
     class ColdError(Exception):
         pass
@@ -68,6 +69,10 @@ def _compiled() -> "Finding":
 
     try:
         warm_up_all(memory=False, on_cold_cache=stop)
+        warm_up_for(values, on_cold_cache=stop)
     except ColdError:
-        return Finding(False, "compiled: no; run rft warm-up, or the node's first start takes a minute")
+        return Finding(
+            False,
+            "compiled: no; run rft warm-up --params with this file, or the node's first start takes a minute or more",
+        )
     return Finding(True, "compiled: yes")
