@@ -167,7 +167,8 @@ class Checkup:
         air = dry[:, 4:].mean(axis=0) if len(dry) >= _ENOUGH else np.zeros(3)
         load = float(np.linalg.norm(air))
         if self._tare:
-            yield Finding(True, f"load cell: {load:.2f} N in the air; a replay tares over its first {self._tare:g} s")
+            tares = f"a replay tares over its first {self._tare:g} s; for the node call ~/tare in the air"
+            yield Finding(True, f"load cell: {load:.2f} N in the air; {tares}")
         elif len(dry) < _ENOUGH:
             yield Finding(False, "load cell: the tool was not seen in the air; lift it out of the grains and run again")
         elif load > _FELT:

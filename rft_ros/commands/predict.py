@@ -50,7 +50,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     import numpy as np
 
-    from rft_ros.rft import Memory, wrenches, wrenches_in_time
+    from rft_ros.rft import COLUMNS, Memory, wrenches, wrenches_in_time
     from rft_ros.states_file import read_states, write_wrenches
     from rft_ros.tool import load_tool
 
@@ -91,5 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
             " it is too far away, or the tool or the stress is too large"
         )
     write_wrenches(arguments.output, times, result)
-    print(f"{len(states)} states, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
+    wet = int((result[:, COLUMNS.index("submerged_area")] > 0.0).sum())
+    print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
     return 0

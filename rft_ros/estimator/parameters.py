@@ -25,7 +25,7 @@ from rft_ros.rft import (
     medium_named,
 )
 from rft_ros.rft.frames import UNIT_TOLERANCE
-from rft_ros.tool import Tool, ToolRequest, locate_mesh
+from rft_ros.tool import Tool, ToolRequest, is_mesh_path
 from rft_ros.yaml_file import read_yaml
 
 __all__ = [
@@ -84,7 +84,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "mesh.file",
         "plate",
         "Tool mesh: a path, a package:// URI, or the name of a shipped mesh"
-        " (plate, ellipsoid, root_tip, sphere, abb_plate).",
+        " (plate, ellipsoid, root_tip, sphere, abb_plate). A path is relative to the parameter file that names it.",
     ),
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", unit="m", low=1e-9, high=1e6),
     Parameter(
@@ -454,7 +454,7 @@ def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
 def read_parameter_file(file: Path) -> dict[str, Value]:
     """Every parameter: the file's value for the node `rft`, checked, or the default.
 
-    A relative `alpha_y.table` or `ground.file` becomes relative to the file's folder.
+    A relative path in `FILES` becomes relative to the file's folder.
     """
     values = defaults()
     flat = node_parameters(file, NODE_KEYS)
@@ -468,32 +468,32 @@ def read_parameter_file(file: Path) -> dict[str, Value]:
         except InputError as error:
             raise InputError(f"parameter file '{file}': {error}") from None
     for name in FILES:
-        if path := str(values[name]):
-            values[name] = path_beside(file, path)
+        values[name] = path_beside(file, name, str(values[name]))
     return values
 
 
-FILES = ("alpha_y.table", "ground.file")
+FILES = ("mesh.file", "alpha_y.table", "ground.file")
 """Parameters that name a file, relative to the parameter file."""
 
 
-def path_beside(file: Path, path: str) -> str:
-    """A path named in a parameter file: relative to the file's folder, `~` expanded."""
+def path_beside(file: Path, name: str, path: str) -> str:
+    """A path in a parameter of `FILES` that a parameter file names: relative to its folder, `~` expanded.
+
+    A shipped mesh's name and a package:// URI stay, and so does no path.
+    """
+    if not path or (name == "mesh.file" and not is_mesh_path(path)):
+        return path
     return str(file.parent / Path(path).expanduser())
 
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     """Write a new file that `read_parameter_file` and the node read. Raises InputError if it exists.
 
-    A relative path in `FILES` or `mesh.file` is made absolute.
+    A relative path in `FILES` is made absolute.
     """
     plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
     for name in FILES:
-        if plain[name]:
-            plain[name] = str(Path(plain[name]).expanduser().absolute())
-    mesh = locate_mesh(plain["mesh.file"])
-    if mesh == Path(plain["mesh.file"]).expanduser():  # a path: neither a shipped name nor a package:// URI
-        plain["mesh.file"] = str(mesh.absolute())
+        plain[name] = path_beside(Path.cwd() / file.name, name, plain[name])
     tree = {"/**": {"ros__parameters": plain}}
     with file_errors(f"parameter file '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)

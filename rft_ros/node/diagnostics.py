@@ -56,13 +56,16 @@ class Diagnostics:
         self._fastest = max(self._fastest, estimate.speed)
 
     def status(self) -> tuple[bool, str]:
-        """For the service ~/status: whether the last swap succeeded, and a sentence on the tool and the swap."""
+        """For the service ~/status: whether the last swap succeeded; the tool, the swap, and reasons that last."""
         model = self._estimator.model
-        force = f"generation {model.generation}: tool {model.tool.name} in force"
-        preparing = f"; preparing {self._swap.preparing}" if self._swap.preparing else ""
+        message = f"generation {model.generation}: tool {model.tool.name} in force"
+        if self._swap.preparing:
+            message += f"; preparing {self._swap.preparing}"
         if self._swap.last_failure:
-            return False, f"{force}{preparing}; the last swap failed: {self._swap.last_failure}"
-        return True, force + preparing
+            message += f"; the last swap failed: {self._swap.last_failure}"
+        if lasting := [self._named(reason) for reason in sorted(self._ongoing) if reason not in _NORMAL]:
+            message += f"; not all inputs can be used: {', '.join(lasting)}"
+        return not self._swap.last_failure, message
 
     def publish(self) -> None:
         """Publish the statuses, and log each reason that began or ended since the last report."""
@@ -71,8 +74,7 @@ class Diagnostics:
         new.subtract(self._reported)
         self._reported = Counter(self._estimator.counts)
         reasons = {k: n for k, n in new.items() if n and k != "estimates"}
-        frames = self._estimator.unknown_frames()
-        named = {r: f"{r} ({frames[r]})" if r in frames else r for r in reasons}
+        named = {reason: self._named(reason) for reason in reasons}
         array = DiagnosticArray()
         array.header.stamp = now.to_msg()
         array.status = [self._inputs(now.nanoseconds, named), self._estimates(new, reasons), self._model()]
@@ -84,6 +86,11 @@ class Diagnostics:
         self._fastest = 0.0
         self._quality_flags = 0
         self._log_changes(reasons, named)
+
+    def _named(self, reason: str) -> str:
+        """The reason, for a frame with a sentence on which one is unknown."""
+        sentence = self._estimator.unknown_frames().get(reason)
+        return f"{reason} ({sentence})" if sentence else reason
 
     def _log_changes(self, reasons: dict[str, int], named: dict[str, str]) -> None:
         logger = self._node.get_logger()

@@ -1,7 +1,7 @@
 """From a mesh file to a tool of plates: locate, read, check, refine, reduce."""
 
 from rft_ros.tool.check import check_mesh
-from rft_ros.tool.mesh_file import locate_mesh, read_mesh
+from rft_ros.tool.mesh_file import is_mesh_path, locate_mesh, read_mesh
 from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, drawable, load_tool
 
 __all__ = [
@@ -10,6 +10,7 @@ __all__ = [
     "check_mesh",
     "describe_tool",
     "drawable",
+    "is_mesh_path",
     "load_tool",
     "locate_mesh",
     "read_mesh",

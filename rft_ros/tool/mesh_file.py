@@ -21,7 +21,7 @@ from rft_ros.tool.reduced_file import read_reduced
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MAX_BYTES", "MAX_FACETS", "locate_mesh", "read_mesh"]
+__all__ = ["MAX_BYTES", "MAX_FACETS", "is_mesh_path", "locate_mesh", "read_mesh"]
 
 MAX_BYTES = 256 * 2**20
 """The largest mesh file that is read."""
@@ -41,6 +41,11 @@ _SCHEME = "package://"
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
+def is_mesh_path(file: str) -> bool:
+    """Whether `mesh.file` is a path: neither a package:// URI nor a shipped mesh's name."""
+    return not file.startswith(_SCHEME) and file != Path(file).stem
+
+
 def locate_mesh(file: str) -> Path:
     """The mesh file that `mesh.file` means: a path (also ~), a package://PACKAGE/PATH URI or a shipped mesh's name.
 
@@ -50,7 +55,7 @@ def locate_mesh(file: str) -> Path:
     if file.startswith(_SCHEME):
         package, _, inside = file.removeprefix(_SCHEME).partition("/")
         return share_directory(package) / inside
-    if file == Path(file).stem:
+    if not is_mesh_path(file):
         shipped = {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
         if file in shipped:
             return shipped[file]

@@ -256,15 +256,18 @@ def test_without_a_load_cell_the_prediction_still_comes(rft):
     assert len(rft.received["wrench_compensated"]) == compensated
 
 
-def test_a_relative_table_is_looked_for_beside_the_parameter_file_that_names_it(start_node, tmp_path):
+def test_a_relative_table_or_mesh_is_looked_for_beside_the_parameter_file_that_names_it(start_node, tmp_path):
     file = tmp_path / "cell.yaml"
-    file.write_text("/**:\n  ros__parameters:\n    alpha_y.model: table\n    alpha_y.table: table.csv\n")
+    parameters = {"alpha_y.model": "table", "alpha_y.table": "table.csv", "mesh.file": "tool.stl"}
+    file.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in parameters.items()))
+    (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
     missing = start_node("--params-file", str(file))
     assert missing.process.wait(300.0) == 2
     assert f"alpha_y.table '{tmp_path / 'table.csv'}' cannot be read" in missing.said()
     (tmp_path / "table.csv").write_text("0,0.2\n180,0.1\n")
     rft = start_node("--params-file", str(file)).wait_ready()
     assert rft.get("alpha_y.table").string_value == str(tmp_path / "table.csv")
+    assert rft.get("mesh.file").string_value == str(tmp_path / "tool.stl")
 
 
 def test_of_two_parameter_files_the_table_is_beside_the_one_whose_values_ros_takes(start_node, tmp_path):

@@ -151,6 +151,8 @@ def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(rft):
 def test_the_status_service_says_what_is_in_force(rft, tmp_path):
     successful, message = rft.status()
     assert successful and "tool plate in force" in message
+    rft.until(lambda: rft.send(rft.moment(), frame="camera") or "used: pose_frame_unknown" in rft.status()[1])
+    assert "'camera'" in rft.status()[1]
     broken = tmp_path / "broken.stl"
     broken.write_text("no mesh")
     assert rft.set(mesh__file=str(broken))[0]

@@ -31,6 +31,7 @@ SHOWN = ("", "text", "math")
 NOT_RUN = (
     "needs ROS 2 from apt; the same is done in (?P<file>.+)",
     "needs your robot",
+    "needs a running node; tested in (?P<file>.+)",
     "minutes long; tested in (?P<file>.+)",
     "the suite itself",
     "a step of a workflow",

@@ -58,6 +58,14 @@ def test_each_fault_is_found_and_says_what_to_do(tmp_path, capsys, fault):
     assert any(line.startswith(sentence) for line in found), found
 
 
+def test_a_tare_that_only_a_replay_does_is_asked_of_the_node(tmp_path, capsys):
+    file = tmp_path / "my_cell.yaml"
+    replayed = "rft_replay:\n  ros__parameters:\n    tare: 1.0\n"
+    file.write_text("/**:\n  ros__parameters:\n    surface_height: 0.0\n" + replayed)
+    main(["doctor", str(file), "--bag", str(record(tmp_path / "bag", bias=2.0))])
+    assert "replay tares over its first 1 s; for the node call ~/tare in the air" in capsys.readouterr().out
+
+
 def test_a_tool_that_touched_nothing_is_told_to_push(tmp_path, capsys):
     found = examined(tmp_path, capsys, {"surface_height": -1.0}, force=0.0)
     assert found == ["FIX sign: no push was seen; push the tool down into the grains and run again"]

@@ -1,6 +1,7 @@
 """A ROS parameter file read without ROS, and the α_y table's CSV."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,7 +69,7 @@ def test_numbers_with_an_exponent_are_numbers_as_they_are_to_ros(read, written, 
 
 @pytest.mark.parametrize("name", ["1e-4x", "e5", "1e", "plate-1e5.stl"])
 def test_names_that_only_look_like_numbers_stay_names(read, name):
-    assert read(f"/**:\n  ros__parameters:\n    mesh.file: {name}\n")["mesh.file"] == name
+    assert Path(read(f"/**:\n  ros__parameters:\n    mesh.file: {name}\n")["mesh.file"]).name == name
 
 
 @pytest.mark.parametrize(
@@ -197,6 +198,14 @@ def test_a_written_file_means_the_same_tool_from_any_folder(tmp_path, monkeypatc
         file = tmp_path / f"{k}.yaml"
         write_parameter_file(file, {**defaults(), "mesh.file": mesh}, comment="from a test")
         assert read_parameter_file(file)["mesh.file"] == written
+
+
+def test_a_relative_mesh_is_beside_the_file_that_names_it_and_a_shipped_one_is_not(tmp_path):
+    file = tmp_path / "cell.yaml"
+    meshes = {"tool.stl": f"{tmp_path}/tool.stl", "/else/a.stl": "/else/a.stl", "plate": "plate"}
+    for written, read in {**meshes, "package://rft_ros/meshes/plate.stl": "package://rft_ros/meshes/plate.stl"}.items():
+        file.write_text(f"/**:\n  ros__parameters:\n    mesh.file: {written}\n")
+        assert read_parameter_file(file)["mesh.file"] == read
 
 
 def test_writing_never_overwrites_a_file(tmp_path):

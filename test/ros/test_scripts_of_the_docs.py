@@ -1,0 +1,40 @@
+"""The scripts of docs/node.md for users without the `ros2` command."""
+
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+from rft_ros.cli import main
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "node.md"
+
+
+def script(rft, word):
+    """The page's script that has this word, for a node in another namespace."""
+    (found,) = (text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if word in text)
+    return [sys.executable, "-c", found.replace('"/rft/', f'"{rft.name}/')]
+
+
+def test_the_script_sets_a_parameter(rft):
+    said = subprocess.run(script(rft, "SetParameters"), capture_output=True, text=True, check=True)
+    assert "successful=True" in said.stdout
+    assert rft.get("medium.zeta").double_value == 0.33
+
+
+def test_the_script_records_a_bag_that_replays(rft, tmp_path):
+    recorder = subprocess.Popen(script(rft, "Writer"), cwd=tmp_path)
+    rft.until(lambda: min(p.get_subscription_count() for p in (rft.pose, rft.wrench)) == 2)  # the node and the recorder
+    first = rft.moment()
+    for k in range(200):
+        rft.send(first + k * 10_000_000, z=-1e-4 * k)
+        rft.spin(0.002)
+    recorder.send_signal(signal.SIGINT)
+    assert recorder.wait() == 0
+    (tmp_path / "cell.yaml").write_text("/**:\n  ros__parameters:\n    twist_source: pose_difference\n")
+    command = ["replay", str(tmp_path / "my_bag"), "--params", str(tmp_path / "cell.yaml"), "-o", str(tmp_path / "out")]
+    for topic in ("pose", "wrench_measured"):
+        command += ["--remap", f"~/{topic}:={rft.name}/{topic}"]
+    assert main(command) == 0
+    assert (tmp_path / "out" / "estimates.csv").read_text().count("\n") > 50
