@@ -10,8 +10,7 @@ demo: venv
 	$(BIN)/rft demo -o out/demo
 
 test: venv lint
-	$(BIN)/rft warm-up --params test/data/dense.yaml
-	$(BIN)/python -m pytest test -n 2 --dist loadfile --no-loadscope-reorder -q
+	$(BIN)/python -m pytest test -n $$(nproc) --dist loadfile --no-loadscope-reorder -q
 
 lint: venv
 	$(BIN)/ruff check .

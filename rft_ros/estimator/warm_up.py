@@ -1,5 +1,7 @@
 """Compile, or load from the cache on disk, every function that a pose can reach."""
 
+import itertools
+import os
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -18,14 +20,20 @@ from rft_ros.rft import (
     LEVEL,
     MEDIA,
     Integration,
+    Plates,
     Table,
     alpha_y_model,
     law_named,
     plate_forces,
 )
-from rft_ros.tool import load_tool
+from rft_ros.tool import Tool
+from rft_ros.tool.refine import FLAT_HALF_ANGLE
+from rft_ros.tool.tool import centroid_plates
 
 __all__ = ["compile_kernels", "warm_up", "warm_up_all", "warm_up_for"]
+
+_LAWS = (("agarwal2023", "constant"), *(("treers2021", name) for name in ALPHA_Y_MODELS))
+"""Names of each law and α_y model."""
 
 
 def warm_up(model: Model, *, learning: bool = False) -> None:
@@ -60,22 +68,23 @@ def warm_up_all(
 
     `memory`: also for media with a mobilization length; `learning`: also for the modes that learn; `inertia`: for media
     with a density, and for no others; `ground`: also for maps of the ground. If numba's cache lacks a kernel,
-    `on_cold_cache` is called, and two processes fill the cache, one for each rule: twice as fast, and the compiler's
-    100 MB go with them.
+    `on_cold_cache` is called, and a process on each core fills the cache; the compiler's 100 MB go with them.
     """
     try:
         with event.install_listener("numba:compile", _ColdCache()):
-            _warm_up_both(memory, learning, inertia, ground)
+            compile_kernels(0, 1, memory, learning, inertia, ground)
     except _NotCompiledError:
         on_cold_cache()
-        processes = [start_child(compile_kernels, rule, memory, learning, inertia, ground) for rule in INTEGRATIONS]
+        parts = min(len(os.sched_getaffinity(0)), len(_LAWS) * len(INTEGRATIONS))
+        need = memory, learning, inertia, ground
+        processes = [start_child(compile_kernels, part, parts, *need) for part in range(parts)]
         try:
             for process in processes:
                 process.wait()
         finally:
             for process in processes:
                 process.kill()
-        _warm_up_both(memory, learning, inertia, ground)
+        compile_kernels(0, 1, *need)
 
 
 class _NotCompiledError(Exception):
@@ -92,29 +101,44 @@ class _ColdCache(event.Listener):  # type: ignore[misc]
         pass
 
 
-def _warm_up_both(memory: bool, learning: bool, inertia: bool, ground: bool) -> None:
-    for integration in INTEGRATIONS:
-        compile_kernels(integration, memory, learning, inertia, ground)
-
-
-def compile_kernels(
-    integration: Integration, memory: bool, learning: bool = False, inertia: bool = False, ground: bool = False
-) -> None:
-    """Compile, or load, the kernels of one rule of integration for what `warm_up_all` names."""
+def compile_kernels(part: int, parts: int, memory: bool, learning: bool, inertia: bool, ground: bool) -> None:
+    """Compile, or load, one part of the kernels that `warm_up_all` names."""
     medium = next(iter(MEDIA.values()))
     table = Table.sampled([0.0], [0.0], [[1.0]])
     state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    tool = load_tool("plate", integration=integration)
-    for law_name, name in (("agarwal2023", "constant"), *(("treers2021", name) for name in ALPHA_Y_MODELS)):
+    maps = (None, _inclined()) if ground else (None,)
+    # alternately one rule and the other: of two processes each has one rule, whose functions the laws share
+    for (law_name, name), integration in list(itertools.product(_LAWS, INTEGRATIONS))[part::parts]:
+        tool = _pyramid(integration)
         law = law_named(law_name, medium, alpha_y_model(name, medium, table), density=float(inertia))
         model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
         for m in (model, replace(model, mobilization_length=1.0))[: 1 + memory]:
-            for map_ in (None, _inclined())[: 1 + ground]:
+            for map_ in maps:
                 warm_up(replace(m, ground=map_))
                 if learning:
                     warm_up(replace(m, ground=map_), learning=True)
         for slope in (LEVEL, (0.1, 0.0))[: 1 + ground]:
             plate_forces(tool.plates, law, state, slope=slope)
+
+
+def _pyramid(integration: Integration) -> Tool:
+    """A tool of four plates. It comes from no file, since reading one imports trimesh: a second, and 50 MB."""
+    vertices = 0.01 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    if integration == "refined":
+        plates = Plates.from_triangles(vertices[faces], np.full(4, FLAT_HALF_ANGLE))
+    else:
+        plates = centroid_plates(vertices, faces)
+    return Tool(
+        name="pyramid",
+        file="",
+        plates=plates,
+        facets=plates,
+        vertices=vertices,
+        faces=faces,
+        issues=(),
+        corners=vertices.copy(),
+    )
 
 
 def _inclined() -> HeightMap:

@@ -65,6 +65,9 @@ def _refuse(sentence: str) -> int:
 
 
 def _run(stop: threading.Event) -> int:
+    from rft_ros.node.tool_worker import ToolWorker
+
+    worker = ToolWorker()  # first: its imports take as long as the node's
     import gc
 
     import rclpy
@@ -75,16 +78,14 @@ def _run(stop: threading.Event) -> int:
     from rft_ros.errors import InputError
     from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
     from rft_ros.node.rft_node import RftNode
-    from rft_ros.node.tool_worker import ToolWorker
 
-    worker = ToolWorker()
     try:
         warm_up_all(memory=False, on_cold_cache=_announce_compilation)
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = RftNode(worker)
         warm_up_for(node.values, on_cold_cache=_announce_compilation)
         gc.collect()
-        gc.freeze()  # collecting the objects of numba and trimesh takes 22 ms and frees none
+        gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
         executor = _executor(node)
         executor.add_node(node)
         node.announce()

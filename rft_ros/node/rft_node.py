@@ -59,7 +59,8 @@ class RftNode(Node):
         values = self._table.values
         # One thread: numba's loops release the GIL, so that a tick does not wait for a cloud.
         self._background = ThreadPoolExecutor(1)
-        self.estimator = Estimator(settings_of(values), model_of(values), background=self._background)
+        model = model_of(values, tool=worker.load_now(tool_request(values)))  # trimesh stays out of this process
+        self.estimator = Estimator(settings_of(values), model, background=self._background)
         self._next_model: Model | None = None
         self._with_learning = self.estimator.learning is not None
         self._with_memory = self.estimator.model.mobilization_length > 0.0

@@ -21,20 +21,22 @@ _ALIGNMENT = 64
 
 
 class ToolWorker:
-    """Loads one tool at a time in a low-priority process, started early so that no swap waits for its imports.
+    """Loads one tool at a time in a process beside the node, started early so that no tool waits for its imports.
 
-    The process is replaced if it dies, exceeds the deadline [s], or gets a new request while it loads.
+    The process has a low priority after its first tool, which the node waits for. It is replaced if it dies, exceeds
+    the deadline [s], or gets a new request while it loads.
     """
 
     def __init__(self, *, deadline: float = _DEADLINE) -> None:
         self._deadline = deadline
         self.loading: ToolRequest | None = None
-        self._start()
+        self._start(1)
 
-    def _start(self) -> None:
+    def _start(self, urgent: int) -> None:
+        """`urgent`: the number of tools to load before the priority is lowered."""
         self._connection, theirs = Pipe()
         with theirs:
-            self._process = start_child(serve, theirs.fileno(), pass_fds=[theirs.fileno()])
+            self._process = start_child(serve, theirs.fileno(), urgent, pass_fds=[theirs.fileno()])
 
     @property
     def pid(self) -> int:
@@ -50,6 +52,15 @@ class ToolWorker:
             self._connection.send(request)
         self.loading = request
         self._expires = time.monotonic() + self._deadline
+
+    def load_now(self, request: ToolRequest) -> Tool:
+        """Load a tool and wait for it. Raises InputError if it cannot be used."""
+        self.load(request)
+        self._connection.poll(self._deadline)
+        answer = self.poll()
+        if not isinstance(answer, Tool):
+            raise InputError(answer or f"mesh.file '{request.file}' did not load")
+        return answer
 
     def cancel(self) -> None:
         """Abandon the tool that is being loaded, if any."""
@@ -82,7 +93,7 @@ class ToolWorker:
     def _replace(self) -> None:
         self.close()
         with suppress(OSError):  # no descriptor or process to be had: `poll` reports it, the next `load` tries again
-            self._start()
+            self._start(0)
 
     def close(self) -> None:
         """End the process."""
@@ -177,12 +188,11 @@ def receive_tool(connection: Connection) -> Tool | str:
     return answer
 
 
-def serve(descriptor: int) -> None:
-    """In the worker: answer requests on a connection until the node closes it."""
+def serve(descriptor: int, urgent: int) -> None:
+    """In the worker: answer requests on a connection until the node closes it; the first `urgent` at full priority."""
     connection = Connection(descriptor)
-    os.nice(_NICENESS)
-    with suppress(OSError):  # a kernel that groups sessions applies niceness within a session only
-        Path("/proc/self/autogroup").write_text(str(_NICENESS))
+    if not urgent:
+        _lower_priority()
     import scipy.spatial  # noqa: F401
     import trimesh  # noqa: F401
 
@@ -190,6 +200,15 @@ def serve(descriptor: int) -> None:
         while True:
             request: ToolRequest = connection.recv()
             send_tool(connection, _load(request))
+            urgent -= 1
+            if urgent == 0:
+                _lower_priority()
+
+
+def _lower_priority() -> None:
+    os.nice(_NICENESS)
+    with suppress(OSError):  # a kernel that groups sessions applies niceness within a session only
+        Path("/proc/self/autogroup").write_text(str(_NICENESS))
 
 
 def _load(request: ToolRequest) -> Tool | str:

@@ -9,6 +9,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import IO
 
@@ -23,6 +24,7 @@ from std_srvs.srv import Trigger
 
 from rft_ros.estimator.parameters import defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
+from rft_ros.tool import Tool
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
 WAIT = 240.0  # s: other work may keep every core busy, and a first start compiles
@@ -162,6 +164,10 @@ class Harness:
         answer = self.call(Trigger, "status", Trigger.Request())
         return answer.success, answer.message
 
+    def until_status(self, condition: Callable[[bool, str], object]) -> None:
+        """Until the answer of ~/status meets a condition; asked four times a second, since the worker needs the CPU."""
+        self.until(lambda: condition(*self.status()) or self.spin(0.25))
+
     # --- inputs
 
     def moment(self) -> int:
@@ -254,8 +260,12 @@ def predicted_by_the_core(
     medium = MEDIA["generic"]
     made = law_named(law, medium, alpha_y_model(alpha_y, medium), zeta=zeta, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    tool = tool_request({**defaults(), "mesh.file": mesh}).load()
-    return wrenches(tool.plates, made, state)[0, :6]
+    return wrenches(_tool(mesh).plates, made, state)[0, :6]
+
+
+@cache
+def _tool(mesh: str) -> Tool:
+    return tool_request({**defaults(), "mesh.file": mesh}).load()
 
 
 def numbers(message: WrenchStamped) -> np.ndarray:

@@ -18,6 +18,7 @@ from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
 from rft_ros.node.rft_node import RftNode
+from rft_ros.node.tool_worker import ToolWorker
 
 S = 1_000_000_000
 
@@ -81,7 +82,8 @@ def test_simulated_time_dates_the_diagnostics_and_changes_no_estimate(start_node
 def test_a_pose_after_a_bag_loop_finds_the_twists_that_still_wait(monkeypatch):
     """The node never spins here, so that no callback takes a twist before the pose's does."""
     monkeypatch.setattr(sys, "argv", ["rft_node"])
-    node, peer = RftNode(None), rclpy.create_node("loop")
+    worker = ToolWorker()
+    node, peer = RftNode(worker), rclpy.create_node("loop")
     twists = peer.create_publisher(TwistStamped, "/rft/twist", 10)
     twist, pose = TwistStamped(), PoseStamped()
     twist.header.frame_id = pose.header.frame_id = "world"
@@ -98,6 +100,7 @@ def test_a_pose_after_a_bag_loop_finds_the_twists_that_still_wait(monkeypatch):
             node._on_pose(serialize_message(pose))
     node.destroy_node()
     peer.destroy_node()
+    worker.close()
 
 
 def test_a_subscription_that_cannot_match_is_reported(rft):
@@ -151,15 +154,14 @@ def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(rft):
 def test_the_status_service_says_what_is_in_force(rft, tmp_path):
     successful, message = rft.status()
     assert successful and "tool plate in force" in message
-    rft.until(lambda: rft.send(rft.moment(), frame="camera") or "used: pose_frame_unknown" in rft.status()[1])
-    assert "'camera'" in rft.status()[1]
+    rft.send(rft.moment(), frame="camera")
+    rft.until_status(lambda _, said: "used: pose_frame_unknown" in said and "'camera'" in said)
     broken = tmp_path / "broken.stl"
     broken.write_text("no mesh")
     assert rft.set(mesh__file=str(broken))[0]
-    rft.until(lambda: not rft.status()[0])
-    assert "broken.stl" in rft.status()[1]
+    rft.until_status(lambda good, said: not good and "broken.stl" in said)
     assert rft.set(mesh__scale=0.002)[0]
-    rft.until(lambda: rft.status()[0] and "preparing" not in rft.status()[1])
+    rft.until_status(lambda good, said: good and "preparing" not in said)
     assert rft.set(mesh__scale=0.001)[0]
     rft.until(lambda: rft.diagnostic("model")[2]["preparing"] == "")
 

@@ -62,7 +62,7 @@ def test_every_tick_is_answered_by_one_whole_model(start_node, executor):
             k += 1
             if k % 40 == 0:
                 pending.append(send_call(client, *next(changes)))
-            rft.spin(0.005)
+            rft.spin(0.01)
             rft.until(lambda k=k: len(predicted) >= k - 50)  # so that no queue overflows
             if left is None and predicted and mesh_of_the_newest() == mesh:
                 left = 200
@@ -116,7 +116,7 @@ def test_a_swap_fails_back_to_the_tool_in_force_even_if_its_file_is_gone(start_n
     rft = start_node("-p", f"mesh.file:={gone}").wait_ready()
     gone.unlink()
     assert rft.set(mesh__file=str(bad)) == (True, "")
-    rft.until(lambda: not rft.status()[0] and rft.get("mesh.file").string_value == str(gone))
+    rft.until_status(lambda good, _: not good and rft.get("mesh.file").string_value == str(gone))
     assert rft.set(medium__zeta=0.5) == (True, "")
     np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15)
 
