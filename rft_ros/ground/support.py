@@ -163,7 +163,7 @@ class Support:
         z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
         flat = np.sqrt(1.0 - z * z)
         directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
-        self._corners = np.ascontiguousarray(corners[np.unique((corners @ directions.T).argmax(axis=0))])
+        self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
         self._placed, self._out = np.empty_like(self._corners), np.zeros(5)
 
     def local_surface(self, ground: HeightMap, state: Array, *, level: float) -> LocalSurface:

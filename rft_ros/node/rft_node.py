@@ -229,13 +229,9 @@ class RftNode(Node):
         self.estimator.use(settings=settings_of(values))
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         if self._next_model is not None:
-            self._use(self._next_model)
+            self.estimator.use(model=self._next_model)
         if changed & _TOOL_NAMES:
             self._want(tool_request(values))
-
-    def _use(self, model: Model) -> None:
-        self.estimator.use(model=model)
-        self._log_model(f"generation {model.generation}")
 
     def _want(self, request: ToolRequest) -> None:
         self._swap.want(request)
@@ -248,7 +244,8 @@ class RftNode(Node):
             self._undo(outcome)
         elif outcome is not None:
             m = self.estimator.model
-            self._use(replace(m, tool=outcome, generation=m.generation + 1))
+            self.estimator.use(model=replace(m, tool=outcome, generation=m.generation + 1))
+            self._log_model("in force")
             self._log_issues()
         if not self._swap.preparing:
             self._swap_timer.cancel()

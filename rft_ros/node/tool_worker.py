@@ -30,6 +30,7 @@ class ToolWorker:
     def __init__(self, *, deadline: float = _DEADLINE) -> None:
         self._deadline = deadline
         self.loading: ToolRequest | None = None
+        self._killed: list[subprocess.Popen[bytes]] = []
         self._start(1)
 
     def _start(self, urgent: int) -> None:
@@ -91,18 +92,25 @@ class ToolWorker:
         return answer
 
     def _replace(self) -> None:
-        self.close()
+        self._process.kill()
+        self._leave()
+        self._killed = [process for process in self._killed if process.poll() is None]
+        self._killed.append(self._process)  # its end takes up to 30 ms, which a tick must not wait for
         with suppress(OSError):  # no descriptor or process to be had: `poll` reports it, the next `load` tries again
             self._start(0)
 
-    def close(self) -> None:
-        """End the process."""
-        self._process.kill()
-        self._process.wait()
+    def _leave(self) -> None:
         if self._process.stdin:
             self._process.stdin.close()
         self._connection.close()
         self.loading = None
+
+    def close(self) -> None:
+        """End the process."""
+        self._leave()
+        for process in (self._process, *self._killed):
+            process.kill()
+            process.wait()
 
 
 class ToolSwap:

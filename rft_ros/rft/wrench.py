@@ -42,6 +42,8 @@ _Code = tuple[Callable[..., None], Law]
 # the code: integration rule, what it computes, and whether it is without memory and for a level surface.
 _CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
 _LAWS_KEPT = 32
+_ENTRIES: dict[tuple[object, ...], Callable[..., None]] = {}
+"""The compiled loops by rule, what they compute and types: looking one up through numba takes 0.4 ms."""
 
 LEVEL = 0.0, 0.0
 """The slope of a level surface."""
@@ -173,21 +175,47 @@ def _code(
         if code is not None:
             return code
     _check_plates(plates)
-    good, blocks = checked_law(law), plates.blocks
+    good = checked_law(law)
     if what == "forces":
         good = checked_law(law_of_plates(good))
-        arguments: tuple[object, ...] = good, 0.0, incline, np.zeros(13), blocks.order, np.zeros((1, 3))
-        entry = machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, *arguments))
-    else:
-        past = memory and (np.zeros(1), 1.0, memory.tractions, memory.active, memory.motion)
-        arguments = good, 0.0, incline, np.zeros((1, 13)), past, np.zeros((1, 19))
-        entry = machine_code(SUMS[plates.integration, what], (blocks.rows, blocks.bounds, plates.reach, *arguments))
+    key = plates.integration, what, memory is None, incline is None
+    types = *key, _types(good)
+    entry = _ENTRIES.get(types)
+    if entry is None:
+        entry = _ENTRIES[types] = _compiled(plates, good, what, memory, incline)
     if found is None:
         if len(_CODE) >= _LAWS_KEPT:
             _CODE.clear()
         found = _CODE[id(law)] = law, {}
-    code = found[1][plates.integration, what, memory is None, incline is None] = entry, good
+    code = found[1][key] = entry, good
     return code
+
+
+def _types(value: object) -> object:
+    """What numba distinguishes in a checked law: classes of its fields, and layouts of its arrays."""
+    if isinstance(value, tuple):
+        return value.__class__, *map(_types, value)
+    if isinstance(value, np.ndarray):
+        return value.dtype.str, value.ndim, value.flags.c_contiguous, value.flags.writeable
+    return value.__class__
+
+
+def _compiled(
+    plates: Plates,
+    law: Law,
+    what: bool | Literal["forces"],
+    memory: Memory | None,
+    incline: tuple[float, float] | None,
+) -> Callable[..., None]:
+    blocks = plates.blocks
+    if what == "forces":
+        one = np.zeros(13), blocks.order, np.zeros((1, 3))
+        return machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, law, 0.0, incline, *one))
+    past = memory and (np.zeros(1), 1.0, memory.tractions, memory.active, memory.motion)
+    tool = blocks.rows, blocks.bounds, plates.reach
+    return machine_code(
+        SUMS[plates.integration, what], (*tool, law, 0.0, incline, np.zeros((1, 13)), past, np.zeros((1, 19)))
+    )
 
 
 def _incline(slope: tuple[float, float]) -> tuple[float, float] | None:

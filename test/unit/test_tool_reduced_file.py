@@ -119,7 +119,7 @@ def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
     assert main(["predict", states, "--mesh", "root_tip", "--tolerance", "0.05", *out]) == 0
     assert "root_tip: 1,232 facets -> " in capsys.readouterr().out
     assert main(["predict", states, "--mesh", "root_tip", *out]) == 0
-    assert "85 states, 1232 plates of root_tip" in capsys.readouterr().out
+    assert "85 states, 85 in the grains, 1232 plates of root_tip" in capsys.readouterr().out
 
 
 def test_a_reduced_tool_belongs_to_its_rule(tmp_path, capsys):
