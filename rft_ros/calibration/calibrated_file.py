@@ -13,7 +13,7 @@ from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
 from rft_ros.errors import file_errors
-from rft_ros.estimator.parameters import NODE_KEYS, defaults, parameter_tree
+from rft_ros.estimator.parameters import FILES, NODE_KEYS, defaults, parameter_tree, path_beside
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 
@@ -52,7 +52,10 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     """
     tree = parameter_tree(source)
     tree.pop(SECTION, None)
-    parameters = [tree[key]["ros__parameters"] for key in NODE_KEYS if isinstance(tree.get(key), dict)][-1]
+    sections = [tree[key]["ros__parameters"] for key in NODE_KEYS if isinstance(tree.get(key), dict)]
+    for section in sections:
+        _follow(section, source, file)
+    parameters = sections[-1]
     for f in result.fitted:
         if f.name in defaults():
             values = tuple(rounded(v, e) for v, e in zip(f.values, f.errors, strict=True))
@@ -63,11 +66,9 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         _drop_tare(tree)
     begins = {track.name: _date(track.begin) for track in tracks}
     texts = {file: ""}
-    if result.alpha_y is None:
-        _follow(parameters, source, file)
-    elif result.alpha_y.published:
+    if result.alpha_y is not None and result.alpha_y.published:
         _put(parameters, "alpha_y.model", result.alpha_y.model)
-    else:
+    elif result.alpha_y is not None:
         table = file.with_name(f"{file.stem}.alpha_y.csv")
         _put(parameters, "alpha_y.model", "table")
         _put(parameters, "alpha_y.table", table.name)
@@ -110,12 +111,14 @@ def _drop_tare(tree: dict[str, Any]) -> None:
 
 
 def _follow(parameters: dict[str, Any], source: Path, file: Path) -> None:
-    """Keep a relative path of an α_y table valid: it is relative to the source, the new one to the new file."""
-    nested = parameters.get("alpha_y", {})
-    table = parameters.get("alpha_y.table", nested.get("table") if isinstance(nested, dict) else "")
-    if table and not Path(table).expanduser().is_absolute():
-        target = (source.parent / table).resolve()
-        _put(parameters, "alpha_y.table", os.path.relpath(target, file.resolve().parent))
+    """Keep relative paths valid: they are relative to the source, the new ones to the new file."""
+    for name in FILES:
+        group, _, rest = name.partition(".")
+        nested = parameters.get(group)
+        path = str(parameters.get(name, nested.get(rest, "") if isinstance(nested, dict) else ""))
+        found = path_beside(source.resolve().parent, name, path)
+        if found != path:
+            _put(parameters, name, os.path.relpath(found, file.resolve().parent))
 
 
 def _recorded(f: FittedValue) -> dict[str, Any]:

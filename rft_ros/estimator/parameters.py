@@ -468,7 +468,7 @@ def read_parameter_file(file: Path) -> dict[str, Value]:
         except InputError as error:
             raise InputError(f"parameter file '{file}': {error}") from None
     for name in FILES:
-        values[name] = path_beside(file, name, str(values[name]))
+        values[name] = path_beside(file.parent, name, str(values[name]))
     return values
 
 
@@ -476,14 +476,14 @@ FILES = ("mesh.file", "alpha_y.table", "ground.file")
 """Parameters that name a file, relative to the parameter file."""
 
 
-def path_beside(file: Path, name: str, path: str) -> str:
-    """A path in a parameter of `FILES` that a parameter file names: relative to its folder, `~` expanded.
+def path_beside(folder: Path, name: str, path: str) -> str:
+    """A relative path in a parameter of `FILES`, counted from a folder.
 
-    A shipped mesh's name and a package:// URI stay, and so does no path.
+    Others stay: one from the root or the home folder, none, and for a mesh a shipped name or a package:// URI.
     """
-    if not path or (name == "mesh.file" and not is_mesh_path(path)):
+    if not path or path.startswith("~") or (name == "mesh.file" and not is_mesh_path(path)):
         return path
-    return str(file.parent / Path(path).expanduser())
+    return str(folder / path)
 
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
@@ -493,7 +493,7 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     """
     plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
     for name in FILES:
-        plain[name] = path_beside(Path.cwd() / file.name, name, plain[name])
+        plain[name] = path_beside(Path.cwd(), name, plain[name])
     tree = {"/**": {"ros__parameters": plain}}
     with file_errors(f"parameter file '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)

@@ -65,11 +65,11 @@ def _refuse(sentence: str) -> int:
 
 
 def _run(stop: threading.Event) -> int:
+    import gc
+
     from rft_ros.node.tool_worker import ToolWorker
 
     worker = ToolWorker()  # first: its imports take as long as the node's
-    import gc
-
     import rclpy
     from rclpy._rclpy_pybind11 import RCLError
     from rclpy.executors import ExternalShutdownException

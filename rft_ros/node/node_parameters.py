@@ -132,7 +132,7 @@ def _resolved(name: str, path: str) -> str:
     """The path in a parameter of `FILES`; one that a parameter file names is relative to that file's folder."""
     for file in reversed(parameter_files() if path else []):  # ROS takes the last file's value
         if node_parameters(file, NODE_KEYS).get(name) == path:
-            return path_beside(file, name, path)
+            return path_beside(file.parent, name, path)
     return path
 
 

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from rft_ros.calibration.fitting import FittedValue
 from rft_ros.cli import main
 from rft_ros.commands.calibrate import print_overview
 from rft_ros.estimator.parameters import defaults, model_of, read_parameter_file
+from rft_ros.tool import locate_mesh
 
 
 def write_bag(path, time, states, readings):
@@ -112,15 +114,17 @@ def test_another_alpha_y_is_written_as_a_table_beside_the_file(cell, tmp_path):
     assert table[90.0] == pytest.approx(0.07, abs=0.005)
 
 
-def test_a_table_that_is_kept_is_found_from_the_new_file(cell, tmp_path):
+def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
     tree = yaml.safe_load((cell / "cell.yaml").read_text())
-    tree["/**"]["ros__parameters"] |= {"alpha_y": {"table": "tables/mine.csv"}}
+    (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
+    tree["/**"]["ros__parameters"] |= {"alpha_y": {"table": "tables/mine.csv"}, "mesh.file": "tool.stl"}
     source = tmp_path / "source.yaml"
     source.write_text(yaml.safe_dump(tree))
     out = tmp_path / "out" / "deep" / "calibrated.yaml"
     given = ["calibrate", str(cell / "pressed"), "--params", str(source), "-o", str(out), "--tare", "0"]
     assert main([*given, "--fit", "surface"]) == 0
     assert yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y"] == {"table": "../../tables/mine.csv"}
+    assert os.path.samefile(str(read_parameter_file(out)["mesh.file"]), tmp_path / "tool.stl")  # noqa: PTH121
 
 
 def test_a_fitted_bias_replaces_the_tare(cell, calibrated, tmp_path):

@@ -202,8 +202,8 @@ def test_a_written_file_means_the_same_tool_from_any_folder(tmp_path, monkeypatc
 
 def test_a_relative_mesh_is_beside_the_file_that_names_it_and_a_shipped_one_is_not(tmp_path):
     file = tmp_path / "cell.yaml"
-    meshes = {"tool.stl": f"{tmp_path}/tool.stl", "/else/a.stl": "/else/a.stl", "plate": "plate"}
-    for written, read in {**meshes, "package://rft_ros/meshes/plate.stl": "package://rft_ros/meshes/plate.stl"}.items():
+    kept = ("/else/a.stl", "~nobody/a.stl", "plate", "package://rft_ros/meshes/plate.stl")
+    for written, read in {"tool.stl": f"{tmp_path}/tool.stl", **{name: name for name in kept}}.items():
         file.write_text(f"/**:\n  ros__parameters:\n    mesh.file: {written}\n")
         assert read_parameter_file(file)["mesh.file"] == read
 
