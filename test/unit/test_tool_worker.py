@@ -6,10 +6,12 @@ import pickle
 import resource
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from rft_ros.errors import InputError
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker, receive_tool, send_tool
 from rft_ros.tool import Tool, ToolRequest, load_tool
 
@@ -64,6 +66,28 @@ def test_a_later_request_replaces_one_that_is_being_loaded(worker):
     assert isinstance(tool, Tool)
     assert tool.name == "plate"
     assert worker.poll() is None
+
+
+def test_workers_that_were_replaced_have_ended_when_the_last_one_is_closed(worker):
+    pids = []
+    for _ in range(3):
+        worker.load(ToolRequest("plate"))
+        pids.append(worker.pid)
+    worker.close()
+    assert len(set(pids)) == 3
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
+
+
+def test_the_first_tool_is_loaded_at_full_priority_and_others_beside_the_node(worker):
+    ours = os.getpriority(os.PRIO_PROCESS, 0)
+    assert os.getpriority(os.PRIO_PROCESS, worker.pid) == ours
+    assert worker.load_now(ToolRequest("plate")).name == "plate"
+    until = time.monotonic() + 180.0
+    while os.getpriority(os.PRIO_PROCESS, worker.pid) != min(ours + 10, 19):
+        assert time.monotonic() < until
+        time.sleep(0.01)
+    with pytest.raises(InputError, match=r"gone\.stl"):
+        worker.load_now(ToolRequest("gone.stl"))
 
 
 def test_an_unexpected_exception_in_the_worker_is_a_sentence_and_the_worker_continues(worker):
