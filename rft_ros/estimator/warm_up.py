@@ -125,19 +125,10 @@ def _pyramid(integration: Integration) -> Tool:
     """A tool of four plates. It comes from no file, since reading one imports trimesh: a second, and 50 MB."""
     vertices = 0.01 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
-    if integration == "refined":
-        plates = Plates.from_triangles(vertices[faces], np.full(4, FLAT_HALF_ANGLE))
-    else:
-        plates = centroid_plates(vertices, faces)
+    refined = Plates.from_triangles(vertices[faces], np.full(4, FLAT_HALF_ANGLE))
+    plates = refined if integration == "refined" else centroid_plates(vertices, faces)
     return Tool(
-        name="pyramid",
-        file="",
-        plates=plates,
-        facets=plates,
-        vertices=vertices,
-        faces=faces,
-        issues=(),
-        corners=vertices.copy(),
+        name="none", file="", plates=plates, facets=plates, vertices=vertices, faces=faces, issues=(), corners=vertices
     )
 
 
