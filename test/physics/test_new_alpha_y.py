@@ -60,7 +60,7 @@ def found(tmp_path_factory):
     file.write_text(f"{above}\n{listing}\n{marked}{head}{brace}    {line}\n{entries}", encoding="utf-8")
     environment = {**os.environ, "PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
     command = [sys.executable, "-c", SCRIPT, str(ROOT / "meshes" / "plate.stl")]
-    done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, env=environment, cwd=folder, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, done.stderr
     return json.loads((folder / "found.json").read_text())
 

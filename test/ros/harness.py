@@ -27,7 +27,7 @@ from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenche
 from rft_ros.tool import Tool
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
-WAIT = 240.0  # s: other work may keep every core busy, and a first start compiles
+WAIT = 600.0  # s: other work may keep every core busy, and a first start compiles
 _LOCKS: list[IO[str]] = []  # held as long as the process lives
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import set_stamp
+from harness import WAIT, set_stamp
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
@@ -111,5 +111,5 @@ def test_a_cloud_in_another_frame_is_counted_and_the_node_lives(start_node):
 
 def test_a_ground_file_that_cannot_be_used_ends_the_node_with_a_sentence(start_node, tmp_path):
     rft = start_node("-p", f"ground.cell:={CELL}", "-p", f"ground.file:={tmp_path / 'none.csv'}")
-    assert rft.process.wait(240) == 2
+    assert rft.process.wait(WAIT) == 2
     assert "none.csv' cannot be read" in rft.log.read_text()

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from harness import OUTPUTS, numbers, predicted_by_the_core, stamp_of
+from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import read_parameter_file
@@ -262,7 +262,7 @@ def test_a_relative_table_or_mesh_is_looked_for_beside_the_parameter_file_that_n
     file.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in parameters.items()))
     (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
     missing = start_node("--params-file", str(file))
-    assert missing.process.wait(300.0) == 2
+    assert missing.process.wait(WAIT) == 2
     assert f"alpha_y.table '{tmp_path / 'table.csv'}' cannot be read" in missing.said()
     (tmp_path / "table.csv").write_text("0,0.2\n180,0.1\n")
     rft = start_node("--params-file", str(file)).wait_ready()
@@ -287,7 +287,7 @@ def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_repl
     file = tmp_path / "cell.yaml"
     file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
     rft = start_node("--params-file", str(file))
-    assert rft.process.wait(30.0) == 2
+    assert rft.process.wait(WAIT) == 2
     with pytest.raises(InputError) as refusal:
         read_parameter_file(file)
     assert f"rft_node: {refusal.value}" in rft.said()

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from harness import numbers, parameter_value, predicted_by_the_core, stamp_of
+from harness import WAIT, numbers, parameter_value, predicted_by_the_core, stamp_of
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParameters
 
@@ -24,7 +24,7 @@ def send_call(client, name, value):
 def test_every_tick_is_answered_by_one_whole_model(start_node, executor):
     rft = start_node("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
     client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
-    assert client.wait_for_service(timeout_sec=60.0)
+    assert client.wait_for_service(timeout_sec=WAIT)
     models = {
         model: predicted_by_the_core(mesh=model[0], zeta=model[1], alpha_y=model[2], **MOTION)
         for model in itertools.product(MESHES, ZETAS, MODELS)
@@ -55,7 +55,7 @@ def test_every_tick_is_answered_by_one_whole_model(start_node, executor):
     for mesh in ("plate", "sphere", "plate"):
         pending.append(send_call(client, "mesh.file", mesh))
         left = None
-        end = time.monotonic() + 600.0
+        end = time.monotonic() + WAIT
         while left is None or left > 0:
             assert time.monotonic() < end, f"{mesh} never answered"
             rft.send(first + k * 5_000_000, **MOTION)

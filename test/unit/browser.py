@@ -33,7 +33,7 @@ def show(page: Path, scratch: Path) -> Shown:
     for number, what in enumerate((f"--screenshot={scratch / 'screenshot.png'}", "--dump-dom")):
         profile = scratch / f"profile{number}"
         command = [program, *_OPTIONS, f"--user-data-dir={profile}", "--window-size=1400,5200", what, page.as_uri()]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+        done = subprocess.run(command, capture_output=True, text=True, timeout=600)
         assert done.returncode == 0, done.stderr
         parts.append(done)
     console = [line for done in parts for line in done.stderr.splitlines() if ":CONSOLE" in line]

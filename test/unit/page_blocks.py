@@ -138,7 +138,7 @@ def _bash(block: Block, folder: Path) -> None:
         env=environment,
         capture_output=True,
         text=True,
-        timeout=240.0,
+        timeout=600,
     )
     assert done.returncode == 0, f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
 

@@ -25,7 +25,7 @@ def at_a_terminal(**environment):
     ours, its = pty.openpty()
     environment = {**os.environ, "COLUMNS": "60", "TERM": "xterm", **environment}
     command = [sys.executable, "-c", SCRIPT]
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=its, env=environment, text=True, timeout=60)
+    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=its, env=environment, text=True, timeout=600)
     os.close(its)
     shown = b""
     try:
@@ -54,5 +54,5 @@ def test_no_color_turns_colours_off():
 
 
 def test_a_pipe_gets_no_progress_bar():
-    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=60)
+    done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, text=True, timeout=600)
     assert (done.stdout, done.stderr) == ("done\n", "")
