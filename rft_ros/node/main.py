@@ -80,8 +80,8 @@ def _run(stop: threading.Event) -> int:
     from rft_ros.node.rft_node import RftNode
 
     try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before a minute of compiling
         warm_up_all(memory=False, on_cold_cache=_announce_compilation)
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         node = RftNode(worker)
         warm_up_for(node.values, on_cold_cache=_announce_compilation)
         gc.collect()
