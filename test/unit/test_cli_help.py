@@ -119,7 +119,11 @@ def test_tests_of_signals_work_in_a_suite_that_was_started_in_the_background():
     assert done.returncode == 0, done.stdout
 
 
-@pytest.mark.parametrize(("words", "status"), [(("check-mesh", "plate"), 128 + signal.SIGPIPE), (("--help",), 0)])
+CLOSED = 128 + signal.SIGPIPE
+HELP = 0 if sys.version_info >= (3, 11) else CLOSED  # argparse ignores a closed pipe since 3.11
+
+
+@pytest.mark.parametrize(("words", "status"), [(("check-mesh", "plate"), CLOSED), (("--help",), HELP)])
 def test_a_reader_that_closes_the_pipe_early_ends_the_command_quietly(words, status):
     ours, its = os.pipe()
     os.close(ours)
