@@ -84,7 +84,7 @@ def test_every_equation_is_drawn_and_numbered(site):
 
 def test_the_search_works_in_a_page_opened_as_a_file_with_no_network(site, tmp_path):
     """There the browser starts no workers; docs/iframe-worker.js does what the search's would."""
-    (site / "asks.html").write_text('<meta http-equiv="refresh" content="0; url=method.html?q=superposition">')
+    (site / "asks.html").write_text('<meta http-equiv="refresh" content="0; url=method.html?q=pressure">')
     shown = show(site / "asks.html", tmp_path)
     (site / "asks.html").unlink()
     assert shown.errors == []
