@@ -286,8 +286,10 @@ def test_of_two_parameter_files_the_table_is_beside_the_one_whose_values_ros_tak
 def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_replay(start_node, tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
-    rft = start_node("--params-file", str(file))
+    cold = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    rft = start_node("--params-file", str(file), environment=cold)
     assert rft.process.wait(WAIT) == 2
+    assert "compiling" not in rft.said()
     with pytest.raises(InputError) as refusal:
         read_parameter_file(file)
     assert f"rft_node: {refusal.value}" in rft.said()
