@@ -31,6 +31,11 @@ def generate_launch_description() -> LaunchDescription:
                 description="Topic of the load cell (geometry_msgs/WrenchStamped).",
             ),
             DeclareLaunchArgument(
+                "surface_points",
+                default_value="~/surface_points",
+                description="Topic of the ground's heights (sensor_msgs/PointCloud2), used with ground.cell over 0.",
+            ),
+            DeclareLaunchArgument(
                 "use_sim_time", default_value="false", choices=_BOOLEANS, description="Take time from /clock."
             ),
             DeclareLaunchArgument(
@@ -61,6 +66,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
                 ("~/pose", LaunchConfiguration("pose")),
                 ("~/twist", LaunchConfiguration("twist")),
                 ("~/wrench_measured", LaunchConfiguration("wrench")),
+                ("~/surface_points", LaunchConfiguration("surface_points")),
             ],
             output="screen",
         )

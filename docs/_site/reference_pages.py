@@ -108,8 +108,8 @@ def commands_page() -> str:
     status = (whole.epilog or "").partition("Exit status: ")[2]
     head = [
         "# Commands\n\n<!-- made by python docs/_site/reference_pages.py from rft_ros/cli.py -->\n",
-        f"{whole.description} Only `rft demo` needs ROS. After `colcon build`, type `ros2 run rft_ros rft`"
-        " instead of `rft`.\n",
+        f"{whole.description} Only `rft demo`, and `rft doctor` without `--bag`, need ROS. After `colcon build`, type"
+        " `ros2 run rft_ros rft` instead of `rft`.\n",
         f"Every error is one sentence on stderr. Exit status: {status}",
         "A recording is a rosbag2 folder (MCAP or sqlite3), an .mcap or .db3 file, or a ROS 1 .bag file.\n",
     ]

@@ -93,7 +93,7 @@ def law_options(command: argparse._ActionsContainer) -> None:
         "--alpha-y",
         default="constant",
         metavar="MODEL",
-        help="constant, linear or a TABLE.csv of beta [deg], alpha_y [N/cm³] (default constant)",
+        help="constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)",
     )
     number_option(command, "--density", "RHO", "bulk density [kg/m³] for inertia (default 0: none)", 0.0)
     number_option(command, "--inertia", "FACTOR", "inertia of an upright plate, no unit (default 1.4)", 1.4)

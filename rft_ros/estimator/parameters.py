@@ -269,7 +269,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "rest_speed",
         2e-4,
-        "Below this speed of its fastest point a tool in the grains is at rest: no estimate.",
+        "Below this speed of its fastest point a tool in grains is at rest: no estimate (with memory: the last force).",
         unit="m/s",
         low=0.0,
         high=1e3,

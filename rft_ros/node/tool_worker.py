@@ -12,6 +12,7 @@ from pathlib import Path
 
 from rft_ros.child_process import start_child
 from rft_ros.errors import InputError
+from rft_ros.installation import program
 from rft_ros.tool import Tool, ToolRequest
 
 _DEADLINE = 600.0  # s; its low priority makes it slow beside other work
@@ -79,7 +80,10 @@ class ToolWorker:
             elif time.monotonic() < self._expires:
                 return None
             else:
-                answer = f"mesh.file '{self.loading.file}' took over {self._deadline:g} s to load"
+                answer = (
+                    f"mesh.file '{self.loading.file}' took over {self._deadline:g} s to load; "
+                    f"give it fewer facets with '{program('rft')} reduce'"
+                )
                 self._replace()
         except Exception as error:  # any: the worker ended, no descriptor is left here, or the pickle is damaged
             try:
