@@ -141,7 +141,7 @@ class Trace:
         self._file.write(numbers + state)
 
     def blocks(self, rows: int = _BLOCK) -> Iterator[NDArray[np.void]]:
-        """All rows in order, in `ROW` arrays of shape [n], n at most `rows`."""
+        """All rows in order, in arrays of shape [n], n at most `rows`; columns and units: `ROW`."""
         self._file.seek(0)
         while data := self._file.read(rows * ROW.itemsize):
             yield np.frombuffer(data, ROW)
