@@ -36,7 +36,10 @@ def generate_launch_description() -> LaunchDescription:
                 description="Topic of the ground's heights (sensor_msgs/PointCloud2), used with ground.cell over 0.",
             ),
             DeclareLaunchArgument(
-                "use_sim_time", default_value="false", choices=_BOOLEANS, description="Take time from /clock."
+                "use_sim_time",
+                default_value="",
+                choices=["", *_BOOLEANS],
+                description="Take time from /clock; empty: as params_file says.",
             ),
             DeclareLaunchArgument(
                 "rviz",
@@ -55,13 +58,14 @@ def _nodes(context: LaunchContext) -> list[Node]:
     file = Path(given).expanduser()
     if not file.is_file():
         raise RuntimeError(f"params_file '{given}' {'is a folder' if file.is_dir() else 'does not exist'}")
+    time = LaunchConfiguration("use_sim_time").perform(context)
     nodes = [
         Node(
             package="rft_ros",
             executable="rft_node",
             name="rft",
             namespace=LaunchConfiguration("namespace"),
-            parameters=[str(file), {"use_sim_time": LaunchConfiguration("use_sim_time")}],
+            parameters=[str(file), *([{"use_sim_time": time.lower() == "true"}] if time else [])],
             remappings=[
                 ("~/pose", LaunchConfiguration("pose")),
                 ("~/twist", LaunchConfiguration("twist")),

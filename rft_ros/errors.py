@@ -31,7 +31,8 @@ def suggestion(word: str, names: Iterable[str]) -> str:
 @contextmanager
 def file_errors(what: str, done: Literal["read", "written"]) -> Iterator[None]:
     """Raise InputError where a file cannot be used in this block: "`what` cannot be read", or written, and why."""
-    kinds = (OSError, UnicodeDecodeError) if done == "read" else (OSError,)
+    # RuntimeError: `expanduser` knows no such user
+    kinds = (OSError, UnicodeDecodeError, RuntimeError) if done == "read" else (OSError,)
     try:
         yield
     except kinds as error:

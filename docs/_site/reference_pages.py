@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 _REASONS = {
     Reason.MESSAGE_UNREADABLE: "the bytes are not a message of the topic's type, or its stamp is not a time",
-    Reason.POSE_NOT_FINITE: "the pose contains NaN or infinity",
+    Reason.POSE_NOT_FINITE: "the pose contains NaN, infinity or an absurdly large number",
     Reason.POSE_QUATERNION_NOT_UNIT: "the quaternion's length differs from 1 by more than 1 %",
     Reason.POSE_FRAME_UNKNOWN: "the pose's frame_id is not `world_frame` or fixed to it",
     Reason.POSE_STAMP_ZERO: "the pose's stamp is zero",
@@ -26,7 +26,7 @@ _REASONS = {
     Reason.TIME_JUMP: "the stamps went back by 1 s or more; the estimator starts afresh",
     Reason.TWIST_MISSING: "no twist stamped at or before the pose has arrived",
     Reason.TWIST_STALE: "the last twist is more than `max_input_age` older than the pose",
-    Reason.TWIST_NOT_FINITE: "the twist contains NaN or infinity",
+    Reason.TWIST_NOT_FINITE: "the twist contains NaN, infinity or an absurdly large number",
     Reason.TWIST_FRAME_UNKNOWN: "the twist's frame_id is not `world_frame`, `tool_frame` or fixed to one of them",
     Reason.TWIST_STAMP_ZERO: "the twist's stamp is zero",
     Reason.TWIST_OUT_OF_ORDER: "the twist's stamp is before that of the last twist",

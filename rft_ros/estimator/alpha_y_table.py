@@ -22,11 +22,10 @@ def read_alpha_y_table(file: str) -> Table:
 
     Raises InputError that names the file and what is wrong in it.
     """
-    path = Path(file).expanduser()
     rows: list[list[float]] = []
     names_may_come = True
     with file_errors(f"alpha_y.table '{file}'", "read"):
-        lines = path.read_text(encoding="utf-8-sig").splitlines()
+        lines = Path(file).expanduser().read_text(encoding="utf-8-sig").splitlines()
     for number, line in enumerate(lines, start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue

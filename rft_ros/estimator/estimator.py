@@ -142,6 +142,8 @@ class Estimator:
             return False
         self._ground.level()
         self._clouds.clear()
+        if self.learning is not None:
+            self.learning.leave()
         return True
 
     def unknown_frames(self) -> dict[str, str]:
@@ -158,8 +160,9 @@ class Estimator:
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Apply new settings or a new model from the next sample on.
 
-        Earlier samples are kept, except load-cell samples when `sensor_frame` changes: their axes are the old ones.
-        Another tool keeps what was learned of the bed's strength; another medium or law clears it.
+        Earlier samples are kept, except those in the axes of a frame that changes: the load cell's with `sensor_frame`,
+        twists and poses with `world_frame` or `tool_frame`. Another tool keeps what was learned of the bed's strength;
+        another medium or law clears it.
         """
         old = self.model, self.settings
         if model is not None:
@@ -176,6 +179,9 @@ class Estimator:
             if settings.sensor_frame != self.settings.sensor_frame:
                 self.finish()
                 self._wrenches.clear()
+            if (settings.world_frame, settings.tool_frame) != (self.settings.world_frame, self.settings.tool_frame):
+                self._twists.clear()
+                self._difference.reset()
             self.settings = settings
             self._apply(settings)
         self._keep_or_begin_learning(*old)
@@ -184,7 +190,7 @@ class Estimator:
         """After new settings or a new model: keep what was learned as far as it still holds.
 
         A switch from or to off, or another error of ζ, begins again. Another law or mobilization length forgets.
-        Another tool keeps the strength.
+        Another tool or surface height keeps the strength.
         """
         model, new, learning = self.model, self.settings, self.learning
         if learning is None or new.learning_mode == "off" or new.zeta_error != old.zeta_error:
@@ -193,9 +199,9 @@ class Estimator:
             return
         learning.lag = new.learning_lag
         learning.reach = model.tool.plates.reach
-        if model.law is not old_model.law or model.mobilization_length != old_model.mobilization_length:
+        if not _same(model.law, old_model.law) or model.mobilization_length != old_model.mobilization_length:
             learning.forget()
-        elif model.tool is not old_model.tool:
+        elif model.tool is not old_model.tool or new.surface_height != old.surface_height:
             learning.leave()
 
     def _begin_learning(self, settings: Settings, model: Model) -> None:
@@ -212,7 +218,7 @@ class Estimator:
         self._unknown_frames.clear()
         self._place_sensor()
         self._max_age = self._comparison.max_age = round(settings.max_input_age * 1e9)
-        self._period = round(1e9 / settings.max_rate) if settings.max_rate > 0.0 else 0
+        self._period = round(min(1e9 / settings.max_rate, 1e18)) if settings.max_rate > 0.0 else 0
         self._due = 0
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
 
@@ -255,7 +261,7 @@ class Estimator:
         reason = None
         if sample.stamp <= 0:
             reason = Reason.TWIST_STAMP_ZERO
-        elif not math.isfinite(sum(sample.linear) + sum(sample.angular)):
+        elif not math.hypot(*sample.linear, *sample.angular) < _ABSURD:
             reason = Reason.TWIST_NOT_FINITE
         elif sample.frame != self.settings.world_frame and sample.frame != self.settings.tool_frame:
             for frame in (self.settings.world_frame, self.settings.tool_frame):
@@ -309,6 +315,8 @@ class Estimator:
         if reason is not None:
             self.counts[reason.value] += 1
             return reason
+        if since < 0:
+            self._clouds.clear()  # of the run before, or of a stamp in the future
         self._last_cloud = cloud.stamp
         self._clouds.append((cloud, place))
         self._use_clouds()
@@ -424,7 +432,7 @@ class Estimator:
         stamp = sample.stamp
         if stamp <= 0:
             return Reason.POSE_STAMP_ZERO
-        if not math.isfinite(sum(sample.position) + sum(sample.quaternion)):
+        if not math.hypot(*sample.position, *sample.quaternion) < _ABSURD:
             return Reason.POSE_NOT_FINITE
         quaternion = unit_quaternion(*sample.quaternion)
         if quaternion is None:
@@ -450,12 +458,13 @@ class Estimator:
         self.counts[Reason.TIME_JUMP.value] += 1
         self._due = 0
         self._tare = Tare()
+        self._quality = QualityMonitor(self.model.tool)
         self._difference.reset()
         self._begin_memory(self.model)
+        self.finish()
         self._places.clear()
         self._last_cloud = 0
         self.level_ground()
-        self.finish()
         if self.learning is not None:
             self.learning.leave()
         if self._twists and self._twists[-1].stamp - stamp >= TIME_JUMP:
@@ -576,3 +585,10 @@ class Estimator:
     def _keep_state(self) -> None:
         """Make the state of the pose being answered the public `state`."""
         self._state, self._candidate = self._candidate, self._state
+
+
+def _same(a: object, b: object) -> bool:
+    """Whether two laws have the same type and numbers."""
+    if isinstance(a, tuple) and isinstance(b, tuple):
+        return a.__class__ is b.__class__ and len(a) == len(b) and all(map(_same, a, b))
+    return np.array_equal(a, b)  # type: ignore[arg-type]

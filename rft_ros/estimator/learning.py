@@ -149,6 +149,9 @@ _STATE = np.dtype(
 )
 
 
+_SUMS = ("along", "square", "flat_along", "flat_cross", "flat_square")
+
+
 class Surprise(IntEnum):
     """Whether the grains are as believed."""
 
@@ -577,6 +580,8 @@ class Learning:
         state["learned"] = state["judged"] = state["path"]
         state["speed"] = 0.0
         state["pushing"] = False
+        for mean in ("surprise", "score", "excess", "size", "drift", *_SUMS):
+            state[mean] = 0
         state["air"] = 10.0 * C.air_local  # at the next entry surface and turn have returned to the prior
         self._last = 0
 

@@ -38,6 +38,7 @@ __all__ = [
     "Values",
     "checked",
     "defaults",
+    "gives",
     "model_of",
     "node_parameters",
     "parameter_tree",
@@ -405,7 +406,10 @@ def _ground_of(cell: float, file: str) -> HeightMap | None:
         raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
     if not cell:
         return None
-    return read_height_map(Path(file).expanduser(), cell) if file else HeightMap.unknown(cell)
+    if not file:
+        return HeightMap.unknown(cell)
+    with file_errors(f"ground.file '{file}'", "read"):
+        return read_height_map(Path(file).expanduser(), cell)
 
 
 NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
@@ -441,6 +445,11 @@ def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
             raise InputError(f"parameter file '{file}': '{key}' has no 'ros__parameters'")
         flat.update(_flat(node["ros__parameters"]))
     return flat
+
+
+def gives(file: Path, name: str, value: Value) -> bool:
+    """Whether a parameter file gives a parameter of any node, in any namespace, this value."""
+    return any(key.endswith(f"ros__parameters.{name}") and v == value for key, v in _flat(parameter_tree(file)))
 
 
 def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -43,7 +43,7 @@ class ToolPoses:
         newest = self._estimator.transforms.newest(settings.world_frame, settings.tool_frame)
         if newest is None:
             return
-        period = round(1e9 / rate)
+        period = round(min(1e9 / rate, 1e18))
         if not -TIME_JUMP < newest - self._newest < _PATIENCE:  # a new run, or nothing came for long
             self._newest = newest - 1
         for stamp in range((self._newest // period + 1) * period, newest + 1, period):
@@ -54,6 +54,7 @@ class ToolPoses:
         newest = self._wanted[-1] if self._wanted else 0
         if newest - stamp >= TIME_JUMP:
             self._wanted.clear()
+            self._estimator.transforms.begin_again(stamp)
         elif stamp <= newest:
             return
         self._wanted.append(stamp)

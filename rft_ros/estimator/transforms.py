@@ -126,13 +126,17 @@ class Transforms:
         elif not link.fixed and link.history and sample.stamp <= link.history[-1].stamp:
             if link.history[-1].stamp - sample.stamp < TIME_JUMP:
                 return Reason.TF_OUT_OF_ORDER
-            for other in self._links.values():
-                if not other.fixed:
-                    other.history.clear()
+            self.begin_again(sample.stamp)
         link.history.append(sample._replace(quaternion=quaternion))
         if link.fixed:
             self._fixed.clear()
         return None
+
+    def begin_again(self, stamp: int) -> None:
+        """Forget moving transforms that lie a time jump or more after a stamp [ns]: they belong to the run before."""
+        for link in self._links.values():
+            if not link.fixed and link.history and link.history[-1].stamp - stamp >= TIME_JUMP:
+                link.history.clear()
 
     def at(self, target: str, source: str, stamp: int, max_age: int) -> Placement | Reason:
         """Placement of the frame `source` in the frame `target` at a stamp [ns].

@@ -56,9 +56,10 @@ class HeightMap:
         """A map of which nothing is known; `cell` [m]."""
         return cls(cell=cell, corner=(0, 0), heights=np.full((1, 1), np.nan, dtype=np.float32))
 
-    def points(self) -> Array:
-        """Centres of the known cells and their heights: x, y, h [m], shape [k, 3]."""
-        i, j = np.nonzero(~np.isnan(self.heights))
+    def points(self, *, at_most: int = MOST_CELLS) -> Array:
+        """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
+        known = np.flatnonzero(~np.isnan(self.heights))
+        i, j = np.unravel_index(known[:: 1 + len(known) // at_most], self.heights.shape)
         x, y = (self.cell * (index + start + 0.5) for index, start in zip((i, j), self.corner, strict=True))
         return np.column_stack([x, y, self.heights[i, j].astype(np.float64)])
 

@@ -121,9 +121,10 @@ class Diagnostics:
         values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in _INPUTS}
         values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self._newest.items()})
         values.update({f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"})
+        bad = sorted(text for reason, text in named.items() if reason not in _NORMAL)
         if not self._received["pose"]:
-            return self._component_status("inputs", DiagnosticStatus.ERROR, "no poses", values)
-        if bad := sorted(text for reason, text in named.items() if reason not in _NORMAL):
+            return self._component_status("inputs", DiagnosticStatus.ERROR, ", ".join(["no poses", *bad]), values)
+        if bad:
             return self._component_status("inputs", DiagnosticStatus.WARN, ", ".join(bad), values)
         return self._component_status("inputs", DiagnosticStatus.OK, "inputs arrive", values)
 

@@ -108,8 +108,7 @@ class Markers:
     def _publish_ground(self, stamp: int, ground: HeightMap, start: HeightMap) -> None:
         """The known cells, at most some thousand, coloured by how far they have moved since the start."""
         if self._drawn_ground is None or self._drawn_ground[0] is not ground:
-            cells = ground.points()
-            cells = cells[:: 1 + len(cells) // _MOST_FACETS]
+            cells = ground.points(at_most=_MOST_FACETS)
             moved = cells[:, 2] - start.heights_at(cells[:, 0], cells[:, 1])
             corners = np.ascontiguousarray(cells, dtype="<f8").tobytes()
             self._drawn_ground = ground, corners, _moved_colours(np.nan_to_num(moved))

@@ -15,13 +15,12 @@ from rclpy.parameter import Parameter as RosParameter
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import (
     FILES,
-    NODE_KEYS,
     PARAMETERS,
     Parameter,
     Value,
     Values,
     checked,
-    node_parameters,
+    gives,
     path_beside,
 )
 
@@ -81,8 +80,8 @@ class NodeParameters:
         """The checked values in force; replaced, not changed, when parameters are set."""
         return self._values
 
-    def set_all(self, values: Values, *, why: str) -> None:
-        """Set parameters together, from within the node; `why` goes into the log."""
+    def set_all(self, values: Values, *, why: str) -> str:
+        """Set parameters together, from within the node; `why` goes into the log. Returns why not, or ""."""
         self._why = why
         try:
             result = self._node.set_parameters_atomically(
@@ -92,6 +91,7 @@ class NodeParameters:
             self._why = ""
         if not result.successful:
             self._node.get_logger().error(f"not set ({why}): {result.reason}")
+        return "" if result.successful else str(result.reason)
 
     def _in_table_types(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """The parameters as `checked` returns them; one that it refuses stays, and `_on_set` refuses it."""
@@ -131,7 +131,7 @@ def _plain(value: Any) -> Any:
 def _resolved(name: str, path: str) -> str:
     """The path in a parameter of `FILES`; one that a parameter file names is relative to that file's folder."""
     for file in reversed(parameter_files() if path else []):  # ROS takes the last file's value
-        if node_parameters(file, NODE_KEYS).get(name) == path:
+        if gives(file, name, path):
             return path_beside(file.parent, name, path)
     return path
 

@@ -8,6 +8,7 @@ from datetime import datetime, timezone
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
@@ -18,7 +19,7 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, TwistSample, WrenchSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
 from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
@@ -200,9 +201,11 @@ class RftNode(Node):
 
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
         if changed & _TOOL_NAMES and not self._swap.knows(tool_request(values)):
-            path = locate_mesh(str(values["mesh.file"]))
-            if not path.is_file():
-                raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
+            name = values["mesh.file"]
+            with file_errors(f"mesh.file '{name}'", "read"):
+                path = locate_mesh(str(name))
+                if not path.is_file():
+                    raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
         if values["sensor.frame_source"] == "tf":
             transform_message()
         if not self._with_memory and values["medium.mobilization_length"]:
@@ -267,9 +270,10 @@ class RftNode(Node):
         except InputError as error:
             response.success, response.message = False, str(error)
             return response
-        self._table.set_all({"sensor.bias": bias}, why="tare")
-        response.success = True
-        response.message = "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
+        refused = self._table.set_all({"sensor.bias": bias}, why="tare")
+        found = "[" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
+        response.success = not refused
+        response.message = f"tare refused: {refused}" if refused else f"sensor.bias set to {found}"
         return response
 
     def _on_status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -282,14 +286,15 @@ class RftNode(Node):
         return response
 
     def _on_save_ground(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self.estimator.ground is None:
-            response.message = f"not saved: {_NO_GROUND}"
+        ground = self.estimator.ground
+        if ground is None or np.isnan(ground.heights).all():
+            response.message = f"not saved: {_NO_GROUND if ground is None else 'no height is known yet'}"
             return response
         # Not ROS time: simulated time begins at 1970 each time and would repeat names.
         moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
         file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_ground_{moment}.npz"
         try:
-            self._background.submit(write_height_map, file, self.estimator.ground).result()
+            write_height_map(file, ground)
         except InputError as error:
             response.message = str(error)
             return response

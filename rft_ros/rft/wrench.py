@@ -222,7 +222,10 @@ def _incline(slope: tuple[float, float]) -> tuple[float, float] | None:
     """The slope as the kernel takes it: None for a level surface."""
     if slope is LEVEL:
         return None
-    x, y = slope
+    try:
+        x, y = slope
+    except (TypeError, ValueError):
+        raise ValueError(f"slope is {slope!r}; it must be two numbers, dz/dx and dz/dy") from None
     found = number("slope[0]", x), number("slope[1]", y)
     return None if found == LEVEL else found
 

@@ -38,7 +38,7 @@ SCENES = {
     Reason.TWIST_STAMP_ZERO: (twist(stamp=0),),
     Reason.TWIST_OUT_OF_ORDER: (twist(), twist(START - 1)),
     Reason.AT_REST: (twist(linear=(0.0, 0.0, 0.0)), pose()),
-    Reason.ESTIMATE_NOT_FINITE: (twist(), pose(position=(0.0, 0.0, -1e308))),
+    Reason.ESTIMATE_NOT_FINITE: (twist(), pose(position=(0.0, 0.0, -9e99))),
     Reason.WRENCH_NOT_FINITE: (wrench(numbers=(0, 0, math.inf, 0, 0, 0)),),
     Reason.WRENCH_FRAME_UNKNOWN: (wrench(frame="tool"),),
     Reason.WRENCH_STAMP_ZERO: (wrench(stamp=0),),
