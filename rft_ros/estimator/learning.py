@@ -342,7 +342,7 @@ def _adapt(state, record, step):  # type: ignore[no-untyped-def]
     for i in range(3):
         square = min(vertical if i == 2 else flat, C.square_most)
         length = C.scale_rise if square > state.scale[i] else C.scale_fall
-        state.scale[i] = _toward(state.scale[i], square, step, length)
+        state.scale[i] = max(_toward(state.scale[i], square, step, length), 1e-6)  # else σ could vanish
 
 
 @inlined
@@ -580,6 +580,10 @@ class Learning:
         state["learned"] = state["judged"] = state["path"]
         state["speed"] = 0.0
         state["pushing"] = False
+        latest, prior = state["latest"], state["prior"]
+        state["latest"] = state["push"]
+        latest["theta"][2:] = prior["theta"][2:]
+        latest["p"][2:], latest["p"][:, 2:] = prior["p"][2:], prior["p"][:, 2:]
         for mean in ("surprise", "score", "excess", "size", "drift", *_SUMS):
             state[mean] = 0
         state["air"] = 10.0 * C.air_local  # at the next entry surface and turn have returned to the prior

@@ -23,6 +23,7 @@ class ToolPoses:
     def __init__(self, estimator: Estimator) -> None:
         self._estimator = estimator
         self._wanted: deque[int] = deque()
+        self._last = 0  # stamp that was wanted last
         self._newest = 0  # stamp of the last transforms whose poses were taken at `tf_rate`
 
     def after(self, sample: Sample) -> list[PoseSample]:
@@ -51,12 +52,12 @@ class ToolPoses:
         self._newest = max(newest, self._newest)
 
     def _want(self, stamp: int) -> None:
-        newest = self._wanted[-1] if self._wanted else 0
-        if newest - stamp >= TIME_JUMP:
+        if self._last - stamp >= TIME_JUMP:
             self._wanted.clear()
             self._estimator.transforms.begin_again(stamp)
-        elif stamp <= newest:
+        elif stamp <= self._last:
             return
+        self._last = stamp
         self._wanted.append(stamp)
 
     def _ready(self, now: int) -> list[PoseSample]:

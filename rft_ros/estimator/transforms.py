@@ -75,7 +75,7 @@ class _Link:
                 break
             after = sample
         else:
-            return Reason.TF_MISSING
+            return Reason.TF_MISSING if self.history else Reason.TF_STALE  # none yet of this run
         if self.fixed or sample.stamp == stamp:
             return Placement(sample.position, sample.quaternion)
         if after is None:

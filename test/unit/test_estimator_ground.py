@@ -153,6 +153,12 @@ def test_steep_ground_and_a_crest_narrower_than_the_tool_are_flagged(height, fla
     assert answer.quality_flags & (QualityFlag.STEEP | QualityFlag.UNEVEN) == flag
 
 
+def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_those_after_it():
+    e = on_map()
+    assert e.push_surface(cloud(START + 1000 * SECOND, 0.02)) is None
+    assert forces(e, [cloud(START + 100 * MS, 0.005)])[-1] == pytest.approx(6.0, rel=0.01)
+
+
 def test_a_new_run_drops_the_clouds_of_the_run_before():
     e = on_map()
     forces(e, until=1)

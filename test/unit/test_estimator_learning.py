@@ -147,3 +147,44 @@ def test_a_parameter_file_that_was_written_reads_back(tmp_path):
     values = {**defaults(), "medium.zeta": 0.312, "medium.zeta_error": 0.08, "sensor.position": (0.0, 0.1, 0.2)}
     write_parameter_file(tmp_path / "new" / "saved.yaml", values, comment="from a test")
     assert read_parameter_file(tmp_path / "new" / "saved.yaml") == values
+
+
+def test_the_surface_height_counts_once_when_it_is_set_to_what_was_learned():
+    press = Press()
+    e = press.estimator
+    raised = estimator(surface_height=0.004)
+    for _ in range(100):
+        press.stamp += STEP
+        press.depth += 1e-4
+        sample, motion = pose(press.stamp, (0.0, 0.0, -press.depth)), twist(press.stamp)
+        for each in (raised, e):
+            each.push_twist(motion)
+        told = raised.push_pose(sample).predicted
+        e.push_wrench(wrench(press.stamp, list(told)))
+        e.push_pose(sample)
+    e.use(settings=replace(e.settings, surface_height=0.004))
+    press.stamp += STEP
+    press.depth += 1e-4
+    for each in (raised, e):
+        each.push_twist(twist(press.stamp))
+    sample = pose(press.stamp, (0.0, 0.0, -press.depth))
+    assert e.push_pose(sample).predicted[2] == pytest.approx(raised.push_pose(sample).predicted[2], rel=0.1)
+
+
+def test_a_parameter_without_effect_on_the_law_forgets_nothing():
+    press = Press().push(300, 1.6)
+    learned, e = press.estimator.learning.strength(), press.estimator
+    e.use(model=plate_model(generation=1))
+    assert e.model.generation == 1
+    assert e.learning.strength() == learned
+
+
+def test_a_surprise_and_a_wrong_model_end_with_a_jump_of_time():
+    press = Press().push(300).push(30, 3.0)
+    learning = press.estimator.learning
+    assert learning.surprise
+    press.stamp -= 100 * SECOND
+    press.depth = -0.01
+    press.push(1)
+    assert not learning.surprise
+    assert not learning.issues()

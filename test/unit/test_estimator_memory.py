@@ -124,3 +124,13 @@ def test_the_estimator_and_the_core_agree_on_a_path():
         previous = arm.stamp
         assert vertical(answer) == pytest.approx(expected, rel=1e-12, abs=1e-15)
     assert expected > 1.0
+
+
+def test_an_absurd_pose_is_refused_and_the_memory_lives():
+    arm = Arm(0.003)
+    before = vertical(arm.move(-0.01, 4.0)[-1])
+    arm.stamp += PERIOD
+    refused = arm.estimator.push_pose(PoseSample(arm.stamp, "world", (0.0, 0.0, -1e308), (0.0, 0.0, 0.0, 1.0)))
+    assert isinstance(refused, NoEstimate)
+    assert refused.reason is Reason.POSE_NOT_FINITE
+    assert vertical(arm.move(-0.01, 0.1)[-1]) > before

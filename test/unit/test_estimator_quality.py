@@ -95,6 +95,16 @@ def test_turning_back_passes_the_wake_until_the_tool_is_out(root):
     assert QualityFlag.WAKE not in last_flags(root, out_and_aside)
 
 
+def test_a_recording_played_again_does_not_cross_the_wake_of_its_first_run(root):
+    estimator = Estimator(Settings(rest_speed=1e-6), model(root))
+    for run in (2, 1):
+        for k, place in enumerate(straight(0.08, direction=(0, 0, -1))):
+            stamp = run * 100_000_000_000 + 10_000_000 * k
+            estimator.push_twist(TwistSample(stamp, "world", (0.0, 0.0, -0.01), (0.0, 0.0, 0.0)))
+            answer = estimator.push_pose(PoseSample(stamp, "world", tuple(place), (0.0, 0.0, 0.0, 1.0)))
+            assert not answer.quality_flags & QualityFlag.WAKE
+
+
 def test_the_published_rule_flags_faces_that_move_along_themselves_and_the_refined_rule_does_not():
     along = {"positions": np.tile([0.0, 0.0, -0.05], (10, 1)), "velocity": (0.01, 0.0, 0.0)}
     assert last_flags(load_tool("plate", integration="centroid"), **along) == QualityFlag.KNIFE_EDGE

@@ -1,5 +1,7 @@
 """Velocity from poses alone: the slope of the last ones at the newest."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -220,3 +222,27 @@ def test_steps_of_coarse_encoders_are_no_motion_either(seed):
     found = twists(poses)[2:]
     assert np.abs(found[:, 2]).max() < 2e-4
     assert np.ptp([p.position[2] for p in poses]) > 1e-6
+
+
+def test_another_tool_frame_drops_the_twists_in_the_old_one():
+    e = estimator(tool_frame="flange")
+    e.push_twist(twist(START, linear=(0.0, 0.0, -0.01), frame="flange"))
+    e.use(settings=replace(e.settings, tool_frame="blade"))
+    assert e.push_pose(pose(START + 1, quaternion=(1.0, 0.0, 0.0, 0.0))).reason is Reason.TWIST_MISSING
+
+
+def test_another_world_frame_is_no_motion():
+    e = estimator(twist_source="pose_difference")
+    for k in range(20):
+        e.push_pose(pose(START + k * 10_000_000, (0.0, 0.0, -0.01 - 1e-4 * k)))
+    e.use(settings=replace(e.settings, world_frame="base"))
+    jumped = e.push_pose(pose(START + 20 * 10_000_000, (0.0, 0.0, 0.5), frame="base"))
+    assert jumped.reason is Reason.POSE_HISTORY_SHORT
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e-9])
+def test_a_tiny_rate_is_a_long_period(rate):
+    e = estimator(max_rate=rate)
+    e.push_twist(twist())
+    assert isinstance(e.push_pose(pose()), Estimate)
+    assert e.push_pose(pose(START + 1)).reason is Reason.POSE_RATE_LIMITED

@@ -76,6 +76,15 @@ def test_the_map_is_bounded_whatever_the_points():
     assert ground.heights.size <= MOST_CELLS
 
 
+def test_some_of_many_points_are_spread_over_the_map():
+    ground = HeightMap.unknown(CELL).with_points(*bed(lambda x, _: x))
+    some = ground.points(at_most=50)
+    assert 20 < len(some) <= 51
+    assert {tuple(p) for p in some} <= {tuple(p) for p in ground.points()}
+    assert np.ptp(some[:, 0]) > 0.8 * np.ptp(ground.points()[:, 0])
+    assert len(HeightMap.unknown(CELL).points(at_most=50)) == 0
+
+
 def test_no_points_change_nothing():
     ground = HeightMap.unknown(CELL)
     assert ground.with_points(np.empty(0), np.empty(0), np.empty(0)) is ground

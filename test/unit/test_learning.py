@@ -188,6 +188,7 @@ _FORCE = st.one_of(st.none(), st.lists(st.floats(), min_size=3, max_size=3))
 )
 @settings(max_examples=100, deadline=None)
 @example(calls=[(1, [0.0] * 18, 1e-3, 0.1, False, True, [1e300, 1e300, 1e300], 1)] * 5)
+@example(calls=[(10, [0.0] * 18, 1e-3, 1e3, False, True, [0.0, 0.0, 0.0], 1)] * 30)
 def test_for_any_input_the_covariance_is_symmetric_positive_definite_and_all_is_finite(calls: list) -> None:  # type: ignore[type-arg]
     learning = learner()
     stamp = START

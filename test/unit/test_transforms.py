@@ -168,6 +168,18 @@ def test_the_order_of_arrival_does_not_change_the_poses(order, late):
     assert len(poses) == 40
 
 
+def test_after_a_reset_the_tool_is_not_where_it_was_in_the_run_before():
+    reset = [wrench(START + k * 10 * MS + 1) for k in range(5)]
+    again = [moving(START + k * 10 * MS, "world", "tool", (0.5, 0.0, 0.0)) for k in range(20)]
+    _, poses = fed(*descent(count=200), wrench(START + 1900 * MS), *reset, *again)
+    assert {p.position[0] for p in poses if p.stamp < START + SECOND} == {0.5}
+
+
+@pytest.mark.parametrize("rate", [1e-300, 1e-9])
+def test_a_tiny_tf_rate_is_no_error(rate):
+    assert fed(*descent(), tf_rate=rate)[1] == []
+
+
 def test_at_tf_rate_poses_come_without_a_load_cell():
     _, poses = fed(*descent(), tf_rate=50.0)
     assert [p.stamp for p in poses] == [START + k * 20 * MS for k in range(10)]
