@@ -24,6 +24,12 @@ def states(n=8, seed=3):
     )
 
 
+@pytest.mark.parametrize("slope", [None, 0.1, (0.1,), "ab"])
+def test_a_slope_that_is_not_two_numbers_is_refused(slope):
+    with pytest.raises(ValueError, match="slope"):
+        wrenches(PLATE.plates, LAW, states(), slope=slope)
+
+
 @pytest.mark.parametrize("rule", TOOLS)
 def test_a_slope_of_zero_gives_the_bits_of_the_level_plane(rule):
     plates = TOOLS[rule].plates

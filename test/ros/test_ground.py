@@ -96,6 +96,11 @@ def test_on_a_level_plane_the_services_say_so(start_node):
         assert "set ground.cell" in answer.message
 
 
+def test_ground_of_which_nothing_is_known_is_not_saved(start_node):
+    answer = started(start_node, GROUND).call(Trigger, "save_ground", Trigger.Request())
+    assert (answer.success, answer.message) == (False, "not saved: no height is known yet")
+
+
 def test_a_cloud_in_another_frame_is_counted_and_the_node_lives(start_node):
     rft = started(start_node, GROUND)
     publisher = surface_publisher(rft)

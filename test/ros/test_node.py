@@ -4,7 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of
+from geometry_msgs.msg import TwistStamped
+from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, set_stamp, stamp_of
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import read_parameter_file
@@ -108,6 +109,8 @@ def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(rft):
         ("mesh__file", "no_such_mesh", "no_such_mesh"),
         ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist"),
         ("mesh__file", str(locate_mesh("plate").parent), "meshes' is a folder"),
+        ("mesh__file", 300 * "a" + ".stl", "cannot be read: File name too long"),
+        ("mesh__file", f"package://{300 * 'a'}/x.stl", "cannot be read: File name too long"),
         ("mesh__scale", 0.0, "mesh.scale"),
         ("mesh__origin", [0.0, 1.0], "mesh.origin"),
         ("sensor__quaternion", [0.0, 0.0, 0.0, 0.0], "sensor.quaternion"),
@@ -185,10 +188,24 @@ def test_each_reason_is_logged_when_it_begins_and_when_it_ends_whatever_others_l
     assert rft.said().count("wrench_missing: began") == 1
 
 
-def test_without_estimates_there_is_no_trust(start_node):
+def test_a_table_in_the_folder_of_no_user_is_refused_and_the_node_lives(rft):
+    successful, reason = rft.set(alpha_y__model="table", alpha_y__table="~no_such_user/table.csv")
+    assert not successful and "alpha_y.table '~no_such_user/table.csv' cannot be read" in reason
+    rft.ask(rft.moment())
+
+
+def test_without_estimates_there_is_no_trust_and_without_poses_the_reason_is_named(start_node):
     rft = start_node("-p", "mesh.file:=plate").wait_ready()
     _, message, values = rft.diagnostic("estimates")
     assert (message, values["trust"]) == ("no estimates", "NO")
+    rft.until(lambda: "no poses, twist_frame_unknown" in (send_foreign_twist(rft) or rft.diagnostic("inputs")[1]))
+
+
+def send_foreign_twist(rft):
+    message = TwistStamped()
+    message.header.frame_id = "camera"
+    set_stamp(message, rft.moment())
+    rft.twist.publish(message)
 
 
 def test_the_measured_wrench_is_interpolated_at_the_stamp_from_samples_that_come_after_the_prediction(rft):
@@ -248,6 +265,16 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
     assert rft.set(sensor__bias=[0.0] * 6)[0]
 
 
+def test_a_tare_that_is_no_bias_says_so(rft):
+    start = rft.moment()
+    for k in range(41):
+        rft.send(start + k * S // 20, z=0.1, linear=(0.0, 0.0, 0.0), force=(8e6, 0.0, 0.0))
+    rft.ask(start + 2 * S, z=0.1, linear=(0.0, 0.0, 0.0), force=(8e6, 0.0, 0.0))
+    successful, message = rft.tare()
+    assert not successful
+    assert "tare refused: sensor.bias" in message
+
+
 def test_without_a_load_cell_the_prediction_still_comes(rft):
     compensated = len(rft.received["wrench_compensated"])
     for _ in range(2):  # the second tells that no sample came for the first
@@ -256,10 +283,11 @@ def test_without_a_load_cell_the_prediction_still_comes(rft):
     assert len(rft.received["wrench_compensated"]) == compensated
 
 
-def test_a_relative_table_or_mesh_is_looked_for_beside_the_parameter_file_that_names_it(start_node, tmp_path):
+@pytest.mark.parametrize("key", ["/**", "/*/rft"])
+def test_a_relative_table_or_mesh_is_looked_for_beside_the_parameter_file_that_names_it(start_node, tmp_path, key):
     file = tmp_path / "cell.yaml"
     parameters = {"alpha_y.model": "table", "alpha_y.table": "table.csv", "mesh.file": "tool.stl"}
-    file.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in parameters.items()))
+    file.write_text(f"'{key}':\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in parameters.items()))
     (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
     missing = start_node("--params-file", str(file))
     assert missing.process.wait(WAIT) == 2
