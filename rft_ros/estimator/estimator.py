@@ -515,39 +515,22 @@ class Estimator:
 
         With memory it also advances the memory to `stamp`, and sets the candidate's velocity to 0 at rest.
         """
-        plates, law, surface, slope = self.model.tool.plates, self.model.law, self.settings.surface_height, LEVEL
+        height, slope = self.settings.surface_height, LEVEL
         if self._ground is not None:
-            self._surface = self._support.local_surface(self._ground.map, self._candidate[0], level=surface)
-            surface, slope = self._surface.height, self._surface.slope
+            self._surface = self._support.local_surface(self._ground.map, self._candidate[0], level=height)
+            height, slope = self._surface.height, self._surface.slope
+        scene, sensitive = (self.model.tool.plates, self.model.law, self._candidate), self.learning is not None
         if self._memory is None:
-            wrenches(
-                plates,
-                law,
-                self._candidate,
-                surface_height=surface,
-                slope=slope,
-                threads=1,
-                sensitivities=self.learning is not None,
-                out=self._result,
-            )
+            wrenches(*scene, surface_height=height, slope=slope, threads=1, sensitivities=sensitive, out=self._result)
             return float(self._result[0, 6])
         if speed < self.settings.rest_speed:  # noise at rest must not add to the path
             self._candidate[0, 7:13] = 0.0
         self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
         self._remembered = stamp
-        length = self.model.mobilization_length
         wrenches_in_time(
-            plates,
-            law,
-            self._candidate,
-            self._duration,
-            self._memory,
-            mobilization_length=length,
-            surface_height=surface,
-            slope=slope,
-            sensitivities=self.learning is not None,
-            out=self._result,
-        )
+            *scene, self._duration, self._memory, mobilization_length=self.model.mobilization_length,
+            surface_height=height, slope=slope, sensitivities=sensitive, out=self._result,
+        )  # fmt: skip
         return float(self._result[0, 6])
 
     def _correct(self, stamp: int, speed: float) -> None:

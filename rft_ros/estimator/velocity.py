@@ -209,16 +209,9 @@ class PoseDifference:
         row[0:3] = pose.position
         row[3:7] = pose.quaternion
         used: int = _end_slopes(
-            self._stamps,
-            self._ring,
-            self._misfits,
-            self._stored,
-            self._noise,
-            self._newest,
-            self._window,
-            self._gap,
-            self.twist,
-        )
+            self._stamps, self._ring, self._misfits, self._stored, self._noise,
+            self._newest, self._window, self._gap, self.twist,
+        )  # fmt: skip
         return used >= _FEWEST
 
     def reset(self) -> None:

@@ -1,6 +1,7 @@
 """How the node reports what it learned of the medium: a topic, log lines, and a parameter file."""
 
 import os
+from collections.abc import Callable
 from datetime import datetime, timezone
 from pathlib import Path
 
@@ -23,6 +24,20 @@ def surprise_sentence(learning: Learning) -> str:
     """A sentence: the grains are harder or softer than learned, and by how much."""
     kind = "harder" if learning.surprise is Surprise.HARDER else "softer"
     return f"grains {kind} than learned: force {100.0 * learning.belief().excess:+.0f} %"
+
+
+def saved(response: Trigger.Response, name: str, write: Callable[[Path], None]) -> Trigger.Response:
+    """The answer of a service that writes a file `name`, with the time at {}, to $ROS_HOME or ~/.ros."""
+    # Not ROS time: simulated time begins at 1970 each time and would repeat names.
+    moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
+    file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / name.format(moment)
+    try:
+        write(file)
+    except InputError as error:
+        response.message = str(error)
+        return response
+    response.success, response.message = True, str(file)
+    return response
 
 
 class LearnedMedium:
@@ -85,13 +100,5 @@ class LearnedMedium:
         strength, error = learned
         zeta = float(values["medium.zeta"]) * strength  # type: ignore[arg-type]
         new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
-        # Not ROS time: simulated time begins at 1970 each time and would repeat names.
-        moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
-        file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_medium_{moment}.yaml"
-        try:
-            write_parameter_file(file, new, comment="rft_node: medium.zeta learned from the load cell")
-        except InputError as error_:
-            response.message = str(error_)
-            return response
-        response.success, response.message = True, str(file)
-        return response
+        comment = "rft_node: medium.zeta learned from the load cell"
+        return saved(response, "rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment))

@@ -1,11 +1,8 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
-import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from datetime import datetime, timezone
-from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -26,7 +23,7 @@ from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, sett
 from rft_ros.estimator.tool_poses import ToolPoses
 from rft_ros.ground import Cloud, write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
-from rft_ros.node.learned_medium import LearnedMedium
+from rft_ros.node.learned_medium import LearnedMedium, saved
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker
@@ -290,16 +287,7 @@ class RftNode(Node):
         if ground is None or np.isnan(ground.heights).all():
             response.message = f"not saved: {_NO_GROUND if ground is None else 'no height is known yet'}"
             return response
-        # Not ROS time: simulated time begins at 1970 each time and would repeat names.
-        moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
-        file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / f"rft_ground_{moment}.npz"
-        try:
-            write_height_map(file, ground)
-        except InputError as error:
-            response.message = str(error)
-            return response
-        response.success, response.message = True, str(file)
-        return response
+        return saved(response, "rft_ground_{}.npz", lambda file: write_height_map(file, ground))
 
     def _on_markers(self) -> None:
         self._markers.publish(self._last_measurement)

@@ -19,6 +19,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
@@ -64,6 +65,8 @@ class Harness:
             preexec_fn=_end_with_tests,
         )
         self.node = rclpy.create_node("peer")
+        self.executor = SingleThreadedExecutor()  # rclpy.spin_once would add and remove the node at each call
+        self.executor.add_node(self.node)
         qos = QoSProfile(depth=1000)
         self.open_inputs()
         self.received: dict[str, list[WrenchStamped]] = {topic: [] for topic in OUTPUTS}
@@ -105,6 +108,7 @@ class Harness:
         if self.process.poll() is None:
             self.process.send_signal(number)
         status = self.process.wait(WAIT)
+        self.executor.shutdown()
         self.node.destroy_node()
         if self._log_file:
             self._log_file.close()
@@ -119,7 +123,7 @@ class Harness:
     def spin(self, seconds: float = 0.0) -> None:
         end = time.monotonic() + seconds
         while True:
-            rclpy.spin_once(self.node, timeout_sec=0.01)
+            self.executor.spin_once(timeout_sec=0.01)
             if time.monotonic() >= end:
                 return
 
@@ -128,7 +132,7 @@ class Harness:
         while not condition():
             assert self.process.poll() is None, f"the node ended with status {self.process.returncode}"
             assert time.monotonic() < end, "waited in vain"
-            rclpy.spin_once(self.node, timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=0.05)
 
     # --- services
 
@@ -230,7 +234,7 @@ class Harness:
         idle = 0
         while idle < 20:  # reports made before this call may be queued, among answers on other topics
             seen = len(self.diagnostics)
-            rclpy.spin_once(self.node, timeout_sec=0.0)
+            self.executor.spin_once(timeout_sec=0.0)
             idle = 0 if len(self.diagnostics) > seen else idle + 1
         seen = len(self.diagnostics)
         self.until(lambda: len(self.diagnostics) > seen)

@@ -91,7 +91,7 @@ def soak(rft: Harness, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
     start = time.monotonic()
     for k in range(count):
         for _ in range(8):  # also when late: answers that nobody takes are lost
-            rclpy.spin_once(rft.node, timeout_sec=max(0.0, start + k / rate - time.monotonic()))
+            rft.executor.spin_once(timeout_sec=max(0.0, start + k / rate - time.monotonic()))
         stamp += round(1e9 / rate)
         when, inputs = _moment(random, stamp, k / rate)
         rft.send(when, **inputs)
