@@ -47,7 +47,7 @@ _REASONS = {
     Reason.TF_MISSING: "the wanted stamp is before the first transform kept (8 s at 500 Hz)",
     Reason.TF_STALE: "no transform after the wanted stamp has come within 1 s of the other inputs' stamps",
     Reason.TF_GAP: "the transforms around the wanted stamp are more than `max_input_age` away from it",
-    Reason.SURFACE_OFF: "a cloud came, but `ground.cell` is 0",
+    Reason.SURFACE_OFF: "a cloud was pushed from Python, but `ground.cell` is 0: node and replay then skip the topic",
     Reason.SURFACE_LATE: "the cloud's stamp is 0.5 s or more before that of the last pose",
     Reason.SURFACE_FRAME_UNKNOWN: "the cloud's frame_id is not `world_frame`, and no fixed transform links it",
     Reason.SURFACE_STAMP_ZERO: "the cloud's stamp is zero",
