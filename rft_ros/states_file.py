@@ -16,7 +16,7 @@ WRENCH_HEADER = ("t", "fx", "fy", "fz", "tx", "ty", "tz")
 
 
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times, shape [n], and checked states, shape [n, 13], of a CSV with the columns t, px .. wz in any order.
+    """Times [s], shape [n], and checked states, shape [n, 13], of a CSV with the columns t, px .. wz in any order.
 
     Raises InputError that names the file, line and column.
     """
@@ -57,7 +57,7 @@ def _row(line: str, header: list[str], where: str) -> list[float]:
 
 
 def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.float64]) -> None:
-    """Write t and the wrenches, shape [n, 6 or more], with every digit that float64 holds."""
+    """Write t [s] and the wrenches, shape [n, 6 or more] [N], [N m], with every digit that float64 holds."""
     with file_errors(f"output '{file}'", "written"), file.open("w", encoding="utf-8", newline="\n") as out:
         out.write(",".join(WRENCH_HEADER) + "\n")
         for t, row in zip(times.tolist(), wrenches[:, :6].tolist(), strict=True):

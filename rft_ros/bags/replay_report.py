@@ -77,7 +77,7 @@ def draw(
 
 
 def decimated(trace: Trace) -> NDArray[np.void]:
-    """At most some thousand rows of the trace, as a `ROW` array.
+    """At most some thousand rows of the trace, shape [n]; columns and units: `ROW`.
 
     Of each bucket of successive rows it keeps the first and those with the greatest depth, measured force and residual
     force.

@@ -90,7 +90,7 @@ class AlphaYFit:
 
 
 def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Outward normal of one face of a plate-like tool, shape [3], and which of its n facets form the faces.
+    """Outward unit normal of one face of a plate-like tool, shape [3], and which of its n facets form the faces.
 
     Raises NotIdentifiable, naming the tool, if two parallel faces do not make up most of its surface.
     """

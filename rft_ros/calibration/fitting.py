@@ -53,7 +53,7 @@ class FittedValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Fit:
-    """Coefficients, shape [k], their covariance, shape [k, k], and the residuals, shape [n]."""
+    """Coefficients, shape [k], their covariance, shape [k, k], and the residuals, shape [n], in the data's units."""
 
     coefficients: NDArray[np.float64]
     covariance: NDArray[np.float64]
@@ -61,7 +61,7 @@ class Fit:
 
     @property
     def errors(self) -> NDArray[np.float64]:
-        """Standard errors of the coefficients, shape [k]."""
+        """Standard errors of the coefficients, shape [k], in their units."""
         return np.sqrt(np.diag(self.covariance))
 
     @property
@@ -111,7 +111,7 @@ def _covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> 
 
 
 def error_of_mean(series: NDArray[np.float64]) -> float:
-    """Standard error of the mean of a time series, shape [n]."""
+    """Standard error of the mean of a time series, shape [n], in its unit."""
     return float(np.sqrt(_covariance(np.ones((len(series), 1)), series - series.mean())[0, 0]))
 
 
@@ -144,7 +144,7 @@ def fit_each(fit: Callable[..., _Result], cases: Iterable[tuple[Any, ...]], *, n
 
 
 def fit_series(design: NDArray[np.float64], observed: NDArray[np.float64]) -> Fit:
-    """Least squares of a time series, shape [n], on the columns of `design`, shape [n, k], rows in time order."""
+    """Least squares of a time series, shape [n], any unit, on the columns of `design`, shape [n, k], in time order."""
     coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
     residuals = observed - design @ coefficients
     return Fit(coefficients=coefficients, covariance=_covariance(design, residuals), residuals=residuals)
@@ -180,8 +180,8 @@ def fit_profile(
 ) -> ProfileFit:
     """Least squares of scale · shape(parameter), plus a constant with `offset`; the parameter between low and high.
 
-    `observed` and what `shape` returns: shape [n]. The linear coefficients are the scale and, with `offset`, the
-    constant.
+    `observed` and what `shape` returns: shape [n], any unit. The linear coefficients are the scale and, with `offset`,
+    the constant.
     """
 
     def design(parameter: float) -> NDArray[np.float64]:

@@ -29,7 +29,7 @@ _AFTER = 0.010
 class Stroke:
     """A movement down in one orientation: `rows` of the track in time order, pauses included, to its deepest point.
 
-    `moving`: whether the tool moves straight down in each of the rows, shape [len(rows)].
+    `moving`: whether the tool moves straight down in each of the rows, shape [len(rows)], no unit.
     """
 
     rows: NDArray[np.int64]
@@ -41,8 +41,8 @@ class Turn:
     """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 
     `first`: row from which the memory of the grains is known. `at`: row of the turn; if the tool rests there, the row
-    before the rest. `rows`: rows in motion, from 3 mm of path before the turn to 10 mm after it or to the next turn.
-    `after`: path from the turn to the last row [m].
+    before the rest. `rows`: rows in motion, shape [n], from 3 mm of path before the turn to 10 mm after it or to the
+    next turn. `after`: path from the turn to the last row [m].
     """
 
     first: int
@@ -58,7 +58,7 @@ def _segments(mask: NDArray[np.bool_], time: NDArray[np.float64]) -> list[NDArra
 
 
 def still_intervals(track: Track) -> list[NDArray[np.int64]]:
-    """Rows of each interval in which the tool is at rest, without the time it takes to settle."""
+    """Rows of each interval at rest, without the time to settle, as indices of `Track`'s rows, shape [n], no unit."""
     found = []
     for rows in _segments(track.speeds() < track.rest_speed, track.time):
         begin, end = track.time[rows[[0, -1]]]
@@ -98,7 +98,7 @@ def down_strokes(track: Track) -> list[Stroke]:
 
 
 def level_runs(track: Track, surface: float) -> list[NDArray[np.int64]]:
-    """Rows of each unbroken straight level motion with the tool's lowest point below the surface."""
+    """Rows, shape [n], no unit, of each unbroken straight level motion with the lowest point below the surface."""
     twists = track.smooth_twists()
     speed = np.linalg.norm(twists[:, :3], axis=1)
     turning = np.linalg.norm(twists[:, 3:], axis=1) * track.tool.plates.reach

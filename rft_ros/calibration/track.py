@@ -42,7 +42,7 @@ class Track:
     rest_speed: float
 
     def rotations(self) -> NDArray[np.float64]:
-        """Rotation of the tool frame into the world at each moment, shape [n, 3, 3]."""
+        """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
         return np.asarray(Rotation.from_quat(self.states[:, 3:7]).as_matrix())
 
     def heights(self) -> NDArray[np.float64]:
@@ -50,14 +50,14 @@ class Track:
         return np.asarray(self.states[:, 2] + (self.rotations()[:, 2] @ self.tool.corners.T).min(axis=1))
 
     def smooth_twists(self) -> NDArray[np.float64]:
-        """Velocity of the tool frame's origin and angular velocity, world axes, averaged over 0.1 s, shape [n, 6]."""
+        """Velocity of the tool frame's origin, angular velocity [m/s], [rad/s], mean of 0.1 s, world axes, shape [n, 6]."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / step))
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
         return np.asarray(correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest"))
 
     def smooth_states(self) -> NDArray[np.float64]:
-        """The states with averaged velocities, shape [n, 13], so that noise does not look like rest or reversal."""
+        """The states with averaged velocities, shape [n, 13], units of `STATE`: noise must not look like rest."""
         return np.hstack([self.states[:, :7], self.smooth_twists()])
 
     def speeds(self) -> NDArray[np.float64]:
@@ -67,7 +67,7 @@ class Track:
         return np.asarray(np.linalg.norm(twists[:, :3], axis=1) + turning)
 
     def sensor_rotations(self, cell: LoadCell) -> NDArray[np.float64]:
-        """Rotation of the sensor frame into the world at each moment, shape [n, 3, 3]."""
+        """Rotation of the sensor frame into the world at each moment, shape [n, 3, 3], no unit."""
         return np.asarray(self.rotations() @ Rotation.from_quat(cell.quaternion).as_matrix())
 
     def gravity_in_sensor(self, cell: LoadCell) -> NDArray[np.float64]:

@@ -107,7 +107,7 @@ class Estimator:
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """State of the last pose answered with an estimate or `at_rest`, shape [13], columns `rft_ros.rft.STATE`.
+        """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`.
 
         A view that later poses overwrite: copy it to keep it.
         """

@@ -636,7 +636,7 @@ class Learning:
 
     @property
     def covariance(self) -> Array:
-        """Of `theta`, shape [4, 4]: a copy."""
+        """Of `theta`, shape [4, 4], in its units: a copy."""
         return np.array(self._state["latest"]["p"])
 
     def belief(self) -> Belief:

@@ -83,7 +83,7 @@ class LoadCellFrame:
     def into_sensor(self, quaternion: NDArray[np.float64], answer: NDArray[np.float64]) -> list[float]:
         """Six numbers each, in the sensor frame: the wrench, the weight's wrench, the wrench's standard deviations.
 
-        `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin.
+        `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
         """
         if answer.shape != (12,) or quaternion.shape != (4,):
             raise ValueError(f"answer has shape {answer.shape} and quaternion {quaternion.shape}; need (12,) and (4,)")

@@ -37,7 +37,7 @@ _Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Line:
-    """`y` over `x`, shape [n], NaN for a gap; of the kind "map" `values` over `x` and `y`, shape [n, m].
+    """`y` over `x`, shape [n], NaN for a gap; of the kind "map" `values` over `x` and `y`, shape [n, m]. Any units.
 
     `kind`: "line"; "band" from y[0] to y[1], `y` of shape [2, n]; "bars" with heights `y` between the edges `x`, shape
     [n + 1]. `colour`: a key of `COLOURS`. Lines with the same label share a legend entry.

@@ -61,7 +61,7 @@ class Table(NamedTuple):
     def sampled(cls, beta: ArrayLike, gamma: ArrayLike, values: ArrayLike) -> "Table":
         """A table from values, shape [n_beta, n_gamma], at any ascending β, shape [n_beta], and γ, shape [n_gamma].
 
-        β and γ in rad, α_y in N/cm³. The grid is the coarsest with a node at every β and γ (to 1e-9 of its range); the
+        β and γ [rad], α_y [N/cm³]. The grid is the coarsest with a node at every β and γ (to 1e-9 of its range); the
         table is then exact everywhere. If no grid of up to `FINEST` steps has one, the finest is used: its nodes miss
         the values by up to half a step, 0.25° in 360°, and α_y errs by up to a quarter of a step times the change of
         slope.

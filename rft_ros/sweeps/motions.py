@@ -171,7 +171,7 @@ FAMILIES: dict[str, type[Motion]] = {
 
 
 def sample(motion: Motion, count: int) -> tuple[Array, Array]:
-    """Times, shape [count], evenly spaced from the start to the end, and states, shape [count, 13]; count >= 2."""
+    """Times [s], shape [count], evenly spaced from the start to the end, and states, shape [count, 13]; count >= 2."""
     if count < 2:
         raise InputError(f"a motion sampled {count} times has no path; it needs at least 2 samples")
     times = np.linspace(0.0, motion.duration, count)

@@ -18,7 +18,7 @@ MODULES = sorted(
     if not m.name.startswith(ROS) and not m.name.endswith("__main__")
 )
 
-ARRAYS = re.compile(r"NDArray|ArrayLike|\bArray\b")
+ARRAYS = re.compile(r"NDArray|ndarray|ArrayLike|\bArray\b")  # NumPy 2.5 prints NDArray, older ones ndarray
 UNIT = re.compile(r"\[(s|m|m²|m³|m/s|rad|rad/s|deg|N|N m|N/m²|N/m³|N/cm³)\b|\[m, m²\]|\bunits?\b|no unit")
 SHAPE = re.compile(r"[Ss]hape")
 
