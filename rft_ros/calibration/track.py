@@ -50,7 +50,7 @@ class Track:
         return np.asarray(self.states[:, 2] + (self.rotations()[:, 2] @ self.tool.corners.T).min(axis=1))
 
     def smooth_twists(self) -> NDArray[np.float64]:
-        """Velocity of the tool frame's origin, angular velocity [m/s], [rad/s], mean of 0.1 s, world axes, shape [n, 6]."""
+        """Velocity of the tool frame's origin [m/s], angular velocity [rad/s], world axes, over 0.1 s, shape [n, 6]."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / step))
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading

@@ -49,7 +49,7 @@ class Animation:
     ground: tuple[Array, Array, Array] | None = None
 
     def box(self) -> tuple[Array, Array]:
-        """Lowest and highest corner of tool and surface [m], shape [3], with a margin; half as wide as high or wider."""
+        """Lowest and highest corner of tool and surface [m], shape [3], with margin; at least half as wide as high."""
         points = self.placed.reshape(-1, 3)
         low, high = points.min(axis=0), points.max(axis=0)
         low[2], high[2] = min(low[2], self.surface_height), max(high[2], self.surface_height)

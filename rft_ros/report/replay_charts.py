@@ -22,7 +22,7 @@ _IN_GRAINS = -1e-3
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FlaggedRows:
-    """A quality flag: its `name`, the `trust` it implies ("CAUTION", "NO") and the `rows` with it, shape [n], no unit."""
+    """A quality flag: its `name`, its `trust` ("CAUTION" or "NO") and the `rows` that have it, shape [n], no unit."""
 
     name: str
     trust: str
