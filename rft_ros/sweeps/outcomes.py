@@ -9,8 +9,8 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from rft_ros.errors import InputError
-from rft_ros.rft import Law, Memory, alpha_y_model, law_named, medium_named, wrenches, wrenches_in_time
-from rft_ros.states_file import read_states
+from rft_ros.rft import Law, alpha_y_model, law_named, medium_named
+from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Variant
 from rft_ros.sweeps.motions import FAMILIES, Array, sample
 from rft_ros.tool import Tool, ToolRequest
@@ -29,7 +29,7 @@ RESULTS = (
 """Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
 path of the tool frame's origin [m]; number of plates."""
 
-_SAMPLES = 200
+_SAMPLES, _MOST_SAMPLES = 200, 1_000_000
 
 
 class Work(NamedTuple):
@@ -69,6 +69,8 @@ def _motion(entry: tuple[tuple[str, Any], ...]) -> tuple[Array, Array]:
     if "states_file" in parameters:
         return read_states(Path(parameters["states_file"]))
     family, samples = parameters.pop("family"), parameters.pop("samples", _SAMPLES)
+    if not 2 <= samples <= _MOST_SAMPLES:
+        raise InputError(f"samples is {samples}; it must be from 2 to {_MOST_SAMPLES:,}")
     return sample(FAMILIES[family](**{name: float(value) for name, value in parameters.items()}), int(samples))
 
 
@@ -85,19 +87,13 @@ def evaluate(variant: Variant) -> dict[str, float]:
     tool = _tool(variant["tool"])
     times, states = _motion(tuple(variant["motion"].items()))
     medium = variant["medium"]
-    law, surface = _law(medium), float(medium.get("surface_height", 0.0))
-    length = float(medium.get("mobilization_length", 0.0))
-    if length > 0.0:
-        durations, memory = np.diff(times, prepend=times[0]), Memory(tool.plates)
-        result = wrenches_in_time(
-            tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
-        )
-    else:
-        result = wrenches(tool.plates, law, states, surface_height=surface, threads=1)
-    wrench = result[:, :6]
+    lengths = {name: float(medium.get(name, 0.0)) for name in ("mobilization_length", "surface_height")}
+    wrench = wrenches_along(tool.plates, _law(medium), times, states, **lengths, where="motion", threads=1)[:, :6]
     peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
     spent = work(times, states, wrench)
     numbers = [*peak, *wrench.mean(axis=0), np.linalg.norm(wrench[:, :3], axis=1).max(), spent.vertical, spent.total]
+    if not np.isfinite(numbers).all():
+        raise InputError("forces or work are too large for a number")
     path = float(np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum())
     return dict(zip(RESULTS, [*map(float, numbers), path, float(len(tool.plates))], strict=True))
 
@@ -109,8 +105,8 @@ def row_of(variant: Variant, columns: Sequence[str]) -> list[str]:
     reason = ""
     try:
         numbers = evaluate(variant)
-    except (InputError, ValueError, TypeError) as error:
-        reason = " ".join(str(error).split())
+    except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
     cells = {**own, **numbers, "reason": reason}
     return [_text(cells.get(name, "")) for name in columns]
 

@@ -1,7 +1,7 @@
 """Run a design study: chunks of variants go to workers, local or on a Dask cluster; every variant gets one row.
 
 The output folder holds the state of the run: `study.json` and a file for each finished chunk. The same study with the
-same folder continues where it stopped.
+same folder continues where it stopped, and computes chunks with failed rows again.
 """
 
 import csv
@@ -87,7 +87,7 @@ def run(
         (out / "chunks").mkdir(parents=True, exist_ok=True)
         chunk = _chunk_size(design, out, columns)
         chunks = [range(k, min(k + chunk, len(design))) for k in range(0, len(design), chunk)]
-        missing = [k for k in range(len(chunks)) if not _file(out, k).exists()]
+        missing = [k for k, rows in enumerate(chunks) if not _finished(_file(out, k), len(rows))]
         start, busy, computed, used = time.perf_counter(), 0.0, 0, 0
         if missing:
             tasks = {k: [design.variant(i) for i in chunks[k]] for k in missing}
@@ -138,7 +138,10 @@ def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
         except (ValueError, KeyError, TypeError):
             raise InputError(f"'{file}' is not a record of a study; choose another output folder") from None
         if fingerprint != design.fingerprint:
-            raise InputError(f"'{out}' holds the rows of a study other than '{design.file}'; choose another folder")
+            raise InputError(
+                f"'{out}' holds the rows of a study other than '{design.file}', or of other meshes, states files or"
+                " another version of rft_ros; choose another folder or delete this one"
+            )
         return chunk
     rows_of([design.variant(0)], columns)  # compiles
     count, start = 0, time.perf_counter()
@@ -213,6 +216,11 @@ def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[in
 
 def _file(out: Path, chunk: int) -> Path:
     return out / "chunks" / f"{chunk:06d}.csv"
+
+
+def _finished(file: Path, rows: int) -> bool:
+    """Whether the file of a chunk has all its rows, none with a reason why it failed."""
+    return file.exists() and [row[-1:] for row in _read(file)] == [[""]] * rows
 
 
 def _whole(file: Path, text: str) -> None:
