@@ -53,17 +53,21 @@ def work(times: Array, states: Array, wrenches: Array) -> Work:
     return Work(float(trapezoid(power[:, 2], times)), float(trapezoid(power.sum(axis=1), times)))
 
 
-_loaded = lru_cache(maxsize=64)(ToolRequest.load)
+# `_fingerprint` is part of the caches' keys.
+@lru_cache(maxsize=64)
+def _loaded(request: ToolRequest, _fingerprint: int) -> Tool:
+    return request.load()
 
 
-def _tool(entry: dict[str, Any]) -> Tool:
+def _tool(entry: dict[str, Any], fingerprint: int) -> Tool:
     numbers = {name: float(entry[name]) for name in ("scale", "tolerance") if name in entry}
     x, y, z = map(float, entry.get("origin", (0.0, 0.0, 0.0)))
-    return _loaded(ToolRequest(entry["mesh"], origin=(x, y, z), integration=entry.get("integration"), **numbers))
+    request = ToolRequest(entry["mesh"], origin=(x, y, z), integration=entry.get("integration"), **numbers)
+    return _loaded(request, fingerprint)
 
 
 @lru_cache(maxsize=4096)
-def _motion(entry: tuple[tuple[str, Any], ...]) -> tuple[Array, Array]:
+def _motion(entry: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Array, Array]:
     """Times and states of a motion, from the items of its entry."""
     parameters = dict(entry)
     if "states_file" in parameters:
@@ -82,29 +86,33 @@ def _law(medium: dict[str, Any]) -> Law:
     return law_named(medium.get("law", "treers2021"), named, model, **numbers)
 
 
-def evaluate(variant: Variant) -> dict[str, float]:
-    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed."""
-    tool = _tool(variant["tool"])
-    times, states = _motion(tuple(variant["motion"].items()))
+def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
+    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed.
+
+    Files are read once for each `fingerprint`, that of the design.
+    """
+    tool = _tool(variant["tool"], fingerprint)
+    times, states = _motion(tuple(variant["motion"].items()), fingerprint)
     medium = variant["medium"]
     lengths = {name: float(medium.get(name, 0.0)) for name in ("mobilization_length", "surface_height")}
     wrench = wrenches_along(tool.plates, _law(medium), times, states, **lengths, where="motion", threads=1)[:, :6]
     peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
     spent = work(times, states, wrench)
-    numbers = [*peak, *wrench.mean(axis=0), np.linalg.norm(wrench[:, :3], axis=1).max(), spent.vertical, spent.total]
+    path = np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum()
+    force = np.linalg.norm(wrench[:, :3], axis=1).max()
+    numbers = [*peak, *wrench.mean(axis=0), force, spent.vertical, spent.total, path, len(tool.plates)]
     if not np.isfinite(numbers).all():
-        raise InputError("forces or work are too large for a number")
-    path = float(np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum())
-    return dict(zip(RESULTS, [*map(float, numbers), path, float(len(tool.plates))], strict=True))
+        raise InputError("its forces, work or path are too large")
+    return dict(zip(RESULTS, map(float, numbers), strict=True))
 
 
-def row_of(variant: Variant, columns: Sequence[str]) -> list[str]:
+def row_of(variant: Variant, columns: Sequence[str], fingerprint: int = 0) -> list[str]:
     """A row of the table: the variant's values, then its results or the reason why it has none."""
     own = {f"{part}.{key}": value for part, values in variant.items() for key, value in values.items()}
     numbers: dict[str, float] = {}
     reason = ""
     try:
-        numbers = evaluate(variant)
+        numbers = evaluate(variant, fingerprint)
     except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
     cells = {**own, **numbers, "reason": reason}

@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Literal
@@ -33,6 +34,8 @@ _RESTARTS = 5  # of the pool, when the system kills a worker
 
 Rows = tuple[list[list[str]], float]
 """Rows of a chunk, and the seconds they took."""
+
+Compute = Callable[[Sequence[Variant]], Rows]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,10 +66,10 @@ class Report:
         return text
 
 
-def rows_of(variants: Sequence[Variant], columns: Sequence[str]) -> Rows:
+def rows_of(variants: Sequence[Variant], columns: Sequence[str], fingerprint: int) -> Rows:
     """Compute rows; runs in a worker."""
     start = time.perf_counter()
-    return [row_of(variant, columns) for variant in variants], time.perf_counter() - start
+    return [row_of(variant, columns, fingerprint) for variant in variants], time.perf_counter() - start
 
 
 def run(
@@ -83,9 +86,10 @@ def run(
     (default: one per core). The table has the same bytes however it was computed. Raises InputError.
     """
     columns = _columns(design)
+    compute = partial(rows_of, columns=columns, fingerprint=design.fingerprint)
     with file_errors(f"output folder '{out}'", "written"):
         (out / "chunks").mkdir(parents=True, exist_ok=True)
-        chunk = _chunk_size(design, out, columns)
+        chunk = _chunk_size(design, out, compute)
         chunks = [range(k, min(k + chunk, len(design))) for k in range(0, len(design), chunk)]
         missing = [k for k, rows in enumerate(chunks) if not _finished(_file(out, k), len(rows))]
         start, busy, computed, used = time.perf_counter(), 0.0, 0, 0
@@ -97,7 +101,7 @@ def run(
                 bar(design.file.stem, len(design), delay=0.0) as update,
             ):
                 update(done, design.file.stem)
-                for k, (rows, seconds) in answers(tasks, columns):
+                for k, (rows, seconds) in answers(tasks, compute):
                     _whole(_file(out, k), _text(rows))
                     computed, busy = computed + len(rows), busy + seconds
                     rate, finished = computed / (time.perf_counter() - start), done + computed
@@ -128,7 +132,7 @@ def _columns(design: Design) -> list[str]:
     return [*own, *RESULTS, "reason"]
 
 
-def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
+def _chunk_size(design: Design, out: Path, compute: Compute) -> int:
     """Variants per chunk: as recorded in the folder, or so that a chunk takes a worker half a second."""
     file = out / "study.json"
     if file.exists():
@@ -143,10 +147,10 @@ def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
                 " another version of rft_ros; choose another folder or delete this one"
             )
         return chunk
-    rows_of([design.variant(0)], columns)  # compiles
+    compute([design.variant(0)])  # compiles
     count, start = 0, time.perf_counter()
     while (spent := time.perf_counter() - start) < _PROBE_SECONDS:
-        rows_of([design.variant(count % len(design))], columns)
+        compute([design.variant(count % len(design))])
         count += 1
     chunk = max(1, min(round(_CHUNK_SECONDS * count / spent), math.ceil(len(design) / (4 * (os.cpu_count() or 1)))))
     _whole(file, json.dumps({"chunk": chunk, "fingerprint": design.fingerprint, "variants": len(design)}) + "\n")
@@ -154,13 +158,13 @@ def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
 
 
 Tasks = dict[int, list[Variant]]
-Answers = Callable[[Tasks, Sequence[str]], Iterable[tuple[int, Rows]]]
+Answers = Callable[[Tasks, Compute], Iterable[tuple[int, Rows]]]
 
 
 @contextmanager
 def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]:
     if scheduler is None:
-        yield count, lambda tasks, columns: _here(tasks, columns, count)
+        yield count, lambda tasks, compute: _here(tasks, compute, count)
         return
     try:
         from distributed import Client
@@ -176,8 +180,8 @@ def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]
         if not used:
             raise InputError(f"the Dask scheduler at '{scheduler}' has no workers")
 
-        def answers(tasks: Tasks, columns: Sequence[str]) -> Iterator[tuple[int, Rows]]:
-            futures = {client.submit(rows_of, v, columns, pure=False, retries=3): k for k, v in tasks.items()}
+        def answers(tasks: Tasks, compute: Compute) -> Iterator[tuple[int, Rows]]:
+            futures = {client.submit(compute, v, pure=False, retries=3): k for k, v in tasks.items()}
             for future, rows in completed(futures, with_results=True):  # type: ignore[no-untyped-call]
                 yield futures[future], rows
 
@@ -196,12 +200,12 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[int, Rows]]:
+def _here(tasks: Tasks, compute: Compute, count: int) -> Iterator[tuple[int, Rows]]:
     left = dict(tasks)
     for restart in range(_RESTARTS + 1):
         pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
         try:
-            futures = {pool.submit(rows_of, variants, columns): k for k, variants in left.items()}
+            futures = {pool.submit(compute, variants): k for k, variants in left.items()}
             for future in as_completed(futures):
                 rows = future.result()
                 del left[futures[future]]
