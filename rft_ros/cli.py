@@ -36,9 +36,7 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
         epilog=f"{rft} COMMAND --help describes that command. " + (__doc__ or "").partition("\n\n")[2],
         formatter_class=_Help,
     )
-    whole.add_argument(
-        "--version", action="version", version=f"rft {release()}", help="show the installed version and exit"
-    )
+    whole.add_argument("--version", action="version", version=f"rft {release()}", help="show the version and exit")
     commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
     for name, module in _COMMANDS.items():
         text, _, examples = (module.__doc__ or "").strip().partition("\n\n")

@@ -72,18 +72,17 @@ def wrenches_along(
     `times` [s], shape [n]. `surface_height` [m]. `where`: what has the states, for errors. `threads`: without memory.
     Raises InputError for a length or an order of times that cannot be used, and for a wrench that is not finite.
     """
-    if not 0.0 <= mobilization_length < np.inf:
-        raise InputError(f"mobilization_length is {mobilization_length:g}; it must be finite and not negative")
-    back = np.flatnonzero(times[1:] < times[:-1])
-    if mobilization_length == 0.0:
+    length, durations = mobilization_length, np.diff(times, prepend=times[0])
+    if not 0.0 <= length < np.inf:
+        raise InputError(f"mobilization_length is {length:g}; it must be finite and not negative")
+    if length == 0.0:
         result = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
-    elif back.size:
-        before, after = times[back[0] : back[0] + 2]
-        raise InputError(f"{where}: t goes back from {before:g} to {after:g}; memory needs states in order of time")
+    elif durations.min() < 0.0:
+        k = int(np.argmax(durations < 0.0))
+        raise InputError(f"{where}: t goes back from {times[k - 1]:g} to {times[k]:g}; memory needs it in order")
     else:
-        memory, length, durations = Memory(plates), mobilization_length, np.diff(times, prepend=times[0])
         result = wrenches_in_time(
-            plates, law, states, durations, memory, mobilization_length=length, surface_height=surface_height
+            plates, law, states, durations, Memory(plates), mobilization_length=length, surface_height=surface_height
         )
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():

@@ -49,10 +49,7 @@ def _limit(file: Path, metric: str, bounds: object) -> Limit:
 
 
 def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | None]]:
-    """Each limit with the summary's value: None for a depth that the bag did not reach.
-
-    Raises InputError for any other metric that summary.json does not have.
-    """
+    """Each limit with the summary's value, None for a depth not reached. InputError for any other unknown metric."""
     content = summary.content()
     for words in ("damage", "parameters"):
         del content[words]

@@ -82,11 +82,11 @@ def read_design(file: Path) -> Design:
 
 def _fingerprint(file: Path, lists: Mapping[str, Iterable[Mapping[str, Any]]]) -> int:
     checksum = zlib.crc32(release().encode(), zlib.crc32(file.read_bytes()))
-    meshes = {entry["mesh"]: locate_mesh for entry in lists["tools"]}
-    states = {entry["states_file"]: Path for entry in lists["motions"] if "states_file" in entry}
-    for name, located in (*meshes.items(), *states.items()):
+    files = {entry["mesh"]: locate_mesh for entry in lists["tools"]}
+    files |= {entry["states_file"]: Path for entry in lists["motions"] if "states_file" in entry}
+    for name, locate in files.items():
         try:
-            with located(name).open("rb") as content:
+            with locate(name).open("rb") as content:
                 checksum = zlib.crc32(content.read(MAX_BYTES), checksum)
         except (OSError, ValueError):
             checksum = zlib.crc32(b"missing", checksum)

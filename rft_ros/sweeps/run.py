@@ -106,19 +106,12 @@ def run(
                     computed, busy = computed + len(rows), busy + seconds
                     rate, finished = computed / (time.perf_counter() - start), done + computed
                     update(finished, f"{design.file.stem}: {finished:,} of {len(design):,}, {rate:,.0f}/s")
-        seconds = time.perf_counter() - start
+        spent = time.perf_counter() - start
         rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
         file = _table(out, columns, rows, form)
     failed = sum(bool(row[-1]) for row in rows)
     return Report(
-        file=file,
-        rows=len(rows),
-        computed=computed,
-        failed=failed,
-        seconds=seconds,
-        busy=busy,
-        workers=used,
-        chunk=chunk,
+        file=file, rows=len(rows), computed=computed, failed=failed, seconds=spent, busy=busy, workers=used, chunk=chunk
     )
 
 
