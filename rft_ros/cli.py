@@ -4,17 +4,18 @@ Exit status: 0 done, 1 failed, 2 wrong usage or unusable input, 130 interrupted.
 """
 
 import argparse
+import io
 import os
+import re
 import signal
 import sys
 from collections.abc import Sequence
-from importlib.metadata import PackageNotFoundError, version
 from types import ModuleType
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from rft_ros.commands import calibrate, check_mesh, demo, doctor, predict, reduce, replay, sweep, view, warm_up
-from rft_ros.errors import InputError, suggestion
-from rft_ros.installation import program
+from rft_ros.errors import InputError, reason_of, suggestion
+from rft_ros.installation import program, release
 
 __all__ = ["main", "parser"]
 
@@ -35,7 +36,7 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
         epilog=f"{rft} COMMAND --help describes that command. " + (__doc__ or "").partition("\n\n")[2],
         formatter_class=_Help,
     )
-    whole.add_argument("--version", action="version", version=_version(), help="show the installed version and exit")
+    whole.add_argument("--version", action="version", version=f"rft {release()}", help="show the version and exit")
     commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
     for name, module in _COMMANDS.items():
         text, _, examples = (module.__doc__ or "").strip().partition("\n\n")
@@ -49,6 +50,10 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
 
 class _Parser(argparse.ArgumentParser):
     """Reports wrong usage in one sentence, without argparse's usage text."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options)
+        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse's own takes -1e-3 for an option
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{_short(self.prog)}: {message}; see {self.prog} --help\n")
@@ -70,24 +75,24 @@ class _Help(argparse.HelpFormatter):
         return text if "\n" in text else super()._fill_text(text, width, indent)
 
 
-def _version() -> str:
-    try:
-        return f"rft {version('rft_ros')}"
-    except PackageNotFoundError:
-        return "rft, not installed"
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")  # a file's name need not be UTF-8
     try:
         try:
             return _run(sys.argv[1:] if arguments is None else arguments)
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a closed pipe is reported here instead of at exit, where it leaves a traceback
-    except BrokenPipeError:  # the reader, such as head, has closed the pipe
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 128 + signal.SIGPIPE
+    except OSError as error:
+        if sys.stdout is not None:
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
+            return 128 + signal.SIGPIPE
+        what = error.filename or "the output or the working directory"
+        print(f"rft: {what} cannot be used: {reason_of(error)}", file=sys.stderr)
+        return 2
 
 
 def _run(arguments: Sequence[str]) -> int:

@@ -4,13 +4,15 @@ import os
 import shutil
 import sys
 import sysconfig
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
 from xml.etree import ElementTree
 
 from rft_ros.errors import InputError
 
-__all__ = ["program", "share_directory"]
+__all__ = ["program", "release", "share_directory"]
 
 _MODULES = {"rft": "rft_ros.cli", "rft_node": "rft_ros.node.main"}
 
@@ -27,8 +29,18 @@ def program(name: Literal["rft", "rft_node"]) -> str:
         return f"ros2 run rft_ros {name}"
     script = Path(sys.executable).parent / name
     if script.is_file():
-        return str(script.relative_to(Path.cwd()) if script.is_relative_to(Path.cwd()) else script)
+        with suppress(FileNotFoundError, ValueError):  # the working directory was deleted, or is elsewhere
+            script = script.relative_to(Path.cwd())
+        return str(script)
     return f"{sys.executable} -m {_MODULES[name]}"
+
+
+def release() -> str:
+    """The version of this package, or "not installed"."""
+    try:
+        return version("rft_ros")
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def share_directory(package: str) -> Path:

@@ -1,4 +1,4 @@
-"""The CSV files of ``rft predict``: states in, wrenches out."""
+"""States in a CSV file, their wrenches, and the CSV file of those."""
 
 from pathlib import Path
 
@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors
-from rft_ros.rft import STATE, checked_states
+from rft_ros.rft import STATE, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 
-__all__ = ["WRENCH_HEADER", "read_states", "write_wrenches"]
+__all__ = ["WRENCH_HEADER", "read_states", "wrenches_along", "write_wrenches"]
 
 STATES_HEADER = ("t", *STATE)
 WRENCH_HEADER = ("t", "fx", "fy", "fz", "tx", "ty", "tz")
@@ -21,7 +21,7 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     Raises InputError that names the file, line and column.
     """
     with file_errors(f"states file '{file}'", "read"):
-        lines = file.read_text(encoding="utf-8").splitlines()
+        lines = file.read_text(encoding="utf-8-sig").splitlines()
     if not lines or not lines[0].strip():
         raise InputError(f"states file '{file}' is empty; its first line must be {','.join(STATES_HEADER)}")
     header = [name.strip() for name in lines[0].split(",")]
@@ -54,6 +54,43 @@ def _row(line: str, header: list[str], where: str) -> list[float]:
         except ValueError:
             raise InputError(f"{where}: {name} is '{cell.strip()}', not a number") from None
     return row
+
+
+def wrenches_along(
+    plates: Plates,
+    law: Law,
+    times: NDArray[np.float64],
+    states: NDArray[np.float64],
+    *,
+    mobilization_length: float,
+    surface_height: float,
+    where: str,
+    threads: int | None = None,
+) -> NDArray[np.float64]:
+    """Wrench at each state as `rft_ros.rft.wrenches`; with memory if `mobilization_length` [m] is over 0.
+
+    `times` [s], shape [n]. `surface_height` [m]. `where`: what has the states, for errors. `threads`: without memory.
+    Raises InputError for a length or an order of times that cannot be used, and for a wrench that is not finite.
+    """
+    length, durations = mobilization_length, np.diff(times, prepend=times[0])
+    if not 0.0 <= length < np.inf:
+        raise InputError(f"mobilization_length is {length:g}; it must be finite and not negative")
+    if length == 0.0:
+        result = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
+    elif durations.min() < 0.0:
+        k = int(np.argmax(durations < 0.0))
+        raise InputError(f"{where}: t goes back from {times[k - 1]:g} to {times[k]:g}; memory needs it in order")
+    else:
+        result = wrenches_in_time(
+            plates, law, states, durations, Memory(plates), mobilization_length=length, surface_height=surface_height
+        )
+    finite = np.isfinite(result).all(axis=1)
+    if not finite.all():
+        raise InputError(
+            f"{where}: the state at t = {times[np.argmin(finite)]:g} has no finite wrench;"
+            " it is too far away, or the tool or the stress is too large"
+        )
+    return result
 
 
 def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.float64]) -> None:

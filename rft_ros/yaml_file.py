@@ -12,7 +12,11 @@ __all__ = ["read_yaml"]
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings."""
+    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings. Refuses an alias that contains itself."""
+
+    def construct_document(self, node: yaml.Node) -> Any:
+        self.deep_construct = True
+        return super().construct_document(node)
 
 
 _Loader.add_implicit_resolver(

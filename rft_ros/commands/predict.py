@@ -17,7 +17,6 @@ from rft_ros.commands.options import (
     surface_option,
     warn_of,
 )
-from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
 
@@ -48,10 +47,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    import numpy as np
-
-    from rft_ros.rft import COLUMNS, Memory, wrenches, wrenches_in_time
-    from rft_ros.states_file import read_states, write_wrenches
+    from rft_ros.rft import COLUMNS
+    from rft_ros.states_file import read_states, wrenches_along, write_wrenches
     from rft_ros.tool import load_tool
 
     times, states = read_states(arguments.states)
@@ -66,30 +63,10 @@ def run(arguments: argparse.Namespace) -> int:
         print(f"{tool.name}: {tool.reduction}")
     warn_of(tool)
     law = law_of(arguments)
-    length, surface = arguments.mobilization_length, arguments.surface_height
-    if length < 0.0:
-        raise InputError(f"--mobilization-length is {length:g}; it must not be negative")
-    durations = np.diff(times, prepend=times[0])
-    if length > 0.0 and (durations < 0.0).any():
-        row = int(np.argmax(durations < 0.0))
-        raise InputError(
-            f"states file '{arguments.states}': t goes back from {times[row - 1]:g} to {times[row]:g}; "
-            "with --mobilization-length the states must be in the order of time"
-        )
+    lengths = {name: getattr(arguments, name) for name in ("mobilization_length", "surface_height")}
     with busy("computing"):  # the first call compiles
-        if length > 0.0:
-            memory = Memory(tool.plates)
-            result = wrenches_in_time(
-                tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
-            )
-        else:
-            result = wrenches(tool.plates, law, states, surface_height=surface)
-    finite = np.isfinite(result).all(axis=1)
-    if not finite.all():
-        raise InputError(
-            f"states file '{arguments.states}': the state at t = {times[np.argmin(finite)]:g} has no finite wrench;"
-            " it is too far away, or the tool or the stress is too large"
-        )
+        where = f"states file '{arguments.states}'"
+        result = wrenches_along(tool.plates, law, times, states, where=where, **lengths)
     write_wrenches(arguments.output, times, result)
     wet = int((result[:, COLUMNS.index("submerged_area")] > 0.0).sum())
     print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")

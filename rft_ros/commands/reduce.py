@@ -45,13 +45,15 @@ def add_options(command: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from rft_ros.tool import load_tool
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
-    from rft_ros.tool.reduced_file import save_reduced
+    from rft_ros.tool.reduced_file import SUFFIX, save_reduced
 
     count, tolerance = arguments.plates, arguments.tolerance
     if count is not None and count < 1:
         raise InputError(f"--plates is {count}; it must be at least 1")
     if not 0.0 < tolerance <= 1.0:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
+    if arguments.output.suffix.lower() != SUFFIX:
+        raise InputError(f"output '{arguments.output}' must end in {SUFFIX}, the suffix of reduced tools")
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin, integration=arguments.integration)
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
@@ -62,17 +64,7 @@ def run(arguments: argparse.Namespace) -> int:
         else:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
     save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
-
-    for name, value in (
-        ("tool", f"{tool.name} ({tool.file})"),
-        ("integration", plates.integration),
-        ("motions", reduction.motions),
-        ("facets", f"{reduction.facets:,}"),
-        ("plates", f"{reduction.plates:,}"),
-        ("error", f"{100.0 * reduction.error:.2f} % of the force at the 95th percentile"),
-        ("written", str(arguments.output)),
-    ):
-        print(f"{name:<12} {value}")
+    print(f"{tool.name} for {reduction.motions}, {plates.integration}: {reduction} -> {arguments.output}")
     return 0
 
 

@@ -44,7 +44,12 @@ def run(arguments: argparse.Namespace) -> int:
     suffix = arguments.output.suffix
     if suffix not in (".html", *FILMS):
         raise InputError(f"'{arguments.output}' must end in .html, {' or '.join(FILMS)}")
-    scene = _of_states(arguments) if arguments.source.suffix == ".csv" else _of_bag(arguments)
+    of_states = arguments.source.suffix == ".csv"
+    other = "for a bag" if of_states else "for states"
+    for option in next(g for g in arguments.own._action_groups if g.title == other)._group_actions:
+        if getattr(arguments, option.dest) != option.default:
+            raise InputError(f"{option.option_strings[0]} is {other}, not for '{arguments.source}'")
+    scene = _of_states(arguments) if of_states else _of_bag(arguments)
     with busy("drawing"):
         (write_animation_page if suffix == ".html" else write_film)(scene, arguments.output)
     print(f"{len(scene.labels)} moments of {scene.title} -> {arguments.output}")

@@ -6,11 +6,8 @@ rft warm-up --params my_cell.yaml
 import argparse
 from pathlib import Path
 
-__all__ = ["add_options", "run"]
-
 
 def add_options(command: argparse.ArgumentParser) -> None:
-    """Declare ``--params``."""
     command.add_argument(
         "--params",
         type=Path,
@@ -20,7 +17,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Compile; exit status 0."""
     from rft_ros.estimator.parameters import defaults, read_parameter_file
     from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
 

@@ -2,7 +2,7 @@
 
 import itertools
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -10,8 +10,11 @@ from typing import Any
 import numpy as np
 
 from rft_ros.errors import InputError
+from rft_ros.installation import release
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, LAWS, MEDIA
 from rft_ros.sweeps.motions import FAMILIES
+from rft_ros.tool import locate_mesh
+from rft_ros.tool.mesh_file import MAX_BYTES
 from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Design", "Variant", "read_design"]
@@ -22,6 +25,8 @@ _MEDIUM = (
     *("mobilization_length", "surface_height"),
 )
 
+_MOST = 1_000_000  # values in a range
+
 Variant = dict[str, Any]
 """One point of a design: `tool`, `motion` and `medium`, each a dict of plain values."""
 
@@ -30,7 +35,8 @@ Variant = dict[str, Any]
 class Design:
     """Lists of tools, motions and media. Every combination is a variant.
 
-    `picked`: numbers of the combinations in a random sample; None: all. `fingerprint`: checksum of the file.
+    `picked`: numbers of the combinations in a random sample; None: all. `fingerprint`: checksum of the study, its
+    meshes and states files, and the version of rft_ros.
     """
 
     file: Path
@@ -71,7 +77,20 @@ def read_design(file: Path) -> Design:
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number of at least 0")
         picked = tuple(sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist()))
-    return Design(file=file, picked=picked, fingerprint=zlib.crc32(file.read_bytes()), **lists)
+    return Design(file=file, picked=picked, fingerprint=_fingerprint(file, lists), **lists)
+
+
+def _fingerprint(file: Path, lists: Mapping[str, Iterable[Mapping[str, Any]]]) -> int:
+    checksum = zlib.crc32(release().encode(), zlib.crc32(file.read_bytes()))
+    files = {entry["mesh"]: locate_mesh for entry in lists["tools"]}
+    files |= {entry["states_file"]: Path for entry in lists["motions"] if "states_file" in entry}
+    for name, locate in files.items():
+        try:
+            with locate(name).open("rb") as content:
+                checksum = zlib.crc32(content.read(MAX_BYTES), checksum)
+        except (OSError, ValueError):
+            checksum = zlib.crc32(b"missing", checksum)
+    return checksum
 
 
 def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]]:
@@ -82,10 +101,10 @@ def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]
         where = f"study '{file}' {name} {number}"
         if not isinstance(entry, Mapping):
             raise InputError(f"{where} is {entry!r}; it must have names and values")
-        _check_names(where, name, entry)
         values = [_values(f"{where}: {key}", key, value) for key, value in entry.items()]
         for combination in itertools.product(*values):
             point = dict(zip(entry, combination, strict=True))
+            _check_names(where, name, point)
             _check_values(where, point)
             yield point
 
@@ -95,8 +114,8 @@ def _check_names(where: str, name: str, entry: Mapping[str, object]) -> None:
         family = entry.get("family")
         if "states_file" in entry:
             allowed: tuple[str, ...] = ("states_file",)
-        elif family in FAMILIES:
-            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[str(family)])))
+        elif isinstance(family, str) and family in FAMILIES:
+            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[family])))
         else:
             raise InputError(
                 f"{where}: family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file"
@@ -114,10 +133,10 @@ def _values(where: str, key: str, value: object) -> list[Any]:
     if isinstance(value, Mapping):
         try:
             low, high, count = float(value["from"]), float(value["to"]), int(value["count"])
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             raise InputError(f"{where} is {dict(value)!r}; a range has from, to and count") from None
-        if not (np.isfinite([low, high]).all() and count > 0):
-            raise InputError(f"{where} is {dict(value)!r}; from and to must be finite, count at least 1")
+        if not (np.isfinite([low, high]).all() and 0 < count <= _MOST):
+            raise InputError(f"{where} is {dict(value)!r}; from and to must be finite, count from 1 to {_MOST:,}")
         return [float(v) for v in np.linspace(low, high, count)]
     if isinstance(value, list):
         if key == "origin" and not any(isinstance(v, list) for v in value):

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.integrate import trapezoid
 
 from rft_ros.errors import InputError
-from rft_ros.rft import Law, Memory, alpha_y_model, law_named, medium_named, wrenches, wrenches_in_time
-from rft_ros.states_file import read_states
+from rft_ros.rft import Law, alpha_y_model, law_named, medium_named
+from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Variant
 from rft_ros.sweeps.motions import FAMILIES, Array, sample
 from rft_ros.tool import Tool, ToolRequest
@@ -29,7 +29,7 @@ RESULTS = (
 """Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
 path of the tool frame's origin [m]; number of plates."""
 
-_SAMPLES = 200
+_SAMPLES, _MOST_SAMPLES = 200, 1_000_000
 
 
 class Work(NamedTuple):
@@ -53,22 +53,28 @@ def work(times: Array, states: Array, wrenches: Array) -> Work:
     return Work(float(trapezoid(power[:, 2], times)), float(trapezoid(power.sum(axis=1), times)))
 
 
-_loaded = lru_cache(maxsize=64)(ToolRequest.load)
+# `_fingerprint` is part of the caches' keys.
+@lru_cache(maxsize=64)
+def _loaded(request: ToolRequest, _fingerprint: int) -> Tool:
+    return request.load()
 
 
-def _tool(entry: dict[str, Any]) -> Tool:
+def _tool(entry: dict[str, Any], fingerprint: int) -> Tool:
     numbers = {name: float(entry[name]) for name in ("scale", "tolerance") if name in entry}
     x, y, z = map(float, entry.get("origin", (0.0, 0.0, 0.0)))
-    return _loaded(ToolRequest(entry["mesh"], origin=(x, y, z), integration=entry.get("integration"), **numbers))
+    request = ToolRequest(entry["mesh"], origin=(x, y, z), integration=entry.get("integration"), **numbers)
+    return _loaded(request, fingerprint)
 
 
 @lru_cache(maxsize=4096)
-def _motion(entry: tuple[tuple[str, Any], ...]) -> tuple[Array, Array]:
+def _motion(entry: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Array, Array]:
     """Times and states of a motion, from the items of its entry."""
     parameters = dict(entry)
     if "states_file" in parameters:
         return read_states(Path(parameters["states_file"]))
     family, samples = parameters.pop("family"), parameters.pop("samples", _SAMPLES)
+    if not 2 <= samples <= _MOST_SAMPLES:
+        raise InputError(f"samples is {samples}; it must be from 2 to {_MOST_SAMPLES:,}")
     return sample(FAMILIES[family](**{name: float(value) for name, value in parameters.items()}), int(samples))
 
 
@@ -80,37 +86,35 @@ def _law(medium: dict[str, Any]) -> Law:
     return law_named(medium.get("law", "treers2021"), named, model, **numbers)
 
 
-def evaluate(variant: Variant) -> dict[str, float]:
-    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed."""
-    tool = _tool(variant["tool"])
-    times, states = _motion(tuple(variant["motion"].items()))
+def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
+    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed.
+
+    Files are read once for each `fingerprint`, that of the design.
+    """
+    tool = _tool(variant["tool"], fingerprint)
+    times, states = _motion(tuple(variant["motion"].items()), fingerprint)
     medium = variant["medium"]
-    law, surface = _law(medium), float(medium.get("surface_height", 0.0))
-    length = float(medium.get("mobilization_length", 0.0))
-    if length > 0.0:
-        durations, memory = np.diff(times, prepend=times[0]), Memory(tool.plates)
-        result = wrenches_in_time(
-            tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
-        )
-    else:
-        result = wrenches(tool.plates, law, states, surface_height=surface, threads=1)
-    wrench = result[:, :6]
+    lengths = {name: float(medium.get(name, 0.0)) for name in ("mobilization_length", "surface_height")}
+    wrench = wrenches_along(tool.plates, _law(medium), times, states, **lengths, where="motion", threads=1)[:, :6]
     peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
     spent = work(times, states, wrench)
-    numbers = [*peak, *wrench.mean(axis=0), np.linalg.norm(wrench[:, :3], axis=1).max(), spent.vertical, spent.total]
-    path = float(np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum())
-    return dict(zip(RESULTS, [*map(float, numbers), path, float(len(tool.plates))], strict=True))
+    path = np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum()
+    force = np.linalg.norm(wrench[:, :3], axis=1).max()
+    numbers = [*peak, *wrench.mean(axis=0), force, spent.vertical, spent.total, path, len(tool.plates)]
+    if not np.isfinite(numbers).all():
+        raise InputError("its forces, work or path are too large")
+    return dict(zip(RESULTS, map(float, numbers), strict=True))
 
 
-def row_of(variant: Variant, columns: Sequence[str]) -> list[str]:
+def row_of(variant: Variant, columns: Sequence[str], fingerprint: int = 0) -> list[str]:
     """A row of the table: the variant's values, then its results or the reason why it has none."""
     own = {f"{part}.{key}": value for part, values in variant.items() for key, value in values.items()}
     numbers: dict[str, float] = {}
     reason = ""
     try:
-        numbers = evaluate(variant)
-    except (InputError, ValueError, TypeError) as error:
-        reason = " ".join(str(error).split())
+        numbers = evaluate(variant, fingerprint)
+    except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
     cells = {**own, **numbers, "reason": reason}
     return [_text(cells.get(name, "")) for name in columns]
 

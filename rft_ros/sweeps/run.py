@@ -1,7 +1,7 @@
 """Run a design study: chunks of variants go to workers, local or on a Dask cluster; every variant gets one row.
 
 The output folder holds the state of the run: `study.json` and a file for each finished chunk. The same study with the
-same folder continues where it stopped.
+same folder continues where it stopped, and computes chunks with failed rows again.
 """
 
 import csv
@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Literal
@@ -33,6 +34,8 @@ _RESTARTS = 5  # of the pool, when the system kills a worker
 
 Rows = tuple[list[list[str]], float]
 """Rows of a chunk, and the seconds they took."""
+
+Compute = Callable[[Sequence[Variant]], Rows]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,10 +66,10 @@ class Report:
         return text
 
 
-def rows_of(variants: Sequence[Variant], columns: Sequence[str]) -> Rows:
+def rows_of(variants: Sequence[Variant], columns: Sequence[str], fingerprint: int) -> Rows:
     """Compute rows; runs in a worker."""
     start = time.perf_counter()
-    return [row_of(variant, columns) for variant in variants], time.perf_counter() - start
+    return [row_of(variant, columns, fingerprint) for variant in variants], time.perf_counter() - start
 
 
 def run(
@@ -83,11 +86,12 @@ def run(
     (default: one per core). The table has the same bytes however it was computed. Raises InputError.
     """
     columns = _columns(design)
+    compute = partial(rows_of, columns=columns, fingerprint=design.fingerprint)
     with file_errors(f"output folder '{out}'", "written"):
         (out / "chunks").mkdir(parents=True, exist_ok=True)
-        chunk = _chunk_size(design, out, columns)
+        chunk = _chunk_size(design, out, compute)
         chunks = [range(k, min(k + chunk, len(design))) for k in range(0, len(design), chunk)]
-        missing = [k for k in range(len(chunks)) if not _file(out, k).exists()]
+        missing = [k for k, rows in enumerate(chunks) if not _finished(_file(out, k), len(rows))]
         start, busy, computed, used = time.perf_counter(), 0.0, 0, 0
         if missing:
             tasks = {k: [design.variant(i) for i in chunks[k]] for k in missing}
@@ -97,24 +101,17 @@ def run(
                 bar(design.file.stem, len(design), delay=0.0) as update,
             ):
                 update(done, design.file.stem)
-                for k, (rows, seconds) in answers(tasks, columns):
+                for k, (rows, seconds) in answers(tasks, compute):
                     _whole(_file(out, k), _text(rows))
                     computed, busy = computed + len(rows), busy + seconds
                     rate, finished = computed / (time.perf_counter() - start), done + computed
                     update(finished, f"{design.file.stem}: {finished:,} of {len(design):,}, {rate:,.0f}/s")
-        seconds = time.perf_counter() - start
+        spent = time.perf_counter() - start
         rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
         file = _table(out, columns, rows, form)
     failed = sum(bool(row[-1]) for row in rows)
     return Report(
-        file=file,
-        rows=len(rows),
-        computed=computed,
-        failed=failed,
-        seconds=seconds,
-        busy=busy,
-        workers=used,
-        chunk=chunk,
+        file=file, rows=len(rows), computed=computed, failed=failed, seconds=spent, busy=busy, workers=used, chunk=chunk
     )
 
 
@@ -128,7 +125,7 @@ def _columns(design: Design) -> list[str]:
     return [*own, *RESULTS, "reason"]
 
 
-def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
+def _chunk_size(design: Design, out: Path, compute: Compute) -> int:
     """Variants per chunk: as recorded in the folder, or so that a chunk takes a worker half a second."""
     file = out / "study.json"
     if file.exists():
@@ -138,12 +135,15 @@ def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
         except (ValueError, KeyError, TypeError):
             raise InputError(f"'{file}' is not a record of a study; choose another output folder") from None
         if fingerprint != design.fingerprint:
-            raise InputError(f"'{out}' holds the rows of a study other than '{design.file}'; choose another folder")
+            raise InputError(
+                f"'{out}' holds the rows of a study other than '{design.file}', or of other meshes, states files or"
+                " another version of rft_ros; choose another folder or delete this one"
+            )
         return chunk
-    rows_of([design.variant(0)], columns)  # compiles
+    compute([design.variant(0)])  # compiles
     count, start = 0, time.perf_counter()
     while (spent := time.perf_counter() - start) < _PROBE_SECONDS:
-        rows_of([design.variant(count % len(design))], columns)
+        compute([design.variant(count % len(design))])
         count += 1
     chunk = max(1, min(round(_CHUNK_SECONDS * count / spent), math.ceil(len(design) / (4 * (os.cpu_count() or 1)))))
     _whole(file, json.dumps({"chunk": chunk, "fingerprint": design.fingerprint, "variants": len(design)}) + "\n")
@@ -151,13 +151,13 @@ def _chunk_size(design: Design, out: Path, columns: Sequence[str]) -> int:
 
 
 Tasks = dict[int, list[Variant]]
-Answers = Callable[[Tasks, Sequence[str]], Iterable[tuple[int, Rows]]]
+Answers = Callable[[Tasks, Compute], Iterable[tuple[int, Rows]]]
 
 
 @contextmanager
 def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]:
     if scheduler is None:
-        yield count, lambda tasks, columns: _here(tasks, columns, count)
+        yield count, lambda tasks, compute: _here(tasks, compute, count)
         return
     try:
         from distributed import Client
@@ -173,8 +173,8 @@ def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]
         if not used:
             raise InputError(f"the Dask scheduler at '{scheduler}' has no workers")
 
-        def answers(tasks: Tasks, columns: Sequence[str]) -> Iterator[tuple[int, Rows]]:
-            futures = {client.submit(rows_of, v, columns, pure=False, retries=3): k for k, v in tasks.items()}
+        def answers(tasks: Tasks, compute: Compute) -> Iterator[tuple[int, Rows]]:
+            futures = {client.submit(compute, v, pure=False, retries=3): k for k, v in tasks.items()}
             for future, rows in completed(futures, with_results=True):  # type: ignore[no-untyped-call]
                 yield futures[future], rows
 
@@ -193,12 +193,12 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[int, Rows]]:
+def _here(tasks: Tasks, compute: Compute, count: int) -> Iterator[tuple[int, Rows]]:
     left = dict(tasks)
     for restart in range(_RESTARTS + 1):
         pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
         try:
-            futures = {pool.submit(rows_of, variants, columns): k for k, variants in left.items()}
+            futures = {pool.submit(compute, variants): k for k, variants in left.items()}
             for future in as_completed(futures):
                 rows = future.result()
                 del left[futures[future]]
@@ -213,6 +213,11 @@ def _here(tasks: Tasks, columns: Sequence[str], count: int) -> Iterator[tuple[in
 
 def _file(out: Path, chunk: int) -> Path:
     return out / "chunks" / f"{chunk:06d}.csv"
+
+
+def _finished(file: Path, rows: int) -> bool:
+    """Whether the file of a chunk has all its rows, none with a reason why it failed."""
+    return file.exists() and [row[-1:] for row in _read(file)] == [[""]] * rows
 
 
 def _whole(file: Path, text: str) -> None:

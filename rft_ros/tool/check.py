@@ -24,20 +24,14 @@ _COARSE_SHARE = 0.5  # of the area
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 
 
+_Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
+
+
 @dataclass(frozen=True, slots=True)
 class MeshIssue:
     """One issue of a mesh: its kind, and a sentence with numbers."""
 
-    kind: Literal[
-        "not_closed",
-        "inconsistent_winding",
-        "inside_out",
-        "duplicate_facets",
-        "degenerate_facets",
-        "concave",
-        "size",
-        "coarse",
-    ]
+    kind: Literal[_Surface, "concave", "size", "coarse"]
     message: str
 
 

@@ -33,7 +33,7 @@ _SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
 # trimesh starts another mesh at these lines, which reorders the facets and drops those with NaN.
 _SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n]*"}
 
-_TOO_BIG = 1e100  # beyond this, areas and volumes overflow
+_TOO_BIG = 1e60  # beyond this, squared areas overflow
 
 _SCHEME = "package://"
 

@@ -34,7 +34,8 @@ class Reduction:
     """Result of a reduction.
 
     `facets`: number of plates of the full tool. `plates`: of the reduced tool. `error`: 95th percentile over `motions`,
-    relative to each state's own force (any motion) or to the greatest force (a scene). `tolerance`: of that error.
+    relative to each state's own force (any motion) or to the greatest force (a scene). `tolerance`: of that error; 0 if
+    the number of plates was given instead.
     """
 
     facets: int
@@ -45,7 +46,7 @@ class Reduction:
 
     def __str__(self) -> str:
         """Such as "2,352 facets -> 148 plates, 1.8 % at the 95th percentile"."""
-        if self.plates == self.facets:
+        if self.plates == self.facets and self.tolerance > 0.0:
             return f"{self.facets:,} facets, all of them needed for {100.0 * self.tolerance:g} %"
         return f"{self.facets:,} facets -> {self.plates:,} plates, {100.0 * self.error:.1f} % at the 95th percentile"
 
@@ -63,7 +64,7 @@ def reduced_for_any_motion(
         choosing = WrenchErrors(plates, random_motions(corners, _STATES, seed=_CHOOSING), own_force=True)
         few = _fewest(merger, choosing, measuring, tolerance, most=min(int(_WORTH * len(plates)), merger.most))
     else:
-        few = merger.merged(count)
+        few, tolerance = merger.merged(count), 0.0
     return _reported(plates, few, measuring, tolerance, "any motion")
 
 
@@ -115,7 +116,7 @@ def reduced_for_scene(
     if not (stopping.full[..., :3].any() and measuring.full[..., :3].any()):
         raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
     few = None
-    most = int(_WORTH * len(plates)) if count is None else count
+    most, tolerance = (int(_WORTH * len(plates)), tolerance) if count is None else (count, 0.0)
     for candidate in chosen_plates(plates, states[(part != 2) & (part != 5)]):
         if len(candidate) > most:
             break

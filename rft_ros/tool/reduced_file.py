@@ -67,8 +67,6 @@ def save_reduced(
 
     The same content gives the same bytes. Raises InputError where the file cannot be written.
     """
-    if file.suffix.lower() != SUFFIX:
-        raise InputError(f"output '{file}' must end in {SUFFIX}, the suffix of reduced tools")
     shift = np.array(origin, dtype=np.float64)
     about = {
         "format": _FORMAT,

@@ -127,12 +127,7 @@ def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Arra
 
 
 def _shifts(
-    lacking: Array,
-    growth: Array,
-    sagitta: Array,
-    normals: Array,
-    corner: NDArray[np.int64],
-    fixed: NDArray[np.bool_],
+    lacking: Array, growth: Array, sagitta: Array, normals: Array, corner: NDArray[np.int64], fixed: NDArray[np.bool_]
 ) -> Array:
     """Shift of each facet's corners [m], shape [m, 3, 3]: the same for all facets that share a normal at a point."""
     keys = np.column_stack([corner, np.round(normals.reshape(-1, 3) * 1e6).astype(np.int64)])

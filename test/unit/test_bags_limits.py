@@ -71,6 +71,11 @@ def test_a_metric_without_value_fails_the_check(tmp_path):
     assert not limit.allows(value)
 
 
+def test_a_depth_that_a_bag_did_not_reach_fails_the_check(summary):
+    limit = Limit(metric="phases.penetration.depth_bins.200-205mm.estimates", min=0.0)
+    assert check([limit], summary) == [(limit, None)]
+
+
 def test_an_unknown_metric_is_refused_with_the_nearest_one(bag, tmp_path, capsys):
     assert checked(bag, tmp_path, "phases.penetration.rms_over_peek: {max: 1}\n") == 2
     error = capsys.readouterr().err
@@ -97,6 +102,7 @@ def test_only_metrics_can_be_limited(summary, word):
         ("estimates: {min: many}", "estimates min is 'many'; it must be a finite number"),
         ("estimates: {max: true}", "must be a finite number"),
         ("estimates: {max: .nan}", "must be a finite number"),
+        (f"estimates: {{max: 1{400 * '0'}}}", "must be a finite number"),
         ("estimates: {min: 2, max: 1}", "min 2 above max 1"),
     ],
 )

@@ -118,6 +118,14 @@ def test_states_that_cannot_be_used(tmp_path, text, words):
     assert not (tmp_path / "out.csv").exists()
 
 
+def test_a_table_saved_by_a_spreadsheet_begins_with_a_byte_order_mark(tmp_path):
+    assert predict(tmp_path, f"\ufeff{HEADER}\n{ROW}\n").returncode == 0
+
+
+def test_a_negative_number_may_have_an_exponent(tmp_path):
+    assert predict(tmp_path, f"{HEADER}\n{ROW}\n", "--surface-height", "-1e-3").returncode == 0
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -154,6 +162,21 @@ def test_check_mesh_says_what_a_mesh_holds(tmp_path):
     assert "facets: 2,352" in done.stdout
     assert "extent 36.000 mm" in done.stdout
     refused(rft("check-mesh", "gone.stl", cwd=tmp_path), "gone.stl")
+
+
+def test_a_mesh_whose_name_is_not_utf_8_is_described(tmp_path):
+    mesh = tmp_path / os.fsdecode(b"\xff.stl")
+    mesh.write_bytes((ROOT / "meshes" / "plate.stl").read_bytes())
+    strict = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
+    done = subprocess.run(in_a_process("check-mesh", mesh), env=strict, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("\\udcff (")
+
+
+def test_a_full_disk_is_a_sentence():
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(in_a_process("check-mesh", "plate"), stdout=full, stderr=subprocess.PIPE, text=True)
+    refused(done, "the output or the working directory cannot be used: No space left on device")
 
 
 def test_check_mesh_ends_with_1_where_it_finds_something(tmp_path):

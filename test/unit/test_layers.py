@@ -32,7 +32,7 @@ ALLOWED = {
         "errors",
     },
     "calibration": {"bags", "estimator", "tool", "rft", "report", "errors"},
-    "sweeps": {"tool", "rft", "states_file", "progress", "errors", "yaml_file"},
+    "sweeps": {"tool", "rft", "states_file", "installation", "progress", "errors", "yaml_file"},
     "commands": {
         *("node", "bags", "estimator", "tool", "rft", "report", "errors", "states_file"),
         *("calibration", "sweeps", "progress", "installation"),

@@ -76,6 +76,7 @@ def test_names_that_only_look_like_numbers_stay_names(read, name):
     ("text", "sentence"),
     [
         ("a: [1, 2\n", "is not YAML: while parsing a flow sequence"),
+        ("rft: &a {ros__parameters: *a}", "is not YAML: found unconstructable recursive node"),
         ("- 1\n- 2\n", "has no node name at its top level, such as '/**'"),
         ("", "has no node name at its top level, such as '/**'"),
         ("rft:\n  medium.zeta: 1.0\n", "'rft' has no 'ros__parameters'"),

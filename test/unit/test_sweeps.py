@@ -2,6 +2,7 @@
 
 import csv
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -13,11 +14,12 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
+from rft_ros.sweeps import design
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.motions import Circumnutation, sample
-from rft_ros.sweeps.outcomes import evaluate
+from rft_ros.sweeps.outcomes import evaluate, row_of
 from rft_ros.sweeps.run import run
-from rft_ros.tool import load_tool
+from rft_ros.tool import load_tool, locate_mesh
 
 SMALL = """
 tools:
@@ -34,7 +36,7 @@ LONG = """
 tools:
   - mesh: root_tip
 motions:
-  - {family: circumnutation, pitch: {from: 0.02, to: 0.2, count: 100}, samples: 250}
+  - {family: circumnutation, pitch: {from: 0.02, to: 0.2, count: 60}, samples: 250}
 media:
   - zeta: [0.2, 0.3, 0.4, 0.5]
 """
@@ -67,6 +69,21 @@ def whole(tmp_path_factory):
     return run(read_design(study(folder, LONG)), folder / "out", workers=1).file.read_bytes()
 
 
+@pytest.fixture(scope="module")
+def computed(tmp_path_factory):
+    """A folder with SMALL and its results."""
+    folder = tmp_path_factory.mktemp("small")
+    report = run(read_design(study(folder, SMALL)), folder / "out", workers=1)
+    assert (report.rows, report.computed, report.failed) == (20, 20, 0)
+    return folder
+
+
+@pytest.fixture
+def small(computed, tmp_path):
+    """A copy of `computed`."""
+    return shutil.copytree(computed, tmp_path / "small")
+
+
 def children(pid):
     """The workers that a sweep has started."""
     started = Path(f"/proc/{pid}/task/{pid}/children").read_text().split()
@@ -82,11 +99,8 @@ def test_every_tool_meets_every_motion_and_medium_in_one_order(tmp_path):
     assert [v["motion"].get("travel") for v in variants[4:10:2]] == pytest.approx([0.01, 0.02, 0.03])
 
 
-def test_a_row_holds_what_the_core_gives_for_its_variant(tmp_path):
-    report = run(read_design(study(tmp_path, SMALL)), tmp_path / "out", workers=1)
-    rows = table(report.file)
-    assert (report.rows, report.computed, report.failed) == (20, 20, 0)
-    row = rows[3]
+def test_a_row_holds_what_the_core_gives_for_its_variant(computed):
+    row = table(computed / "out" / "results.csv")[3]
     assert (row["tool.mesh"], row["motion.pitch"], row["medium.zeta"]) == ("root_tip", "0.1", "0.33")
     generic = MEDIA["generic"]
     law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33)
@@ -116,7 +130,8 @@ def test_a_sample_is_drawn_by_its_seed(tmp_path):
 
 def test_a_killed_sweep_continues_without_losing_or_repeating_a_row(tmp_path, whole):
     file = study(tmp_path, LONG)
-    process = subprocess.Popen(sweep(file, tmp_path / "out"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    command = sweep(file, tmp_path / "out", "--workers", "1")
+    process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
     until = time.monotonic() + 300.0
     while len(list((tmp_path / "out").glob("chunks/*.csv"))) < 2:
         assert time.monotonic() < until
@@ -131,15 +146,15 @@ def test_a_killed_sweep_continues_without_losing_or_repeating_a_row(tmp_path, wh
         assert time.monotonic() < until
         time.sleep(0.1)
     done = sum(len(f.read_text().splitlines()) for f in (tmp_path / "out" / "chunks").glob("*.csv"))
-    assert 0 < done < 400
-    report = run(read_design(file), tmp_path / "out")
-    assert (report.rows, report.computed) == (400, 400 - done)
+    assert 0 < done < 240
+    report = run(read_design(file), tmp_path / "out", workers=1)
+    assert (report.rows, report.computed) == (240, 240 - done)
     assert report.file.read_bytes() == whole
 
 
 def test_a_killed_worker_loses_no_row(tmp_path):
     file = study(tmp_path, LONG)
-    process = subprocess.Popen(sweep(file, tmp_path / "out", "--workers", "2"), stdout=subprocess.DEVNULL)
+    process = subprocess.Popen(sweep(file, tmp_path / "out", "--workers", "1"), stdout=subprocess.DEVNULL)
     until = time.monotonic() + 300.0
     while not list((tmp_path / "out").glob("chunks/*.csv")):
         assert time.monotonic() < until
@@ -147,19 +162,73 @@ def test_a_killed_worker_loses_no_row(tmp_path):
     os.kill(children(process.pid)[0], signal.SIGKILL)
     assert process.wait(timeout=300) == 0
     rows = table(tmp_path / "out" / "results.csv")
-    assert len(rows) == 400
+    assert len(rows) == 240
     assert not any(row["reason"] for row in rows)
 
 
-def test_the_rows_of_another_study_are_not_mixed_in(tmp_path):
-    run(read_design(study(tmp_path, SMALL)), tmp_path / "out", workers=1)
+def test_the_rows_of_another_study_are_not_mixed_in(computed, tmp_path):
     with pytest.raises(InputError, match="a study other than"):
-        run(read_design(study(tmp_path, SMALL.replace("0.33", "0.34"))), tmp_path / "out", workers=1)
+        run(read_design(study(tmp_path, SMALL.replace("0.33", "0.34"))), computed / "out", workers=1)
 
 
-def test_parquet_holds_numbers(tmp_path):
+def test_another_mesh_states_file_or_version_makes_another_study(tmp_path, monkeypatch):
+    mesh, states = tmp_path / "my.stl", tmp_path / "states.csv"
+    file = study(tmp_path, f"tools: [{{mesh: {mesh}}}]\nmotions: [{{states_file: {states}}}]\nmedia: [{{zeta: 1}}]")
+    prints = [read_design(file).fingerprint]
+    for changed, content in ((mesh, "one"), (mesh, "two"), (states, "three")):
+        changed.write_text(content)
+        prints.append(read_design(file).fingerprint)
+    monkeypatch.setattr(design, "release", lambda: "another")
+    prints.append(read_design(file).fingerprint)
+    assert len(set(prints)) == 5
+
+
+def test_a_chunk_with_a_failed_row_is_computed_again(small):
+    before = (small / "out" / "results.csv").read_bytes()
+    chunk = small / "out" / "chunks" / "000001.csv"
+    rows = chunk.read_text().splitlines()
+    chunk.write_text("\n".join([*rows[:-1], rows[-1] + "out of memory"]) + "\n")
+    report = run(read_design(small / "study.yaml"), small / "out", workers=1)
+    assert (report.computed, report.failed) == (len(rows), 0)
+    assert report.file.read_bytes() == before
+
+
+@pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
+@pytest.mark.parametrize(
+    ("part", "name", "value", "reason"),
+    [
+        ("medium", "mobilization_length", -0.003, "mobilization_length is -0.003; it must be finite and not negative"),
+        ("medium", "mobilization_length", float("nan"), "mobilization_length is nan"),
+        ("medium", "zeta", 1e300, "has no finite wrench"),
+        ("motion", "travel", 1e300, "its forces, work or path are too large"),
+        ("motion", "samples", float("inf"), "samples is inf; it must be from 2 to 1,000,000"),
+        ("motion", "samples", 10**12, "samples is 1000000000000"),
+        pytest.param("motion", "travel", 10**400, "too large", id="too large for a float"),
+    ],
+)
+def test_a_value_that_cannot_be_computed_gives_a_reason(part, name, value, reason):
+    variant = {"tool": {"mesh": "plate"}, "motion": {"family": "straight", "descent_deg": 0.0}, "medium": {}}
+    variant[part][name] = value
+    assert reason in row_of(variant, ["reason"])[0]
+
+
+def test_a_worker_of_two_studies_reads_a_changed_mesh_again(tmp_path):
+    mesh, plates = tmp_path / "my.stl", []
+    variant = {"tool": {"mesh": str(mesh)}, "motion": {"family": "straight"}, "medium": {}}
+    for fingerprint, name in enumerate(("plate", "sphere")):
+        mesh.write_bytes(locate_mesh(name).read_bytes())
+        plates.append(evaluate(variant, fingerprint)["plates"])
+    assert plates[0] != plates[1]
+
+
+def test_families_may_be_listed(tmp_path):
+    text = SMALL.replace("family: straight, travel:", "family: [straight, plate_drag], travel:")
+    assert len(read_design(study(tmp_path, text))) == 2 * (2 + 2 * 3) * 2
+
+
+def test_parquet_holds_numbers(small):
     parquet = pytest.importorskip("pyarrow.parquet")
-    report = run(read_design(study(tmp_path, SMALL)), tmp_path / "out", workers=1, form="parquet")
+    report = run(read_design(small / "study.yaml"), small / "out", form="parquet")
     read = parquet.read_table(report.file)
     assert read.num_rows == 20
     assert read.column("mean_fz").to_pylist()[0] > 0.0
@@ -171,7 +240,10 @@ def test_parquet_holds_numbers(tmp_path):
         (("family: straight", "family: sideways"), ("motions 2", "sideways", "circumnutation")),
         (("zeta:", "zetta:"), ("media 1", "zetta")),
         (("mesh: plate", "mesh: 3"), ("tools 2", "mesh", "3")),
+        (("family: straight", "family: [[straight]]"), ("motions 2", "family is ['straight']")),
         (("count: 3", "number: 3"), ("motions 2", "travel", "from, to and count")),
+        (("count: 3", "count: .inf"), ("motions 2", "travel", "from, to and count")),
+        (("count: 3", "count: 1000000000000"), ("motions 2", "travel", "count from 1 to 1,000,000")),
         (("[0.04, 0.1]", "[]"), ("motions 1", "pitch", "empty")),
         (("alpha_y: linear", "alpha_y: cubic"), ("media 1", "cubic")),
         (("media:", "mediums:"), ("mediums",)),

@@ -199,6 +199,11 @@ def test_vertices_that_are_not_numbers_are_counted(tmp_path, suffix, value):
     assert refused(path) == f"mesh file '{path}' has 2 of {triangles.size // 3} vertices that are NaN or infinite"
 
 
+def test_vertices_whose_areas_overflow_are_refused(tmp_path):
+    assert "vertices that are NaN or infinite" in refused(written(tmp_path, TRIANGLES), scale=1e84)
+    read_mesh(written(tmp_path, TRIANGLES), scale=1e58, origin=ORIGIN)
+
+
 def test_nan_in_the_second_solid_is_not_lost(tmp_path):
     text = soup(TRIANGLES).export(file_type="stl_ascii")
     spoilt = text.replace("vertex 0.0 ", "vertex nan ", 1)

@@ -51,6 +51,8 @@ def test_a_tool_that_needs_all_its_facets_keeps_them_and_says_so(tmp_path):
     tool = load_tool(str(tmp_path / "box.stl"), tolerance=0.01)
     assert tool.plates is tool.facets
     assert str(tool.reduction) == "12 facets, all of them needed for 1 %"
+    _, asked = reduced_for_any_motion(tool.facets, tool.corners, 0.01, count=12)
+    assert str(asked) == "12 facets -> 12 plates, 0.0 % at the 95th percentile"
 
 
 @pytest.mark.parametrize("tolerance", [-0.1, 1.5, float("nan")])

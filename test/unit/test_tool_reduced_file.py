@@ -55,14 +55,16 @@ def test_scale_and_origin_mean_what_they_mean_for_the_mesh(tmp_path):
     assert moved.plates.area == pytest.approx(4.0 * plain.plates.area)
 
 
-def test_the_table_says_what_was_done(tmp_path, capsys):
+def test_the_line_says_what_was_done(tmp_path, capsys):
     file = reduce(tmp_path, "--integration", "refined", "--plates", "60")
     said = capsys.readouterr().out
-    for text in ("root_tip", "refined", "any motion", "1,232", "of the force at the 95th percentile"):
+    for text in ("root_tip", "refined", "any motion", "1,232 facets -> ", " % at the 95th percentile"):
         assert text in said
     assert len(load_tool(file).plates) <= 60
     assert main(["check-mesh", file]) == 0
     assert "reduced for any motion: 1,232 facets -> " in capsys.readouterr().out
+    reduce(tmp_path, "--plates", "9999")
+    assert "1,232 facets -> 1,232 plates, 0.0 % at the 95th percentile" in capsys.readouterr().out
 
 
 def test_the_same_command_gives_the_same_bytes_and_they_say_where_they_come_from(tmp_path):
@@ -137,7 +139,7 @@ def test_a_reduced_tool_belongs_to_its_rule(tmp_path, capsys):
         (("--plates", "0"), "--plates is 0; it must be at least 1"),
         (("--scene", "nothing.csv"), "states file 'nothing.csv' cannot be read"),
         (("--scene", "straigt"), "--scene 'straigt' is not a file or a family of motions (straight, plate_drag"),
-        (("-o", "few.stl"), "output 'few.stl' must end in .npz"),
+        (("-o", "few.stl", "--scene", "nothing.csv"), "output 'few.stl' must end in .npz"),
         (("-o", "/proc/none/few.npz"), "cannot be written"),
     ],
 )

@@ -45,6 +45,11 @@ def test_what_cannot_be_drawn_is_a_sentence(tmp_path):
     refused(rft("view", "states.csv", "-o", "o.html", cwd=tmp_path), "--mesh")
     refused(rft("view", "gone.csv", "--mesh", "plate", "-o", "o.html", cwd=tmp_path), "gone.csv")
     refused(rft("view", tmp_path / "no_bag", "-o", "o.html", cwd=tmp_path), "no_bag")
+    refused(
+        rft("view", tmp_path, "--zeta", "-5", "-o", "o.html", cwd=tmp_path),
+        f"--zeta is for states, not for '{tmp_path}'",
+    )
+    refused(view(tmp_path, "o.html", "--start", "1"), "--start is for a bag, not for 'states.csv'")
 
 
 @pytest.mark.parametrize("trial", ["abb_plate_3"])
