@@ -1,5 +1,6 @@
 """Read rosbag2 (MCAP, SQLite) and ROS 1 bags as samples in the order of their receive times."""
 
+import os
 import re
 from bisect import bisect_left
 from collections import Counter
@@ -28,7 +29,7 @@ _SUFFIXES = (".mcap", ".db3", ".bag")
 
 def bag_name(bag: Path) -> str:
     """The bag's file name; bytes that are not UTF-8 are escaped, so that it can be printed and written."""
-    return bag.resolve().name.encode(errors="backslashreplace").decode()
+    return os.fsencode(bag.resolve().name).decode(errors="backslashreplace")
 
 
 class _Indexed:

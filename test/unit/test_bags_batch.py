@@ -1,6 +1,7 @@
 """Several bags in one call: one folder each, a common summary, and a failure does not affect other bags."""
 
 import json
+import os
 
 import pytest
 from recordings import moments, plunge, write_ros2
@@ -78,6 +79,13 @@ def test_a_bag_is_never_the_output_folder(bags, tmp_path, capsys):
     assert capsys.readouterr().err.count("is where the results would be written") == 2
     assert sorted(p.name for p in bags[0].iterdir()) == before
     (bags[0].parent / "summary.json").unlink()
+
+
+def test_a_name_that_is_not_utf_8_is_escaped(tmp_path, capsys):
+    bag = write_ros2(tmp_path / os.fsdecode(b"on\xe9"), moments())
+    assert main(["replay", str(bag), str(bag), "-o", str(tmp_path / "out"), "--figures"]) == 0
+    assert json.loads((tmp_path / "out" / "on\\xe9" / "summary.json").read_text())["bag"] == "on\\xe9"
+    capsys.readouterr().out.encode()
 
 
 def test_an_end_before_the_start_is_refused(bags, tmp_path, capsys):

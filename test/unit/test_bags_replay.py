@@ -194,6 +194,23 @@ def test_what_a_writer_wrote_it_may_replace(tmp_path):
         assert (time, reader.deserialize(data, connection.msgtype).wrench.force.x) == (5, 2.0)
 
 
+@pytest.mark.parametrize("files", [["bag.mcap"], []])
+def test_what_a_killed_writer_left_may_be_replaced(tmp_path, files):
+    (tmp_path / "bag").mkdir()
+    for file in files:
+        (tmp_path / "bag" / file).touch()
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_wrench("/w", 5, "f", (0.0,) * 6)
+
+
+def test_a_bag_in_the_output_is_not_replaced(tmp_path):
+    replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
+    file = tmp_path / "out" / "estimates" / "estimates.mcap"
+    with pytest.raises(InputError, match="is where the results would be written"):
+        replay(file, tmp_path / "out", values())
+    assert file.exists()
+
+
 def test_options_come_from_the_parameter_file(tmp_path):
     file = tmp_path / "p.yaml"
     file.write_text("rft_replay:\n  ros__parameters:\n    remap: ['~/pose:=/p']\n    tare: 2\n    end: 3.5\n")
