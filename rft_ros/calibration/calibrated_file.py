@@ -89,7 +89,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     with file_errors(f"calibrated file '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         for path, text in texts.items():
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
     return list(texts)
 
 

@@ -8,6 +8,7 @@ from recordings import moments, plunge, write_ros2
 
 from rft_ros.bags.batch import folder_names
 from rft_ros.cli import main
+from rft_ros.tool import locate_mesh
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +82,12 @@ def test_a_bag_is_never_the_output_folder(bags, tmp_path, capsys):
     (bags[0].parent / "summary.json").unlink()
 
 
-def test_a_name_that_is_not_utf_8_is_escaped(tmp_path, capsys):
+def test_names_that_are_not_utf_8_are_escaped(tmp_path, capsys):
     bag = write_ros2(tmp_path / os.fsdecode(b"on\xe9"), moments())
-    assert main(["replay", str(bag), str(bag), "-o", str(tmp_path / "out"), "--figures"]) == 0
+    (bag / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
+    (bag / "cell.yaml").write_text("rft: {ros__parameters: {mesh.file: tool.stl, tolerance: 0.0}}")
+    given = ["--params", str(bag / "cell.yaml"), "-o", str(tmp_path / "out"), "--figures"]
+    assert main(["replay", str(bag), str(bag), *given]) == 0
     assert json.loads((tmp_path / "out" / "on\\xe9" / "summary.json").read_text())["bag"] == "on\\xe9"
     capsys.readouterr().out.encode()
 
