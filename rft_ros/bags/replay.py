@@ -39,6 +39,7 @@ __all__ = ["GROUND", "replay", "replay_model"]
 GROUND = "ground.csv"
 """The ground at the end, for `ground.file`."""
 
+# what a replay may write beside estimates/
 _FIGURES = ("force_over_time", "torque_over_time", "force_over_depth", "torque_over_depth", "learned", "residual")
 _FILES = ("estimates.csv", "summary.json", "wall.json", "report.html", GROUND)
 _PICTURES = tuple(f"{name}.png" for name in (*_FIGURES, "ground", "tool"))

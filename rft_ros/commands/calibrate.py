@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError, reason_of
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
@@ -159,6 +159,8 @@ def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
         rows.append((panel,))
     panels, height = tuple(rows), 330 * len(rows)
     chart = Chart(name="penetrations", title="Vertical penetration", panels=panels, same_x=False, height=height)
-    with file_errors(f"figure '{file}'", "written"):
+    try:
         file.parent.mkdir(parents=True, exist_ok=True)
         draw_chart(chart, file, title=f"ζ = {fit.zeta:.3f} ± {fit.error:.3f}")
+    except (OSError, ValueError) as error:  # ValueError: too many penetrations for one PNG
+        raise InputError(f"figure '{file}' cannot be written: {reason_of(error)}") from None

@@ -195,9 +195,13 @@ def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
             for a in range(max(i - 1, 0), min(i + 2, n)):
                 for b in range(max(j - 1, 0), min(j + 2, m)):
                     if (a != i or b != j) and not np.isnan(seen[a, b]):
-                        around[count] = seen[a, b]
+                        k = count  # insertion sort
+                        while k > 0 and around[k - 1] > seen[a, b]:
+                            around[k] = around[k - 1]
+                            k -= 1
+                        around[k] = seen[a, b]
                         count += 1
-            if count == 0 or abs(h - np.median(around[:count])) <= jump:
+            if count == 0 or abs(h - 0.5 * (around[(count - 1) // 2] + around[count // 2])) <= jump:
                 heights[i, j] = h
 
 
