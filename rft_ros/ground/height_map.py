@@ -232,12 +232,10 @@ def read_height_map(file: Path, cell: float) -> HeightMap:
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
         raise InputError(f"ground.file '{file}' has {counts}; it needs the same number of each, and at least one")
-    if not np.isfinite([x, y, h]).all():
-        raise InputError(f"ground.file '{file}' has values that are not finite numbers; remove their rows")
-    if max(np.abs(x).max(), np.abs(y).max()) >= _FARTHEST * cell or np.abs(h).max() >= _HIGHEST:
+    limit = min(_FARTHEST * cell, _HIGHEST)
+    if not np.less(np.abs([x, y, h]), limit).all():  # NaN, too
         raise InputError(
-            f"ground.file '{file}' has x or y of {_FARTHEST * cell:g} m or more, or heights of {_HIGHEST:g} m or more;"
-            " give metres in world_frame"
+            f"ground.file '{file}' has values that are not finite or not below {limit:g} m; remove their rows"
         )
     spans = [np.ptp(np.floor(v / cell)) + 1.0 for v in (x, y)]
     if spans[0] * spans[1] > MOST_CELLS:
