@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from rft_ros.bags.reading import bag_name
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_line, metrics
 from rft_ros.errors import InputError, file_errors
 
@@ -24,7 +25,7 @@ def comparison_lines(summaries: dict[str, Summary]) -> list[str]:
 def folder_names(bags: Sequence[Path]) -> list[str]:
     """A unique name for each bag's folder: the bag's without suffix, with a number if that is taken."""
     names: list[str] = []
-    wanted = [bag.resolve().stem if bag.is_file() else bag.resolve().name for bag in bags]
+    wanted = [Path(bag_name(bag)).stem if bag.is_file() else bag_name(bag) for bag in bags]
     for name in wanted:
         number = 2
         unique = name

@@ -2,7 +2,7 @@
 
 from collections import deque
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from rft_ros.bags.estimates import Trace
@@ -11,19 +11,10 @@ from rft_ros.bags.statistics import statistics
 from rft_ros.estimator import Estimate, Estimator, Model, Settings
 from rft_ros.estimator.messages import Sample
 
-__all__ = ["LearningError", "LearningErrors"]
+__all__ = ["LearningErrors"]
 
 _SECOND_LAG = 0.005
-
-
-@dataclass(frozen=True, slots=True)
-class LearningError:
-    """Metrics as in `Group`, over all estimates of one run. No prediction uses its own load-cell sample."""
-
-    rms_over_peak: float | None
-    median_relative_error: float | None
-    within_sigma: float | None
-    within_two_sigma: float | None
+_METRICS = ("rms_over_peak", "median_relative_error", "within_sigma", "within_two_sigma")
 
 
 class LearningErrors:
@@ -54,14 +45,15 @@ class LearningErrors:
             # depth and state are those of a later pose; `finish` uses neither
             trace.add(estimator.depth(), waiting.popleft(), measurement, None, estimator.state.tobytes())
 
-    def finish(self) -> dict[str, LearningError]:
-        """The errors by name of the run, after the last sample."""
+    def finish(self) -> dict[str, dict[str, float | None]]:
+        """Metrics of `Group` over all estimates of each run, after the last sample; by name of the run and the metric.
+
+        No prediction uses its own load-cell sample.
+        """
         found = {}
         for name, (estimator, trace, waiting) in self._runs.items():
             estimator.finish()
             self._collect(estimator, trace, waiting)
             group, _ = statistics(trace)
-            found[name] = LearningError(
-                group.rms_over_peak, group.median_relative_error, group.within_sigma, group.within_two_sigma
-            )
+            found[name] = {metric: getattr(group, metric) for metric in _METRICS}
         return found

@@ -1,5 +1,6 @@
 """Read rosbag2 (MCAP, SQLite) and ROS 1 bags as samples in the order of their receive times."""
 
+import os
 import re
 from bisect import bisect_left
 from collections import Counter
@@ -15,7 +16,7 @@ from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import TransformSample
 from rft_ros.estimator.messages import TYPES, Role, Sample, Stamped, decoder
 
-__all__ = ["Recording"]
+__all__ = ["Recording", "bag_name"]
 
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 
@@ -24,6 +25,11 @@ _LATEST = 100_000_000
 
 _TOGETHER = 256  # messages sorted at a time
 _SUFFIXES = (".mcap", ".db3", ".bag")
+
+
+def bag_name(bag: Path) -> str:
+    """The bag's file name; bytes that are not UTF-8 are escaped, so that it can be printed and written."""
+    return os.fsencode(bag.resolve().name).decode(errors="backslashreplace")
 
 
 class _Indexed:

@@ -13,11 +13,11 @@ from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS, Trace, csv_row, lea
 from rft_ros.bags.learning_errors import LearningErrors
 from rft_ros.bags.phases import LowestPoint, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of, unposed
-from rft_ros.bags.reading import Recording
+from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.statistics import Group, count_flags, statistics
 from rft_ros.bags.summary import Summary
-from rft_ros.bags.writing import BagWriter
-from rft_ros.errors import InputError, reason_of
+from rft_ros.bags.writing import BagWriter, remove_old_bag
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import (
     Estimate,
     Estimator,
@@ -38,6 +38,11 @@ __all__ = ["GROUND", "replay", "replay_model"]
 
 GROUND = "ground.csv"
 """The ground at the end, for `ground.file`."""
+
+# what a replay may write beside estimates/
+_FIGURES = ("force_over_time", "torque_over_time", "force_over_depth", "torque_over_depth", "learned", "residual")
+_FILES = ("estimates.csv", "summary.json", "wall.json", "report.html", GROUND)
+_PICTURES = tuple(f"{name}.png" for name in (*_FIGURES, "ground", "tool"))
 
 
 def replay_model(values: Values) -> Model:
@@ -66,14 +71,25 @@ def replay(
     Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with a map
     of the ground `GROUND`, with `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters
     and versions give the same bytes, except in wall.json. Rows and messages are in the order in which the poses
-    arrived; each message has its
-    pose's stamp. Raises InputError for a bag that cannot be used (`Recording`) and for a tare that is refused.
+    arrived; each message has its pose's stamp. An earlier replay in `out` is removed first.
+
+    Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
+    for a tare that is refused.
     """
     options = options or ReplayOptions()
     topics = topics_of(values, options.remap)
-    if bag.resolve() in (out.resolve(), (out / "estimates").resolve()):
+    estimates, ground = out / "estimates", str(values["ground.file"])
+    place = bag.resolve()
+    if place == out.resolve() or estimates.resolve() in (place, place.parent):
         raise InputError(f"bag '{bag}' is where the results would be written; choose another output folder")
+    if ground and Path(ground).expanduser().resolve() == (out / GROUND).resolve():
+        raise InputError(f"ground.file '{ground}' would be overwritten by the ground at the end; choose another folder")
     model = model or replay_model(values)
+    if estimates.exists():  # an earlier replay
+        with file_errors(f"output folder '{out}'", "written"):
+            remove_old_bag(estimates)
+            for name in (*_FILES, *_PICTURES):
+                (out / name).unlink(missing_ok=True)
 
     began = time.perf_counter()
     if options.tare:
@@ -82,57 +98,54 @@ def replay(
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     motion = LowestPoint(estimator)
-    try:
+    with file_errors(f"output folder '{out}'", "written"), ExitStack() as traces:
         out.mkdir(parents=True, exist_ok=True)
-        with ExitStack() as traces:
-            trace = traces.enter_context(Trace(out))
-            learning_errors = LearningErrors(settings, model, traces, out)
-            with Recording(bag, topics, start=options.start, end=options.end) as recording:
-                _write_estimates(recording, estimator, motion, trace, out, label or bag.name, learning_errors)
-            if not recording.counts["pose"]:
-                why = f" ({recording.damage})" if recording.damage else ""
-                what = f"message on {topics['pose']}" if "pose" in topics else unposed(estimator)
-                raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{why}")
-            if estimator.ground is not None:
-                write_height_map(out / GROUND, estimator.ground)
-            whole, phases = statistics(trace)
-            quality_flags, trust = count_flags(trace)
-            estimator.counts.pop("estimates", 0)
-            summary = Summary(
-                **{field.name: getattr(whole, field.name) for field in fields(Group)},
-                bag=bag.resolve().name,
-                topics=topics,
-                parameters=dict(values),
-                bias=settings.load_cell.bias,
-                messages={role: recording.counts[role] for role in ("pose", *topics)},
-                reasons=dict(sorted(estimator.counts.items())),
-                unknown_frames=dict(sorted(estimator.unknown_frames().items())),
-                quality_flags=quality_flags,
-                trust=trust,
-                duration=(recording.time - recording.first) * 1e-9,
-                damage=recording.damage,
-                learning=learning_errors.finish(),
-                phases=phases,
-                seconds=time.perf_counter() - began,
-            )
-            (out / "summary.json").write_text(summary.json(), encoding="utf-8")
-            wall = {"seconds": summary.seconds, "real_time_factor": summary.real_time_factor}
-            (out / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
-            if report or figures:
-                from rft_ros.bags.replay_report import draw
+        trace = traces.enter_context(Trace(out))
+        learning_errors = LearningErrors(settings, model, traces, out)
+        with Recording(bag, topics, start=options.start, end=options.end) as recording:
+            _write_estimates(recording, estimator, motion, trace, out, label or bag_name(bag), learning_errors)
+        if not recording.counts["pose"]:
+            why = f" ({recording.damage})" if recording.damage else ""
+            what = f"message on {topics['pose']}" if "pose" in topics else unposed(estimator)
+            raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{why}")
+        if estimator.ground is not None:
+            write_height_map(out / GROUND, estimator.ground)
+        whole, phases = statistics(trace)
+        quality_flags, trust = count_flags(trace)
+        estimator.counts.pop("estimates", 0)
+        summary = Summary(
+            **{field.name: getattr(whole, field.name) for field in fields(Group)},
+            bag=bag_name(bag),
+            topics=topics,
+            parameters=dict(values),
+            bias=settings.load_cell.bias,
+            messages={role: recording.counts[role] for role in ("pose", *topics)},
+            reasons=dict(sorted(estimator.counts.items())),
+            unknown_frames=dict(sorted(estimator.unknown_frames().items())),
+            quality_flags=quality_flags,
+            trust=trust,
+            duration=(recording.time - recording.first) * 1e-9,
+            damage=recording.damage,
+            learning=learning_errors.finish(),
+            phases=phases,
+            seconds=time.perf_counter() - began,
+        )
+        (out / "summary.json").write_text(summary.json(), encoding="utf-8")
+        wall = {"seconds": summary.seconds, "real_time_factor": summary.real_time_factor}
+        (out / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
+        if report or figures:
+            from rft_ros.bags.replay_report import draw
 
-                draw(
-                    summary,
-                    trace,
-                    model,
-                    out,
-                    vertical=motion.vertical_axis(),
-                    page=report,
-                    pictures=figures,
-                    ground=estimator.ground,
-                )
-    except OSError as error:
-        raise InputError(f"output folder '{out}' cannot be written: {reason_of(error)}") from None
+            draw(
+                summary,
+                trace,
+                model,
+                out,
+                vertical=motion.vertical_axis(),
+                page=report,
+                pictures=figures,
+                ground=estimator.ground,
+            )
     return summary
 
 
@@ -202,7 +215,7 @@ def _bias(
     estimator = Estimator(settings, model)
     begin = newest = 0
     with Recording(bag, topics, start=start, end=start + seconds) as recording:
-        for sample, answer in play(recording, estimator, bag.name):
+        for sample, answer in play(recording, estimator, bag_name(bag)):
             if isinstance(sample, WrenchSample):
                 newest = sample.stamp
             elif answer is not None and not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):

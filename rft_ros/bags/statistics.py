@@ -3,8 +3,8 @@
 import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,6 +73,9 @@ class PhaseGroup(Group):
     depth_bins: dict[str, Group]
 
 
+_Group = TypeVar("_Group", bound=Group)
+
+
 class _Sums:
     """Sums over blocks of estimates with the columns of `_columns`, shape [n, 27]."""
 
@@ -99,14 +102,16 @@ class _Sums:
         big = force > least_force
         self._ratios += np.histogram(np.minimum(residual[big] / force[big], _RATIOS[-1]), _RATIOS)[0]
 
-    def group(self) -> Group:
+    def group(self, kind: type[_Group], **more: Any) -> _Group:
+        """Statistics of all blocks, as a Group or, with `more` fields, a PhaseGroup."""
         n = np.maximum(self._count, 1)
         numbers = np.array([np.sqrt(self._squares / n), self._peaks, self._sum / n]).T.tolist()
         spreads = [Spread(*v) if c else Spread(None, None, None) for v, c in zip(numbers, self._count, strict=True)]
         axes = {name: Axis(spreads[i], spreads[i + 8], spreads[i + 16]) for i, name in enumerate(_NAMES)}
         rms, peak = axes["force"].residual.rms, axes["force"].measured.peak
         one, two = (self._within / self._scores).tolist() if self._scores else (None, None)
-        return Group(self.estimates, axes, rms / peak if rms is not None and peak else None, self._median(), one, two)
+        ratio = rms / peak if rms is not None and peak else None
+        return kind(self.estimates, axes, ratio, self._median(), one, two, **more)
 
     def _median(self) -> float | None:
         counts = np.cumsum(self._ratios)
@@ -169,14 +174,11 @@ def statistics(trace: Trace) -> tuple[Group, dict[str, PhaseGroup]]:
             for k, sums in enumerate(bins.get(phase, ())):
                 sums.add(rows[in_phase & answered & in_bin[k]], least_force)
     names = [f"{low:g}-{high:g}mm" for low, high in itertools.pairwise(1e3 * edges)]
-    return whole.group(), {str(phase): _phase_group(sums, names, bins.get(phase, ())) for phase, sums in phases.items()}
-
-
-def _phase_group(sums: _Sums, names: list[str], bins: Iterable[_Sums]) -> PhaseGroup:
-    group = sums.group()
-    by_depth = {name: b.group() for name, b in zip(names, bins, strict=False) if b.estimates}
-    whole = {field.name: getattr(group, field.name) for field in fields(Group)}
-    return PhaseGroup(**whole, poses=sums.poses, depth_bins=by_depth)
+    groups = {}
+    for phase, sums in phases.items():
+        by_depth = {n: b.group(Group) for n, b in zip(names, bins.get(phase, ()), strict=False) if b.estimates}
+        groups[str(phase)] = sums.group(PhaseGroup, poses=sums.poses, depth_bins=by_depth)
+    return whole.group(Group), groups
 
 
 def count_flags(trace: Trace) -> tuple[dict[str, int], dict[str, int]]:

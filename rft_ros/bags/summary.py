@@ -1,11 +1,10 @@
 """The summary of a replay: messages read, estimates, reasons for missing ones, magnitudes of forces and residuals."""
 
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
 
-from rft_ros.bags.learning_errors import LearningError
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.statistics import Group, PhaseGroup
 from rft_ros.estimator.messages import Role
@@ -37,7 +36,7 @@ class Summary(Group):
     trust: dict[str, int]
     duration: float
     damage: str | None
-    learning: dict[str, LearningError]
+    learning: dict[str, dict[str, float | None]]
     phases: dict[str, PhaseGroup]
     seconds: float = field(compare=False)
 
@@ -60,9 +59,8 @@ class Summary(Group):
             )
         if self.damage:
             text.append(f"  reading stopped early: {self.damage}")
-        for name, error in self.learning.items():
-            shares = (error.rms_over_peak, error.median_relative_error, error.within_sigma, error.within_two_sigma)
-            rms, median, one, two = ("-" if v is None else f"{100.0 * v:.1f} %" for v in shares)
+        for name, errors in self.learning.items():
+            rms, median, one, two = ("-" if v is None else f"{100.0 * v:.1f} %" for v in errors.values())
             text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
         for title, *cells in (("force on the tool", *METRIC_HEADS), *metric_rows(self)):
             text.append(metric_line(title, cells))
@@ -86,22 +84,18 @@ METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", 
 
 def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
     """Title and metrics of the whole replay, of each phase that occurs, and of the depth bins of penetration."""
-    return [(title, *metrics(group)) for title, group in _groups(summary)]
+    rows = [("whole", *metrics(summary))]
+    for name, phase in summary.phases.items():
+        if phase.poses:
+            rows.append((name, *metrics(phase)))
+        if name == Phase.PENETRATION.value:
+            rows += [(f"  {depths}", *metrics(group)) for depths, group in phase.depth_bins.items()]
+    return rows
 
 
 def metric_line(title: str, cells: Sequence[str], width: int = 18) -> str:
     """A line of a table in the terminal."""
     return f"  {title:<{width}}" + "".join(f"{cell:>12}" for cell in cells)
-
-
-def _groups(summary: Summary) -> Iterator[tuple[str, Group]]:
-    yield "whole", summary
-    for name, phase in summary.phases.items():
-        if phase.poses:
-            yield name, phase
-        if name == Phase.PENETRATION.value:
-            for depths, group in phase.depth_bins.items():
-                yield f"  {depths}", group
 
 
 def metrics(group: Group) -> tuple[str, ...]:

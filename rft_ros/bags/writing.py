@@ -13,9 +13,24 @@ from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Wrench
 from rft_ros.estimator.messages import TYPES, wrench_cdr
 
-__all__ = ["BagWriter"]
+__all__ = ["BagWriter", "remove_old_bag"]
 
 _MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros wrote and may replace
+
+
+def remove_old_bag(path: Path) -> None:
+    """Remove a bag that a BagWriter wrote, if there is one. Raises InputError if anything else is at `path`."""
+    if not path.exists():
+        return
+    try:
+        killed = {file.name for file in path.iterdir()} <= {f"{path.name}.mcap"}  # a killed writer leaves no metadata
+        metadata = {} if killed else yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
+        ours = killed or metadata["rosbag2_bagfile_information"]["custom_data"] == _MARK
+    except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
+        ours = False
+    if not ours:
+        raise InputError(f"'{path}' already exists and was not written by rft_ros; not overwritten")
+    shutil.rmtree(path)
 
 
 class BagWriter:
@@ -33,7 +48,7 @@ class BagWriter:
 
     def __enter__(self) -> "BagWriter":
         with file_errors(f"bag '{self.path}'", "written"):
-            self._remove_old()
+            remove_old_bag(self.path)
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         for key, value in _MARK.items():
@@ -57,15 +72,3 @@ class BagWriter:
             connection = self._writer.add_connection(topic, msgtype, typestore=self._types)
             self._connections[topic] = connection
         self._writer.write(connection, stamp, cdr)
-
-    def _remove_old(self) -> None:
-        if not self.path.exists():
-            return
-        try:
-            metadata = yaml.safe_load((self.path / "metadata.yaml").read_text(encoding="utf-8"))
-            ours = metadata["rosbag2_bagfile_information"]["custom_data"] == _MARK
-        except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
-            ours = False
-        if not ours:
-            raise InputError(f"'{self.path}' already exists and was not written by rft_ros; not overwritten")
-        shutil.rmtree(self.path)

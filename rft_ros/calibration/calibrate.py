@@ -4,6 +4,8 @@ from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
+import numpy as np
+
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
 from rft_ros.calibration.memory_length import fit_memory_length
@@ -11,6 +13,7 @@ from rft_ros.calibration.surface import fit_surface
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
 from rft_ros.calibration.track import Track
 from rft_ros.calibration.zeta import ZetaFit, fit_zeta
+from rft_ros.errors import InputError
 from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.rft import Treers2021, medium_named
 
@@ -19,6 +22,7 @@ __all__ = ["PARTS", "Calibration", "calibrate"]
 PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
 """What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
 
+_LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 
 
@@ -56,9 +60,12 @@ def calibrate(
     """Fit `parts` to the tracks; take what is not fitted from `values`, the node's parameters.
 
     `tare`: zero each bag's load cell over its first seconds [s]; None or 0: no tare. `alpha_y`: the model of α_y. Each
-    fit uses the results of those before it. Raises InputError for a tare of a bag that does not begin with the tool at
-    rest in the air.
+    fit uses the results of those before it. Raises InputError for a reading over 1e6 N or N m, and for a tare of a bag
+    that does not begin with the tool at rest in the air.
     """
+    for track in tracks:
+        if not (largest := float(np.abs(track.readings).max())) <= _LARGEST:
+            raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; the limit is {_LARGEST:g}")
     settings, result = settings_of(values), Calibration()
     medium = medium_named(str(values["medium.name"]))
     # any tool: the law has none; no inertia: recordings for a calibration are slow; fits know level ground only
@@ -72,8 +79,8 @@ def calibrate(
     with _or_reason(result, "surface_height"):
         surface = fit_surface(tracks, sensor.cell, law)
         if "surface" in parts:
-            height, height_error = surface.height, surface.error
             result.fitted.append(surface.value())
+            height, height_error = surface.height, surface.error
             result.notes += surface.notes()
         air = max([height, *(contact.height for contact in surface.contacts)])
     if "surface" not in parts:
@@ -90,9 +97,9 @@ def calibrate(
     if "zeta" in parts:
         with _or_reason(result, "medium.zeta"):
             found = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
+            result.fitted += found.values()
             zeta, zeta_error = found.zeta, found.error
             result.zeta = found
-            result.fitted += found.values()
             result.notes += found.notes()
     if "mobilization" in parts:
         with _or_reason(result, "medium.mobilization_length"):
@@ -103,8 +110,7 @@ def calibrate(
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
             scaled = law._replace(stiffness=law.stiffness * zeta)
             runs = plate_runs(tracks, sensor, scaled, surface=height)
-            result.alpha_y = fit_alpha_y(
-                runs, medium, zeta=zeta, zeta_error=zeta_error, surface_error=height_error, model=alpha_y
-            )
-            result.fitted.append(result.alpha_y.value())
+            fit = fit_alpha_y(runs, medium, zeta=zeta, zeta_error=zeta_error, surface_error=height_error, model=alpha_y)
+            result.fitted.append(fit.value())
+            result.alpha_y = fit
     return result

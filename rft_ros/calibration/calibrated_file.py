@@ -64,7 +64,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             _put(parameters, "medium.zeta_error", float(f"{f.errors[0] / f.values[0]:.3g}"))
     if any(f.name == "sensor.bias" for f in result.fitted):
         _drop_tare(tree)
-    begins = {track.name: _date(track.begin) for track in tracks}
+    begins = [(track.name, _date(track.begin)) for track in tracks]
     texts = {file: ""}
     if result.alpha_y is not None and result.alpha_y.published:
         _put(parameters, "alpha_y.model", result.alpha_y.model)
@@ -72,10 +72,11 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         table = file.with_name(f"{file.stem}.alpha_y.csv")
         _put(parameters, "alpha_y.model", "table")
         _put(parameters, "alpha_y.table", table.name)
-        head = f"# α_y ({result.alpha_y.model} in β) from {', '.join(begins)}; constant beyond the first and last row\n"
+        bags = ", ".join(name for name, _ in begins)
+        head = f"# α_y ({result.alpha_y.model} in β) from {bags}; constant beyond the first and last row\n"
         texts[table] = head + "beta,alpha_y\n" + "".join(f"{b:g},{alpha:.6g}\n" for b, alpha in result.alpha_y.rows)
     record = {
-        "bags": [f"{name} ({date})" for name, date in begins.items()],
+        "bags": [f"{name} ({date})" for name, date in begins],
         "fitted": {f.name.partition(" ")[0].replace(".", "_"): _recorded(f) for f in result.fitted},
         "not_identifiable": [f"{name}: {why}" for name, why in result.not_identifiable.items()],
         "notes": list(result.notes),
@@ -83,12 +84,12 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     # ROS cannot read empty lists
     tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}
     head = f"# {source.name} calibrated by rft calibrate; sources and standard errors: {SECTION} below.\n"
-    head += "".join(f"# From {name}, recorded {date}.\n" for name, date in begins.items())
+    head += "".join(f"# From {name}, recorded {date}.\n" for name, date in begins)
     texts[file] = head + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
     with file_errors(f"calibrated file '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         for path, text in texts.items():
-            path.write_text(text, encoding="utf-8")
+            path.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
     return list(texts)
 
 

@@ -13,6 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from rft_ros.errors import InputError
+from rft_ros.estimator.parameters import checked, defaults
+
 __all__ = [
     "Fit",
     "FittedValue",
@@ -40,7 +43,7 @@ class FittedValue:
     """A fitted quantity: `values` and their standard `errors` in `unit`.
 
     `name`: the node's parameter that takes the values, or "alpha_y (MODEL)". `goodness`: of the fit, in words and
-    numbers. `source`: what it was fitted to.
+    numbers. `source`: what it was fitted to. Raises NotIdentifiable for values that the parameter does not take.
     """
 
     name: str
@@ -49,6 +52,13 @@ class FittedValue:
     unit: str
     goodness: str
     source: str
+
+    def __post_init__(self) -> None:
+        if self.name in defaults():
+            try:
+                checked(self.name, self.values if len(self.values) > 1 else self.values[0])
+            except InputError as error:
+                raise NotIdentifiable(f"the fitted {error}") from None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

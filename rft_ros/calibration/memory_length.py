@@ -69,6 +69,10 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
     Raises NotIdentifiable if the data do not determine λ.
     """
     measured = track.grain_forces(sensor.cell)[turn.rows]
+    where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
+    peak = float(np.linalg.norm(measured, axis=1).max())
+    if not peak > 0.0:
+        raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
 
     def shape(logarithm: float) -> NDArray[np.float64]:
         length, last = float(np.exp(logarithm)), int(turn.rows[-1])
@@ -81,7 +85,6 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
         return fit_profile(forces.T.ravel(), shape, low=low, high=high, offset=False)
 
     found = fit(measured)
-    peak = float(np.linalg.norm(measured, axis=1).max())
     misfit = found.linear.rms / peak
     relative = found.error  # the parameter is log λ
     force_error = sensor.vertical_error(track, turn.at)
@@ -89,7 +92,6 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
         shift = fit(measured + np.array([0.0, 0.0, force_error])).parameter - found.parameter
         relative = float(np.hypot(relative, shift))
     length = float(np.exp(found.parameter))
-    where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
     if found.parameter < low + 0.02 * (high - low):
         raise NotIdentifiable(
             f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"

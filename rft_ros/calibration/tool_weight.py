@@ -19,6 +19,8 @@ from rft_ros.estimator.load_cell import GRAVITY
 __all__ = ["Sensor", "fit_tool_weight", "tared"]
 
 _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
+_LEAST = 1e-6  # a mass below this [kg] is rounding
+_SURE = 3.0  # standard errors of the mass by which it must exceed 0 to identify the centre of mass
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 
@@ -82,12 +84,13 @@ def fit_tool_weight(
         design = np.column_stack([constant, cell.sign * gravity.ravel()])
         forces, r2 = fit_measurements(design, readings[:, :3], errors[:, :3])
         cov, mass, error = forces.covariance, float(forces.coefficients[3]), float(forces.errors[3])
-        if mass < -3.0 * error:
+        unsure = max(_SURE * error, _LEAST)
+        if mass < -unsure:
             raise NotIdentifiable(
                 f"the fitted mass is {mass:.4f} ± {error:.4f} kg: sensor.sign or sensor.quaternion is wrong"
             )
         cell = replace(cell, mass=max(mass, 0.0))
-        value("sensor.mass", forces.coefficients[3:], forces.errors[3:], "kg", f"R² {r2:.5f}")
+        value("sensor.mass", np.array([cell.mass]), forces.errors[3:], "kg", f"R² {r2:.5f}")
     else:
         reasons["sensor.mass"] = (
             f"gravity turns by {widest:.1f}° in the sensor frame over {len(poses)} poses; it needs {_WIDEST:g}°"
@@ -96,18 +99,20 @@ def fit_tool_weight(
         forces, _ = fit_measurements(constant, readings[:, :3] - cell.sign * cell.mass * gravity, errors[:, :3])
         cov[:3, :3] = forces.covariance
 
-    if widest >= _WIDEST and second >= _SPREAD:
+    if widest >= _WIDEST and second >= _SPREAD and mass > unsure:
         # columns: e_k × gravity, the torque for each component of mass times centre
         levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
         torques, r2 = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
         center = torques.coefficients[3:] / mass
-        own = np.sqrt(np.diag(torques.covariance)[3:] + (center * error) ** 2) / abs(mass)
+        own = np.sqrt(np.diag(torques.covariance)[3:] + (center * error) ** 2) / mass
         cell = replace(cell, center_of_mass=(float(center[0]), float(center[1]), float(center[2])))
         value("sensor.center_of_mass", center, own, "m", f"R² {r2:.5f}")
     else:
         reasons["sensor.center_of_mass"] = (
             "mass unknown"
             if widest < _WIDEST
+            else f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
+            if mass <= unsure
             else f"{len(poses)} directions of gravity spread by {second:.3f} in a second direction; it needs"
             f" {_SPREAD:g}"
         )

@@ -9,7 +9,7 @@ from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
-from rft_ros.bags.reading import Recording
+from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
@@ -108,20 +108,20 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         for state, measurement in zip(states, estimator.measurements(), strict=True)
         if measurement.compensated is not None
     ]
-    if len(rows) < 2:
+    # a bag recorded in a loop steps back in time and repeats stamps
+    stamps, first = np.unique(np.array([stamp for stamp, _, _ in rows], dtype=np.int64), return_index=True)
+    if len(stamps) < 2:
         reasons = "".join(f"; {counted}" for counted in estimator.counted())
         raise InputError(
-            f"bag '{bag}' has {len(rows)} poses with a velocity and a load-cell sample"
+            f"bag '{bag}' has {len(stamps)} poses with a velocity and a load-cell sample"
             f" (topics {', '.join(topics.values())}{reasons})"
         )
-    rows.sort(key=lambda row: row[0])  # a bag recorded in a loop steps back in time
-    stamps = np.array([stamp for stamp, _, _ in rows])
     return Track(
-        name=bag.resolve().name,
+        name=bag_name(bag),
         begin=int(stamps[0]),
         time=(stamps - stamps[0]) * 1e-9,
-        states=np.array([state for _, state, _ in rows]),
-        readings=np.array([reading for _, _, reading in rows]),
+        states=np.array([rows[k][1] for k in first]),
+        readings=np.array([rows[k][2] for k in first]),
         tool=model.tool,
         rest_speed=settings.rest_speed,
     )

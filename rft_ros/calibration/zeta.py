@@ -17,6 +17,7 @@ __all__ = ["Penetration", "ZetaFit", "fit_zeta"]
 _SHALLOWEST = 0.005
 """Least depth of a penetration [m]: the force of a shallower one depends more on the surface height than on ζ."""
 
+_ONE_SIZE = 0.05  # greatest relative difference of the areas of tools of one size
 _NOTEWORTHY = 0.1  # greatest relative difference of ζ between tools of different size without a note
 
 
@@ -77,16 +78,17 @@ class ZetaFit:
 
     def notes(self) -> list[str]:
         """A sentence if ζ differs between tools of different size."""
-        sizes: dict[float, list[Penetration]] = {}
-        for p in self.penetrations:
-            sizes.setdefault(round(p.area * 1e4, 1), []).append(p)
-        means = {a: mean_of([p.zeta for p in g], [p.error for p in g]) for a, g in sorted(sizes.items())}
-        (low, low_error), (high, high_error) = min(means.values()), max(means.values())
+        areas = np.sort([p.area for p in self.penetrations])
+        ends = np.append(areas[:-1][np.diff(areas) > _ONE_SIZE * areas[:-1]], areas[-1])
+        sizes = [[p for p in self.penetrations if ends.searchsorted(p.area) == k] for k in range(len(ends))]
+        means = [mean_of([p.zeta for p in g], [p.error for p in g]) for g in sizes]
+        (low, low_error), (high, high_error) = min(means), max(means)
         if high - low <= max(_NOTEWORTHY * low, 3.0 * np.hypot(low_error, high_error)):
             return []
         each = ", ".join(
-            f"{np.mean([p.pressure_slope() for p in sizes[area]]):.2f} N/cm³ under {area:g} cm² (ζ {zeta:.2f})"
-            for area, (zeta, _) in means.items()
+            f"{np.mean([p.pressure_slope() for p in g]):.2f} N/cm³ under"
+            f" {1e4 * np.mean([p.area for p in g]):.3g} cm² (ζ {zeta:.2f})"
+            for g, (zeta, _) in zip(sizes, means, strict=True)
         )
         return [f"The pressure depends on the tool's size: it grows by {each}. One ζ cannot fit both."]
 
@@ -124,10 +126,10 @@ def _penetration(
     per_newton = float(g.sum() / (g @ g))
     force_error = sensor.vertical_error(track, int(stroke.rows[-1]))
     error = float(np.sqrt(fit.covariance[0, 0] + (per_metre * surface_error) ** 2 + (per_newton * force_error) ** 2))
-    if zeta <= 0.0:
+    if not zeta > error:
         raise NotIdentifiable(
-            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, but the grains push a sinking tool up; check"
-            " sensor.sign and sensor.quaternion"
+            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}; it must exceed its error. If it is negative, check"
+            " sensor.sign and sensor.quaternion: grains push a sinking tool up"
         )
     down = np.maximum(-rotation_matrix(states[-1, 3:7])[2] @ plates.packed[3:6], 0.0)
     return Penetration(

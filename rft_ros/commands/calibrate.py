@@ -56,6 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rich.console import Console
 
     from rft_ros.bags.playback import mounted
+    from rft_ros.bags.reading import bag_name
     from rft_ros.calibration.calibrate import PARTS, calibrate
     from rft_ros.calibration.calibrated_file import write_calibrated
     from rft_ros.calibration.track import read_track
@@ -64,11 +65,16 @@ def run(arguments: argparse.Namespace) -> int:
     for part in parts:
         if part not in PARTS:
             raise InputError(f"--fit '{part}' is not one of {', '.join(PARTS)}")
+    figure, output = arguments.figure, arguments.output
+    if figure and figure.suffix.lower() != ".png":
+        raise InputError(f"--figure '{figure}' does not end in .png")
+    if output.resolve() in [file.resolve() for file in (arguments.params, *arguments.bags)]:
+        raise InputError(f"-o '{output}' would overwrite an input; choose another file")
     values, options = recording(arguments)
     values = mounted(arguments.bags[0], values, options)
-    meshes = _meshes(arguments.mesh, [bag.resolve().name for bag in arguments.bags])
+    meshes = _meshes(arguments.mesh, [bag_name(bag) for bag in arguments.bags])
     tracks = [
-        read_track(bag, {**values, "mesh.file": meshes.get(bag.resolve().name, values["mesh.file"])}, options)
+        read_track(bag, {**values, "mesh.file": meshes.get(bag_name(bag), values["mesh.file"])}, options)
         for bag in arguments.bags
     ]
     for tool in {track.tool.file: track.tool for track in tracks}.values():
@@ -77,13 +83,13 @@ def run(arguments: argparse.Namespace) -> int:
         result = calibrate(tracks, values, parts=parts, tare=options.tare, alpha_y=arguments.alpha_y)
     console = Console()
     print_overview(result, console)
-    if arguments.figure and result.zeta:
-        _draw_penetrations(result.zeta, arguments.figure)
     if not result.fitted:
         console.print("nothing is identifiable from these bags; no file was written")
         return 1
-    for path in write_calibrated(arguments.output, arguments.params, result, tracks):
+    for path in write_calibrated(output, arguments.params, result, tracks):
         console.print(f"-> {path}", soft_wrap=True)
+    if figure and result.zeta:
+        _draw_penetrations(result.zeta, figure)
     return 1 if arguments.fit and result.not_identifiable else 0
 
 
@@ -156,5 +162,5 @@ def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
         draw_chart(chart, file, title=f"ζ = {fit.zeta:.3f} ± {fit.error:.3f}")
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError) as error:  # ValueError: too many penetrations for one PNG
         raise InputError(f"figure '{file}' cannot be written: {reason_of(error)}") from None

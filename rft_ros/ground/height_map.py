@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.rft.compilation import compiled
 
 __all__ = ["MOST_CELLS", "HeightMap", "ToolBox", "read_height_map", "write_height_map"]
@@ -17,6 +17,8 @@ Numbers = NDArray[np.floating]
 MOST_CELLS = 1 << 21
 """Greatest number of cells of a map: 8 m² of 2 mm cells, 8 MB. Points that would enlarge it further are left out."""
 
+_FARTHEST = 1e8  # cells from the origin
+_HIGHEST = 1e6  # greatest |height| [m]
 _MARGIN = 2.0  # cells around the tool in which points may be the tool's own
 _REACH = 700.0  # cells; points further from the tool are left out
 _FEW = 16  # points in a cell
@@ -117,7 +119,7 @@ def _cells_of(p, cell, box, has_tool, old, index, bounds):  # type: ignore[no-un
     for k in range(p.shape[1]):
         x, y, z = p[0, k], p[1, k], p[2, k]
         index[0, k] = left_out
-        if not (abs(x) < 1e8 * cell and abs(y) < 1e8 * cell and abs(z) < 1e6):  # NaN, too
+        if not (abs(x) < _FARTHEST * cell and abs(y) < _FARTHEST * cell and abs(z) < _HIGHEST):  # NaN, too
             continue
         if has_tool:
             dx, dy, dz = x - box[0], y - box[1], z - box[2]
@@ -217,11 +219,12 @@ def read_height_map(file: Path, cell: float) -> HeightMap:
             with np.load(file, allow_pickle=False) as arrays:
                 x, y, h = (np.asarray(arrays[name], dtype=np.float64).ravel() for name in _COLUMNS)
         else:
-            with file.open(encoding="utf-8") as lines:
+            with file.open(encoding="utf-8-sig") as lines:
                 header = tuple(name.strip() for name in next(lines, "").split(","))
                 if header != _COLUMNS:
                     raise InputError(f"ground.file '{file}' has the header '{','.join(header)}'; it must be 'x,y,h'")
-                x, y, h = np.loadtxt(lines, delimiter=",", ndmin=2, dtype=np.float64).reshape(-1, 3).T
+                numbers = [(name, np.float64) for name in _COLUMNS]
+                x, y, h = np.loadtxt(lines, delimiter=",", ndmin=1, dtype=numbers, unpack=True)
     except InputError:
         raise
     except Exception as error:  # numpy's and zip's readers raise almost anything on damage
@@ -229,9 +232,12 @@ def read_height_map(file: Path, cell: float) -> HeightMap:
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
         raise InputError(f"ground.file '{file}' has {counts}; it needs the same number of each, and at least one")
-    if not np.isfinite([x, y, h]).all():
-        raise InputError(f"ground.file '{file}' has values that are not finite numbers; remove their rows")
-    spans = [float(np.ptp(v)) / cell + 1.0 for v in (x, y)]
+    limit = min(_FARTHEST * cell, _HIGHEST)
+    if not np.less(np.abs([x, y, h]), limit).all():  # NaN, too
+        raise InputError(
+            f"ground.file '{file}' has values that are not finite or not below {limit:g} m; remove their rows"
+        )
+    spans = [np.ptp(np.floor(v / cell)) + 1.0 for v in (x, y)]
     if spans[0] * spans[1] > MOST_CELLS:
         raise InputError(
             f"ground.file '{file}' spans {spans[0]:.0f} x {spans[1]:.0f} cells of ground.cell {cell:g} m;"
@@ -245,12 +251,10 @@ def write_height_map(file: Path, ground: HeightMap) -> None:
 
     Raises InputError if it cannot be written.
     """
-    try:
+    with file_errors(f"height map '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         if file.suffix == ".npz":
             np.savez(file, **dict(zip(_COLUMNS, ground.points().T, strict=True)))
             return
         with file.open("w", encoding="utf-8", newline="\n") as lines:
             np.savetxt(lines, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
-    except OSError as error:
-        raise InputError(f"height map '{file}' cannot be written: {reason_of(error)}") from None

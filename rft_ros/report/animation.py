@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.ground import HeightMap, LocalSurface, Support
 from rft_ros.rft import LEVEL, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool, drawable
@@ -167,9 +167,7 @@ def animation_figure(scene: Animation) -> Any:
             ),
         ]  # fmt: skip
 
-    x, y, heights = scene.ground or (low[[0]], low[[1]], np.full((2, 2), scene.surface_height))
-    if scene.ground is None:
-        x, y = np.array([low[0], high[0]]), np.array([low[1], high[1]])
+    x, y, heights = scene.ground or (*np.array([low, high]).T[:2], np.full((2, 2), scene.surface_height))
     ground = go.Surface(
         x=x, y=y, z=heights.T, name="surface",
         colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
@@ -223,7 +221,7 @@ def write_film(scene: Animation, file: Path) -> None:
     writer = animation.writers["ffmpeg" if file.suffix == ".mp4" else "pillow"](fps=_FRAMES_A_SECOND)
     figure = Figure(figsize=(7.6, 6.0), dpi=90)
     FigureCanvasAgg(figure)
-    try:
+    with file_errors(f"output '{file}'", "written"):
         file.parent.mkdir(parents=True, exist_ok=True)
         with writer.saving(figure, str(file), dpi=90):
             for n, label in enumerate(scene.labels):
@@ -232,8 +230,6 @@ def write_film(scene: Animation, file: Path) -> None:
                 draw_moment(figure, axes, replace(scene, first=n), elevation=14.0, whole=True)
                 figure.suptitle(f"{scene.title}   {label}")
                 writer.grab_frame()
-    except OSError as error:
-        raise InputError(f"output '{file}' cannot be written: {reason_of(error)}") from None
 
 
 def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0, whole: bool = False) -> None:

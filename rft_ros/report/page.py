@@ -82,7 +82,8 @@ def write_page(
         )
         parts += [f"<section><h2>{escape(heading)}</h2><p>{escape(text)}</p>", drawn, "</section>"]
     parts += [_table(table) for name, table in tables.items() if name != "metrics"]
-    file.write_text("\n".join([*parts, "</body></html>\n"]), encoding="utf-8")
+    # paths may hold bytes that are not UTF-8
+    file.write_text("\n".join([*parts, "</body></html>\n"]), encoding="utf-8", errors="backslashreplace")
 
 
 def _table(table: Table) -> str:

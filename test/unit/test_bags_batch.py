@@ -1,12 +1,14 @@
 """Several bags in one call: one folder each, a common summary, and a failure does not affect other bags."""
 
 import json
+import os
 
 import pytest
 from recordings import moments, plunge, write_ros2
 
 from rft_ros.bags.batch import folder_names
 from rft_ros.cli import main
+from rft_ros.tool import locate_mesh
 
 
 @pytest.fixture(scope="module")
@@ -78,6 +80,16 @@ def test_a_bag_is_never_the_output_folder(bags, tmp_path, capsys):
     assert capsys.readouterr().err.count("is where the results would be written") == 2
     assert sorted(p.name for p in bags[0].iterdir()) == before
     (bags[0].parent / "summary.json").unlink()
+
+
+def test_names_that_are_not_utf_8_are_escaped(tmp_path, capsys):
+    bag = write_ros2(tmp_path / os.fsdecode(b"on\xe9"), moments())
+    (bag / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
+    (bag / "cell.yaml").write_text("rft: {ros__parameters: {mesh.file: tool.stl, tolerance: 0.0}}")
+    given = ["--params", str(bag / "cell.yaml"), "-o", str(tmp_path / "out"), "--figures"]
+    assert main(["replay", str(bag), str(bag), *given]) == 0
+    assert json.loads((tmp_path / "out" / "on\\xe9" / "summary.json").read_text())["bag"] == "on\\xe9"
+    capsys.readouterr().out.encode()
 
 
 def test_an_end_before_the_start_is_refused(bags, tmp_path, capsys):

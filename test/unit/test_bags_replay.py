@@ -194,6 +194,23 @@ def test_what_a_writer_wrote_it_may_replace(tmp_path):
         assert (time, reader.deserialize(data, connection.msgtype).wrench.force.x) == (5, 2.0)
 
 
+@pytest.mark.parametrize("files", [["bag.mcap"], []])
+def test_what_a_killed_writer_left_may_be_replaced(tmp_path, files):
+    (tmp_path / "bag").mkdir()
+    for file in files:
+        (tmp_path / "bag" / file).touch()
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_wrench("/w", 5, "f", (0.0,) * 6)
+
+
+def test_a_bag_in_the_output_is_not_replaced(tmp_path):
+    replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
+    file = tmp_path / "out" / "estimates" / "estimates.mcap"
+    with pytest.raises(InputError, match="is where the results would be written"):
+        replay(file, tmp_path / "out", values())
+    assert file.exists()
+
+
 def test_options_come_from_the_parameter_file(tmp_path):
     file = tmp_path / "p.yaml"
     file.write_text("rft_replay:\n  ros__parameters:\n    remap: ['~/pose:=/p']\n    tare: 2\n    end: 3.5\n")
@@ -213,9 +230,9 @@ def test_a_learning_replay_reports_what_it_learned_and_the_error_with_and_withou
     assert tuple(rows[0]) == COLUMNS + LEARNED_COLUMNS
     assert all(None not in row.values() for row in rows)
     assert list(summary.learning) == ["off", "2 mm", "5 mm"]
-    assert summary.learning["2 mm"].rms_over_peak == summary.rms_over_peak
-    assert summary.learning["2 mm"].within_sigma == summary.within_sigma
-    assert summary.learning["2 mm"].median_relative_error < 0.5 * summary.learning["off"].median_relative_error
+    assert summary.learning["2 mm"]["rms_over_peak"] == summary.rms_over_peak
+    assert summary.learning["2 mm"]["within_sigma"] == summary.within_sigma
+    assert summary.learning["2 mm"]["median_relative_error"] < 0.5 * summary.learning["off"]["median_relative_error"]
     assert float(rows[200]["s_v"]) != 1.0
     assert float(rows[200]["s_v_error"]) > 0.0
 

@@ -3,11 +3,12 @@
 import io
 import json
 import os
+import shutil
 
 import numpy as np
 import pytest
 import yaml
-from recordings import START, write_ros2
+from recordings import START, plunge, write_ros2
 from rich.console import Console
 from synthetic_track import (
     LOAD_CELL,
@@ -17,6 +18,7 @@ from synthetic_track import (
     grain_wrenches,
     in_the_air,
     law,
+    parameters,
     read_by,
     unknown,
 )
@@ -25,6 +27,7 @@ from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.fitting import FittedValue
+from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.commands.calibrate import print_overview
 from rft_ros.estimator.parameters import defaults, model_of, read_parameter_file
@@ -189,6 +192,7 @@ def test_nothing_identifiable_writes_no_file(cell, tmp_path):
         (("--mesh", "elsewhere=plate"), "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags pressed"),
         (("--tare", "-1"), "tare is -1.0 s"),
         (("--start", "1e6"), "pressed"),
+        (("--figure", "fits.foo"), "--figure 'fits.foo' does not end in .png"),
     ],
 )
 def test_wrong_options_are_a_sentence(cell, tmp_path, capsys, more, sentence):
@@ -196,6 +200,34 @@ def test_wrong_options_are_a_sentence(cell, tmp_path, capsys, more, sentence):
     error = capsys.readouterr().err
     assert sentence in error
     assert "Traceback" not in error
+
+
+def test_an_input_is_not_overwritten(cell, capsys):
+    before = (cell / "cell.yaml").read_bytes()
+    assert calibrate(cell, ("pressed",), cell / "out" / ".." / "cell.yaml") == 2
+    assert "would overwrite an input" in capsys.readouterr().err
+    assert (cell / "cell.yaml").read_bytes() == before
+
+
+def test_bags_of_one_name_are_both_recorded(cell, tmp_path):
+    shutil.copytree(cell / "pressed", tmp_path / "pressed")
+    out = tmp_path / "out.yaml"
+    assert calibrate(cell, ("pressed", tmp_path / "pressed"), out, "--fit", "surface") == 0
+    assert (
+        yaml.safe_load(out.read_text())["rft_calibration"]["ros__parameters"]["bags"]
+        == ["pressed (2020-09-13T12:26:40Z)"] * 2
+    )
+
+
+def test_samples_that_repeat_a_stamp_are_left_out(tmp_path):
+    """A bag played and recorded in a loop."""
+    once = list(plunge())
+    again = [(role, time + 10**10, stamp, values) for role, time, stamp, values in once]
+    single, looped = (
+        read_track(write_ros2(tmp_path / n, rows), parameters()) for n, rows in (("a", once), ("b", once + again))
+    )
+    np.testing.assert_array_equal(looped.time, single.time)
+    np.testing.assert_allclose(looped.speeds(), single.speeds())
 
 
 def test_the_penetrations_are_drawn_to_a_figure(cell, tmp_path):

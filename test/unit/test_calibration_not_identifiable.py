@@ -27,11 +27,13 @@ from rft_ros.errors import InputError
 from rft_ros.tool import load_tool
 
 
-def calibrated(path, *, values=None, surface=0.0, length=1e-9, force=None, parts=PARTS, tare=None, cell=LOAD_CELL):
+def calibrated(
+    path, *, values=None, surface=0.0, length=1e-9, force=None, parts=PARTS, tare=None, cell=LOAD_CELL, seed=5
+):
     """Calibrate to a recording of the path, with 0.1 N of noise."""
     time, states = path.states()
     grains = grain_wrenches(time, states, law(0.8), surface=surface, length=length) if force is None else force(states)
-    readings = read_by(cell, states, grains, np.random.default_rng(5), noise=(0.1, 0.002))
+    readings = read_by(cell, states, grains, np.random.default_rng(seed), noise=(0.1, 0.002))
     return calibrate([track_of(time, states, readings)], values or known(), parts=parts, tare=tare)
 
 
@@ -105,6 +107,42 @@ def test_a_negative_mass_means_a_wrong_sign():
     values = {**unknown(), "sensor.sign": 1.0}
     result = calibrated(in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS), values=values)
     assert "the fitted mass is -0.4" in why(result, "sensor.bias")
+
+
+def test_a_mass_within_its_error_is_0_and_identifies_no_centre():
+    """Such as of a load cell whose driver takes off the weight: noise makes the fitted mass slightly negative."""
+    path = in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS)
+    result = calibrated(path, values=unknown(), cell=replace(LOAD_CELL, mass=-0.0005))
+    assert fitted(result)["sensor.mass"] == (0.0,)
+    assert "not over 3 times its error" in why(result, "sensor.center_of_mass")
+
+
+def test_a_load_cell_that_reads_0_identifies_only_its_bias():
+    time, states = (
+        in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS).move((0, 0, -0.09), 0.01).move((0, 0, 0.05), 0.01).states()
+    )
+    result = calibrate([track_of(time, states, np.zeros((len(time), 6)))], unknown())
+    assert fitted(result) == {"sensor.bias": (0.0,) * 6, "sensor.mass": (0.0,)}
+    assert "no force" in why(result, "medium.mobilization_length")
+
+
+def test_a_zeta_below_its_error_is_not_identifiable():
+    """`medium.zeta_error` takes at most 2."""
+    result = calibrated(down(30.0), parts=("zeta",), seed=1, force=lambda states: np.zeros((len(states), 6)))
+    assert "the fitted ζ is 0.000 ± 0.001; it must exceed its error" in why(result, "medium.zeta")
+
+
+def test_values_that_the_parameter_does_not_take_are_not_identifiable():
+    time, states = in_the_air(Path((0.0, 0.0, 0.06)), ORIENTATIONS).states()
+    readings = 1e4 * read_by(LOAD_CELL, states, np.zeros((len(time), 6)))
+    result = calibrate([track_of(time, states, readings)], unknown())
+    assert "sensor.mass is 4200; it must lie between 0 and 1000" in why(result, "sensor.bias")
+
+
+def test_a_reading_that_no_load_cell_gives_is_refused():
+    time, states = down(30.0).states()
+    with pytest.raises(InputError, match=r"synthetic has a load-cell reading of 1e\+99"):
+        calibrate([track_of(time, states, np.full((len(time), 6), 1e99))], known())
 
 
 def test_a_tare_with_the_tool_in_motion_is_refused():

@@ -1,6 +1,7 @@
 """Known parameters come back from noisy synthetic recordings: within three standard errors in 95 of 100 trials."""
 
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.tool_weight import Sensor
+from rft_ros.calibration.zeta import Penetration, ZetaFit
 from rft_ros.rft import agarwal2023
 from rft_ros.tool import load_tool
 
@@ -153,6 +155,14 @@ def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
     assert unsure.errors[0] == pytest.approx(np.hypot(sure.errors[0], 0.15 * 0.1 / ZETA))
     assert not sure.published
     assert unsure.published
+
+
+@pytest.mark.parametrize(("area", "notes"), [(28.251e-4, 0), (50e-4, 1)])
+def test_only_tools_of_different_size_give_a_note_on_size(area, notes):
+    line = np.linspace(0.0, 1.0, 9)
+    one = Penetration(bag="a", depth=line, measured=line, predicted=line, area=28.249e-4, zeta=1.0, error=0.01)
+    fit = ZetaFit(zeta=1.25, error=0.25, surface_error=0.0, penetrations=(one, replace(one, area=area, zeta=1.5)))
+    assert len(fit.notes()) == notes
 
 
 def test_zeta_of_the_second_law_and_that_it_has_no_alpha_y():

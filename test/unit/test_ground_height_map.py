@@ -107,9 +107,13 @@ def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
         ("a,b,c\n1,2,3\n", "header 'a,b,c'"),
         ("x,y,h\n", "at least one"),
         ("x,y,h\n1,2\n", "cannot be read"),
+        ("x,y,h\n0,0,0,9\n0,0,0,9\n0,0,0,9\n", "3 columns but 4"),
         ("x,y,h\n1,2,spam\n", "cannot be read"),
         ("x,y,h\n1,2,nan\n", "not finite"),
         ("x,y,h\n0,0,0\n1e3,1e3,0\n", "must fit in"),
+        ("x,y,h\n0.0018,0.001,0\n0.0022,3000.001,0\n", "2 x 1500001 cells"),
+        ("x,y,h\n0,1e6,0\n", "not below 200000 m"),
+        ("x,y,h\n0,0,1e7\n", "not below 200000 m"),
     ],
 )
 @pytest.mark.filterwarnings("ignore:loadtxt")
@@ -119,6 +123,12 @@ def test_a_bad_file_is_refused_with_a_sentence(tmp_path, text, sentence):
     with pytest.raises(InputError, match=sentence) as error:
         read_height_map(file, CELL)
     assert str(file) in str(error.value)
+
+
+def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
+    file = tmp_path / "ground.csv"
+    file.write_text("x,y,h\n0.001,0.001,0.5\n", encoding="utf-8-sig")
+    assert_allclose(read_height_map(file, CELL).points(), [[0.001, 0.001, 0.5]])
 
 
 def test_a_missing_and_a_damaged_file_are_refused(tmp_path):

@@ -82,6 +82,26 @@ def test_the_ground_of_one_replay_begins_the_next(bag, tmp_path):
     assert (tmp_path / "a" / "ground.csv").read_bytes() == (tmp_path / "b" / "ground.csv").read_bytes()
 
 
+def test_the_ground_at_the_start_is_not_overwritten(bag, tmp_path):
+    replay(bag, tmp_path / "a", values(ground__cell=CELL))
+    before = (tmp_path / "a" / "ground.csv").read_bytes()
+    with pytest.raises(InputError, match="would be overwritten"):
+        replay(bag, tmp_path / "a", values(ground__cell=CELL, ground__file=str(tmp_path / "a" / "ground.csv")))
+    assert (tmp_path / "a" / "ground.csv").read_bytes() == before
+
+
+def test_nothing_stays_of_an_earlier_replay(bag, tmp_path):
+    learning = values(ground__cell=CELL, learning__mode="observe")
+    replay(bag, tmp_path / "a", learning, report=True, figures=True)
+    (tmp_path / "a" / "notes.txt").touch()
+    replay(bag, tmp_path / "a", values())
+    left = ["estimates", "estimates.csv", "notes.txt", "summary.json", "wall.json"]
+    assert sorted(path.name for path in (tmp_path / "a").iterdir()) == left
+    with pytest.raises(InputError, match="does not exist"):
+        replay(tmp_path / "gone", tmp_path / "a", values())
+    assert [path.name for path in (tmp_path / "a").iterdir()] == ["notes.txt"]
+
+
 def test_a_ground_file_without_cells_is_refused(bag, tmp_path):
     with pytest.raises(InputError, match=r"needs ground\.cell"):
         replay(bag, tmp_path / "a", values(ground__file="bed.csv"))
