@@ -10,6 +10,7 @@ import re
 import signal
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from types import ModuleType
 from typing import Any, NoReturn
 
@@ -86,8 +87,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a closed pipe is reported here instead of at exit, where it leaves a traceback
     except OSError as error:
-        if sys.stdout is not None:
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        with suppress(AttributeError, ValueError):  # no stdout, or one without a descriptor
+            try:
+                sys.stdout.flush()
+            except OSError:  # Python would report it again at exit
+                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
             return 128 + signal.SIGPIPE
         what = error.filename or "the output or the working directory"

@@ -1,6 +1,7 @@
 """Limits on a replay's metrics, for continuous integration."""
 
 import math
+import re
 import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -13,6 +14,8 @@ from rft_ros.estimator import Reason
 from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Limit", "check", "limit_lines", "read_limits"]
+
+_BIN = re.compile(r"\.depth_bins\.[\d.]+-[\d.]+mm\.")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,7 +59,7 @@ def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | No
     values = dict(_metrics(content))
     values |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
     for limit in limits:
-        if limit.metric not in values and ".depth_bins." not in limit.metric:
+        if limit.metric not in values and _BIN.sub(".", limit.metric) not in values:
             near = suggestion(limit.metric, values)
             raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{near}")
     return [(limit, values.get(limit.metric)) for limit in limits]

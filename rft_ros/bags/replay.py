@@ -16,7 +16,7 @@ from rft_ros.bags.playback import ReplayOptions, play, topics_of, unposed
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.statistics import Group, count_flags, statistics
 from rft_ros.bags.summary import Summary
-from rft_ros.bags.writing import BagWriter, remove_old_bag
+from rft_ros.bags.writing import BagWriter, check_replaceable
 from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import (
     Estimate,
@@ -71,7 +71,7 @@ def replay(
     Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with a map
     of the ground `GROUND`, with `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters
     and versions give the same bytes, except in wall.json. Rows and messages are in the order in which the poses
-    arrived; each message has its pose's stamp. An earlier replay in `out` is removed first.
+    arrived; each message has its pose's stamp. An earlier replay in `out` is removed once the bag is open.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
     for a tare that is refused.
@@ -85,11 +85,6 @@ def replay(
     if ground and Path(ground).expanduser().resolve() == (out / GROUND).resolve():
         raise InputError(f"ground.file '{ground}' would be overwritten by the ground at the end; choose another folder")
     model = model or replay_model(values)
-    if estimates.exists():  # an earlier replay
-        with file_errors(f"output folder '{out}'", "written"):
-            remove_old_bag(estimates)
-            for name in (*_FILES, *_PICTURES):
-                (out / name).unlink(missing_ok=True)
 
     began = time.perf_counter()
     if options.tare:
@@ -103,6 +98,10 @@ def replay(
         trace = traces.enter_context(Trace(out))
         learning_errors = LearningErrors(settings, model, traces, out)
         with Recording(bag, topics, start=options.start, end=options.end) as recording:
+            if estimates.exists():  # of an earlier replay; its files must not stay beside those of this one
+                check_replaceable(estimates)
+                for name in (*_FILES, *_PICTURES):
+                    (out / name).unlink(missing_ok=True)
             _write_estimates(recording, estimator, motion, trace, out, label or bag_name(bag), learning_errors)
         if not recording.counts["pose"]:
             why = f" ({recording.damage})" if recording.damage else ""

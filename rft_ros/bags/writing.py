@@ -1,5 +1,6 @@
 """Write a rosbag2 folder with one MCAP file."""
 
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -13,24 +14,31 @@ from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Wrench
 from rft_ros.estimator.messages import TYPES, wrench_cdr
 
-__all__ = ["BagWriter", "remove_old_bag"]
+__all__ = ["BagWriter", "check_replaceable"]
 
 _MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros wrote and may replace
 
 
-def remove_old_bag(path: Path) -> None:
-    """Remove a bag that a BagWriter wrote, if there is one. Raises InputError if anything else is at `path`."""
+def check_replaceable(path: Path) -> None:
+    """Raise InputError if there is anything at `path` but a bag that a BagWriter wrote, to its end or until killed."""
     if not path.exists():
         return
     try:
-        killed = {file.name for file in path.iterdir()} <= {f"{path.name}.mcap"}  # a killed writer leaves no metadata
+        # a killed writer leaves no metadata, and a file without an end
+        file = path / f"{path.name}.mcap"
+        killed = {*path.iterdir()} <= {file} and not (file.exists() and _is_complete(file))
         metadata = {} if killed else yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
         ours = killed or metadata["rosbag2_bagfile_information"]["custom_data"] == _MARK
     except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
         ours = False
     if not ours:
         raise InputError(f"'{path}' already exists and was not written by rft_ros; not overwritten")
-    shutil.rmtree(path)
+
+
+def _is_complete(file: Path) -> bool:
+    with file.open("rb") as mcap:
+        mcap.seek(-min(8, file.stat().st_size), os.SEEK_END)
+        return mcap.read() == b"\x89MCAP0\r\n"
 
 
 class BagWriter:
@@ -48,7 +56,9 @@ class BagWriter:
 
     def __enter__(self) -> "BagWriter":
         with file_errors(f"bag '{self.path}'", "written"):
-            remove_old_bag(self.path)
+            check_replaceable(self.path)
+            if self.path.exists():
+                shutil.rmtree(self.path)
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         for key, value in _MARK.items():

@@ -43,6 +43,11 @@ def rounded(value: float, error: float) -> float:
     return round(value, max(0, min(12, places)))
 
 
+def alpha_y_table(file: Path) -> Path:
+    """The α_y table beside a calibrated file."""
+    return file.with_name(f"{file.stem}.alpha_y.csv")
+
+
 def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iterable[Track]) -> list[Path]:
     """Write the calibrated file, and an α_y table beside it if one is needed; return the paths written.
 
@@ -69,7 +74,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     if result.alpha_y is not None and result.alpha_y.published:
         _put(parameters, "alpha_y.model", result.alpha_y.model)
     elif result.alpha_y is not None:
-        table = file.with_name(f"{file.stem}.alpha_y.csv")
+        table = alpha_y_table(file)
         _put(parameters, "alpha_y.model", "table")
         _put(parameters, "alpha_y.table", table.name)
         bags = ", ".join(name for name, _ in begins)

@@ -58,8 +58,9 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.bags.playback import mounted
     from rft_ros.bags.reading import bag_name
     from rft_ros.calibration.calibrate import PARTS, calibrate
-    from rft_ros.calibration.calibrated_file import write_calibrated
+    from rft_ros.calibration.calibrated_file import alpha_y_table, write_calibrated
     from rft_ros.calibration.track import read_track
+    from rft_ros.estimator.parameters import FILES
 
     parts = tuple(arguments.fit or PARTS)
     for part in parts:
@@ -68,9 +69,12 @@ def run(arguments: argparse.Namespace) -> int:
     figure, output = arguments.figure, arguments.output
     if figure and figure.suffix.lower() != ".png":
         raise InputError(f"--figure '{figure}' does not end in .png")
-    if output.resolve() in [file.resolve() for file in (arguments.params, *arguments.bags)]:
-        raise InputError(f"-o '{output}' would overwrite an input; choose another file")
     values, options = recording(arguments)
+    files = (arguments.params, *arguments.bags, *(Path(str(values[name])).expanduser() for name in FILES))
+    inputs = {file.resolve() for file in files} - {Path.cwd()}  # a parameter that is empty
+    for file in filter(None, (output, alpha_y_table(output), figure)):
+        if inputs & {file.resolve(), file.resolve().parent}:
+            raise InputError(f"'{file}' is, or is in, an input; choose another output")
     values = mounted(arguments.bags[0], values, options)
     meshes = _meshes(arguments.mesh, [bag_name(bag) for bag in arguments.bags])
     tracks = [

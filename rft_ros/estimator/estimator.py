@@ -13,6 +13,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
 from rft_ros.estimator.quality import SURPRISE, QualityMonitor, inertial_speed, write_prior_sigma
 from rft_ros.estimator.samples import (
+    ABSURD,
     TIME_JUMP,
     Estimate,
     Measurement,
@@ -42,10 +43,8 @@ from rft_ros.rft import (
 
 __all__ = ["Estimator"]
 
-_ABSURD = 1e100
-"""Larger forces [N] and torques [N m] count as not finite: their squares would overflow in statistics."""
-
 _WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
+_OF_THE_PLACE = ("surface_height", "world_frame", "tool_frame")  # settings on which what was learned of it depends
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 _CLOUDS = 16
@@ -161,7 +160,7 @@ class Estimator:
         """Apply new settings or a new model from the next sample on.
 
         Earlier samples are kept, except those in the axes of a frame that changes: the load cell's with `sensor_frame`,
-        twists and poses with `world_frame` or `tool_frame`. Another tool keeps what was learned of the bed's strength;
+        all others with `world_frame` or `tool_frame`. Another tool keeps what was learned of the bed's strength;
         another medium or law clears it.
         """
         old = self.model, self.settings
@@ -180,8 +179,10 @@ class Estimator:
                 self.finish()
                 self._wrenches.clear()
             if (settings.world_frame, settings.tool_frame) != (self.settings.world_frame, self.settings.tool_frame):
-                self._twists.clear()
+                for samples in (self._twists, self._places, self._clouds):
+                    samples.clear()
                 self._difference.reset()
+                self._quality = QualityMonitor(self.model.tool)
             self.settings = settings
             self._apply(settings)
         self._keep_or_begin_learning(*old)
@@ -190,7 +191,7 @@ class Estimator:
         """After new settings or a new model: keep what was learned as far as it still holds.
 
         A switch from or to off, or another error of ζ, begins again. Another law or mobilization length forgets.
-        Another tool or surface height keeps the strength.
+        Another tool, surface height or frame keeps the strength.
         """
         model, new, learning = self.model, self.settings, self.learning
         if learning is None or new.learning_mode == "off" or new.zeta_error != old.zeta_error:
@@ -201,7 +202,7 @@ class Estimator:
         learning.reach = model.tool.plates.reach
         if not _same(model.law, old_model.law) or model.mobilization_length != old_model.mobilization_length:
             learning.forget()
-        elif model.tool is not old_model.tool or new.surface_height != old.surface_height:
+        elif model.tool is not old_model.tool or any(getattr(new, n) != getattr(old, n) for n in _OF_THE_PLACE):
             learning.leave()
 
     def _begin_learning(self, settings: Settings, model: Model) -> None:
@@ -261,7 +262,7 @@ class Estimator:
         reason = None
         if sample.stamp <= 0:
             reason = Reason.TWIST_STAMP_ZERO
-        elif not math.hypot(*sample.linear, *sample.angular) < _ABSURD:
+        elif not math.hypot(*sample.linear, *sample.angular) < ABSURD:
             reason = Reason.TWIST_NOT_FINITE
         elif sample.frame != self.settings.world_frame and sample.frame != self.settings.tool_frame:
             for frame in (self.settings.world_frame, self.settings.tool_frame):
@@ -279,14 +280,14 @@ class Estimator:
         reason = None
         if sample.stamp <= 0:
             reason = Reason.WRENCH_STAMP_ZERO
-        elif not math.hypot(*sample.wrench) < _ABSURD:
-            reason = Reason.WRENCH_NOT_FINITE
         elif sample.frame != self.settings.sensor_frame:
             if (there := self.transforms.fixed(self.settings.sensor_frame, sample.frame)) is not None:
                 sample = sample._replace(frame=self.settings.sensor_frame, wrench=there.wrench(sample.wrench))
             else:
                 reason = Reason.WRENCH_FRAME_UNKNOWN
                 self._unknown_frames[reason] = sample.frame
+        if reason is None and not math.hypot(*sample.wrench) < ABSURD:
+            reason = Reason.WRENCH_NOT_FINITE
         return self._taken(self._wrenches, sample, reason, Reason.WRENCH_OUT_OF_ORDER)
 
     def push_surface(self, cloud: Cloud) -> Reason | None:
@@ -407,7 +408,7 @@ class Estimator:
             self._keep_state()
             return Reason.AT_REST
         numbers = self._frame.into_sensor(self._candidate[0, 3:7], self._answer)
-        if not math.hypot(*numbers[:12]) < _ABSURD:
+        if not math.hypot(*numbers[:12]) < ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
         self._keep_state()
         self._comparison.add(pose.stamp, numbers[:12], self._frame, pose.quaternion)
@@ -432,7 +433,7 @@ class Estimator:
         stamp = sample.stamp
         if stamp <= 0:
             return Reason.POSE_STAMP_ZERO
-        if not math.hypot(*sample.position, *sample.quaternion) < _ABSURD:
+        if not math.hypot(*sample.position, *sample.quaternion) < ABSURD:
             return Reason.POSE_NOT_FINITE
         quaternion = unit_quaternion(*sample.quaternion)
         if quaternion is None:
@@ -444,6 +445,8 @@ class Estimator:
                 self._unknown_frames[Reason.POSE_FRAME_UNKNOWN] = sample.frame
                 return Reason.POSE_FRAME_UNKNOWN
             position, quaternion = base.of(Placement(position, quaternion))
+            if not math.hypot(*position) < ABSURD:
+                return Reason.POSE_NOT_FINITE
         if self._pose is not None and stamp <= self._pose.stamp:
             if stamp == self._pose.stamp:
                 return Reason.POSE_REPEATED
@@ -536,7 +539,7 @@ class Estimator:
     def _correct(self, stamp: int, speed: float) -> None:
         """Write the wrench, corrected in mode apply, and its standard deviations to the answer."""
         result, answer, reach = self._result[0], self._answer, self.model.tool.plates.reach
-        if self.learning is None or not math.hypot(*result.tolist()) < _ABSURD:
+        if self.learning is None or not math.hypot(*result.tolist()) < ABSURD:
             answer[:6] = result[:6]
             write_prior_sigma(answer, zeta_error=self.settings.zeta_error, reach=reach)
             return

@@ -4,6 +4,7 @@ from enum import Enum
 from typing import NamedTuple
 
 __all__ = [
+    "ABSURD",
     "TIME_JUMP",
     "Estimate",
     "Measurement",
@@ -16,6 +17,9 @@ __all__ = [
     "Wrench",
     "WrenchSample",
 ]
+
+ABSURD = 1e100
+"""Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
 
 TIME_JUMP = 1_000_000_000
 """A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""

@@ -46,7 +46,10 @@ class ToolPoses:
             return
         period = round(min(1e9 / rate, 1e18))
         if not -TIME_JUMP < newest - self._newest < _PATIENCE:  # a new run, or nothing came for long
+            if newest < self._newest:
+                self._wanted.clear()
             self._newest = newest - 1
+            self._last = min(self._last, self._newest)
         for stamp in range((self._newest // period + 1) * period, newest + 1, period):
             self._want(stamp)
         self._newest = max(newest, self._newest)

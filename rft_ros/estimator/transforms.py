@@ -4,7 +4,7 @@ import math
 from collections import deque
 from typing import NamedTuple
 
-from rft_ros.estimator.samples import TIME_JUMP, Reason, TransformSample, Vector, Wrench
+from rft_ros.estimator.samples import ABSURD, TIME_JUMP, Reason, TransformSample, Vector, Wrench
 from rft_ros.rft import unit_quaternion
 
 __all__ = ["Placement", "Transforms"]
@@ -112,7 +112,7 @@ class Transforms:
     def push(self, sample: TransformSample) -> Reason | None:
         """Add a transform; returns the reason if it is refused."""
         quaternion = unit_quaternion(*sample.quaternion)
-        usable = math.isfinite(sum(sample.position)) and (sample.fixed or sample.stamp > 0)
+        usable = math.hypot(*sample.position) < ABSURD and (sample.fixed or sample.stamp > 0)
         if quaternion is None or not usable or not sample.parent or not sample.child:
             return Reason.TF_INVALID
         link = self._links.get(sample.child)

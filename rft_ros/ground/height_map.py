@@ -61,7 +61,7 @@ class HeightMap:
     def points(self, *, at_most: int = MOST_CELLS) -> Array:
         """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
         known = np.flatnonzero(~np.isnan(self.heights))
-        i, j = np.unravel_index(known[:: 1 + len(known) // at_most], self.heights.shape)
+        i, j = np.unravel_index(known[:: -(-len(known) // at_most) or 1], self.heights.shape)
         x, y = (self.cell * (index + start + 0.5) for index, start in zip((i, j), self.corner, strict=True))
         return np.column_stack([x, y, self.heights[i, j].astype(np.float64)])
 

@@ -71,6 +71,12 @@ def test_a_metric_without_value_fails_the_check(tmp_path):
     assert not limit.allows(value)
 
 
+@pytest.mark.parametrize("metric", ["phases.penetraton.depth_bins.0-5mm.estimates", "depth_bins.0-5mm.estimates"])
+def test_a_misspelt_depth_bin_is_an_error(summary, metric):
+    with pytest.raises(InputError, match="has no metric"):
+        check([Limit(metric=metric, min=0.0)], summary)
+
+
 def test_a_depth_that_a_bag_did_not_reach_fails_the_check(summary):
     limit = Limit(metric="phases.penetration.depth_bins.200-205mm.estimates", min=0.0)
     assert check([limit], summary) == [(limit, None)]

@@ -203,6 +203,15 @@ def test_what_a_killed_writer_left_may_be_replaced(tmp_path, files):
         bag.write_wrench("/w", 5, "f", (0.0,) * 6)
 
 
+def test_a_whole_recording_without_metadata_is_not_replaced(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.write_wrench("/w", 5, "f", (0.0,) * 6)
+    (tmp_path / "bag" / "metadata.yaml").unlink()
+    with pytest.raises(InputError, match="not overwritten"), BagWriter(tmp_path / "bag"):
+        pass
+    assert (tmp_path / "bag" / "bag.mcap").stat().st_size > 100
+
+
 def test_a_bag_in_the_output_is_not_replaced(tmp_path):
     replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
     file = tmp_path / "out" / "estimates" / "estimates.mcap"

@@ -180,9 +180,10 @@ def test_a_parameter_without_effect_on_the_law_forgets_nothing():
 
 
 def test_a_surprise_and_a_wrong_model_end_with_a_jump_of_time():
-    press = Press().push(300).push(30, 3.0)
+    press = Press().push(300).push(100, 9.0)
     learning = press.estimator.learning
     assert learning.surprise
+    assert learning.issues()
     press.stamp -= 100 * SECOND
     press.depth = -0.01
     press.push(1)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, Reason, Settings
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, Reason, Settings, TransformSample
 from rft_ros.rft import MEDIA, Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
 from rft_ros.tool import load_tool
 
@@ -129,8 +129,12 @@ def test_the_estimator_and_the_core_agree_on_a_path():
 def test_an_absurd_pose_is_refused_and_the_memory_lives():
     arm = Arm(0.003)
     before = vertical(arm.move(-0.01, 4.0)[-1])
-    arm.stamp += PERIOD
-    refused = arm.estimator.push_pose(PoseSample(arm.stamp, "world", (0.0, 0.0, -1e308), (0.0, 0.0, 0.0, 1.0)))
-    assert isinstance(refused, NoEstimate)
-    assert refused.reason is Reason.POSE_NOT_FINITE
+    far = TransformSample(0, "world", "far", (0.0, 0.0, -9e99), (0.0, 0.0, 0.0, 1.0), True)
+    assert arm.estimator.push_transform(far._replace(position=(0.0, 0.0, -1e308))) is Reason.TF_INVALID
+    assert arm.estimator.push_transform(far) is None
+    for frame, z in (("world", -1e308), ("far", -9e99)):
+        arm.stamp += PERIOD
+        refused = arm.estimator.push_pose(PoseSample(arm.stamp, frame, (0.0, 0.0, z), (0.0, 0.0, 0.0, 1.0)))
+        assert isinstance(refused, NoEstimate)
+        assert refused.reason is Reason.POSE_NOT_FINITE
     assert vertical(arm.move(-0.01, 0.1)[-1]) > before

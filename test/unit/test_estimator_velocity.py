@@ -240,9 +240,8 @@ def test_another_world_frame_is_no_motion():
     assert jumped.reason is Reason.POSE_HISTORY_SHORT
 
 
-@pytest.mark.parametrize("rate", [1e-300, 1e-9])
-def test_a_tiny_rate_is_a_long_period(rate):
-    e = estimator(max_rate=rate)
+def test_a_tiny_rate_is_a_long_period():
+    e = estimator(max_rate=1e-300)
     e.push_twist(twist())
     assert isinstance(e.push_pose(pose()), Estimate)
     assert e.push_pose(pose(START + 1)).reason is Reason.POSE_RATE_LIMITED

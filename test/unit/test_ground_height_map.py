@@ -82,6 +82,7 @@ def test_some_of_many_points_are_spread_over_the_map():
     assert 20 < len(some) <= 51
     assert {tuple(p) for p in some} <= {tuple(p) for p in ground.points()}
     assert np.ptp(some[:, 0]) > 0.8 * np.ptp(ground.points()[:, 0])
+    assert len(ground.points(at_most=len(ground.points()))) == len(ground.points())
     assert len(HeightMap.unknown(CELL).points(at_most=50)) == 0
 
 

@@ -175,9 +175,15 @@ def test_after_a_reset_the_tool_is_not_where_it_was_in_the_run_before():
     assert {p.position[0] for p in poses if p.stamp < START + SECOND} == {0.5}
 
 
-@pytest.mark.parametrize("rate", [1e-300, 1e-9])
-def test_a_tiny_tf_rate_is_no_error(rate):
-    assert fed(*descent(), tf_rate=rate)[1] == []
+def test_at_tf_rate_a_reset_by_hardly_more_than_a_time_jump_loses_no_pose():
+    back = [moving(START + 1990 * MS - 1004 * MS + k * 10 * MS, "world", "tool", (0.5, 0.0, 0.0)) for k in range(50)]
+    _, poses = fed(*descent(count=200), *back, tf_rate=50.0)
+    again = [p.stamp for p in poses if p.position[0] == 0.5]
+    assert again == [START + k * 20 * MS for k in range(50, 74)]
+
+
+def test_a_tiny_tf_rate_is_no_error():
+    assert fed(*descent(), tf_rate=1e-300)[1] == []
 
 
 def test_at_tf_rate_poses_come_without_a_load_cell():
