@@ -74,7 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
     inputs = {file.resolve() for file in files} - {Path.cwd()}  # a parameter that is empty
     for file in filter(None, (output, alpha_y_table(output), figure)):
         if inputs & {file.resolve(), file.resolve().parent}:
-            raise InputError(f"'{file}' is, or is in, an input; choose another output")
+            raise InputError(f"'{file}' would overwrite an input or lie inside one; choose another output")
     values = mounted(arguments.bags[0], values, options)
     meshes = _meshes(arguments.mesh, [bag_name(bag) for bag in arguments.bags])
     tracks = [

@@ -44,7 +44,7 @@ from rft_ros.rft import (
 __all__ = ["Estimator"]
 
 _WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
-_OF_THE_PLACE = ("surface_height", "world_frame", "tool_frame")  # settings on which what was learned of it depends
+_OF_SURFACE = ("surface_height", "world_frame", "tool_frame")  # settings that void what was learned of the surface
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 _CLOUDS = 16
@@ -202,7 +202,7 @@ class Estimator:
         learning.reach = model.tool.plates.reach
         if not _same(model.law, old_model.law) or model.mobilization_length != old_model.mobilization_length:
             learning.forget()
-        elif model.tool is not old_model.tool or any(getattr(new, n) != getattr(old, n) for n in _OF_THE_PLACE):
+        elif model.tool is not old_model.tool or any(getattr(new, n) != getattr(old, n) for n in _OF_SURFACE):
             learning.leave()
 
     def _begin_learning(self, settings: Settings, model: Model) -> None:

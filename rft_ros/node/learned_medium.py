@@ -27,7 +27,7 @@ def surprise_sentence(learning: Learning) -> str:
 
 
 def saved(response: Trigger.Response, name: str, write: Callable[[Path], None]) -> Trigger.Response:
-    """The answer of a service that writes a file `name`, with the time at {}, to $ROS_HOME or ~/.ros."""
+    """Answer a service that writes a file to $ROS_HOME or ~/.ros; {} in `name` becomes the time."""
     # Not ROS time: simulated time begins at 1970 each time and would repeat names.
     moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
     file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / name.format(moment)
