@@ -16,6 +16,7 @@ from typing import Any, ParamSpec, TypeVar
 import numba
 from numba.core.caching import FunctionCache
 from numba.core.serialize import dumps
+from numba.extending import register_jitable
 
 __all__ = ["OPTIONS", "compiled", "inlined", "machine_code"]
 
@@ -28,8 +29,12 @@ _R = TypeVar("_R")
 
 
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Compile a function that LLVM inlines into its callers. numba's own inlining takes three times as long."""
-    made: Callable[_P, _R] = numba.njit(forceinline=True, **OPTIONS)(function)
+    """A function that LLVM inlines where compiled code calls it; Python calls it uncompiled.
+
+    `numba.njit` would also compile two entries from Python for each, which takes three times as long in all; so does
+    numba's own inlining.
+    """
+    made: Callable[_P, _R] = register_jitable(forceinline=True, **OPTIONS)(function)
     return made
 
 
