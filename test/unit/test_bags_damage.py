@@ -103,7 +103,7 @@ def test_one_topic_alone_is_refused_with_a_sentence(tmp_path, capsys, only, word
 
 def test_poses_alone_predict_by_their_differences_and_have_a_report(tmp_path):
     bag = write_ros2(tmp_path / "bag", plunge(), topics={"pose": TOPICS["pose"]})
-    summary = replay(bag, tmp_path / "out", values(twist_source="pose_difference"), report=True, figures=True)
+    summary = replay(bag, tmp_path / "out", values(twist_source="pose_difference"), report=True)
     assert summary.reasons["wrench_missing"] == summary.estimates > 500
     assert summary.phases["penetration"].wrench["force"].predicted.peak > 10.0
     assert (tmp_path / "out" / "report.html").stat().st_size > 1_000_000

@@ -125,7 +125,7 @@ def test_every_compiled_function_of_the_package_has_this_cache():
             continue
         for name, value in vars(importlib.import_module(module.name)).items():
             for each in value.values() if isinstance(value, dict) else (value,):
-                if isinstance(each, CPUDispatcher) and not each.targetoptions.get("forceinline"):
+                if isinstance(each, CPUDispatcher):
                     found[f"{module.name}.{name}"] = type(each._cache)
     assert len(found) >= 6
     assert {name: cache for name, cache in found.items() if cache is not compilation._Cache} == {}

@@ -55,6 +55,6 @@ def test_what_cannot_be_drawn_is_a_sentence(tmp_path):
 @pytest.mark.parametrize("trial", ["abb_plate_3"])
 def test_a_bag_is_drawn_from_its_estimates(shared_data, tmp_path, trial):
     config = __file__.replace("test/unit/test_view.py", "config/abb_plate.yaml")
-    done = rft("view", shared_data / "abb_plate" / trial, "--params", config, "-o", "plate.gif", cwd=tmp_path)
+    done = rft("view", shared_data / "abb_plate" / trial, "--params", config, "-o", "plate.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "60 moments of abb_plate" in done.stdout
