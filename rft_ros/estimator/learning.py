@@ -242,8 +242,10 @@ def _mahalanobis(s, y, predicted):  # type: ignore[no-untyped-def]
 
 @inlined
 def _copy(target, source):  # type: ignore[no-untyped-def]
-    target.theta[:] = source.theta
-    target.p[:] = source.p
+    for i in range(4):  # assigning arrays compiles numba's error for shapes that differ: 4 s each
+        target.theta[i] = source.theta[i]
+        for j in range(4):
+            target.p[i, j] = source.p[i, j]
 
 
 @inlined
@@ -525,7 +527,8 @@ def _learn(states, records, y, stamp, usable, repeated):  # type: ignore[no-unty
         if state.along < -(C.opposing**2):
             return
     record.measured = True
-    record.y[:] = y
+    for i in range(3):
+        record.y[i] = y[i]
     _score(state, record, step)
     _judge(state)
 

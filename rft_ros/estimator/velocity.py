@@ -150,7 +150,8 @@ def _end_slopes(stamps, ring, misfits, stored, noise, newest, window, gap, twist
         x[3], x[4], x[5] = _rotation_vector(ring[at], ax, ay, az, aw)
         if n < 4:
             first_t[n] = t
-            first_x[n] = x
+            for k in range(6):  # assigning arrays compiles numba's error for shapes that differ: 4 s
+                first_x[n, k] = x[k]
         n += 1
         s1 += t
         s2 += t * t
