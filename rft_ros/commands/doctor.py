@@ -73,6 +73,6 @@ def _compiled(values: "Values") -> "Finding":
     except ColdError:
         return Finding(
             False,
-            "compiled: no; run rft warm-up --params with this file, or the node's first start takes a minute or more",
+            "compiled: no; run rft warm-up --params with this file, or the node's first start takes half a minute or more",
         )
     return Finding(True, "compiled: yes")

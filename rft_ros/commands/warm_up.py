@@ -21,7 +21,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
 
     def announce() -> None:
-        print("compiling, a minute or more ...", flush=True)
+        print("compiling, half a minute or more ...", flush=True)
 
     values = read_parameter_file(arguments.params) if arguments.params else defaults()
     warm_up_all(memory=True, learning=True, on_cold_cache=announce)

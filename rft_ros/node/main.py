@@ -80,7 +80,7 @@ def _run(stop: threading.Event) -> int:
     from rft_ros.node.rft_node import RftNode
 
     try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before a minute of compiling
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
         warm_up_all(memory=False, on_cold_cache=_announce_compilation)
         node = RftNode(worker)
         warm_up_for(node.values, on_cold_cache=_announce_compilation)
@@ -107,7 +107,9 @@ def _run(stop: threading.Event) -> int:
 
 def _announce_compilation() -> None:
     print(
-        "rft_node: compiling, about a minute, first start only; services answer after it", file=sys.stderr, flush=True
+        "rft_node: compiling, half a minute or more, first start only; services answer after it",
+        file=sys.stderr,
+        flush=True,
     )
 
 
