@@ -19,14 +19,15 @@ TRANSFORMS_QOS: dict[Role, QoSProfile] = {
 """/tf_static is kept by its publishers for those who come later; best effort matches every publisher of /tf."""
 
 
-def transform_message() -> Any:
-    """The class of TFMessage. Raises InputError if the package that has it is not installed."""
+def transform_message(*, needed: bool) -> Any:
+    """The class of TFMessage; None if its package is not installed. Raises InputError then if it is `needed`."""
     try:
         from tf2_msgs.msg import TFMessage
     except ImportError:
-        raise InputError(
-            "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs"
-        ) from None
+        if needed:
+            why = "pose_source tf and sensor.frame_source tf need the package tf2_msgs"
+            raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
+        return None
     return TFMessage
 
 
@@ -35,13 +36,8 @@ def subscribe_transforms(node: Node, values: Values, callback: Callable[[Role, b
 
     Without tf2_msgs there are no transforms; that raises InputError if the parameters need them.
     """
-    try:
-        message = transform_message()
-    except InputError:
-        if "tf" in (values["pose_source"], values["sensor.frame_source"]):
-            raise
-        return
-    for role, qos in TRANSFORMS_QOS.items():
+    message = transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"]))
+    for role, qos in TRANSFORMS_QOS.items() if message else ():
         if role == "tf_static" or values["pose_source"] == "tf":
             overridable = QoSOverridingOptions.with_default_policies()
             take = partial(callback, role)
