@@ -174,7 +174,7 @@ class Recording:
             try:
                 yield from part.messages(topics, self.first, self.last + 1)
             except Exception as error:  # rosbags' parsers raise anything on damage
-                self._why = f"{part.name} is damaged: {_sentence(error)}"
+                self._why = f"{part.name} is damaged: {reason_of(error)}"
                 return
 
     def _open(self) -> None:
@@ -192,7 +192,7 @@ class Recording:
         try:
             self._parts = [_Indexed(bag)]
         except Exception as error:
-            self._why = _sentence(error)
+            self._why = reason_of(error)
         if self._why and bag.is_dir() and not (bag / "metadata.yaml").exists():
             self._why = "metadata.yaml is missing"
         for file in files if self._why else []:
@@ -200,8 +200,8 @@ class Recording:
                 self._parts.append(_Indexed(file))
             except Exception as error:
                 if file.suffix == ".bag":
-                    raise InputError(f"bag '{bag}' cannot be read ({_sentence(error)}); try 'rosbag reindex'") from None
-                self._why = f"{file.name} is damaged: {_sentence(error)}"
+                    raise InputError(f"bag '{bag}' cannot be read ({reason_of(error)}); try 'rosbag reindex'") from None
+                self._why = f"{file.name} is damaged: {reason_of(error)}"
                 self._parts.append(DamagedFile(file))
                 return
 
@@ -234,7 +234,3 @@ class Recording:
 def _natural(file: Path) -> list[str]:
     """Sort key: numbers in a name count by value, so that part 10 of a split bag comes after part 9."""
     return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
-
-
-def _sentence(error: Exception) -> str:
-    return str(error).strip().rstrip(".") or type(error).__name__
