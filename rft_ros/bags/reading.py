@@ -5,14 +5,14 @@ import re
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.damaged import DamagedFile
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import TransformSample
 from rft_ros.estimator.messages import TYPES, Role, Sample, Stamped, decoder
 
@@ -92,19 +92,15 @@ class Recording:
         self._why = ""
 
     def __enter__(self) -> "Recording":
-        try:
+        with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as on_failure:
+            on_failure.callback(self._close)
             self._open()
             if not sum(part.count for part in self._parts):
                 raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
             self._check_topics()
             self.fixed = self._read_fixed()
             self._set_span()
-        except OSError as error:
-            self._close()
-            raise InputError(f"bag '{self.bag}' cannot be read: {reason_of(error)}") from None
-        except BaseException:
-            self._close()
-            raise
+            on_failure.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:

@@ -28,7 +28,7 @@ from rft_ros.node.learned_medium import LearnedMedium, saved
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker
-from rft_ros.node.transforms import subscribe_transforms, transform_message
+from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
 from rft_ros.tool import ToolRequest, locate_mesh
 
 __all__ = ["RftNode"]
@@ -77,12 +77,15 @@ class RftNode(Node):
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._subscribe(WrenchStamped, "~/wrench_measured", partial(self._on_input, "wrench"))
         self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
+        message = transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"]))
+        if message:
+            self._subscribe(message, "/tf_static", partial(self._on_input, "tf_static"), TRANSFORMS_QOS["tf_static"])
         self._tool_poses = None
         if values["pose_source"] == "tf":
             self._tool_poses = ToolPoses(self.estimator)
+            self._subscribe(message, "/tf", partial(self._on_input, "tf"), TRANSFORMS_QOS["tf"])
         else:
             self._subscribe(PoseStamped, "~/pose", self._on_pose)
-        subscribe_transforms(self, values, self._on_input)
         if self.estimator.ground is not None:
             self._subscribe(PointCloud2, "~/surface_points", partial(self._on_input, "surface"), _CLOUDS)
         self.create_service(Trigger, "~/tare", self._on_tare)

@@ -1,16 +1,11 @@
-"""Subscriptions to /tf and /tf_static. tf2_ros is not needed: `estimator.transforms` has the tree."""
+"""What a subscription to /tf or /tf_static takes. tf2_ros is not needed: `estimator.transforms` has the tree."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.messages import Role
-from rft_ros.estimator.parameters import Values
 
 TRANSFORMS_QOS: dict[Role, QoSProfile] = {
     "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
@@ -29,16 +24,3 @@ def transform_message(*, needed: bool) -> Any:
             raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
         return None
     return TFMessage
-
-
-def subscribe_transforms(node: Node, values: Values, callback: Callable[[Role, bytes], None]) -> None:
-    """Subscribe to /tf_static, and with `pose_source` tf to /tf; `callback` gets role and serialised message.
-
-    Without tf2_msgs there are no transforms; that raises InputError if the parameters need them.
-    """
-    message = transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"]))
-    for role, qos in TRANSFORMS_QOS.items() if message else ():
-        if role == "tf_static" or values["pose_source"] == "tf":
-            overridable = QoSOverridingOptions.with_default_policies()
-            take = partial(callback, role)
-            node.create_subscription(message, f"/{role}", take, qos, raw=True, qos_overriding_options=overridable)
