@@ -92,7 +92,7 @@ def _draw(watcher: "Watcher", bag: Path, figure: Path) -> None:
         forces.append(panel(f"Force along\nsensor {axis} [N]", *lines))
     x, y = np.array([(depth[stamp], score) for stamp, score in watcher.surprise if stamp in depth]).T
     surprise = panel("Surprise\n[std. deviations]", Line(label="surprise", colour="turn", x=x, y=y))
-    rows, heights = (*forces, surprise), (1.2, 0.9, 0.6)
-    chart = Chart(name="force_over_depth", title="rft demo", panels=rows, height=540, heights=heights)
+    panels, heights = (*forces, surprise), (1.2, 0.9, 0.7)
+    chart = Chart(name="force_over_depth", title="rft demo", panels=panels, height=600, heights=heights)
     title = "an ellipsoid pitches ±9° on its way down at 5 mm/s into grains that the node does not know"
     draw_chart(chart, figure, title=title, scene=scene)
