@@ -116,8 +116,4 @@ def row_of(variant: Variant, columns: Sequence[str], fingerprint: int = 0) -> li
     except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
         reason = reason_of(error)
     cells = {**own, **numbers, "reason": reason}
-    return [_text(cells.get(name, "")) for name in columns]
-
-
-def _text(value: object) -> str:
-    return repr(value) if isinstance(value, float) else str(value)
+    return [str(cells.get(name, "")) for name in columns]
