@@ -46,10 +46,8 @@ class ToolPoses:
     def after(self, sample: Sample) -> list[PoseSample]:
         """The poses that are ready after a sample that the estimator was given."""
         rate = self._estimator.settings.tf_rate
-        if isinstance(sample, WrenchSample):
-            if rate == 0.0 and sample.stamp > 0:
-                self._want(sample.stamp)
-            return self._ready(sample.stamp)
+        if isinstance(sample, WrenchSample) and rate == 0.0 and sample.stamp > 0:
+            self._want(sample.stamp)
         if isinstance(sample, Stamped):
             return self._ready(sample.stamp)
         if rate > 0.0:

@@ -128,7 +128,8 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     import trimesh
 
     suffix = path.suffix.lower()
-    if suffix in _SEAMS and not _is_binary_stl(data):
+    binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    if suffix in _SEAMS and not binary_stl:
         # trimesh needs another package for text that is not UTF-8, such as a name or a comment
         data = re.sub(_SEAMS[suffix], b"", data.decode(errors="replace").encode())
     try:
@@ -149,10 +150,6 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     except Exception as error:  # each reader raises its own errors
         kind = path.suffix[1:].upper()
         raise InputError(f"mesh file '{path}' is not a valid {kind} file: {reason_of(error)}") from None
-
-
-def _is_binary_stl(data: bytes) -> bool:
-    return len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
 
 
 def _in_tool_frame(
