@@ -50,25 +50,18 @@ def share_directory(package: str) -> Path:
     because an older installation's files may not match the code; the folders where pip installs data files.
     Raises InputError if the package is in none of them.
     """
-    for folder in _candidates(package) if package.strip(".") else []:
+    user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
+    prefixes = Path(sys.prefix), Path(sysconfig.get_path("data")), Path(user)
+    overlays, installed = ([p / "share" / package for p in each] for each in (_ament_prefixes(), prefixes))
+    for folder in (*overlays, *_checkout(package), *installed) if package.strip(".") else ():
         if folder.is_dir():
             return folder
-    overlays = os.environ.get("AMENT_PREFIX_PATH") or "not set"
-    raise InputError(f"package '{package}' has no share folder in AMENT_PREFIX_PATH ({overlays}) or {sys.prefix}")
+    searched = os.environ.get("AMENT_PREFIX_PATH") or "not set"
+    raise InputError(f"package '{package}' has no share folder in AMENT_PREFIX_PATH ({searched}) or {sys.prefix}")
 
 
 def _ament_prefixes() -> list[Path]:
     return [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-
-
-def _candidates(package: str) -> list[Path]:
-    user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
-    installed = [Path(sys.prefix), Path(sysconfig.get_path("data")), Path(user)]
-    return [
-        *(prefix / "share" / package for prefix in _ament_prefixes()),
-        *_checkout(package),
-        *(prefix / "share" / package for prefix in installed),
-    ]
 
 
 def _checkout(package: str) -> list[Path]:

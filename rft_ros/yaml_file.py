@@ -31,4 +31,4 @@ def read_yaml(file: Path, what: str) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{what} '{file}' cannot be read: {reason_of(error)}") from None
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month
-        raise InputError(f"{what} '{file}' is not YAML: {' '.join(str(error).split())}") from None
+        raise InputError(f"{what} '{file}' is not YAML: {reason_of(error)}") from None

@@ -193,14 +193,11 @@ class Checkup:
         else:
             yield Finding(True, f"sign: measured and predicted force agree in direction (correlation {alike:.2f})")
 
-    def _reason_share(self, reason: Reason) -> float:
-        return self._estimator.counts[reason.value] / max(self._poses, 1)
-
     def _of_reasons(self) -> Iterator[Finding]:
         named = self._estimator.unknown_frames()
         for reason in Reason:
-            if reason not in _EXPECTED and reason.value not in named and self._reason_share(reason) > _RARE:
-                count = self._estimator.counts[reason.value]
+            count = self._estimator.counts[reason.value]
+            if reason not in _EXPECTED and reason.value not in named and count > _RARE * max(self._poses, 1):
                 yield Finding(False, f"{reason}: {count} times at {self._poses} poses; docs/node.md, Reasons, says why")
         estimates = self._estimator.counts["estimates"]
         advice = "" if estimates else "; mend what stands above first"

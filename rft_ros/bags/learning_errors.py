@@ -6,10 +6,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from rft_ros.bags.estimates import Trace
-from rft_ros.bags.playback import push
 from rft_ros.bags.statistics import statistics
 from rft_ros.estimator import Estimate, Estimator, Model, Settings
 from rft_ros.estimator.messages import Sample
+from rft_ros.estimator.tool_poses import push
 
 __all__ = ["LearningErrors"]
 

@@ -3,14 +3,13 @@
 import math
 import re
 import sys
-from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from rft_ros.bags.summary import Summary
 from rft_ros.errors import InputError, suggestion
 from rft_ros.estimator import Reason
+from rft_ros.estimator.parameters import flat
 from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Limit", "check", "limit_lines", "read_limits"]
@@ -56,21 +55,13 @@ def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | No
     content = summary.content()
     for words in ("damage", "parameters"):
         del content[words]
-    values = dict(_metrics(content))
+    values = {name: value for name, value in flat(content) if value is None or isinstance(value, int | float)}
     values |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
     for limit in limits:
         if limit.metric not in values and _BIN.sub(".", limit.metric) not in values:
             near = suggestion(limit.metric, values)
             raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{near}")
     return [(limit, values.get(limit.metric)) for limit in limits]
-
-
-def _metrics(tree: Mapping[str, Any], path: str = "") -> Iterator[tuple[str, float | None]]:
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from _metrics(value, f"{path}{key}.")
-        elif value is None or isinstance(value, int | float):
-            yield f"{path}{key}", value
 
 
 def limit_lines(checks: list[tuple[Limit, float | None]]) -> list[str]:

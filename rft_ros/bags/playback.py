@@ -9,19 +9,18 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, TwistSample, WrenchSample
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate
 from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.parameters import Values, node_parameters, settings_of
-from rft_ros.estimator.tool_poses import ToolPoses
+from rft_ros.estimator.tool_poses import ToolPoses, push
 from rft_ros.estimator.transforms import Transforms
-from rft_ros.ground import Cloud, HeightMap
+from rft_ros.ground import HeightMap
 from rft_ros.progress import bar
 
 __all__ = [
     "ReplayOptions",
     "mounted",
     "play",
-    "push",
     "push_all",
     "read_replay_options",
     "states_of",
@@ -108,22 +107,6 @@ def _resolved(name: str) -> str:
     if name.startswith("~"):
         return "/rft" + name[1:]
     return name if name.startswith("/") else f"/{name}"
-
-
-def push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
-    """Push a sample of any kind; the answer if it is a pose."""
-    if isinstance(sample, PoseSample):
-        return estimator.push_pose(sample)
-    if isinstance(sample, TwistSample):
-        estimator.push_twist(sample)
-    elif isinstance(sample, WrenchSample):
-        estimator.push_wrench(sample)
-    elif isinstance(sample, Cloud):
-        estimator.push_surface(sample)
-    else:
-        for transform in sample:
-            estimator.push_transform(transform)
-    return None
 
 
 def push_all(

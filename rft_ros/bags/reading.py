@@ -5,14 +5,14 @@ import re
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.damaged import DamagedFile
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import TransformSample
 from rft_ros.estimator.messages import TYPES, Role, Sample, Stamped, decoder
 
@@ -92,19 +92,15 @@ class Recording:
         self._why = ""
 
     def __enter__(self) -> "Recording":
-        try:
+        with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as on_failure:
+            on_failure.callback(self._close)
             self._open()
             if not sum(part.count for part in self._parts):
                 raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
             self._check_topics()
             self.fixed = self._read_fixed()
             self._set_span()
-        except OSError as error:
-            self._close()
-            raise InputError(f"bag '{self.bag}' cannot be read: {reason_of(error)}") from None
-        except BaseException:
-            self._close()
-            raise
+            on_failure.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -174,7 +170,7 @@ class Recording:
             try:
                 yield from part.messages(topics, self.first, self.last + 1)
             except Exception as error:  # rosbags' parsers raise anything on damage
-                self._why = f"{part.name} is damaged: {_sentence(error)}"
+                self._why = f"{part.name} is damaged: {reason_of(error)}"
                 return
 
     def _open(self) -> None:
@@ -192,7 +188,7 @@ class Recording:
         try:
             self._parts = [_Indexed(bag)]
         except Exception as error:
-            self._why = _sentence(error)
+            self._why = reason_of(error)
         if self._why and bag.is_dir() and not (bag / "metadata.yaml").exists():
             self._why = "metadata.yaml is missing"
         for file in files if self._why else []:
@@ -200,8 +196,8 @@ class Recording:
                 self._parts.append(_Indexed(file))
             except Exception as error:
                 if file.suffix == ".bag":
-                    raise InputError(f"bag '{bag}' cannot be read ({_sentence(error)}); try 'rosbag reindex'") from None
-                self._why = f"{file.name} is damaged: {_sentence(error)}"
+                    raise InputError(f"bag '{bag}' cannot be read ({reason_of(error)}); try 'rosbag reindex'") from None
+                self._why = f"{file.name} is damaged: {reason_of(error)}"
                 self._parts.append(DamagedFile(file))
                 return
 
@@ -234,7 +230,3 @@ class Recording:
 def _natural(file: Path) -> list[str]:
     """Sort key: numbers in a name count by value, so that part 10 of a split bag comes after part 9."""
     return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]
-
-
-def _sentence(error: Exception) -> str:
-    return str(error).strip().rstrip(".") or type(error).__name__

@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import yaml
@@ -52,7 +51,6 @@ class BagWriter:
         self.path = path
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._connections: dict[str, Connection] = {}
-        self._serialise: dict[str, Callable[[int, Wrench], bytes]] = {}
 
     def __enter__(self) -> "BagWriter":
         with file_errors(f"bag '{self.path}'", "written"):
@@ -70,10 +68,7 @@ class BagWriter:
 
     def write_wrench(self, topic: str, stamp: int, frame: str, wrench: Wrench) -> None:
         """Write a WrenchStamped; `stamp` [ns] is also its log time."""
-        serialise = self._serialise.get(frame)
-        if serialise is None:
-            serialise = self._serialise[frame] = wrench_cdr(frame)
-        self.write_raw(topic, TYPES["wrench"], stamp, serialise(stamp, wrench))
+        self.write_raw(topic, TYPES["wrench"], stamp, wrench_cdr(frame)(stamp, wrench))
 
     def write_raw(self, topic: str, msgtype: str, stamp: int, cdr: bytes) -> None:
         """Write a serialised message (CDR) of any type of ROS 2 Jazzy's common interfaces at log time `stamp` [ns]."""

@@ -48,7 +48,8 @@ def _draw(watcher: "Watcher", bag: Path, figure: Path) -> None:
     from rft_ros.installation import share_directory
     from rft_ros.node.virtual_arm import LAYER
     from rft_ros.report.animation import animate_evenly
-    from rft_ros.report.pictures import draw_force_over_depth
+    from rft_ros.report.charts import Chart, Line, Panel
+    from rft_ros.report.pictures import draw_chart
 
     values = {**read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml"), "learning.mode": "off"}
     model = model_of(values)
@@ -56,23 +57,42 @@ def _draw(watcher: "Watcher", bag: Path, figure: Path) -> None:
     with Recording(bag, topics_of(values)) as recording:
         for _, answer in play(recording, estimator, bag.name):
             if isinstance(answer, Estimate) and answer.speed > 0.0:
-                depth[answer.stamp] = estimator.depth()
-                fixed.append((depth[answer.stamp], *answer.predicted[:3]))
+                depth[answer.stamp] = 1e3 * estimator.depth()
+                fixed.append((answer.stamp, answer.predicted))
                 states.append(estimator.state.copy())
     times = 1e-9 * np.array([*depth])
-    scene = animate_evenly(model.tool.name, model.tool, model.law, times - times[0], np.array(states))
+    title = "Traction and force by the fixed model"
+    scene = animate_evenly(title, model.tool, model.law, times - times[0], np.array(states))
     strength = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 0.003] = -1.0
-    sigma = dict(watcher.wrenches["sigma"])
-    draw_force_over_depth(
-        figure,
-        title="rft demo: an ellipsoid pitches ±9° on its way down at 5 mm/s into grains that the node does not know",
-        scene=replace(scene, first=int(strength.argmax())),
-        measured=np.array([(depth[s], *w[:3]) for s, w in watcher.wrenches["compensated"] if s in depth]),
-        fixed=np.array(fixed),
-        learned=np.array(
-            [(depth[s], *w[:3], *sigma[s][:3]) for s, w in watcher.wrenches["predicted"] if s in depth and s in sigma]
-        ),
-        surprise=np.array([(depth[s], score) for s, score in watcher.surprise if s in depth]),
-        layer=LAYER,
-    )
+    scene = replace(scene, first=int(strength.argmax()))
+    moment = 1e3 * (scene.surface_height - scene.placed[scene.first, :, 2].min())
+
+    def panel(axis: str, *lines: Line) -> tuple[Panel]:
+        ends = np.array([min(line.y.min() for line in lines), max(line.y.max() for line in lines)])
+        layer = Line(label="hard layer begins", colour="z", x=np.full(2, 1e3 * LAYER), y=ends)
+        shown = Line(label="the moment on the left", colour="x", x=np.full(2, moment), y=ends)
+        return (Panel(x_label="Depth of the tool's lowest point [mm]", y_label=axis, lines=(*lines, layer, shown)),)
+
+    wrenches, sigma = watcher.wrenches, dict(watcher.wrenches["sigma"])
+    learned = [(stamp, wrench) for stamp, wrench in wrenches["predicted"] if stamp in sigma]
+    forces = []
+    for column, axis in ((2, "z (down)"), (0, "x (sideways)")):
+        lines = []
+        for label, colour, rows in (
+            ("virtual load cell, less bias and weight", "measured", wrenches["compensated"]),
+            ("predicted by the fixed model", "y", fixed),
+            ("predicted by the node, which learns", "predicted", learned),
+        ):
+            x, y = np.array([(depth[stamp], wrench[column]) for stamp, wrench in rows if stamp in depth]).T
+            lines.append(Line(label=label, colour=colour, x=x, y=y))
+        deviation = np.array([sigma[stamp][column] for stamp, _ in learned if stamp in depth])
+        y = np.stack([y - deviation, y + deviation])
+        lines.append(Line(label="± standard deviation", colour="predicted", x=x, y=y, kind="band"))
+        forces.append(panel(f"Force along\nsensor {axis} [N]", *lines))
+    x, y = np.array([(depth[stamp], score) for stamp, score in watcher.surprise if stamp in depth]).T
+    surprise = panel("Surprise\n[std. deviations]", Line(label="surprise", colour="approach", x=x, y=y))
+    panels, heights = (*forces, surprise), (1.2, 0.9, 0.7)
+    chart = Chart(name="force_over_depth", title="rft demo", panels=panels, height=600, heights=heights)
+    title = "an ellipsoid pitches ±9° on its way down at 5 mm/s into grains that the node does not know"
+    draw_chart(chart, figure, title=title, scene=scene)

@@ -61,18 +61,12 @@ def _compiled(values: "Values") -> "Finding":
     from rft_ros.bags.checkup import Finding
     from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
 
-    class ColdError(Exception):
-        pass
-
     def stop() -> None:
-        raise ColdError
+        raise InputError("run rft warm-up --params with this file, or the node's first start takes half a minute")
 
     try:
         warm_up_all(memory=False, on_cold_cache=stop)
         warm_up_for(values, on_cold_cache=stop)
-    except ColdError:
-        return Finding(
-            False,
-            "compiled: no; run rft warm-up --params with this file, or the node's first start takes half a minute or more",
-        )
+    except InputError as error:
+        return Finding(False, f"compiled: no; {error}")
     return Finding(True, "compiled: yes")

@@ -405,12 +405,12 @@ class Estimator:
         self._watch_for_tare(pose.stamp, speed, in_grains)
         self._correct(pose.stamp, speed)
         if in_grains and speed < self.settings.rest_speed and self._memory is None:
-            self._keep_state()
+            self._state, self._candidate = self._candidate, self._state
             return Reason.AT_REST
         numbers = self._frame.into_sensor(self._candidate[0, 3:7], self._answer)
         if not math.hypot(*numbers[:12]) < ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
-        self._keep_state()
+        self._state, self._candidate = self._candidate, self._state
         self._comparison.add(pose.stamp, numbers[:12], self._frame, pose.quaternion)
         quality_flags = self._quality.flags(
             self._state[0],
@@ -567,10 +567,6 @@ class Estimator:
             self._tare.disturb(stamp, f"the tool moved at {speed:.4f} m/s")
         else:
             self._tare.still(stamp)
-
-    def _keep_state(self) -> None:
-        """Make the state of the pose being answered the public `state`."""
-        self._state, self._candidate = self._candidate, self._state
 
 
 def _same(a: object, b: object) -> bool:

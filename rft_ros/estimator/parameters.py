@@ -38,6 +38,7 @@ __all__ = [
     "Values",
     "checked",
     "defaults",
+    "flat",
     "gives",
     "model_of",
     "node_parameters",
@@ -424,7 +425,7 @@ def parameter_tree(file: Path) -> dict[str, Any]:
     tree = read_yaml(file, "parameter file")
     if not isinstance(tree, dict):
         raise InputError(f"parameter file '{file}' has no node name at its top level, such as '/**'")
-    for name, value in _flat(tree):
+    for name, value in flat(tree):
         if isinstance(value, list) and len({type(v) for v in value}) > 1:
             name = name.partition(".ros__parameters.")[2] or name
             raise InputError(
@@ -436,26 +437,27 @@ def parameter_tree(file: Path) -> dict[str, Any]:
 def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
     """The flat parameters of these nodes; a later key overrides an earlier one. Empty if the file has none of them."""
     tree = parameter_tree(file)
-    flat: dict[str, Any] = {}
+    found: dict[str, Any] = {}
     for key in node_keys:
         node = tree.get(key)
         if node is None:
             continue
         if not isinstance(node, dict) or not isinstance(node.get("ros__parameters"), dict):
             raise InputError(f"parameter file '{file}': '{key}' has no 'ros__parameters'")
-        flat.update(_flat(node["ros__parameters"]))
-    return flat
+        found.update(flat(node["ros__parameters"]))
+    return found
 
 
 def gives(file: Path, name: str, value: Value) -> bool:
     """Whether a parameter file gives a parameter of any node, in any namespace, this value."""
-    return any(key.endswith(f"ros__parameters.{name}") and v == value for key, v in _flat(parameter_tree(file)))
+    return any(key.endswith(f"ros__parameters.{name}") and v == value for key, v in flat(parameter_tree(file)))
 
 
-def _flat(tree: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Names, joined by dots, and values of a nested mapping."""
     for key, value in tree.items():
-        if isinstance(value, dict):
-            yield from _flat(value, f"{prefix}{key}.")
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
 
@@ -466,10 +468,10 @@ def read_parameter_file(file: Path) -> dict[str, Value]:
     A relative path in `FILES` becomes relative to the file's folder.
     """
     values = defaults()
-    flat = node_parameters(file, NODE_KEYS)
-    if not flat:
+    given = node_parameters(file, NODE_KEYS)
+    if not given:
         raise InputError(f"parameter file '{file}' has no parameters for the node 'rft' (keys {', '.join(NODE_KEYS)})")
-    for name, value in flat.items():
+    for name, value in given.items():
         if name == "use_sim_time" or name.startswith("qos_overrides."):
             continue
         try:

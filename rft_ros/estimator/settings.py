@@ -61,14 +61,13 @@ class Settings:
 
     def frame_sentence(self, reason: Reason, frame: str) -> str:
         """A sentence for a reason ``*_frame_unknown``: the refused frame_id and the expected one."""
-        if reason is Reason.POSE_FRAME_UNKNOWN:
-            return f"pose frame_id {frame!r} is not world_frame {self.world_frame!r}"
-        if reason is Reason.TWIST_FRAME_UNKNOWN:
-            known = f"world_frame {self.world_frame!r} nor tool_frame {self.tool_frame!r}"
-            return f"twist frame_id {frame!r} is neither {known}"
-        if reason is Reason.SURFACE_FRAME_UNKNOWN:
-            return f"surface_points frame_id {frame!r} is not world_frame {self.world_frame!r}, nor fixed in it"
-        return f"wrench frame_id {frame!r} is not sensor_frame {self.sensor_frame!r}"
+        world, tool = f"world_frame {self.world_frame!r}", f"tool_frame {self.tool_frame!r}"
+        return {
+            Reason.POSE_FRAME_UNKNOWN: f"pose frame_id {frame!r} is not {world}",
+            Reason.TWIST_FRAME_UNKNOWN: f"twist frame_id {frame!r} is neither {world} nor {tool}",
+            Reason.SURFACE_FRAME_UNKNOWN: f"surface_points frame_id {frame!r} is not {world}, nor fixed in it",
+            Reason.WRENCH_FRAME_UNKNOWN: f"wrench frame_id {frame!r} is not sensor_frame {self.sensor_frame!r}",
+        }[reason]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

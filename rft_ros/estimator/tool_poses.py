@@ -1,15 +1,32 @@
-"""The tool's poses from transforms, for `pose_source` tf."""
+"""Samples of any kind into an estimator, and the tool's poses from transforms, for `pose_source` tf."""
 
 from collections import deque
 
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.messages import Sample, Stamped
-from rft_ros.estimator.samples import TIME_JUMP, PoseSample, Reason, WrenchSample
+from rft_ros.estimator.samples import TIME_JUMP, Estimate, NoEstimate, PoseSample, Reason, TwistSample, WrenchSample
+from rft_ros.ground import Cloud
 
-__all__ = ["ToolPoses"]
+__all__ = ["ToolPoses", "push"]
 
 _PATIENCE = 1_000_000_000  # ns of other inputs' stamps to wait for a transform: a process may stall by less
 _MOST_WANTED = 4096
+
+
+def push(estimator: Estimator, sample: Sample) -> Estimate | NoEstimate | None:
+    """Push a sample of any kind; the answer if it is a pose."""
+    if isinstance(sample, PoseSample):
+        return estimator.push_pose(sample)
+    if isinstance(sample, TwistSample):
+        estimator.push_twist(sample)
+    elif isinstance(sample, WrenchSample):
+        estimator.push_wrench(sample)
+    elif isinstance(sample, Cloud):
+        estimator.push_surface(sample)
+    else:
+        for transform in sample:
+            estimator.push_transform(transform)
+    return None
 
 
 class ToolPoses:
@@ -29,10 +46,8 @@ class ToolPoses:
     def after(self, sample: Sample) -> list[PoseSample]:
         """The poses that are ready after a sample that the estimator was given."""
         rate = self._estimator.settings.tf_rate
-        if isinstance(sample, WrenchSample):
-            if rate == 0.0 and sample.stamp > 0:
-                self._want(sample.stamp)
-            return self._ready(sample.stamp)
+        if isinstance(sample, WrenchSample) and rate == 0.0 and sample.stamp > 0:
+            self._want(sample.stamp)
         if isinstance(sample, Stamped):
             return self._ready(sample.stamp)
         if rate > 0.0:

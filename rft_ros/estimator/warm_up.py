@@ -112,11 +112,8 @@ def compile_kernels(part: int, parts: int, memory: bool, learning: bool, inertia
         tool = _pyramid(integration)
         law = law_named(law_name, medium, alpha_y_model(name, medium, table), density=float(inertia))
         model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
-        for m in (model, replace(model, mobilization_length=1.0))[: 1 + memory]:
-            for map_ in maps:
-                warm_up(replace(m, ground=map_))
-                if learning:
-                    warm_up(replace(m, ground=map_), learning=True)
+        for length, map_, learns in itertools.product((0.0, 1.0)[: 1 + memory], maps, (False, True)[: 1 + learning]):
+            warm_up(replace(model, mobilization_length=length, ground=map_), learning=learns)
         for slope in (LEVEL, (0.1, 0.0))[: 1 + ground]:
             plate_forces(tool.plates, law, state, slope=slope)
 

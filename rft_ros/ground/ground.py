@@ -2,7 +2,7 @@
 
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor
 from typing import NamedTuple
 
 import numpy as np
@@ -32,7 +32,7 @@ class Cloud(NamedTuple):
 class Ground:
     """The map in force, `map`, and `start`, the one that `level` goes back to.
 
-    `background`: with an executor of one thread, clouds become maps there; without one, at once.
+    `background`: with an executor of one thread, clouds become maps there; without one, when they are due.
     """
 
     def __init__(self, start: HeightMap, background: Executor | None = None) -> None:
@@ -40,12 +40,12 @@ class Ground:
         self.map = start
         self._background = background
         self._newest = start  # of the thread that makes maps
-        self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()
+        self._waiting: deque[tuple[int, Callable[[], HeightMap]]] = deque()  # when it is due, and what returns it
 
     def level(self) -> None:
         """Go back to the map at the start, and drop the clouds that are under way."""
         for _, made in self._waiting:
-            made.result()
+            made()  # the thread may be at it
         self._waiting.clear()
         self.map = self._newest = self.start
 
@@ -66,16 +66,10 @@ class Ground:
             self._newest = self._newest.with_points(x, y, z, tool)
             return self._newest
 
-        self._waiting.append((cloud.stamp + DELAY, self._run(merged)))
-
-    def _run(self, job: Callable[[], HeightMap]) -> "Future[HeightMap]":
-        if self._background is not None:
-            return self._background.submit(job)
-        done: Future[HeightMap] = Future()
-        done.set_result(job())
-        return done
+        made = merged if self._background is None else self._background.submit(merged).result
+        self._waiting.append((cloud.stamp + DELAY, made))
 
     def advance(self, stamp: int) -> None:
         """Bring into force what is due at a pose's stamp [ns]; waits for a map that a stalled process has not made."""
         while self._waiting and self._waiting[0][0] <= stamp:
-            self.map = self._waiting.popleft()[1].result()
+            self.map = self._waiting.popleft()[1]()

@@ -7,6 +7,7 @@ from dataclasses import asdict
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
+from std_srvs.srv import Trigger
 
 from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
@@ -55,8 +56,8 @@ class Diagnostics:
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
 
-    def status(self) -> tuple[bool, str]:
-        """For the service ~/status: whether the last swap succeeded; the tool, the swap, and reasons that last."""
+    def status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer the service: whether the last swap succeeded; the tool, the swap, and reasons that last."""
         model = self._estimator.model
         message = f"generation {model.generation}: tool {model.tool.name} in force"
         if self._swap.preparing:
@@ -65,7 +66,8 @@ class Diagnostics:
             message += f"; the last swap failed: {self._swap.last_failure}"
         if lasting := [self._named(reason) for reason in sorted(self._ongoing) if reason not in _NORMAL]:
             message += f"; not all inputs can be used: {', '.join(lasting)}"
-        return not self._swap.last_failure, message
+        response.success, response.message = not self._swap.last_failure, message
+        return response
 
     def publish(self) -> None:
         """Publish the statuses, and log each reason that began or ended since the last report."""
@@ -111,9 +113,11 @@ class Diagnostics:
                 logger.info(f"{reason}: ended, {total} in all")
 
     def _component_status(
-        self, component: str, level: bytes, message: str, values: dict[str, object]
+        self, component: str, values: dict[str, object], problem: str, fine: str, level: bytes = DiagnosticStatus.WARN
     ) -> DiagnosticStatus:
+        """A status of this `level` with the `problem`, or if that is empty OK with `fine`."""
         pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
+        level, message = (level, problem) if problem else (DiagnosticStatus.OK, fine)
         name = f"{self._node.get_fully_qualified_name()}: {component}"
         return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
 
@@ -123,10 +127,9 @@ class Diagnostics:
         values.update({f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"})
         bad = sorted(text for reason, text in named.items() if reason not in _NORMAL)
         if not self._received["pose"]:
-            return self._component_status("inputs", DiagnosticStatus.ERROR, ", ".join(["no poses", *bad]), values)
-        if bad:
-            return self._component_status("inputs", DiagnosticStatus.WARN, ", ".join(bad), values)
-        return self._component_status("inputs", DiagnosticStatus.OK, "inputs arrive", values)
+            problem = ", ".join(["no poses", *bad])
+            return self._component_status("inputs", values, problem, "", DiagnosticStatus.ERROR)
+        return self._component_status("inputs", values, ", ".join(bad), "inputs arrive")
 
     def _estimates(self, new: Counter[str], reasons: dict[str, int]) -> DiagnosticStatus:
         flags = self._quality_flags
@@ -144,12 +147,9 @@ class Diagnostics:
             values["torque_sigma_nm"] = math.hypot(*newest.sigma[3:])
         if self._latencies:
             values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, (50, 99))
-        if not new["estimates"]:
-            return self._component_status("estimates", DiagnosticStatus.WARN, "no estimates", values)
-        if flags:
-            speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST
-            return self._component_status("estimates", DiagnosticStatus.WARN, speed + sentences(flags), values)
-        return self._component_status("estimates", DiagnosticStatus.OK, f"{new['estimates']} estimates", values)
+        speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST
+        problem = speed + sentences(flags) if new["estimates"] else "no estimates"
+        return self._component_status("estimates", values, problem, f"{new['estimates']} estimates")
 
     def _model(self) -> DiagnosticStatus:
         model = self._estimator.model
@@ -167,14 +167,10 @@ class Diagnostics:
             "last_swap_failure": failure,
         }
         problems = failure or "; ".join(issue.message for issue in model.tool.issues)
-        level = DiagnosticStatus.WARN if problems else DiagnosticStatus.OK
-        return self._component_status("model", level, problems or "in force", values)
+        return self._component_status("model", values, problems, "in force")
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:
-        issues = [str(issue) for issue in learning.issues()]
-        values: dict[str, object] = {**asdict(learning.belief()), "issues": "; ".join(issues)}
-        if issues:
-            return self._component_status("medium", DiagnosticStatus.WARN, "; ".join(issues), values)
-        if learning.surprise:
-            return self._component_status("medium", DiagnosticStatus.WARN, surprise_sentence(learning), values)
-        return self._component_status("medium", DiagnosticStatus.OK, "as learned", values)
+        issues = "; ".join(map(str, learning.issues()))
+        values: dict[str, object] = {**asdict(learning.belief()), "issues": issues}
+        problem = issues or (surprise_sentence(learning) if learning.surprise else "")
+        return self._component_status("medium", values, problem, "as learned")

@@ -12,7 +12,6 @@ from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, Reliabilit
 from sensor_msgs.msg import PointCloud2
 
 from rft_ros.bags.checkup import Finding
-from rft_ros.errors import InputError
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, decoder
 from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
 
@@ -35,12 +34,8 @@ def listen(topics: Mapping[Role, str], seconds: float, push: Callable[[Sample, i
     try:
         node = rclpy.create_node("rft_doctor")
         wanted = dict(topics)
-        try:
-            message = transform_message()
+        if message := transform_message(needed="tf" in topics):
             wanted["tf_static"] = topics.get("tf", "/tf") + "_static"
-        except InputError:
-            if "tf" in topics:
-                raise
         for role, topic in wanted.items():
             decode = decoder(role, ros1=False)
             callback = partial(_take, node, decode, push)

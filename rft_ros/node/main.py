@@ -88,7 +88,7 @@ def _run(stop: threading.Event) -> int:
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
         executor = _executor(node)
         executor.add_node(node)
-        node.announce()
+        node.announce("ready")
         while not stop.is_set():
             executor.spin_once(timeout_sec=0.1)  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
         executor.shutdown()

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from functools import partial
 from time import perf_counter
 
 import numpy as np
@@ -17,17 +18,17 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError, file_errors
-from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, TwistSample, WrenchSample
+from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
 from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
-from rft_ros.estimator.tool_poses import ToolPoses
-from rft_ros.ground import Cloud, write_height_map
+from rft_ros.estimator.tool_poses import ToolPoses, push
+from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.learned_medium import LearnedMedium, saved
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker
-from rft_ros.node.transforms import subscribe_transforms, transform_message
+from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
 from rft_ros.tool import ToolRequest, locate_mesh
 
 __all__ = ["RftNode"]
@@ -46,6 +47,8 @@ _MARKER_PERIOD = 0.1  # s
 _NO_GROUND = "the ground is a level plane; set ground.cell in the parameter file and restart the node"
 _NOT_IN_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # they change the settings only
 _TOOL_NAMES = frozenset(TOOL_PARAMETERS.values())
+_OWN_CODE = {"medium.mobilization_length": 0.0, "learning.mode": "off", "medium.density": 0.0}
+"""Parameters that need code which is loaded at the start only, and their values without it."""
 
 
 class RftNode(Node):
@@ -60,9 +63,7 @@ class RftNode(Node):
         model = model_of(values, tool=worker.load_now(tool_request(values)))  # trimesh stays out of this process
         self.estimator = Estimator(settings_of(values), model, background=self._background)
         self._next_model: Model | None = None
-        self._with_learning = self.estimator.learning is not None
-        self._with_memory = self.estimator.model.mobilization_length > 0.0
-        self._with_inertia = self.estimator.model.law.inertia is not None
+        self._loaded = {name: values[name] != off for name, off in _OWN_CODE.items()}
         self._swap = ToolSwap(tool_request(values), worker)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
@@ -74,18 +75,21 @@ class RftNode(Node):
         self._sigma = self.create_publisher(WrenchStamped, "~/wrench_sigma", _OUTPUTS)
         self._medium = LearnedMedium(self, self.estimator, _OUTPUTS)
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
-        self._subscribe(WrenchStamped, "~/wrench_measured", self._on_wrench)
+        self._subscribe(WrenchStamped, "~/wrench_measured", partial(self._on_input, "wrench"))
         self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
+        message = transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"]))
+        if message:
+            self._subscribe(message, "/tf_static", partial(self._on_input, "tf_static"), TRANSFORMS_QOS["tf_static"])
         self._tool_poses = None
         if values["pose_source"] == "tf":
             self._tool_poses = ToolPoses(self.estimator)
+            self._subscribe(message, "/tf", partial(self._on_input, "tf"), TRANSFORMS_QOS["tf"])
         else:
             self._subscribe(PoseStamped, "~/pose", self._on_pose)
-        subscribe_transforms(self, values, self._on_transforms)
         if self.estimator.ground is not None:
-            self._subscribe(PointCloud2, "~/surface_points", self._on_surface, _CLOUDS)
+            self._subscribe(PointCloud2, "~/surface_points", partial(self._on_input, "surface"), _CLOUDS)
         self.create_service(Trigger, "~/tare", self._on_tare)
-        self.create_service(Trigger, "~/status", self._on_status)
+        self.create_service(Trigger, "~/status", self._diagnostics.status)
         self.create_service(Trigger, "~/forget", self._medium.forget)
         self.create_service(
             Trigger, "~/save_medium", lambda _, response: self._medium.save(self._table.values, response)
@@ -95,7 +99,7 @@ class RftNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
         self._markers = Markers(self, self.estimator)
-        self.create_timer(_MARKER_PERIOD, self._on_markers, clock=steady)
+        self.create_timer(_MARKER_PERIOD, lambda: self._markers.publish(self._last_measurement), clock=steady)
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
 
@@ -111,22 +115,14 @@ class RftNode(Node):
         """The values of all parameters."""
         return self._table.values
 
-    def announce(self) -> None:
-        """Log that the node is ready, and the issues of its mesh."""
-        self._log_model("ready")
-        self._log_issues()
-
-    def _log_model(self, event: str) -> None:
+    def announce(self, event: str) -> None:
+        """Log the model that came into force, with the issues of its mesh; `event`: what the sentence begins with."""
         m = self.estimator.model
         plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
         law = f"law {m.law_name}, medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
-        model = f"tool {m.tool.name} ({plates}), {law}"
-        self.get_logger().info(f"{event}: {model}")
-
-    def _log_issues(self) -> None:
-        tool = self.estimator.model.tool
-        for issue in tool.issues:
-            self.get_logger().warning(f"mesh {tool.name}: {issue.message}")
+        self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {law}")
+        for issue in m.tool.issues:
+            self.get_logger().warning(f"mesh {m.tool.name}: {issue.message}")
 
     # --- the tick
 
@@ -140,33 +136,19 @@ class RftNode(Node):
             self._diagnostics.received(role, sample.stamp)
         return sample
 
-    def _on_wrench(self, data: bytes) -> None:
-        if isinstance(sample := self._received("wrench", data), WrenchSample):
-            self.estimator.push_wrench(sample)
-            self._answer_from_transforms(sample)
-            self._publish_measurements()
-
     def _on_twist(self, data: bytes) -> None:
-        if isinstance(sample := self._received("twist", data), TwistSample):
-            self.estimator.push_twist(sample)
+        if (sample := self._received("twist", data)) is not None:
+            push(self.estimator, sample)
 
-    def _on_surface(self, data: bytes) -> None:
-        if isinstance(cloud := self._received("surface", data), Cloud):
-            self.estimator.push_surface(cloud)
-            self._answer_from_transforms(cloud)
-
-    def _on_transforms(self, role: Role, data: bytes) -> None:
-        sample = self._received(role, data)
-        if sample is None or isinstance(sample, Stamped):
+    def _on_input(self, role: Role, data: bytes) -> None:
+        """Push a sample that is neither pose nor twist, and answer the poses that follow from it by transforms."""
+        if (sample := self._received(role, data)) is None:
             return
-        for transform in sample:
-            self.estimator.push_transform(transform)
-        self._answer_from_transforms(sample)
-
-    def _answer_from_transforms(self, sample: Sample) -> None:
+        push(self.estimator, sample)
         for pose in self._tool_poses.after(sample) if self._tool_poses else ():
             self._diagnostics.received("pose", pose.stamp)
             self._answer(pose, perf_counter())
+        self._publish_measurements()
 
     def _on_pose(self, data: bytes) -> None:
         start = perf_counter()
@@ -203,23 +185,12 @@ class RftNode(Node):
                 path = locate_mesh(str(name))
                 if not path.is_file():
                     raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
-        if values["sensor.frame_source"] == "tf":
-            transform_message()
-        if not self._with_memory and values["medium.mobilization_length"]:
-            raise InputError(
-                "medium.mobilization_length was 0.0 at the start, so the code for memory is not loaded; "
-                "set it in the parameter file and restart the node"
-            )
-        if not self._with_learning and values["learning.mode"] != "off":
-            raise InputError(
-                "learning.mode was off at the start, so that its kernels are not loaded; "
-                "set it in the parameter file and restart the node"
-            )
-        if bool(values["medium.density"]) != self._with_inertia:
-            raise InputError(
-                f"medium.density was {'over' if self._with_inertia else 'at'} 0.0 at the start, and no other code is"
-                " loaded; set it in the parameter file and restart the node"
-            )
+        transform_message(needed=values["sensor.frame_source"] == "tf")
+        for name, off in _OWN_CODE.items():
+            needed, loaded = values[name] != off, self._loaded[name]
+            if needed > loaded or (name == "medium.density" and needed < loaded):
+                was = f"was {'not ' if loaded else ''}{off} at the start, and no other code is loaded"
+                raise InputError(f"{name} {was}; set it in the parameter file and restart the node")
         self._next_model = None
         if any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
             m = self.estimator.model
@@ -245,8 +216,7 @@ class RftNode(Node):
         elif outcome is not None:
             m = self.estimator.model
             self.estimator.use(model=replace(m, tool=outcome, generation=m.generation + 1))
-            self._log_model("in force")
-            self._log_issues()
+            self.announce("in force")
         if not self._swap.preparing:
             self._swap_timer.cancel()
 
@@ -273,10 +243,6 @@ class RftNode(Node):
         response.message = f"tare refused: {refused}" if refused else f"sensor.bias set to {found}"
         return response
 
-    def _on_status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = self._diagnostics.status()
-        return response
-
     def _on_level_ground(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = self.estimator.level_ground()
         response.message = "ground as at the start" if response.success else _NO_GROUND
@@ -288,6 +254,3 @@ class RftNode(Node):
             response.message = f"not saved: {_NO_GROUND if ground is None else 'no height is known yet'}"
             return response
         return saved(response, "rft_ground_{}.npz", lambda file: write_height_map(file, ground))
-
-    def _on_markers(self) -> None:
-        self._markers.publish(self._last_measurement)

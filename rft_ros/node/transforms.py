@@ -1,16 +1,11 @@
-"""Subscriptions to /tf and /tf_static. tf2_ros is not needed: `estimator.transforms` has the tree."""
+"""What a subscription to /tf or /tf_static takes. tf2_ros is not needed: `estimator.transforms` has the tree."""
 
-from collections.abc import Callable
-from functools import partial
 from typing import Any
 
-from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.messages import Role
-from rft_ros.estimator.parameters import Values
 
 TRANSFORMS_QOS: dict[Role, QoSProfile] = {
     "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
@@ -19,30 +14,13 @@ TRANSFORMS_QOS: dict[Role, QoSProfile] = {
 """/tf_static is kept by its publishers for those who come later; best effort matches every publisher of /tf."""
 
 
-def transform_message() -> Any:
-    """The class of TFMessage. Raises InputError if the package that has it is not installed."""
+def transform_message(*, needed: bool) -> Any:
+    """The class of TFMessage; None if its package is not installed. Raises InputError then if it is `needed`."""
     try:
         from tf2_msgs.msg import TFMessage
     except ImportError:
-        raise InputError(
-            "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs"
-        ) from None
+        if needed:
+            why = "pose_source tf and sensor.frame_source tf need the package tf2_msgs"
+            raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
+        return None
     return TFMessage
-
-
-def subscribe_transforms(node: Node, values: Values, callback: Callable[[Role, bytes], None]) -> None:
-    """Subscribe to /tf_static, and with `pose_source` tf to /tf; `callback` gets role and serialised message.
-
-    Without tf2_msgs there are no transforms; that raises InputError if the parameters need them.
-    """
-    try:
-        message = transform_message()
-    except InputError:
-        if "tf" in (values["pose_source"], values["sensor.frame_source"]):
-            raise
-        return
-    for role, qos in TRANSFORMS_QOS.items():
-        if role == "tf_static" or values["pose_source"] == "tf":
-            overridable = QoSOverridingOptions.with_default_policies()
-            take = partial(callback, role)
-            node.create_subscription(message, f"/{role}", take, qos, raw=True, qos_overriding_options=overridable)

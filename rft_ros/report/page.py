@@ -154,6 +154,7 @@ def _shades(chart: Chart, panel: int) -> list[dict[str, Any]]:
 
 def _trace(line: Line, *, new: bool) -> Any:
     import plotly.graph_objects as go
+    from plotly.colors import hex_to_rgb
 
     shared = {"name": line.label, "legendgroup": line.label, "showlegend": new}
     colour = COLOURS[line.colour]
@@ -164,7 +165,7 @@ def _trace(line: Line, *, new: bool) -> Any:
         return go.Heatmap(x=_short(line.x), y=_short(line.y), z=_short(line.values.T), coloraxis="coloraxis")
     if line.kind == "band":
         x, y = _outline(line)
-        filled = {"fill": "toself", "fillcolor": _faint(colour), "hoverinfo": "skip"}
+        filled = {"fill": "toself", "fillcolor": f"rgba{(*hex_to_rgb(colour), BAND)}", "hoverinfo": "skip"}
         return go.Scatter(x=x, y=y, mode="lines", line_width=0, **filled, **shared)
     style = {"color": colour, "width": line.width}
     return go.Scatter(x=_short(line.x), y=_short(line.y), mode="lines", line=style, connectgaps=False, **shared)
@@ -178,11 +179,6 @@ def _outline(line: Line) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         x += [line.x[part], line.x[part[::-1]], np.array([np.nan])]
         y += [line.y[0][part], line.y[1][part[::-1]], np.array([np.nan])]
     return _short(np.concatenate(x)), _short(np.concatenate(y))
-
-
-def _faint(colour: str) -> str:
-    red, green, blue = (int(colour[k : k + 2], 16) for k in (1, 3, 5))
-    return f"rgba({red},{green},{blue},{BAND})"
 
 
 def _short(values: NDArray[np.float64]) -> NDArray[np.float32]:

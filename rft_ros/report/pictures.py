@@ -1,11 +1,8 @@
-"""PNG files by matplotlib: charts, the tool in the grains, force over depth."""
+"""PNG files by matplotlib: charts, and the tool in the grains."""
 
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rft_ros.report.animation import Animation, draw_moment
 from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line
@@ -13,9 +10,7 @@ from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["draw_chart", "draw_force_over_depth", "draw_tool", "legend_below"]
-
-_Array = NDArray[np.float64]
+__all__ = ["draw_chart", "draw_tool", "legend_below"]
 
 
 def legend_below(figure: "Figure", entries: Mapping[str, Any], **style: Any) -> None:
@@ -29,14 +24,19 @@ def legend_below(figure: "Figure", entries: Mapping[str, Any], **style: Any) -> 
     figure.legend(entries.values(), entries.keys(), loc=place, frameon=False, **style)
 
 
-def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
-    """Draw a chart to a PNG."""
+def draw_chart(chart: Chart, file: Path, *, title: str, scene: Animation | None = None) -> None:
+    """Draw a chart to a PNG; left of it the first moment of `scene`."""
     from matplotlib.figure import Figure
     from matplotlib.patches import Patch
 
     rows, columns = len(chart.panels), len(chart.panels[0])
-    figure = Figure(figsize=(12.0, max(3.8, chart.height / 90.0)), layout="constrained")
-    grid = figure.subplots(
+    figure: Any = Figure(figsize=(12.0 if scene is None else 13.6, max(3.8, chart.height / 90.0)), layout="constrained")
+    part = figure
+    if scene is not None:
+        left, part = figure.subfigures(1, 2, width_ratios=(1.0, 1.25))
+        draw_moment(left, left.add_subplot(projection="3d", computed_zorder=False), scene)
+        left.suptitle(scene.title, fontsize=10)
+    grid = part.subplots(
         rows,
         columns,
         squeeze=False,
@@ -65,7 +65,7 @@ def draw_chart(chart: Chart, file: Path, *, title: str) -> None:
                 axes.set_ylim(len(panel.names) - 0.5, -0.5)
             else:
                 axes.axhline(0.0, color="0.6", lw=0.6)
-    legend_below(figure, legend, ncols=7)
+    legend_below(figure, legend, ncols=7 if scene is None else 4)
     figure.suptitle(f"{chart.title}: {title}")
     figure.savefig(file, dpi=110, metadata={"Software": None})
 
@@ -90,55 +90,4 @@ def draw_tool(scene: Animation, file: Path, *, title: str) -> None:
     elevation = -15.0 if scene.forces[scene.first, 2] > 0.0 else 30.0
     draw_moment(figure, figure.add_subplot(projection="3d", computed_zorder=False), scene, elevation=elevation)
     figure.suptitle(f"{scene.title}: {title}, {scene.labels[scene.first]}")
-    figure.savefig(file, dpi=110, metadata={"Software": None})
-
-
-def draw_force_over_depth(
-    file: Path,
-    *,
-    title: str,
-    scene: Animation,
-    measured: _Array,
-    fixed: _Array,
-    learned: _Array,
-    surprise: _Array,
-    layer: float,
-) -> None:
-    """Draw the demo's figure to a PNG: the scene's first moment, and beside it force and surprise over depth.
-
-    First column of each array: depth of the tool's lowest point [m], increasing. `measured`, `fixed` (the model without
-    learning): then the force [N], sensor axes, shape [n, 4]. `learned`: the same, then its standard deviations, shape
-    [n, 7]. `surprise`: then the surprise in standard deviations, shape [n, 2]. `layer`: depth of the hard layer [m].
-    """
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(13.6, 6.0), layout="constrained")
-    parts: Any = figure.subfigures(1, 2, width_ratios=(1.0, 1.25))
-    left, right = parts
-    draw_moment(left, left.add_subplot(projection="3d", computed_zorder=False), scene)
-    left.suptitle("Traction and force by the fixed model", fontsize=10)
-    axes = right.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1.2, 0.9, 0.6)})
-    for axis, component, name in ((axes[0], 3, "z (down)"), (axes[1], 1, "x (sideways)")):
-        low, high = (learned[:, component] + k * learned[:, component + 3] for k in (-1.0, 1.0))
-        for rows, label, style in (
-            (measured, "virtual load cell, less bias and weight", {"color": "0.6", "lw": 1.0}),
-            (fixed, "predicted by the fixed model", {"color": "tab:blue", "lw": 1.4, "ls": "--"}),
-            (learned, "predicted by the node, which learns", {"color": "tab:red", "lw": 1.5}),
-        ):
-            axis.plot(rows[:, 0] * 1e3, rows[:, component], label=label, **style)
-        axis.fill_between(
-            learned[:, 0] * 1e3, low, high, color="tab:red", alpha=BAND, lw=0, label="± standard deviation"
-        )
-        axis.set_ylabel(f"Force along\nsensor {name} [N]")
-    axes[2].plot(surprise[:, 0] * 1e3, surprise[:, 1], color="0.3", lw=1.0)
-    axes[2].set_ylabel("Surprise\n[std. deviations]")
-    axes[2].set_xlabel("Depth of the tool's lowest point [mm]")
-    drawn = 1e3 * float(scene.surface_height - scene.placed[scene.first, :, 2].min())
-    for axis in axes:
-        axis.axvline(layer * 1e3, color="tab:green", lw=1.2, label="hard layer begins")
-        axis.axvline(drawn, color="0.3", ls=":", lw=1.2, label="the moment on the left")
-        axis.grid(alpha=0.3)
-    handles, labels = axes[0].get_legend_handles_labels()
-    legend_below(figure, dict(zip(labels, handles, strict=True)), ncols=3, fontsize=9)
-    figure.suptitle(title)
     figure.savefig(file, dpi=110, metadata={"Software": None})

@@ -97,7 +97,7 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
             _line("predicted", series.time, series.predicted[:, column]),
         )
         rows.append((Panel(x_label=_TIME, y_label=f"{what} {axis} [{unit}]", lines=lines),))
-    flagged = ""
+    flagged, (vertical, pointing) = "", series.vertical
     quality_flags = series.quality_flags if first == 0 else ()
     if quality_flags:
         rows.append((_quality_flags(series),))
@@ -105,9 +105,9 @@ def _over_time(series: ReplaySeries, spans: tuple[Span, ...], first: int) -> Cha
     return Chart(
         name=f"{what.lower()}_over_time",
         title=f"{what} over time",
-        sentence=f"{what} on the tool by the grains, along the axes of the sensor frame{_z_points(series)}: measured,"
-        f" less bias and tool weight, and predicted by RFT, with a band of {_BAND}. A line breaks where there is no"
-        f" estimate.{flagged}",
+        sentence=f"{what} on the tool by the grains, along the axes of the sensor frame ({vertical} points {pointing}"
+        f" or nearly so): measured, less bias and tool weight, and predicted by RFT, with a band of {_BAND}. A line"
+        f" breaks where there is no estimate.{flagged}",
         panels=tuple(rows),
         spans=spans,
         height=640 + 26 * len(quality_flags),
@@ -124,11 +124,6 @@ def _quality_flags(series: ReplaySeries) -> Panel:
         lines.append(Line(label=label, colour=flag.trust.lower(), x=x, y=y, width=9.0))
     label = "Quality flags" if len(lines) > 3 else ""  # fewer rows are too low for it
     return Panel(x_label=_TIME, y_label=label, lines=tuple(lines), names=tuple(d.name for d in series.quality_flags))
-
-
-def _z_points(series: ReplaySeries) -> str:
-    axis, pointing = series.vertical
-    return f" ({axis} points {pointing} or nearly so)"
 
 
 def _line(name: str, x: _Numbers, y: _Numbers) -> Line:

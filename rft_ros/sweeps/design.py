@@ -19,11 +19,12 @@ from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Design", "Variant", "read_design"]
 
-_TOOL = ("mesh", "scale", "origin", "integration", "tolerance")
-_MEDIUM = (
-    *("law", "medium", "zeta", "alpha_y", "surface_friction", "density", "inertia"),
-    *("mobilization_length", "surface_height"),
-)
+# By name: the values that are allowed, or their kind; origin is a list of three numbers.
+_Kinds = Mapping[str, tuple[str, ...] | type]
+_TOOL: _Kinds = {"mesh": str, "scale": float, "origin": list, "integration": INTEGRATIONS, "tolerance": float}
+_ALPHA_Y = tuple(name for name in ALPHA_Y_MODELS if name != "table")  # a study cannot name a table's file
+_NUMBERS = ("zeta", "surface_friction", "density", "inertia", "mobilization_length", "surface_height")
+_MEDIUM: _Kinds = {"law": LAWS, "medium": tuple(MEDIA), "alpha_y": _ALPHA_Y, **dict.fromkeys(_NUMBERS, float)}
 
 _MOST = 1_000_000  # values in a range
 
@@ -104,29 +105,38 @@ def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]
         values = [_values(f"{where}: {key}", key, value) for key, value in entry.items()]
         for combination in itertools.product(*values):
             point = dict(zip(entry, combination, strict=True))
-            _check_names(where, name, point)
-            _check_values(where, point)
+            _check(where, name, point)
             yield point
 
 
-def _check_names(where: str, name: str, entry: Mapping[str, object]) -> None:
-    if name == "motions":
-        family = entry.get("family")
-        if "states_file" in entry:
-            allowed: tuple[str, ...] = ("states_file",)
-        elif isinstance(family, str) and family in FAMILIES:
-            allowed = ("family", "samples", *(f.name for f in fields(FAMILIES[family])))
-        else:
-            raise InputError(
-                f"{where}: family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file"
-            )
-    else:
-        allowed = _TOOL if name == "tools" else _MEDIUM
+def _kinds_of_motion(where: str, entry: Mapping[str, object]) -> _Kinds:
+    family = entry.get("family")
+    if "states_file" in entry:
+        return {"states_file": str}
+    if isinstance(family, str) and family in FAMILIES:
+        return {"family": str, "samples": float, **{f.name: float for f in fields(FAMILIES[family])}}
+    raise InputError(f"{where}: family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file")
+
+
+def _check(where: str, name: str, entry: Mapping[str, object]) -> None:
+    """Raise InputError for a name that an entry of this list does not have, or a value of another kind."""
+    kinds = _kinds_of_motion(where, entry) if name == "motions" else _TOOL if name == "tools" else _MEDIUM
     if name == "tools" and "mesh" not in entry:
         raise InputError(f"{where} has no mesh")
-    for key in entry:
-        if key not in allowed:
-            raise InputError(f"{where} has no '{key}'; it has {', '.join(allowed)}")
+    for key, value in entry.items():
+        kind = kinds.get(key)
+        if kind is None:
+            raise InputError(f"{where} has no '{key}'; it has {', '.join(kinds)}")
+        if isinstance(kind, tuple):
+            fits, wanted = value in kind, f"one of {', '.join(kind)}"
+        elif kind is str:
+            fits, wanted = isinstance(value, str), "text"
+        elif kind is list:
+            fits, wanted = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)), "three numbers"
+        else:
+            fits, wanted = _is_number(value), "a number"
+        if not fits:
+            raise InputError(f"{where}: {key} is {value!r}; it must be {wanted}")
 
 
 def _values(where: str, key: str, value: object) -> list[Any]:
@@ -145,25 +155,6 @@ def _values(where: str, key: str, value: object) -> list[Any]:
             raise InputError(f"{where} is an empty list")
         return value
     return [value]
-
-
-_ALPHA_Y = tuple(name for name in ALPHA_Y_MODELS if name != "table")  # a study cannot name a table's file
-_CHOICES = {"integration": INTEGRATIONS, "law": LAWS, "medium": tuple(MEDIA), "alpha_y": _ALPHA_Y}
-_TEXTS = ("mesh", "family", "states_file", "integration", "law", "medium", "alpha_y")
-
-
-def _check_values(where: str, point: Mapping[str, object]) -> None:
-    for key, value in point.items():
-        if key in _CHOICES and value not in _CHOICES[key]:
-            raise InputError(f"{where}: {key} is {value!r}; it must be one of {', '.join(_CHOICES[key])}")
-        if key == "origin":
-            if not isinstance(value, list) or len(value) != 3 or not all(_is_number(v) for v in value):
-                raise InputError(f"{where}: origin is {value!r}; it must be three numbers")
-        elif key in _TEXTS:
-            if not isinstance(value, str):
-                raise InputError(f"{where}: {key} is {value!r}; it must be text")
-        elif not _is_number(value):
-            raise InputError(f"{where}: {key} is {value!r}; it must be a number")
 
 
 def _is_number(value: object) -> bool:

@@ -77,9 +77,10 @@ class Straight(Motion):
     yaw_deg: float = 0.0
 
     def _at(self, t: Array) -> Array:
-        velocity = _velocity(self.speed, self.descent_deg, self.heading_deg)
-        yaw, tilt = math.radians(self.yaw_deg), math.radians(self.tilt_deg)
-        return _line(t, self.start_height, velocity, yaw, tilt)
+        descent, heading = math.radians(self.descent_deg), math.radians(self.heading_deg)
+        forward = self.speed * math.cos(descent)
+        velocity = forward * math.cos(heading), forward * math.sin(heading), -self.speed * math.sin(descent)
+        return _line(t, self.start_height, velocity, math.radians(self.yaw_deg), math.radians(self.tilt_deg))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,9 +100,8 @@ class PlateDrag(Motion):
     depth: float = 0.0255
 
     def _at(self, t: Array) -> Array:
-        velocity = _velocity(self.speed, self.phi_deg)
-        yaw, tilt = math.radians(self.psi_deg), -math.radians(self.beta_deg)
-        return _line(t, -self.depth, velocity, yaw, tilt)
+        attitude = {"tilt_deg": -self.beta_deg, "yaw_deg": self.psi_deg}
+        return Straight(speed=self.speed, start_height=-self.depth, descent_deg=self.phi_deg, **attitude).at(t)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -176,12 +176,6 @@ def sample(motion: Motion, count: int) -> tuple[Array, Array]:
         raise InputError(f"a motion sampled {count} times has no path; it needs at least 2 samples")
     times = np.linspace(0.0, motion.duration, count)
     return times, motion.at(times)
-
-
-def _velocity(speed: float, descent_deg: float, heading_deg: float = 0.0) -> tuple[float, float, float]:
-    descent, heading = math.radians(descent_deg), math.radians(heading_deg)
-    forward = speed * math.cos(descent)
-    return forward * math.cos(heading), forward * math.sin(heading), -speed * math.sin(descent)
 
 
 def _line(

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.integrate import trapezoid
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.rft import Law, alpha_y_model, law_named, medium_named
 from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Variant
@@ -114,10 +114,6 @@ def row_of(variant: Variant, columns: Sequence[str], fingerprint: int = 0) -> li
     try:
         numbers = evaluate(variant, fingerprint)
     except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = reason_of(error)
     cells = {**own, **numbers, "reason": reason}
-    return [_text(cells.get(name, "")) for name in columns]
-
-
-def _text(value: object) -> str:
-    return repr(value) if isinstance(value, float) else str(value)
+    return [str(cells.get(name, "")) for name in columns]

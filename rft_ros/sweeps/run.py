@@ -11,8 +11,8 @@ import math
 import os
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -97,11 +97,11 @@ def run(
             tasks = {k: [design.variant(i) for i in chunks[k]] for k in missing}
             done = len(design) - sum(map(len, tasks.values()))
             with (
-                _workers(scheduler, workers or os.cpu_count() or 1) as (used, answers),
+                _workers(scheduler, workers or os.cpu_count() or 1) as (used, executor),
                 bar(design.file.stem, len(design), delay=0.0) as update,
             ):
                 update(done, design.file.stem)
-                for k, (rows, seconds) in answers(tasks, compute):
+                for k, (rows, seconds) in _answers(executor, tasks, compute):
                     _whole(_file(out, k), _text(rows))
                     computed, busy = computed + len(rows), busy + seconds
                     rate, finished = computed / (time.perf_counter() - start), done + computed
@@ -116,12 +116,8 @@ def run(
 
 
 def _columns(design: Design) -> list[str]:
-    own = dict.fromkeys(
-        f"{part}.{key}"
-        for part, entries in (("tool", design.tools), ("motion", design.motions), ("medium", design.media))
-        for entry in entries
-        for key in entry
-    )
+    parts = {"tool": design.tools, "motion": design.motions, "medium": design.media}
+    own = dict.fromkeys(f"{part}.{key}" for part, entries in parts.items() for entry in entries for key in entry)
     return [*own, *RESULTS, "reason"]
 
 
@@ -150,18 +146,14 @@ def _chunk_size(design: Design, out: Path, compute: Compute) -> int:
     return chunk
 
 
-Tasks = dict[int, list[Variant]]
-Answers = Callable[[Tasks, Compute], Iterable[tuple[int, Rows]]]
-
-
 @contextmanager
-def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]:
+def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Callable[[], Executor]]]:
+    """The number of workers, and a function that returns a new executor of them."""
     if scheduler is None:
-        yield count, lambda tasks, compute: _here(tasks, compute, count)
+        yield count, partial(ProcessPoolExecutor, count, get_context("spawn"), _end_with_parent)
         return
     try:
         from distributed import Client
-        from distributed import as_completed as completed
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'rft_ros[sweep]'") from None
     try:
@@ -172,13 +164,7 @@ def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Answers]]
         used = len(client.scheduler_info(n_workers=-1)["workers"])
         if not used:
             raise InputError(f"the Dask scheduler at '{scheduler}' has no workers")
-
-        def answers(tasks: Tasks, compute: Compute) -> Iterator[tuple[int, Rows]]:
-            futures = {client.submit(compute, v, pure=False, retries=3): k for k, v in tasks.items()}
-            for future, rows in completed(futures, with_results=True):  # type: ignore[no-untyped-call]
-                yield futures[future], rows
-
-        yield used, answers
+        yield used, partial(client.get_executor, pure=False, retries=3)
 
 
 def _end_with_parent() -> None:
@@ -193,12 +179,15 @@ def _end_with_parent() -> None:
     threading.Thread(target=watch, daemon=True).start()
 
 
-def _here(tasks: Tasks, compute: Compute, count: int) -> Iterator[tuple[int, Rows]]:
+def _answers(
+    executor: Callable[[], Executor], tasks: Mapping[int, Sequence[Variant]], compute: Compute
+) -> Iterator[tuple[int, Rows]]:
     left = dict(tasks)
     for restart in range(_RESTARTS + 1):
-        pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"), initializer=_end_with_parent)
+        pool, futures = executor(), dict[Future[Rows], int]()
         try:
-            futures = {pool.submit(compute, variants): k for k, variants in left.items()}
+            for k, variants in left.items():
+                futures[pool.submit(compute, variants)] = k
             for future in as_completed(futures):
                 rows = future.result()
                 del left[futures[future]]
@@ -208,7 +197,9 @@ def _here(tasks: Tasks, compute: Compute, count: int) -> Iterator[tuple[int, Row
             if restart == _RESTARTS:
                 raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
         finally:
-            pool.shutdown(cancel_futures=True)
+            for future in futures:
+                future.cancel()
+            pool.shutdown()
 
 
 def _file(out: Path, chunk: int) -> Path:

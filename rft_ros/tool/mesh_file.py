@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.installation import share_directory
 from rft_ros.tool.check import degenerate_facets
 from rft_ros.tool.reduced_file import SUFFIX as REDUCED
@@ -128,7 +128,8 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     import trimesh
 
     suffix = path.suffix.lower()
-    if suffix in _SEAMS and not _is_binary_stl(data):
+    binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    if suffix in _SEAMS and not binary_stl:
         # trimesh needs another package for text that is not UTF-8, such as a name or a comment
         data = re.sub(_SEAMS[suffix], b"", data.decode(errors="replace").encode())
     try:
@@ -147,12 +148,8 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     except ImportError as error:
         raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception as error:  # each reader raises its own errors
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"mesh file '{path}' is not a valid {path.suffix[1:].upper()} file: {reason}") from None
-
-
-def _is_binary_stl(data: bytes) -> bool:
-    return len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+        kind = path.suffix[1:].upper()
+        raise InputError(f"mesh file '{path}' is not a valid {kind} file: {reason_of(error)}") from None
 
 
 def _in_tool_frame(

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.rft import Integration, Plates
 from rft_ros.tool.reduce import Reduction
 
@@ -108,8 +108,8 @@ def read_reduced(file: Path) -> ReducedMesh:
     except OSError as error:
         raise InputError(f"mesh file '{file}' cannot be read: {error.strerror or error}") from None
     except Exception as error:  # zip, numpy's header and JSON raise errors of their own
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {reason}") from None
+        why = reason_of(error)
+        raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {why}") from None
 
 
 def _checked_surface(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
