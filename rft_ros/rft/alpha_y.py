@@ -26,7 +26,6 @@ __all__ = [
     "Table",
     "alpha_y",
     "alpha_y_model",
-    "as_table",
     "checked_alpha_y",
 ]
 
@@ -205,15 +204,6 @@ def checked_alpha_y(model: AlphaY) -> AlphaY:
         raise ValueError(f"values of the table have shape {np.shape(model.values)}; create one with Table.sampled")
     made: AlphaY = type(model)(*fields)
     return made
-
-
-def as_table(model: AlphaY) -> AlphaY:
-    """A constant or linear model as an exact table, for loops that are compiled for tables only."""
-    if not isinstance(model, Constant | Linear):
-        return model
-    beta = np.deg2rad([-90.0, 270.0])  # range of atan2 + 90°
-    slope, intercept = (model.slope, model.intercept) if isinstance(model, Linear) else (0.0, model.value)
-    return Table.sampled(beta, [0.0], (intercept + slope * np.rad2deg(beta))[:, None])
 
 
 def alpha_y(model: AlphaY, sin_beta: float, cos_beta: float, sin_gamma: float, cos_gamma: float) -> float:

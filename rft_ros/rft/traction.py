@@ -13,7 +13,7 @@ from numba import types
 from numba.extending import overload
 
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import AlphaY, alpha_y, as_table, checked_alpha_y
+from rft_ros.rft.alpha_y import AlphaY, alpha_y, checked_alpha_y
 from rft_ros.rft.arguments import number
 from rft_ros.rft.compilation import OPTIONS, inlined
 from rft_ros.rft.inertia import INERTIA, inertial_density
@@ -31,7 +31,6 @@ __all__ = [
     "Treers2021",
     "checked_law",
     "law_named",
-    "law_of_plates",
     "traction_per_depth",
     "treers2021",
 ]
@@ -139,11 +138,6 @@ def checked_law(law: Law) -> Law:
         for name, v in law._asdict().items()
     }
     return type(law)(**fields)
-
-
-def law_of_plates(law: Law) -> Law:
-    """The law with its α_y model as a table: loops over single plates then compile once for all models."""
-    return law._replace(alpha_y=as_table(law.alpha_y)) if isinstance(law, Treers2021) else law
 
 
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2

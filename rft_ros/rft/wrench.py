@@ -18,7 +18,7 @@ from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import EDGE_AREAS, PLATE_FORCES, SUMS
 from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import Plates
-from rft_ros.rft.traction import Law, checked_law, law_of_plates
+from rft_ros.rft.traction import Law, checked_law
 
 __all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_shares", "plate_forces", "wrenches", "wrenches_in_time"]
 
@@ -176,8 +176,6 @@ def _code(
             return code
     _check_plates(plates)
     good = checked_law(law)
-    if what == "forces":
-        good = checked_law(law_of_plates(good))
     key = plates.integration, what, memory is None, incline is None
     types = *key, _types(good)
     entry = _ENTRIES.get(types)
