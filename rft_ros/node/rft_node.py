@@ -47,7 +47,7 @@ _MARKER_PERIOD = 0.1  # s
 _NO_GROUND = "the ground is a level plane; set ground.cell in the parameter file and restart the node"
 _NOT_IN_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # they change the settings only
 _TOOL_NAMES = frozenset(TOOL_PARAMETERS.values())
-_OWN_CODE = {"medium.mobilization_length": 0.0, "learning.mode": "off", "medium.density": 0.0}
+_LOADED_AT_START = {"medium.mobilization_length": 0.0, "learning.mode": "off", "medium.density": 0.0}
 """Parameters that need code which is loaded at the start only, and their values without it."""
 
 
@@ -63,7 +63,7 @@ class RftNode(Node):
         model = model_of(values, tool=worker.load_now(tool_request(values)))  # trimesh stays out of this process
         self.estimator = Estimator(settings_of(values), model, background=self._background)
         self._next_model: Model | None = None
-        self._loaded = {name: values[name] != off for name, off in _OWN_CODE.items()}
+        self._loaded = {name: values[name] != off for name, off in _LOADED_AT_START.items()}
         self._swap = ToolSwap(tool_request(values), worker)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
@@ -186,9 +186,9 @@ class RftNode(Node):
                 if not path.is_file():
                     raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
         transform_message(needed=values["sensor.frame_source"] == "tf")
-        for name, off in _OWN_CODE.items():
+        for name, off in _LOADED_AT_START.items():
             needed, loaded = values[name] != off, self._loaded[name]
-            if needed > loaded or (name == "medium.density" and needed < loaded):
+            if (needed and not loaded) or (loaded and not needed and name == "medium.density"):
                 was = f"was {'not ' if loaded else ''}{off} at the start, and no other code is loaded"
                 raise InputError(f"{name} {was}; set it in the parameter file and restart the node")
         self._next_model = None
