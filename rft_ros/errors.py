@@ -16,11 +16,11 @@ class InputError(ValueError):
 
 
 def reason_of(error: Exception) -> str:
-    """Why a file could not be used, without its name, in one line."""
+    """Why a file could not be used, without its name, in one line and without a full stop."""
     if isinstance(error, UnicodeDecodeError):
         return "it is not UTF-8 text"
     text = (isinstance(error, OSError) and error.strerror) or str(error)
-    return " ".join(text.split()) or type(error).__name__
+    return " ".join(text.split()).rstrip(".") or type(error).__name__
 
 
 def suggestion(word: str, names: Iterable[str]) -> str:

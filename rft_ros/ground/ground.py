@@ -32,7 +32,7 @@ class Cloud(NamedTuple):
 class Ground:
     """The map in force, `map`, and `start`, the one that `level` goes back to.
 
-    `background`: with an executor of one thread, clouds become maps there; without one, when they are due.
+    `background`: with an executor of one thread, clouds become maps there; without one, at once.
     """
 
     def __init__(self, start: HeightMap, background: Executor | None = None) -> None:
@@ -66,8 +66,11 @@ class Ground:
             self._newest = self._newest.with_points(x, y, z, tool)
             return self._newest
 
-        made = merged if self._background is None else self._background.submit(merged).result
-        self._waiting.append((cloud.stamp + DELAY, made))
+        if self._background is None:
+            made = merged()  # not when it is due, which is on a pose's path
+            self._waiting.append((cloud.stamp + DELAY, lambda: made))
+        else:
+            self._waiting.append((cloud.stamp + DELAY, self._background.submit(merged).result))
 
     def advance(self, stamp: int) -> None:
         """Bring into force what is due at a pose's stamp [ns]; waits for a map that a stalled process has not made."""

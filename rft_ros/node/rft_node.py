@@ -141,7 +141,7 @@ class RftNode(Node):
             push(self.estimator, sample)
 
     def _on_input(self, role: Role, data: bytes) -> None:
-        """Push a sample that is neither pose nor twist, and answer the poses that follow from it by transforms."""
+        """Push a sample that is neither pose nor twist; answer the poses and measurements that it completes."""
         if (sample := self._received(role, data)) is None:
             return
         push(self.estimator, sample)

@@ -32,8 +32,8 @@ _R = TypeVar("_R")
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """A function that LLVM inlines where compiled code calls it; Python calls it uncompiled.
 
-    `numba.njit` would also compile two entries from Python for each, which takes three times as long in all; so does
-    numba's own inlining.
+    `numba.njit` would also compile two entries from Python for each, which takes three times as long in all; numba's
+    own inlining takes longer still.
     """
     made: Callable[_P, _R] = register_jitable(forceinline=True, **OPTIONS)(function)
     return made

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
 from rft_ros.estimator.quality import QualityFlag
-from rft_ros.ground import DELAY, Cloud, HeightMap
+from rft_ros.ground import DELAY, Cloud, Ground, HeightMap
 
 MS = SECOND // 1000
 CELL = 0.004
@@ -166,3 +166,14 @@ def test_a_new_run_drops_the_clouds_of_the_run_before():
     e.push_twist(twist(START - 10 * SECOND))
     assert isinstance(e.push_pose(pose(START - 10 * SECOND)), Estimate)
     assert e.push_surface(cloud(START - 10 * SECOND + MS)) is None
+
+
+def test_without_a_thread_the_map_of_a_cloud_is_made_when_it_comes_and_not_on_the_path_of_a_pose(monkeypatch):
+    made = []
+    monkeypatch.setattr(HeightMap, "with_points", lambda self, *_: made.append(self) or self)
+    ground = Ground(HeightMap.unknown(0.01))
+    ground.add(Cloud(0, "world", *np.zeros((3, 1))), None)
+    assert len(made) == 1
+    ground.advance(10**12)
+    ground.level()
+    assert len(made) == 1
