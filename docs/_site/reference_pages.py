@@ -2,6 +2,7 @@
 
 import argparse
 import math
+from collections.abc import Collection
 from pathlib import Path
 
 from rft_ros.cli import parser
@@ -144,9 +145,25 @@ def default_yaml() -> str:
     return _table(*lines)
 
 
-def _parameters() -> str:
+_FIRST = (
+    "mesh.file",
+    "mesh.scale",
+    "mesh.origin",
+    "medium.zeta",
+    "surface_height",
+    "world_frame",
+    "tool_frame",
+    "sensor_frame",
+    "sensor.quaternion",
+    "sensor.sign",
+)
+"""What a first cell needs to set."""
+
+
+def _parameters(names: Collection[str] = ()) -> str:
+    """The table of these parameters, or of all."""
     rows = ["| parameter | default | unit | allowed | changes | meaning |", "|---|---|---|---|---|---|"]
-    for p in PARAMETERS:
+    for p in (p for p in PARAMETERS if p.name in names or not names):
         default = _yaml(p.default).replace('"', "") or '""'
         changes = "live" if p.applies == "live" else "at restart"
         rows.append(f"| `{p.name}` | `{default}` | {p.unit} | {_allowed(p)} | {changes} | {p.description} |")
@@ -171,8 +188,8 @@ def _with_tables(file: Path, tables: dict[str, str]) -> str:
 
 
 def readme() -> str:
-    """README.md with its table of parameters."""
-    return _with_tables(ROOT / "README.md", {"parameters": _parameters()})
+    """README.md with its table of the parameters that a first cell needs."""
+    return _with_tables(ROOT / "README.md", {"parameters": _parameters(_FIRST)})
 
 
 def node_page() -> str:

@@ -17,7 +17,7 @@ usage: rft_node [--ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pos
 
 Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2.
 
-The README lists its topics, services and parameters; config/default.yaml has every parameter with its default.
+docs/node.md lists its topics, services and parameters; config/default.yaml has every parameter with its default.
 SIGINT or SIGTERM ends it with exit status 0; arguments or parameters that cannot be used, with 2.
 
 example:
