@@ -19,9 +19,8 @@ from statistics import median
 import numpy as np
 
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Settings, TwistSample, WrenchSample
-from rft_ros.estimator.parameters import defaults, model_of
-from rft_ros.estimator.settings import LearningMode
 from rft_ros.ground import Cloud
+from rft_ros.parameters import LearningMode, defaults, model_of
 
 CELL = 0.002
 POINTS = 300_000

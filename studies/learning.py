@@ -21,8 +21,8 @@ from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning, Surprise
-from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.estimator.quality import write_prior_sigma
+from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
 from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run

@@ -7,8 +7,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import PoseSample
-from rft_ros.estimator.settings import Settings
 from rft_ros.estimator.velocity import PoseDifference
+from rft_ros.parameters import Settings
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample
 from rft_ros.sweeps.outcomes import Work, work

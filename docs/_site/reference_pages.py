@@ -6,9 +6,9 @@ from collections.abc import Collection
 from pathlib import Path
 
 from rft_ros.cli import parser
-from rft_ros.estimator.parameters import PARAMETERS, Parameter, Value
 from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.estimator.samples import Reason
+from rft_ros.parameters import PARAMETERS, Parameter, Value
 
 __all__ = ["commands_page", "default_yaml", "main", "node_page", "readme"]
 

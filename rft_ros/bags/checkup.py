@@ -10,9 +10,9 @@ import numpy as np
 from rft_ros.bags.playback import push_all
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role, Sample, Stamped
-from rft_ros.estimator.parameters import Values, settings_of
 from rft_ros.estimator.tool_poses import ToolPoses
 from rft_ros.ground import Cloud
+from rft_ros.parameters import Values, settings_of
 
 __all__ = ["Checkup", "Finding"]
 

@@ -11,10 +11,10 @@ from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate
 from rft_ros.estimator.messages import Role, Sample
-from rft_ros.estimator.parameters import Values, node_parameters, settings_of
 from rft_ros.estimator.tool_poses import ToolPoses, push
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import HeightMap
+from rft_ros.parameters import Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
 __all__ = [

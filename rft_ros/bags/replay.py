@@ -30,9 +30,9 @@ from rft_ros.estimator import (
     WrenchSample,
 )
 from rft_ros.estimator.messages import Role
-from rft_ros.estimator.parameters import Values, model_of, settings_of
 from rft_ros.estimator.warm_up import warm_up
 from rft_ros.ground import write_height_map
+from rft_ros.parameters import Values, model_of, settings_of
 
 __all__ = ["GROUND", "replay", "replay_model"]
 

@@ -13,9 +13,9 @@ from rft_ros.bags.estimates import PHASES, ROW, Trace
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Model
-from rft_ros.estimator.parameters import PARAMETERS
 from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.ground import HeightMap
+from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import Animation, animate
 from rft_ros.report.charts import Chart, Line, Panel
 from rft_ros.report.page import Table, write_page

@@ -8,7 +8,7 @@ from typing import Any
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.statistics import Group, PhaseGroup
 from rft_ros.estimator.messages import Role
-from rft_ros.estimator.parameters import Value
+from rft_ros.parameters import Value
 
 __all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics"]
 

@@ -14,7 +14,7 @@ from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
 from rft_ros.calibration.track import Track
 from rft_ros.calibration.zeta import ZetaFit, fit_zeta
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameters import Values, model_of, settings_of
+from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.rft import Treers2021, medium_named
 
 __all__ = ["PARTS", "Calibration", "calibrate"]

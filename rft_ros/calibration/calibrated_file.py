@@ -13,7 +13,7 @@ from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
 from rft_ros.errors import file_errors
-from rft_ros.estimator.parameters import FILES, NODE_KEYS, defaults, parameter_tree, path_beside
+from rft_ros.parameters import FILES, NODE_KEYS, defaults, parameter_tree, path_beside
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameters import checked, defaults
+from rft_ros.parameters import checked, defaults
 
 __all__ = [
     "Fit",

@@ -13,7 +13,7 @@ from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
-from rft_ros.estimator.parameters import Values, model_of, settings_of
+from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.tool import Tool
 
 __all__ = ["Track", "read_track"]

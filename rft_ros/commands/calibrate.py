@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.calibration.calibrate import PARTS, calibrate
     from rft_ros.calibration.calibrated_file import alpha_y_table, write_calibrated
     from rft_ros.calibration.track import read_track
-    from rft_ros.estimator.parameters import FILES
+    from rft_ros.parameters import FILES
 
     parts = tuple(arguments.fit or PARTS)
     for part in parts:

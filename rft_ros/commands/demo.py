@@ -44,9 +44,9 @@ def _draw(watcher: "Watcher", bag: Path, figure: Path) -> None:
     from rft_ros.bags.playback import play, topics_of
     from rft_ros.bags.reading import Recording
     from rft_ros.estimator import Estimate, Estimator
-    from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
     from rft_ros.installation import share_directory
     from rft_ros.node.virtual_arm import LAYER
+    from rft_ros.parameters import model_of, read_parameter_file, settings_of
     from rft_ros.report.animation import animate_evenly
     from rft_ros.report.charts import Chart, Line, Panel
     from rft_ros.report.pictures import draw_chart

@@ -14,7 +14,7 @@ from rft_ros.progress import busy
 
 if TYPE_CHECKING:
     from rft_ros.bags.checkup import Finding
-    from rft_ros.estimator.parameters import Values
+    from rft_ros.parameters import Values
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -29,7 +29,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.bags.checkup import Checkup
     from rft_ros.bags.playback import topics_of
     from rft_ros.bags.reading import Recording
-    from rft_ros.estimator.parameters import NODE_KEYS, model_of, node_parameters
+    from rft_ros.parameters import NODE_KEYS, model_of, node_parameters
 
     values, options = recording(arguments)
     topics = topics_of(values, options.remap)

@@ -10,7 +10,7 @@ from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
     from rft_ros.bags.playback import ReplayOptions
-    from rft_ros.estimator.parameters import Values
+    from rft_ros.parameters import Values
     from rft_ros.rft import Law
     from rft_ros.tool import Tool
 
@@ -102,7 +102,7 @@ def law_options(command: argparse._ActionsContainer) -> None:
 
 def law_of(arguments: argparse.Namespace) -> "Law":
     """The law of `law_options`; InputError names a value that cannot be used."""
-    from rft_ros.estimator.alpha_y_table import read_alpha_y_table
+    from rft_ros.parameters import read_alpha_y_table
     from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, law_named, medium_named
 
     name, table = arguments.alpha_y, None
@@ -156,7 +156,7 @@ def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     ``--tare 0`` overrides a `tare` of the file by none.
     """
     from rft_ros.bags.playback import ReplayOptions, read_replay_options
-    from rft_ros.estimator.parameters import defaults, read_parameter_file
+    from rft_ros.parameters import defaults, read_parameter_file
 
     file = arguments.params
     values = read_parameter_file(file) if file else defaults()

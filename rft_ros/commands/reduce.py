@@ -71,7 +71,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]":
     """The scene's states, the surface at z = 0."""
     from rft_ros.bags.playback import states_of
-    from rft_ros.estimator.parameters import model_of, settings_of
+    from rft_ros.parameters import model_of, settings_of
     from rft_ros.states_file import read_states
     from rft_ros.sweeps.motions import FAMILIES, sample
 

@@ -71,7 +71,7 @@ def _of_states(arguments: argparse.Namespace) -> "Animation":
 
 def _of_bag(arguments: argparse.Namespace) -> "Animation":
     from rft_ros.bags.playback import states_of
-    from rft_ros.estimator.parameters import model_of, settings_of
+    from rft_ros.parameters import model_of, settings_of
     from rft_ros.report.animation import animate_evenly
 
     values, options = recording(arguments)

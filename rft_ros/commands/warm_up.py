@@ -17,8 +17,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from rft_ros.estimator.parameters import defaults, read_parameter_file
     from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
+    from rft_ros.parameters import defaults, read_parameter_file
 
     def announce() -> None:
         print("compiling, half a minute or more ...", flush=True)

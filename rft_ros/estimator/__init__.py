@@ -12,7 +12,7 @@ from rft_ros.estimator.samples import (
     Wrench,
     WrenchSample,
 )
-from rft_ros.estimator.settings import LoadCell, Model, Settings
+from rft_ros.parameters import LoadCell, Model, Settings
 
 __all__ = [
     "Estimate",

@@ -25,10 +25,10 @@ from rft_ros.estimator.samples import (
     Wrench,
     WrenchSample,
 )
-from rft_ros.estimator.settings import Model, Settings
 from rft_ros.estimator.transforms import Placement, Transforms
 from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.ground import DELAY, Cloud, Ground, HeightMap, LocalSurface, Support, ToolBox
+from rft_ros.parameters import Model, Settings
 from rft_ros.rft import (
     COLUMNS,
     LEVEL,
@@ -147,7 +147,7 @@ class Estimator:
 
     def unknown_frames(self) -> dict[str, str]:
         """By reason: a sentence with the last frame_id refused under the present settings, and the expected one."""
-        return {str(r): self.settings.frame_sentence(r, frame) for r, frame in self._unknown_frames.items()}
+        return {str(r): _frame_sentence(self.settings, r, frame) for r, frame in self._unknown_frames.items()}
 
     def counted(self) -> list[str]:
         """`counts` as text, such as ``pose_stamp_zero: 3``; a reason for an unknown frame names the frame."""
@@ -574,3 +574,14 @@ def _same(a: object, b: object) -> bool:
     if isinstance(a, tuple) and isinstance(b, tuple):
         return a.__class__ is b.__class__ and len(a) == len(b) and all(map(_same, a, b))
     return np.array_equal(a, b)  # type: ignore[arg-type]
+
+
+def _frame_sentence(settings: Settings, reason: Reason, frame: str) -> str:
+    """A sentence for a reason ``*_frame_unknown``: the refused frame_id and the expected one."""
+    world, tool = f"world_frame {settings.world_frame!r}", f"tool_frame {settings.tool_frame!r}"
+    return {
+        Reason.POSE_FRAME_UNKNOWN: f"pose frame_id {frame!r} is not {world}",
+        Reason.TWIST_FRAME_UNKNOWN: f"twist frame_id {frame!r} is neither {world} nor {tool}",
+        Reason.SURFACE_FRAME_UNKNOWN: f"surface_points frame_id {frame!r} is not {world}, nor fixed in it",
+        Reason.WRENCH_FRAME_UNKNOWN: f"wrench frame_id {frame!r} is not sensor_frame {settings.sensor_frame!r}",
+    }[reason]

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.samples import Measurement, Reason, Vector, Wrench, WrenchSample
-from rft_ros.estimator.settings import LoadCell
+from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 

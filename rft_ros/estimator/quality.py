@@ -7,8 +7,8 @@ from enum import Enum, IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.settings import Settings
 from rft_ros.ground import LocalSurface
+from rft_ros.parameters import Settings
 from rft_ros.rft import Law, Plates, edge_shares, rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool

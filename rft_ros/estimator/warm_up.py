@@ -10,10 +10,9 @@ from numba.core import event
 
 from rft_ros.child_process import start_child
 from rft_ros.estimator.estimator import Estimator
-from rft_ros.estimator.parameters import Values
 from rft_ros.estimator.samples import PoseSample, WrenchSample
-from rft_ros.estimator.settings import LearningMode, Model, Settings
 from rft_ros.ground import Cloud, HeightMap
+from rft_ros.parameters import LearningMode, Model, Settings, Values
 from rft_ros.rft import (
     ALPHA_Y_MODELS,
     INTEGRATIONS,

@@ -13,7 +13,7 @@ from std_srvs.srv import Trigger
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator
 from rft_ros.estimator.learning import BeliefIssue, Learning, Surprise
-from rft_ros.estimator.parameters import Values, write_parameter_file
+from rft_ros.parameters import Values, write_parameter_file
 
 _PERIOD = 20_000_000  # ns, of the topic
 _NAMES = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]

@@ -145,8 +145,8 @@ def _refused_arguments() -> str:
 def _reason(error: Exception) -> str:
     """Why ROS refused the arguments: for a parameter file the same sentence as from a replay, else ROS's own."""
     from rft_ros.errors import InputError
-    from rft_ros.estimator.parameters import parameter_tree
     from rft_ros.node.node_parameters import parameter_files
+    from rft_ros.parameters import parameter_tree
 
     for file in parameter_files():
         try:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameters import (
+from rft_ros.parameters import (
     FILES,
     PARAMETERS,
     Parameter,

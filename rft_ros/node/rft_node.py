@@ -20,7 +20,6 @@ from std_srvs.srv import Trigger
 from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
-from rft_ros.estimator.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
 from rft_ros.estimator.tool_poses import ToolPoses, push
 from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
@@ -29,6 +28,7 @@ from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker
 from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
+from rft_ros.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
 from rft_ros.tool import ToolRequest, locate_mesh
 
 __all__ = ["RftNode"]

@@ -8,7 +8,7 @@ import pytest
 
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.bags.replay import replay
-from rft_ros.estimator.parameters import read_parameter_file
+from rft_ros.parameters import read_parameter_file
 
 FILE = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
 

@@ -11,7 +11,7 @@ import yaml
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.cli import main
-from rft_ros.estimator.parameters import read_parameter_file
+from rft_ros.parameters import read_parameter_file
 
 ABB = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
 TRIALS = (2, 3)

@@ -19,7 +19,7 @@ SCRIPT = """
 import json, sys
 import numpy as np
 from rft_ros.cli import main
-from rft_ros.estimator.parameters import PARAMETERS
+from rft_ros.parameters import PARAMETERS
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, plate_forces, treers2021, wrenches
 
 medium = MEDIA["generic"]

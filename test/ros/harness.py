@@ -23,7 +23,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
-from rft_ros.estimator.parameters import defaults, tool_request
+from rft_ros.parameters import defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
 from rft_ros.tool import Tool
 

@@ -5,11 +5,11 @@ import pytest
 
 from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.installation import share_directory
 from rft_ros.node import virtual_arm
 from rft_ros.node.virtual_arm import LAYER, PAUSE
+from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021
 from rft_ros.tool import load_tool
 

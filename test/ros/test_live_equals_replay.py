@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
-from rft_ros.estimator.parameters import checked, defaults
+from rft_ros.parameters import checked, defaults
 
 PARAMETERS = {
     "mesh.file": "ellipsoid",

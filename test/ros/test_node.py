@@ -8,7 +8,7 @@ from geometry_msgs.msg import TwistStamped
 from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, set_stamp, stamp_of
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.parameters import read_parameter_file
+from rft_ros.parameters import read_parameter_file
 from rft_ros.tool import locate_mesh
 
 S = 1_000_000_000

@@ -6,7 +6,7 @@ from harness import stamp_of
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from rft_ros.estimator.parameters import read_parameter_file
+from rft_ros.parameters import read_parameter_file
 
 STEP = 20_000_000  # at 1 cm/s: 0.2 mm of path
 

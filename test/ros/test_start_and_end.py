@@ -121,7 +121,7 @@ import sys
 from dataclasses import replace
 from numba.core import event
 from rft_ros.estimator import Estimator, PoseSample, Settings
-from rft_ros.estimator.parameters import defaults, model_of
+from rft_ros.parameters import defaults, model_of
 from rft_ros.estimator.warm_up import warm_up_all
 
 warm_up_all(memory=True, learning=True, on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))

@@ -18,7 +18,7 @@ from test_cli import rft
 
 from rft_ros.bags.limits import read_limits
 from rft_ros.bags.playback import read_replay_options
-from rft_ros.estimator.parameters import read_parameter_file
+from rft_ros.parameters import read_parameter_file
 from rft_ros.sweeps.design import read_design
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -2,7 +2,7 @@
 
 import csv
 
-from rft_ros.estimator.parameters import checked, defaults
+from rft_ros.parameters import checked, defaults
 
 
 def values(**changes):

@@ -8,7 +8,7 @@ from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.calibration.track import Track
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.parameters import defaults
+from rft_ros.parameters import defaults
 from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 

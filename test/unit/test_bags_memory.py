@@ -11,7 +11,7 @@ SCRIPT = """
 import resource, sys
 from pathlib import Path
 from rft_ros.bags.replay import replay
-from rft_ros.estimator.parameters import defaults
+from rft_ros.parameters import defaults
 for bag in map(Path, sys.argv[3:]):
     replay(bag, Path(sys.argv[2]) / bag.name, defaults(), report=sys.argv[1] == "report")
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)

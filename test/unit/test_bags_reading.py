@@ -10,7 +10,7 @@ from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
-from rft_ros.estimator.parameters import defaults
+from rft_ros.parameters import defaults
 
 NAMES = {role: name for role, (name, _) in TOPICS.items()}
 KIND = {"pose": PoseSample, "twist": TwistSample, "wrench": WrenchSample}

@@ -12,8 +12,8 @@ from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
-from rft_ros.estimator.parameters import model_of
 from rft_ros.estimator.transforms import Placement
+from rft_ros.parameters import model_of
 
 TOOL = Placement((0.01, -0.02, 0.15), tuple(Rotation.from_euler("xyz", [5, 10, 90], degrees=True).as_quat().tolist()))
 """The tool in the flange."""

@@ -30,7 +30,7 @@ from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.commands.calibrate import print_overview
-from rft_ros.estimator.parameters import defaults, model_of, read_parameter_file
+from rft_ros.parameters import defaults, model_of, read_parameter_file
 from rft_ros.tool import locate_mesh
 
 

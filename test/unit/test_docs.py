@@ -5,7 +5,7 @@ import shlex
 from pathlib import Path
 
 from rft_ros.cli import parser
-from rft_ros.estimator.parameters import defaults
+from rft_ros.parameters import defaults
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])

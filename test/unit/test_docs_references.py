@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from rft_ros.cli import parser
-from rft_ros.estimator.parameters import defaults, read_parameter_file
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.estimator.samples import Reason
+from rft_ros.parameters import defaults, read_parameter_file
 
 ROOT = Path(__file__).resolve().parents[2]
 MAKER = ROOT / "docs" / "_site" / "reference_pages.py"

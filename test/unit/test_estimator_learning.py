@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, twist, wrench
 
 from rft_ros.estimator import Estimate, LoadCell
-from rft_ros.estimator.parameters import defaults, read_parameter_file, settings_of, write_parameter_file
 from rft_ros.estimator.quality import QualityFlag
+from rft_ros.parameters import defaults, read_parameter_file, settings_of, write_parameter_file
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 

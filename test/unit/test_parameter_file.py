@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.alpha_y_table import read_alpha_y_table
-from rft_ros.estimator.parameters import defaults, read_parameter_file, write_parameter_file
+from rft_ros.parameters import defaults, read_alpha_y_table, read_parameter_file, write_parameter_file
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Settings
-from rft_ros.estimator.parameters import PARAMETERS, checked, defaults, model_of, settings_of
+from rft_ros.parameters import PARAMETERS, checked, defaults, model_of, settings_of
 from rft_ros.rft import Constant, Linear, Table
 
 # Parameters whose names users depend on (docs/node.md).

@@ -1,0 +1,122 @@
+"""Parameter files, read without ROS as ROS reads them, and written."""
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from rft_ros.errors import InputError, file_errors
+from rft_ros.parameters.table import Value, Values, checked, defaults
+from rft_ros.tool import is_mesh_path
+from rft_ros.yaml_file import read_yaml
+
+__all__ = [
+    "FILES",
+    "NODE_KEYS",
+    "flat",
+    "gives",
+    "node_parameters",
+    "parameter_tree",
+    "path_beside",
+    "read_parameter_file",
+    "write_parameter_file",
+]
+
+NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
+"""Top-level keys that hold parameters of the node `rft`; a later key overrides an earlier one."""
+
+
+def parameter_tree(file: Path) -> dict[str, Any]:
+    """The content of a parameter file, by node, with names as written, nested or flat.
+
+    Raises InputError for what ROS cannot read either: invalid YAML, no node name, a list of mixed types.
+    """
+    tree = read_yaml(file, "parameter file")
+    if not isinstance(tree, dict):
+        raise InputError(f"parameter file '{file}' has no node name at its top level, such as '/**'")
+    for name, value in flat(tree):
+        if isinstance(value, list) and len({type(v) for v in value}) > 1:
+            name = name.partition(".ros__parameters.")[2] or name
+            raise InputError(
+                f"parameter file '{file}': {name} is {value}; ROS takes lists of one type only, such as [0.0, 0.5]"
+            )
+    return tree
+
+
+def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
+    """The flat parameters of these nodes; a later key overrides an earlier one. Empty if the file has none of them."""
+    tree = parameter_tree(file)
+    found: dict[str, Any] = {}
+    for key in node_keys:
+        node = tree.get(key)
+        if node is None:
+            continue
+        if not isinstance(node, dict) or not isinstance(node.get("ros__parameters"), dict):
+            raise InputError(f"parameter file '{file}': '{key}' has no 'ros__parameters'")
+        found.update(flat(node["ros__parameters"]))
+    return found
+
+
+def gives(file: Path, name: str, value: Value) -> bool:
+    """Whether a parameter file gives a parameter of any node, in any namespace, this value."""
+    return any(key.endswith(f"ros__parameters.{name}") and v == value for key, v in flat(parameter_tree(file)))
+
+
+def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Names, joined by dots, and values of a nested mapping."""
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def read_parameter_file(file: Path) -> dict[str, Value]:
+    """Every parameter: the file's value for the node `rft`, checked, or the default.
+
+    A relative path in `FILES` becomes relative to the file's folder.
+    """
+    values = defaults()
+    given = node_parameters(file, NODE_KEYS)
+    if not given:
+        raise InputError(f"parameter file '{file}' has no parameters for the node 'rft' (keys {', '.join(NODE_KEYS)})")
+    for name, value in given.items():
+        if name == "use_sim_time" or name.startswith("qos_overrides."):
+            continue
+        try:
+            values[name] = checked(name, value)
+        except InputError as error:
+            raise InputError(f"parameter file '{file}': {error}") from None
+    for name in FILES:
+        values[name] = path_beside(file.parent, name, str(values[name]))
+    return values
+
+
+FILES = ("mesh.file", "alpha_y.table", "ground.file")
+"""Parameters that name a file, relative to the parameter file."""
+
+
+def path_beside(folder: Path, name: str, path: str) -> str:
+    """A relative path in a parameter of `FILES`, counted from a folder.
+
+    Others stay: one from the root or the home folder, none, and for a mesh a shipped name or a package:// URI.
+    """
+    if not path or path.startswith("~") or (name == "mesh.file" and not is_mesh_path(path)):
+        return path
+    return str(folder / path)
+
+
+def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
+    """Write a new file that `read_parameter_file` and the node read. Raises InputError if it exists.
+
+    A relative path in `FILES` is made absolute.
+    """
+    plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
+    for name in FILES:
+        plain[name] = path_beside(Path.cwd(), name, plain[name])
+    tree = {"/**": {"ros__parameters": plain}}
+    with file_errors(f"parameter file '{file}'", "written"):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with file.open("x", encoding="utf-8") as new:
+            new.write(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False))
