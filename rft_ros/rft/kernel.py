@@ -176,9 +176,8 @@ def _plate(rows, i, axes, twist, below, rise, slope, refined, careful):  # type:
     lead = ux * nx + uy * ny + uz * nz
     if refined:
         per_speed = 1.0 / sqrt(max(ux * ux + uy * uy + uz * uz, 1e-290))
-        # clamp to 0..1 over the plate's range of normals; with abs, since selects would branch
-        q = lead * per_speed * rows[13, i]
-        share = 0.5 * (abs(q + 0.5) - abs(q - 0.5) + 1.0)
+        # exactly 0 for a trailing plate: rounding must not decide which memory fades
+        share = min(max(lead * per_speed * rows[13, i] + 0.5, 0.0), 1.0)
     else:
         share = 1.0 if lead > 0.0 else 0.0
     return (x, y, z), (nx, ny, nz), (ux, uy, uz), load, share, area

@@ -13,6 +13,7 @@ GENERIC = MEDIA["generic"]
 LAW = treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
 PLATES = {i: load_tool("ellipsoid", integration=i).plates for i in ("centroid", "refined")}
 INTEGRATIONS = tuple(PLATES)
+ROOT_TIP = load_tool("root_tip", integration="refined").plates
 LENGTH = 0.003
 
 
@@ -71,6 +72,27 @@ def test_without_a_density_the_same_path_at_another_speed_gives_the_same_forces(
     states, durations = along(path, speed=speed, **turning)
     states[:, 10:13] *= speed
     np.testing.assert_allclose(remembered(states, durations, plates=PLATES[integration]), slow, rtol=1e-9, atol=1e-12)
+
+
+@given(yaw=st.floats(0.1, 3.1), speed=st.floats(1e-3, 1e3), shift=st.integers(1, 500))
+@settings(max_examples=20)
+def test_axes_speed_and_order_of_the_plates_do_not_decide_which_of_them_lead(yaw, speed, shift):
+    """Down and up again: what the trailing plates keep decides the sign of the force."""
+    down, pause = along(np.linspace(0.0, 0.04, 41), (0.0, 0.0, -0.02), start=(0.0, 0.0, 0.0))
+    up, _ = along(np.linspace(0.0, 0.01, 11), (0.0, 0.0, 0.02), start=(0.0, 0.0, -0.04))
+    states, durations = np.vstack([down, up[1:]]), np.append(pause, pause[1:11])
+    expected = remembered(states, durations, plates=ROOT_TIP)
+    assert expected[-1, 2] < 0.0 < expected[40, 2]
+    states[:, 5:7] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
+    states[:, 7:] *= speed
+    found = remembered(states, durations / speed, plates=Plates(np.roll(ROOT_TIP.rows, shift, axis=1)))
+    c, s = np.cos(yaw), np.sin(yaw)
+    for column in (0, 3):
+        x, y = expected[:, column].copy(), expected[:, column + 1].copy()
+        expected[:, column], expected[:, column + 1] = c * x - s * y, s * x + c * y
+        scale = np.abs(expected[:, column : column + 3]).max()
+        # the released code's e2 of a horizontal plate prefers x by 1e-5
+        np.testing.assert_allclose(found[:, column : column + 3], expected[:, column : column + 3], atol=1e-5 * scale)
 
 
 @given(st.lists(st.floats(0.0, 0.02), min_size=1, max_size=8))
