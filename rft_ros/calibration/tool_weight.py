@@ -14,7 +14,7 @@ from rft_ros.calibration.segments import still_intervals
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
-from rft_ros.estimator.load_cell import GRAVITY
+from rft_ros.estimator.load_cell import GRAVITY, drift
 
 __all__ = ["Sensor", "fit_tool_weight", "tared"]
 
@@ -137,12 +137,14 @@ def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float
     shifted, error, cell = [], 0.0, sensor.cell
     for track in tracks:
         rows = np.flatnonzero(track.time <= seconds)
-        fastest, lowest = float(track.speeds()[rows].max()), float(track.heights()[rows].min())
-        if fastest >= track.rest_speed or lowest <= air:
-            raise InputError(
-                f"tare refused: within the first {seconds:g} s of {track.name} the tool moves at {fastest:.4f} m/s"
-                f" and is as low as z = {lowest:.4f} m; it must rest above {air:.4f} m"
-            )
+        refused = f"tare refused: within the first {seconds:g} s of {track.name} the tool"
+        if (lowest := float(track.heights()[rows].min())) <= air:
+            raise InputError(f"{refused} is as low as z = {lowest:.4f} m; it must be above {air:.4f} m")
+        if len(rows) < 2:
+            raise InputError(f"{refused} has {len(rows)} poses; a tare needs 2 or more")
+        speed = drift(track.time[rows], track.states[rows, :7], track.tool.plates.reach)
+        if speed >= track.rest_speed:
+            raise InputError(f"{refused} moves at {speed:.4f} m/s; it must rest")
         weight = np.array(cell.bias[:3]) + cell.sign * cell.mass * track.gravity_in_sensor(cell)[rows]
         excess = track.readings[rows, :3] - weight
         error = max(error, *(error_of_mean(column) for column in excess.T))

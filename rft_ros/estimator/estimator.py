@@ -364,7 +364,8 @@ class Estimator:
         The caller applies it: pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved, was in
         the grains or had an unknown velocity, or if there are too few load-cell samples.
         """
-        mean = self._tare.mean(self._wrenches, window)
+        limits = {"rest_speed": self.settings.rest_speed, "reach": self.model.tool.plates.reach}
+        mean = self._tare.mean(self._wrenches, window, **limits)
         # only the weight's wrench is used; it does not depend on the answer
         sign, weight = self._frame.sign, self._frame.into_sensor(self._state[0, 3:7], self._answer)[6:12]
         fx, fy, fz, tx, ty, tz = (m - sign * w for m, w in zip(mean, weight, strict=True))
@@ -402,7 +403,10 @@ class Estimator:
         speed = self._speed()
         area = self._evaluate(pose.stamp, speed)
         in_grains = area > 0.0
-        self._watch_for_tare(pose.stamp, speed, in_grains)
+        if in_grains:
+            self._tare.disturb(pose.stamp, "the tool was in the grains")
+        else:
+            self._tare.hang(pose)
         self._correct(pose.stamp, speed)
         if in_grains and speed < self.settings.rest_speed and self._memory is None:
             self._state, self._candidate = self._candidate, self._state
@@ -559,14 +563,6 @@ class Estimator:
         """Take a final comparison: the compensated force in world axes, shape [3], or None."""
         if self.learning is not None:
             self.learning.learn(stamp, force, repeated=repeated)
-
-    def _watch_for_tare(self, stamp: int, speed: float, in_grains: bool) -> None:
-        if in_grains:
-            self._tare.disturb(stamp, "the tool was in the grains")
-        elif speed >= self.settings.rest_speed:
-            self._tare.disturb(stamp, f"the tool moved at {speed:.4f} m/s")
-        else:
-            self._tare.still(stamp)
 
 
 def _same(a: object, b: object) -> bool:

@@ -9,12 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.samples import Measurement, Reason, Vector, Wrench, WrenchSample
+from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 
-__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Tare"]
+__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Tare", "drift"]
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²] (ISO 80000-3)."""
@@ -25,6 +25,7 @@ HISTORY = 8192
 _MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
 _PATIENCE = 1_000_000_000  # ns of other topics' stamps to wait for the load cell: a process may stall by less
 _FEWEST_FOR_TARE = 10
+_STRETCH = 0.25  # time over which poses are averaged to see a drift [s]: 10 µm of noise at 125 Hz count as 0.01 mm/s
 
 
 @compiled
@@ -187,33 +188,56 @@ class Comparison:
         return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 
 
+def drift(time: NDArray[np.float64], places: NDArray[np.float64], reach: float) -> float:
+    """Greatest speed [m/s] between the means of neighbouring quarters of a second: the noise of poses is no motion.
+
+    `time` [s], shape [n], n at least 2; `places`: position and quaternion, shape [n, 7]; `reach` of the plates [m].
+    """
+    alike = np.where(places[:, 3:] @ places[-1, 3:] < 0.0, -1.0, 1.0)  # q and -q are one attitude
+    rows = np.column_stack([time, places[:, :3], alike[:, None] * places[:, 3:]])
+    parts = np.array_split(rows, min(max(2, round((time[-1] - time[0]) / _STRETCH)), len(rows)))
+    steps = np.diff([part.mean(axis=0) for part in parts], axis=0)
+    ways = np.linalg.norm(steps[:, 1:4], axis=1) + 2.0 * reach * np.linalg.norm(steps[:, 4:], axis=1)
+    return float((ways / steps[:, 0]).max())
+
+
 class Tare:
-    """When the tool last hung still in the air, and when it last did anything for which a tare would be wrong."""
+    """The last poses in the air, and when the tool last did anything else for which a tare would be wrong."""
 
     def __init__(self) -> None:
-        self._seen = False
-        self._still = 0
+        self._poses: deque[PoseSample] = deque(maxlen=HISTORY)
         self._disturbed = 0
         self._disturbance = ""
 
     def disturb(self, stamp: int, what: str) -> None:
         """Note that a tare would be wrong at `stamp` [ns], and why."""
-        self._seen, self._disturbed, self._disturbance = True, stamp, what
+        self._disturbed, self._disturbance = stamp, what
 
-    def still(self, stamp: int) -> None:
-        """Note that the tool hung still in the air at `stamp` [ns]."""
-        self._seen, self._still = True, stamp
+    def hang(self, pose: PoseSample) -> None:
+        """Note where the tool is in the air."""
+        self._poses.append(pose)
 
-    def mean(self, samples: deque[WrenchSample], window: float) -> Wrench:
-        """Mean of the raw samples over the last `window` [s]; InputError says why a tare would be wrong now."""
-        if not self._seen:
+    def mean(self, samples: deque[WrenchSample], window: float, *, rest_speed: float, reach: float) -> Wrench:
+        """Mean of the raw samples over the last `window` [s]; InputError says why a tare would be wrong now.
+
+        The tool must not drift faster than `rest_speed` [m/s]; `reach` of its plates [m].
+        """
+        if not self._poses and not self._disturbed:
             raise InputError("tare refused: no pose with a known velocity has come yet")
-        newest = samples[-1].stamp if samples else self._disturbed
+        newest = samples[-1].stamp if samples else max(self._disturbed, self._poses[-1].stamp)
         start = newest - round(window * 1e9)
+        refused = f"tare refused: within the last {window:g} s"
         if self._disturbed > start:
-            raise InputError(f"tare refused: within the last {window:g} s {self._disturbance}")
-        if self._still <= start:
-            raise InputError(f"tare refused: within the last {window:g} s no pose has shown the tool at rest")
+            raise InputError(f"{refused} {self._disturbance}")
+        poses = [pose for pose in self._poses if pose.stamp > start]
+        if len(poses) < 2:
+            raise InputError(f"{refused} no pose has shown the tool at rest")
+        time = np.array([pose.stamp - start for pose in poses]) * 1e-9
+        speed = drift(time, np.array([(*pose.position, *pose.quaternion) for pose in poses]), reach)
+        if speed >= rest_speed:
+            raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
+        if len(self._poses) == HISTORY:
+            start = max(start, poses[0].stamp)
         used = [s.wrench for s in samples if s.stamp > start]
         if len(used) < _FEWEST_FOR_TARE:
             raise InputError(

@@ -10,6 +10,7 @@ import pytest
 import yaml
 from recordings import START, plunge, write_ros2
 from rich.console import Console
+from scipy.spatial.transform import Rotation
 from synthetic_track import (
     LOAD_CELL,
     ORIENTATIONS,
@@ -30,6 +31,7 @@ from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.commands.calibrate import print_overview
+from rft_ros.estimator import LoadCell
 from rft_ros.parameters import defaults, model_of, read_parameter_file
 from rft_ros.tool import locate_mesh
 
@@ -229,6 +231,43 @@ def test_samples_that_repeat_a_stamp_are_left_out(tmp_path):
     )
     np.testing.assert_array_equal(looped.time, single.time)
     np.testing.assert_allclose(looped.speeds(), single.speeds())
+
+
+def test_a_new_users_bag_is_tared_replayed_calibrated_and_approved(tmp_path, capsys, monkeypatch, noise=3e-6):
+    """Noisy poses at 250 Hz, no twist, a cell with an offset and turned by 90°, a surface at 120 mm, strong grains.
+
+    What the doctor advises, a tare, works in the replay and in the calibration.
+    """
+    monkeypatch.setattr("synthetic_track.RATE", 250.0)
+    mount = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
+    cell = LoadCell(quaternion=mount, bias=(1.5, -0.8, 2.4, 0.05, -0.02, 0.01))
+    path = Path((0.0, 0.0, 0.13)).wait(1.2).move((0.0, 0.0, -0.035), 0.01).wait(1.0)
+    time, states = path.move((0.0, 0.0, 0.035), 0.02).states()
+    grains = grain_wrenches(time, states, law(1.3), surface=0.12, length=0.002)
+    rng = np.random.default_rng(1)
+    readings = read_by(cell, states, grains, rng, noise=(0.02, 0.001))
+    states[:, :3] += rng.normal(0.0, noise, (len(time), 3))
+    turned = Rotation.from_rotvec(rng.normal(0.0, 3.0 * noise, (len(time), 3)))
+    states[:, 3:7] = (turned * Rotation.from_quat(states[:, 3:7])).as_quat()
+    bag = write_bag(tmp_path / "bag", time, states, readings)
+    given = {"mesh.file": "abb_plate", "surface_height": 0.12, "twist_source": "pose_difference"}
+    given |= {"sensor.quaternion": list(mount), "medium.zeta": 1.3}
+    file, calibrated = tmp_path / "cell.yaml", tmp_path / "calibrated.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": given}}))
+
+    assert main(["doctor", str(file), "--bag", str(bag)]) == 1
+    assert "FIX load cell: it reads 2.94 N in the air; call ~/tare, replay with --tare" in capsys.readouterr().out
+    of_bag = [str(bag), "--params", str(file), "--tare", "1"]
+    assert main(["replay", *of_bag, "-o", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["bias"] == pytest.approx(cell.bias, abs=0.01)
+    assert main(["calibrate", *of_bag, "-o", str(calibrated)]) == 0
+    values = read_parameter_file(calibrated)
+    assert values["medium.zeta"] == pytest.approx(1.3, rel=0.01)
+    assert values["surface_height"] == pytest.approx(0.12, abs=2e-4)
+    assert values["sensor.bias"] == pytest.approx(cell.bias, abs=0.02)
+    capsys.readouterr()
+    main(["doctor", str(calibrated), "--bag", str(bag)])
+    assert not [line for line in capsys.readouterr().out.splitlines() if line[:3] == "FIX" and "compiled" not in line]
 
 
 def test_the_penetrations_are_drawn_to_a_figure(cell, tmp_path):
