@@ -141,10 +141,9 @@ def play(
 
 def unposed(estimator: Estimator) -> str:
     """What a recording lacks if no pose follows from its transforms: the two frames, and the frames that it has."""
-    settings, frames = estimator.settings, ", ".join(estimator.transforms.frames()) or "none"
-    reasons = "".join(f"; {counted}" for counted in estimator.counted())
-    link = f"tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}'"
-    return f"pose of {link} (frames: {frames}{reasons})"
+    settings = estimator.settings
+    why = estimator.counted() or [f"frames: {', '.join(estimator.transforms.frames()) or 'none'}"]
+    return f"pose of tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}' ({'; '.join(why)})"
 
 
 def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:

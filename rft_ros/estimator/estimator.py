@@ -146,8 +146,25 @@ class Estimator:
         return True
 
     def unknown_frames(self) -> dict[str, str]:
-        """By reason: a sentence with the last frame_id refused under the present settings, and the expected one."""
-        return {str(r): _frame_sentence(self.settings, r, frame) for r, frame in self._unknown_frames.items()}
+        """By reason: a sentence on the frames that it refused last under the present settings, and the expected ones.
+
+        Of a frame that transforms have linked since there is none.
+        """
+        s, tree = self.settings, self.transforms
+        found = {r: _frame_sentence(s, r, f) for r, f in self._unknown_frames.items() if not self._linked(r, f)}
+        if not tree.linked(s.world_frame, s.tool_frame):
+            found[Reason.TF_FRAME_UNKNOWN] = tree.unlinked("tool_frame", s.tool_frame, s.world_frame)
+        if not self._placed:
+            sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, kind="fixed ")
+            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
+        return {str(r): sentence for r, sentence in (found | tree.sentences).items() if self.counts[r.value]}
+
+    def _linked(self, reason: Reason, frame: str) -> bool:
+        """Whether fixed transforms link a frame, which this reason refused, to where it is needed now."""
+        s = self.settings
+        needed = (s.sensor_frame,) if reason is Reason.WRENCH_FRAME_UNKNOWN else (s.world_frame,)
+        needed += (s.tool_frame,) if reason is Reason.TWIST_FRAME_UNKNOWN else ()
+        return any(self.transforms.fixed(there, frame) is not None for there in needed)
 
     def counted(self) -> list[str]:
         """`counts` as text, such as ``pose_stamp_zero: 3``; a reason for an unknown frame names the frame."""
@@ -217,6 +234,7 @@ class Estimator:
 
     def _apply(self, settings: Settings) -> None:
         self._unknown_frames.clear()
+        self.transforms.keep(settings.world_frame, settings.tool_frame)
         self._place_sensor()
         self._max_age = self._comparison.max_age = round(settings.max_input_age * 1e9)
         self._period = round(min(1e9 / settings.max_rate, 1e18)) if settings.max_rate > 0.0 else 0
@@ -253,7 +271,7 @@ class Estimator:
         reason = self.transforms.push(sample)
         if reason is not None:
             self.counts[reason.value] += 1
-        elif sample.fixed and self.settings.sensor_source == "tf":
+        if sample.fixed and self.settings.sensor_source == "tf":
             self._place_sensor()
         return reason
 

@@ -2,6 +2,7 @@
 
 import math
 from collections import deque
+from collections.abc import Iterator
 from typing import NamedTuple
 
 from rft_ros.estimator.samples import ABSURD, TIME_JUMP, Reason, TransformSample, Vector, Wrench
@@ -9,7 +10,11 @@ from rft_ros.rft import unit_quaternion
 
 __all__ = ["Placement", "Transforms"]
 
-_HISTORY = 4096  # transforms kept of a moving frame: 8 s at 500 Hz
+_HISTORY = 4096  # transforms kept of a moving frame on the way: 8 s at 500 Hz
+_UNLINKED_HISTORY = 512  # kept of each moving frame until the way is known: 1 s at 500 Hz, the patience of a pose
+_LONGEST_NAME = 255
+_MOST_FRAMES = 4096
+_MOST_LISTED = 20
 
 Quaternion = tuple[float, float, float, float]
 
@@ -59,33 +64,41 @@ class Placement(NamedTuple):
 _HERE = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
-class _Link:
-    """A frame's transforms to its parent, in the order of their stamps."""
+class _Link(NamedTuple):
+    """A frame's transforms to its parent, in the order of their stamps; fixed: the last one alone."""
 
-    def __init__(self, parent: str, *, fixed: bool) -> None:
-        self.parent = parent
-        self.fixed = fixed
-        self.history: deque[TransformSample] = deque(maxlen=1 if fixed else _HISTORY)
+    fixed: bool
+    history: deque[TransformSample]
 
-    def at(self, stamp: int, max_age: int) -> Placement | Reason:
-        """Placement at a stamp, interpolated between the transforms on both sides, each within `max_age` [ns]."""
-        after = None
+    @property
+    def newest(self) -> TransformSample:
+        return self.history[-1]
+
+    def at(self, stamp: int, max_age: int) -> tuple[str, Placement | Reason]:
+        """Parent and placement at a stamp, interpolated between the transforms on both sides, within `max_age` [ns].
+
+        Between two parents the transform before the stamp counts.
+        """
+        sample, after = self.newest, None
+        if self.fixed:
+            return sample.parent, Placement(sample.position, sample.quaternion)
         for sample in reversed(self.history):
-            if sample.stamp <= stamp or self.fixed:
+            if sample.stamp <= stamp:
                 break
             after = sample
         else:
-            return Reason.TF_MISSING if self.history else Reason.TF_STALE  # none yet of this run
-        if self.fixed or sample.stamp == stamp:
-            return Placement(sample.position, sample.quaternion)
-        if after is None:
-            return Reason.TF_STALE
-        if stamp - sample.stamp > max_age or after.stamp - stamp > max_age:
-            return Reason.TF_GAP
+            return sample.parent, Reason.TF_MISSING
+        parent = sample.parent
+        if after is None and sample.stamp < stamp:
+            return parent, Reason.TF_STALE
+        if stamp - sample.stamp > max_age or (after and sample.stamp < stamp and after.stamp - stamp > max_age):
+            return parent, Reason.TF_GAP
+        if after is None or sample.stamp == stamp or after.parent != parent:
+            return parent, Placement(sample.position, sample.quaternion)
         share = (stamp - sample.stamp) / (after.stamp - sample.stamp)
         (px, py, pz), (qx, qy, qz) = sample.position, after.position
         position = px + share * (qx - px), py + share * (qy - py), pz + share * (qz - pz)
-        return Placement(position, _slerp(sample.quaternion, after.quaternion, share))
+        return parent, Placement(position, _slerp(sample.quaternion, after.quaternion, share))
 
 
 def _slerp(p: Quaternion, q: Quaternion, share: float) -> Quaternion:
@@ -102,41 +115,87 @@ def _slerp(p: Quaternion, q: Quaternion, share: float) -> Quaternion:
 
 
 class Transforms:
-    """A tree of frames. A frame's first transform decides its parent, and whether it is fixed there or moves."""
+    """A tree of frames. As in tf2, a frame's parent at a stamp is that of the last transform before it.
+
+    `sentences`: by reason, the last transform that was refused or had another parent than the one before.
+    """
 
     def __init__(self) -> None:
+        self.sentences: dict[Reason, str] = {}
         self._links: dict[str, _Link] = {}
-        self._paths: dict[tuple[str, str], tuple[list[_Link], list[_Link]]] = {}
+        self._ends: tuple[str, str] | None = None
+        self._between: set[str] | None = None  # frames on the way between the ends; None: not linked
         self._fixed: dict[tuple[str, str], Placement] = {}
 
+    def keep(self, target: str, source: str) -> None:
+        """Keep the history of no frames but those on the way between two frames, once transforms link these."""
+        if self._ends != (target, source):
+            self._ends = target, source
+            self._find_between()
+
     def push(self, sample: TransformSample) -> Reason | None:
-        """Add a transform; returns the reason if it is refused."""
+        """Add a transform; returns the reason if it is refused, and `TF_TWO_PARENTS` if it is taken nevertheless."""
+        link, way = self._links.get(sample.child), self._between
+        aside = way is not None and sample.child not in way and not sample.fixed
+        if aside and link is not None and not link.fixed and link.newest.parent == sample.parent:
+            return None  # the last one that was kept says as much about the tree
         quaternion = unit_quaternion(*sample.quaternion)
-        usable = math.hypot(*sample.position) < ABSURD and (sample.fixed or sample.stamp > 0)
-        if quaternion is None or not usable or not sample.parent or not sample.child:
-            return Reason.TF_INVALID
-        link = self._links.get(sample.child)
-        if link is None:
-            if sample.parent == sample.child or sample.child in self._ancestors(sample.parent):
-                return Reason.TF_LOOP
-            link = self._links[sample.child] = _Link(sample.parent, fixed=sample.fixed)
-            self._paths.clear()
-        elif link.parent != sample.parent or link.fixed != sample.fixed:
-            return Reason.TF_TWO_PARENTS
-        elif not link.fixed and link.history and sample.stamp <= link.history[-1].stamp:
-            if link.history[-1].stamp - sample.stamp < TIME_JUMP:
-                return Reason.TF_OUT_OF_ORDER
+        reason = self._judged(sample, quaternion)
+        if quaternion is None or reason not in (None, Reason.TF_TWO_PARENTS):
+            return reason
+        if link is not None and not (link.fixed or sample.fixed) and sample.stamp <= link.newest.stamp:
+            if link.newest.stamp - sample.stamp < TIME_JUMP:
+                return reason
             self.begin_again(sample.stamp)
+            link = None
+        if link is None or link.fixed != sample.fixed:
+            link = self._links[sample.child] = _Link(sample.fixed, deque(maxlen=1 if sample.fixed else _HISTORY))
+        begins = not link.history or link.newest.parent != sample.parent
+        if aside:
+            link.history.clear()
+        elif way is None and self._ends and len(link.history) >= _UNLINKED_HISTORY:
+            link.history.popleft()
         link.history.append(sample._replace(quaternion=quaternion))
-        if link.fixed:
+        if begins:
+            self._find_between()
+        if begins or link.fixed:
             self._fixed.clear()
-        return None
+        return reason
+
+    def _judged(self, sample: TransformSample, quaternion: Quaternion | None) -> Reason | None:
+        """What is wrong with a transform; a sentence on it goes to `sentences`."""
+        _, parent, child, position, _, fixed = sample
+        link = self._links.get(child)
+        old = link.newest if link is not None else None
+        reason, what = None, ""
+        if not (parent and child and max(len(parent), len(child)) <= _LONGEST_NAME):
+            reason, what = Reason.TF_INVALID, f"a name is missing or longer than {_LONGEST_NAME} characters"
+        elif quaternion is None or not math.hypot(*position) < ABSURD:
+            what = "the quaternion is not of unit length" if quaternion is None else "the position is not finite"
+            reason = Reason.TF_INVALID
+        elif not fixed and sample.stamp <= 0:
+            reason, what = Reason.TF_INVALID, "the stamp is zero"
+        elif old is None and len(self._links) >= _MOST_FRAMES:
+            reason, what = Reason.TF_INVALID, f"there are {_MOST_FRAMES:,} frames already"
+        elif (old is None or old.parent != parent) and child in (line := self._line(parent)):
+            reason, what = Reason.TF_LOOP, f"but {' in '.join(map(repr, line[: line.index(child) + 1]))}"
+        elif link is not None and old is not None:
+            if not (fixed or link.fixed) and -TIME_JUMP < sample.stamp - old.stamp <= 0:
+                reason, what = Reason.TF_OUT_OF_ORDER, f"{old.stamp - sample.stamp} ns before the last one"
+            if old.parent != parent or link.fixed != fixed:
+                before = f"before in {old.parent!r}" + " (fixed)" * link.fixed
+                reason, what = Reason.TF_TWO_PARENTS, before + (f", {what}" if reason else "")
+        if reason is not None:
+            self.sentences[reason] = f"{_short(child)} in {_short(parent)}{' (fixed)' * fixed}: {what}"
+        return reason
 
     def begin_again(self, stamp: int) -> None:
         """Forget moving transforms that lie a time jump or more after a stamp [ns]: they belong to the run before."""
-        for link in self._links.values():
-            if not link.fixed and link.history and link.history[-1].stamp - stamp >= TIME_JUMP:
-                link.history.clear()
+        late = [n for n, k in self._links.items() if not k.fixed and k.newest.stamp - stamp >= TIME_JUMP]
+        for name in late:
+            del self._links[name]
+        if late:
+            self._find_between()
 
     def at(self, target: str, source: str, stamp: int, max_age: int) -> Placement | Reason:
         """Placement of the frame `source` in the frame `target` at a stamp [ns].
@@ -144,56 +203,97 @@ class Transforms:
         Each moving transform on the way is interpolated between those on both sides of the stamp, within `max_age`
         [ns]. The reason may pass as more transforms come if it is `TF_FRAME_UNKNOWN` or `TF_STALE`.
         """
-        path = self._path(target, source)
-        if path is None:
-            return Reason.TF_FRAME_UNKNOWN
-        ends = []
-        worst: Reason | None = None
-        for links in path:
-            end = _HERE
-            for link in links:
-                step = link.at(stamp, max_age)
-                if isinstance(step, Reason):
-                    worst = step if worst is None or worst is Reason.TF_STALE else worst
-                else:
-                    end = step.of(end)
-            ends.append(end)
-        return ends[1].inverse().of(ends[0]) if worst is None else worst
+        ends = dict(self._climb(target, stamp, max_age))
+        for frame, end in self._climb(source, stamp, max_age):
+            if frame in ends:
+                other = ends[frame]
+                if isinstance(end, Reason):
+                    return _first(end, other)
+                return other if isinstance(other, Reason) else other.inverse().of(end)
+        return Reason.TF_FRAME_UNKNOWN
+
+    def _climb(self, frame: str, stamp: int | None, max_age: int = 0) -> Iterator[tuple[str, Placement | Reason]]:
+        """A frame and its ancestors at a stamp, the frame's placement in each; stamp None: by fixed transforms only."""
+        end: Placement | Reason = _HERE
+        seen: set[str] = set()
+        while frame not in seen:  # transforms of several stamps may make a loop
+            seen.add(frame)
+            yield frame, end
+            link = self._links.get(frame)
+            if link is None or (stamp is None and not link.fixed):
+                return
+            frame, step = link.at(stamp or 0, max_age)
+            if isinstance(step, Reason):
+                end = _first(end, step)
+            elif isinstance(end, Placement):
+                end = step.of(end)
 
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
         found = self._fixed.get((target, source))
-        path = self._path(target, source) if found is None else None
-        if path is not None and all(link.fixed for links in path for link in links):
-            placement = self.at(target, source, 0, 0)
-            if isinstance(placement, Placement):
-                found = self._fixed[target, source] = placement
+        if found is None:
+            ends = dict(self._climb(target, None))
+            for frame, end in self._climb(source, None):
+                if isinstance(other := ends.get(frame), Placement) and isinstance(end, Placement):
+                    found = self._fixed[target, source] = other.inverse().of(end)
+                    break
         return found
 
     def newest(self, target: str, source: str) -> int | None:
         """The last stamp [ns] at which all moving transforms between two frames are known; None if there are none."""
-        path = self._path(target, source) or ([], [])
-        moving = [link.history for links in path for link in links if not link.fixed]
-        return min(history[-1].stamp for history in moving) if moving and all(moving) else None
+        links = [self._links[frame] for frame in self._way(target, source) or ()]
+        return min((link.newest.stamp for link in links if not link.fixed), default=None)
 
     def frames(self) -> list[str]:
-        """The frames, each with its parent, such as ``tool in flange (fixed)``."""
-        return [f"{c} in {link.parent}" + " (fixed)" * link.fixed for c, link in sorted(self._links.items())]
+        """The frames, each with its parent, such as ``tool in flange (fixed)``; of many the first."""
+        found = [
+            f"{_short(c)} in {_short(link.newest.parent)}" + " (fixed)" * link.fixed
+            for c, link in sorted(self._links.items())
+        ]
+        return found if len(found) <= _MOST_LISTED else [*found[:_MOST_LISTED], f"{len(found) - _MOST_LISTED:,} more"]
 
-    def _ancestors(self, frame: str) -> list[str]:
-        found = []
-        while (link := self._links.get(frame)) is not None:
-            frame = link.parent
+    def linked(self, target: str, source: str) -> bool:
+        """Whether the newest transforms link two frames."""
+        return self._way(target, source) is not None
+
+    def unlinked(self, parameter: str, frame: str, other: str, *, kind: str = "") -> str:
+        """A sentence: no transforms of this kind link `frame`, named by a parameter, and the frame `other`."""
+        parents = {link.newest.parent for link in self._links.values()}
+        missing = f"no transform names {parameter} {_short(frame)}"
+        if frame in self._links or frame in parents:
+            missing = f"no {kind}transforms link {parameter} {_short(frame)} and {_short(other)}"
+        return f"{missing}; there are {', '.join(self.frames()) or 'none'}"
+
+    def _line(self, frame: str) -> list[str]:
+        """A frame and its ancestors, by the newest transforms."""
+        found = [frame]
+        while (link := self._links.get(frame)) is not None and link.newest.parent not in found:
+            frame = link.newest.parent
             found.append(frame)
         return found
 
-    def _path(self, target: str, source: str) -> tuple[list[_Link], list[_Link]] | None:
-        """The links from `source` and from `target` up to their nearest common frame; None if there is none."""
-        path = self._paths.get((target, source))
-        if path is None:
-            up, down = [source, *self._ancestors(source)], [target, *self._ancestors(target)]
-            meet = next((frame for frame in up if frame in down), None)
-            if meet is not None:
-                up, down = up[: up.index(meet)], down[: down.index(meet)]
-                path = self._paths[target, source] = [self._links[f] for f in up], [self._links[f] for f in down]
-        return path
+    def _way(self, target: str, source: str) -> list[str] | None:
+        """The frames from `source` and from `target` up to their nearest common one, without it; None: no such."""
+        up, down = self._line(source), self._line(target)
+        meet = next((frame for frame in up if frame in down), None)
+        return None if meet is None else up[: up.index(meet)] + down[: down.index(meet)]
+
+    def _find_between(self) -> None:
+        way = self._way(*self._ends) if self._ends else None
+        self._between = None if way is None else set(way)
+        for name, link in self._links.items() if way is not None else ():
+            if name not in way and len(link.history) > 1:
+                newest = link.newest
+                link.history.clear()
+                link.history.append(newest)
+
+
+def _first(a: Placement | Reason, b: Placement | Reason) -> Placement | Reason:
+    """Of two reasons the one that does not pass, else the first."""
+    if isinstance(a, Reason) and isinstance(b, Reason):
+        return b if a is Reason.TF_STALE else a
+    return a if isinstance(a, Reason) else b
+
+
+def _short(name: str) -> str:
+    return repr(name if len(name) <= _LONGEST_NAME else name[:_LONGEST_NAME] + "...")

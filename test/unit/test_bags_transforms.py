@@ -89,7 +89,7 @@ def test_a_view_of_transforms_shows_the_same_states(tmp_path):
 
 def test_without_transforms_the_sentence_names_frames_and_topic(tmp_path):
     bag = record(tmp_path / "bag", tf=True)
-    with pytest.raises(InputError, match=r"pose of tool_frame 'drill' in world_frame 'sand' .*ft_sensor in tool"):
+    with pytest.raises(InputError, match=r"pose of tool_frame 'drill' in world_frame 'sand' .*'ft_sensor' in 'tool'"):
         replay(bag, tmp_path / "out", values(**FRAMES | {"tool_frame": "drill"}, pose_source="tf"))
     with pytest.raises(InputError, match=r"no pose topic '/rft/pose' .use pose_source: tf, or --remap"):
         replay(bag, tmp_path / "out", values(**FRAMES))

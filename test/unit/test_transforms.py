@@ -89,15 +89,15 @@ REFUSED = {
     "no name": (Reason.TF_INVALID, fixed("", "tool")),
     "its own parent": (Reason.TF_LOOP, fixed("tool", "tool")),
     "a loop of three": (Reason.TF_LOOP, fixed("sensor", "world")),
-    "another parent": (Reason.TF_TWO_PARENTS, moving(START, "camera", "flange")),
-    "fixed and moving": (Reason.TF_TWO_PARENTS, fixed("world", "flange")),
+    "another parent at the same stamp": (Reason.TF_TWO_PARENTS, moving(START, "camera", "flange")),
     "an older stamp": (Reason.TF_OUT_OF_ORDER, moving(START - 1, "world", "flange")),
     "the same stamp": (Reason.TF_OUT_OF_ORDER, moving(START, "world", "flange")),
+    "a name of 300 letters": (Reason.TF_INVALID, fixed("world", "x" * 300)),
 }
 
 
 @pytest.mark.parametrize("what", REFUSED)
-def test_a_bad_transform_is_refused_with_its_reason_and_counted_and_changes_nothing(what):
+def test_a_bad_transform_is_refused_with_its_reason_counted_and_named_and_changes_nothing(what):
     e = estimator()
     for sample in (moving(START, "world", "flange"), fixed("flange", "sensor")):
         e.push_transform(sample)
@@ -106,6 +106,43 @@ def test_a_bad_transform_is_refused_with_its_reason_and_counted_and_changes_noth
     assert e.push_transform(sample) is reason
     assert e.counts == {reason.value: 1}
     assert e.transforms.at("world", "sensor", START, AGE) == before
+    assert e.unknown_frames()[reason.value].startswith(f"{sample.child[:255]!r}"[:200])
+    assert f" in {sample.parent!r}" in e.unknown_frames()[reason.value]
+
+
+def test_another_parent_is_taken_with_a_warning_as_tf2_does_and_decides_from_its_stamp_on():
+    e = estimator(tool_frame="flange")
+    for stamp, parent, x in ((START, "world", 0.0), (START + 10 * MS, "camera", 1.0), (START + 20 * MS, "world", 2.0)):
+        e.push_transform(moving(stamp, parent, "flange", (x, 0.0, 0.0)))
+    e.push_transform(fixed("world", "camera", (0.0, 5.0, 0.0)))
+    assert e.counts == {"tf_two_parents": 2}
+    assert e.unknown_frames() == {"tf_two_parents": "'flange' in 'world': before in 'camera'"}
+    places = [e.transforms.at("world", "flange", START + k * 5 * MS, AGE).position for k in range(5)]
+    assert places == [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 5.0, 0.0), (1.0, 5.0, 0.0), (2.0, 0.0, 0.0)]
+    e.push_transform(fixed("camera", "flange", (3.0, 0.0, 0.0)))  # the mount was measured anew
+    assert e.transforms.fixed("world", "flange").position == (3.0, 5.0, 0.0)
+
+
+def test_only_frames_on_the_way_from_tool_to_world_keep_a_history():
+    """A humanoid's 60 joints, of which the arm has 2, come before the transform that links arm and world."""
+    transforms = Transforms()
+    transforms.keep("world", "tool")
+    for k in range(1000):
+        for j in range(60):
+            transforms.push(moving(START + k * MS, "world" if j == 0 else f"joint{j - 1}", f"joint{j}"))
+        if k == 100:
+            transforms.push(fixed("joint1", "tool"))
+    kept = {name: len(link.history) for name, link in transforms._links.items() if len(link.history) > 1}
+    assert kept == {"joint0": 1000, "joint1": 1000}
+    assert isinstance(transforms.at("world", "tool", START, AGE), Placement)
+
+
+def test_a_missing_frame_is_named_with_the_frames_that_there_are():
+    e, poses = fed(fixed("world", "base"), fixed("base", "flange"), *(wrench(START + k * SECOND) for k in range(3)))
+    there = "there are 'base' in 'world' (fixed), 'flange' in 'base' (fixed)"
+    assert e.unknown_frames() == {"tf_frame_unknown": f"no transform names tool_frame 'tool'; {there}"}
+    e.push_transform(fixed("flange", "tool"))
+    assert e.unknown_frames() == {}
 
 
 def test_what_is_not_known_at_a_stamp_has_a_reason():
