@@ -42,7 +42,7 @@ _REASONS = {
     Reason.SENSOR_FRAME_UNKNOWN: "`sensor.frame_source: tf`, and no fixed transforms link tool and sensor yet",
     Reason.TF_INVALID: "a transform has NaN, infinity, a quaternion not of unit length, no name, or no stamp",
     Reason.TF_OUT_OF_ORDER: "a moving transform's stamp is not after that of the same frame's last one",
-    Reason.TF_TWO_PARENTS: "a frame came with another parent than before, or fixed where it moved; the new one is taken, as by tf2",
+    Reason.TF_TWO_PARENTS: "a frame came with another parent, or fixed where it moved; it is taken, as by tf2",
     Reason.TF_LOOP: "a transform would make a frame its own ancestor",
     Reason.TF_FRAME_UNKNOWN: "no transforms link `tool_frame` and `world_frame`",
     Reason.TF_MISSING: "the wanted stamp is before the first transform kept (8 s at 500 Hz)",

@@ -138,7 +138,7 @@ def test_only_frames_on_the_way_from_tool_to_world_keep_a_history():
 
 
 def test_a_missing_frame_is_named_with_the_frames_that_there_are():
-    e, poses = fed(fixed("world", "base"), fixed("base", "flange"), *(wrench(START + k * SECOND) for k in range(3)))
+    e, _ = fed(fixed("world", "base"), fixed("base", "flange"), *(wrench(START + k * SECOND) for k in range(3)))
     there = "there are 'base' in 'world' (fixed), 'flange' in 'base' (fixed)"
     assert e.unknown_frames() == {"tf_frame_unknown": f"no transform names tool_frame 'tool'; {there}"}
     e.push_transform(fixed("flange", "tool"))
