@@ -162,8 +162,8 @@ class Estimator:
     def _linked(self, reason: Reason, frame: str) -> bool:
         """Whether fixed transforms link a frame, which this reason refused, to where it is needed now."""
         s = self.settings
-        needed = (s.sensor_frame,) if reason is Reason.WRENCH_FRAME_UNKNOWN else (s.world_frame,)
-        needed += (s.tool_frame,) if reason is Reason.TWIST_FRAME_UNKNOWN else ()
+        needed = [s.sensor_frame if reason is Reason.WRENCH_FRAME_UNKNOWN else s.world_frame]
+        needed += [s.tool_frame] if reason is Reason.TWIST_FRAME_UNKNOWN else []
         return any(self.transforms.fixed(there, frame) is not None for there in needed)
 
     def counted(self) -> list[str]:

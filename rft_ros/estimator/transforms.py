@@ -280,9 +280,9 @@ class Transforms:
 
     def _find_between(self) -> None:
         way = self._way(*self._ends) if self._ends else None
-        self._between = None if way is None else set(way)
-        for name, link in self._links.items() if way is not None else ():
-            if name not in way and len(link.history) > 1:
+        self._between = between = None if way is None else set(way)
+        for name, link in self._links.items():
+            if between is not None and name not in between and len(link.history) > 1:
                 newest = link.newest
                 link.history.clear()
                 link.history.append(newest)
