@@ -1,6 +1,6 @@
 """A height map: square cells with one height each, from points, from files, and to files."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -42,12 +42,12 @@ class ToolBox:
 class HeightMap:
     """Heights of square cells in the world frame; immutable.
 
-    `cell`: side of a cell [m]. `corner`: x and y index of the first cell; cell (i, j) of `heights` covers x from
+    `cell`: side of a cell [m]. `corner`: x and y of the first cell, in cells; cell (i, j) of `heights` covers x from
     (corner[0] + i) cell, and y likewise. `heights`: world z [m], shape [n, m]; NaN where nothing is known.
     """
 
     cell: float
-    corner: tuple[int, int]
+    corner: tuple[float, float]
     heights: NDArray[np.float32]
 
     def __post_init__(self) -> None:
@@ -56,7 +56,7 @@ class HeightMap:
     @classmethod
     def unknown(cls, cell: float) -> "HeightMap":
         """A map of which nothing is known; `cell` [m]."""
-        return cls(cell=cell, corner=(0, 0), heights=np.full((1, 1), np.nan, dtype=np.float32))
+        return cls(cell=cell, corner=(0.0, 0.0), heights=np.full((1, 1), np.nan, dtype=np.float32))
 
     def points(self, *, at_most: int = MOST_CELLS) -> Array:
         """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
@@ -67,7 +67,7 @@ class HeightMap:
 
     def heights_at(self, x: Array, y: Array) -> Array:
         """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where nothing is known."""
-        i, j = (np.floor(v / self.cell).astype(int) - start for v, start in zip((x, y), self.corner, strict=True))
+        i, j = (np.floor(v / self.cell - start).astype(int) for v, start in zip((x, y), self.corner, strict=True))
         n, m = self.heights.shape
         inside = (i >= 0) & (i < n) & (j >= 0) & (j < m)
         found = np.where(inside, self.heights[np.clip(i, 0, n - 1), np.clip(j, 0, m - 1)], np.nan)
@@ -80,17 +80,20 @@ class HeightMap:
         the map over `MOST_CELLS` are left out, and cells that differ from the median of the cells around them by over
         three cells' sides. Releases the GIL while it computes.
         """
-        p = np.ascontiguousarray(np.vstack([x, y, z]), dtype=np.float64)
+        p = np.array(np.vstack([x, y, z]), dtype=np.float64)
+        phase = np.append(np.mod(self.corner, 1.0), 0.0)  # cells of the map that do not begin at multiples of `cell`
+        p -= self.cell * phase[:, None]
         box = np.zeros(18)
         if tool is not None:
             box[:] = (
-                *tool.position,
+                *(tool.position - self.cell * phase),
                 *tool.rotation.ravel(),
                 *(tool.low - _MARGIN * self.cell),
                 *(tool.high + _MARGIN * self.cell),
             )
         bounds, index = np.empty(4, dtype=np.int64), np.empty((2, p.shape[1]), dtype=np.int64)
-        old = np.array([*self.corner, *(c + n for c, n in zip(self.corner, self.heights.shape, strict=True))])
+        corner = np.floor(self.corner).astype(np.int64)
+        old = np.append(corner, corner + self.heights.shape)
         if np.isnan(self.heights).all():
             old[2:] = old[:2]
         if not _cells_of(p, self.cell, box, tool is not None, old, index, bounds):
@@ -103,7 +106,7 @@ class HeightMap:
         seen = np.full(heights.shape, np.nan, dtype=np.float32)
         _medians(p[2], index, i0, j0, seen)
         _take_plausible(seen, heights, _JUMP * self.cell)
-        return HeightMap(cell=self.cell, corner=(i0, j0), heights=heights)
+        return HeightMap(cell=self.cell, corner=(i0 + float(phase[0]), j0 + float(phase[1])), heights=heights)
 
 
 @compiled
@@ -208,10 +211,20 @@ def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
 _COLUMNS = ("x", "y", "h")
 
 
+def _phase(u: Array) -> float:
+    """Where in a unit cell its border should lie, so that points `u`, in cells, lie at the middle of theirs.
+
+    The mean angle on a circle of one cell's length; 0 for points without a common place in their cells.
+    """
+    mean = np.exp(2j * np.pi * u).mean()
+    return round(float(np.angle(mean)) / (2.0 * np.pi) - 0.5, 6) % 1.0 if abs(mean) > 0.5 else 0.0
+
+
 def read_height_map(file: Path, cell: float) -> HeightMap:
     """A height map from a CSV file with the columns x, y, h, or an NPZ file with these arrays, of one shape [m].
 
-    Each cell of side `cell` [m] takes the median of the heights in it. Raises InputError, one sentence, for a file that
+    Each cell of side `cell` [m] takes the median of the heights in it; the points of a grid as wide as that lie in the
+    middle of their cells, wherever it begins. Raises InputError, one sentence, for a file that
     cannot be used or does not fit in `MOST_CELLS`.
     """
     try:
@@ -237,13 +250,14 @@ def read_height_map(file: Path, cell: float) -> HeightMap:
         raise InputError(
             f"ground.file '{file}' has values that are not finite or not below {limit:g} m; remove their rows"
         )
-    spans = [np.ptp(np.floor(v / cell)) + 1.0 for v in (x, y)]
+    start = (_phase(x / cell), _phase(y / cell))  # heights of a grid: rounding must not put a point into either cell
+    spans = [np.ptp(np.floor(v / cell - first)) + 1.0 for v, first in zip((x, y), start, strict=True)]
     if spans[0] * spans[1] > MOST_CELLS:
         raise InputError(
             f"ground.file '{file}' spans {spans[0]:.0f} x {spans[1]:.0f} cells of ground.cell {cell:g} m;"
             f" it must fit in {MOST_CELLS:,} cells"
         )
-    return HeightMap.unknown(cell).with_points(x, y, h)
+    return replace(HeightMap.unknown(cell), corner=start).with_points(x, y, h)
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:

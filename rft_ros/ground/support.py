@@ -171,7 +171,7 @@ class Support:
 
         Where the map knows nothing it is exactly (level, 0, 0).
         """
-        i0, j0 = ground.corner
+        i0, j0 = map(float, ground.corner)  # one machine code for all maps
         _local_plane(
             ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state, self._placed, self._out
         )  # fmt: skip

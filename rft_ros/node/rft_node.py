@@ -179,6 +179,7 @@ class RftNode(Node):
     # --- parameters and swaps
 
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
+        settings_of(values)
         if changed & _TOOL_NAMES and not self._swap.knows(tool_request(values)):
             name = values["mesh.file"]
             with file_errors(f"mesh.file '{name}'", "read"):

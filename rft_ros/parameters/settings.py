@@ -45,7 +45,8 @@ class Settings:
     `max_rate` 0: answer every pose. `calibrated_depth` and `zeta_error` (relative standard error of ζ) 0: unknown.
 
     `tf_rate` 0: a pose from transforms at each load-cell stamp. `learning_lag`: path between a load-cell sample and the
-    first prediction that it may change.
+    first prediction that it may change. Raises InputError if world and tool frame have one name: a twist could not say
+    whose axes it is in.
     """
 
     world_frame: str = "world"
@@ -65,6 +66,10 @@ class Settings:
     zeta_error: float = 0.0
     learning_mode: LearningMode = "off"
     learning_lag: float = 0.002
+
+    def __post_init__(self) -> None:
+        if self.world_frame == self.tool_frame:
+            raise InputError(f"world_frame and tool_frame are both '{self.tool_frame}'; name two different frames")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

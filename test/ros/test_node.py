@@ -116,6 +116,7 @@ def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(rft):
         ("sensor__quaternion", [0.0, 0.0, 0.0, 0.0], "sensor.quaternion"),
         ("sensor__sign", 0.5, "sensor.sign"),
         ("executor", "single", "executor"),
+        ("tool_frame", "world", "world_frame and tool_frame are both 'world'"),
     ],
 )
 def test_a_bad_value_is_refused_with_a_sentence_and_nothing_changes(rft, name, value, words):

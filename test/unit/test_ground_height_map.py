@@ -101,6 +101,24 @@ def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
     assert_array_equal(again.heights, ground.heights)
 
 
+@given(
+    cell=st.sampled_from([0.001, 0.002, 0.0025, 0.003, 0.01]),
+    begin=st.tuples(st.integers(-500, 500), st.integers(-500, 500)),
+    offset=st.floats(0.0, 1.0),
+)
+def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_factory, cell, begin, offset):
+    """Also at multiples of the cell's side, where rounding puts x / cell on either side of a whole number."""
+    x, y = (v.ravel() for v in np.meshgrid(*(cell * (np.arange(12) + b + offset) for b in begin), indexing="ij"))
+    h = 0.3 * x - 0.2 * y
+    file = tmp_path_factory.mktemp("grid") / "ground.csv"
+    np.savetxt(file, np.column_stack([x, y, h]), fmt="%.9g", delimiter=",", header="x,y,h", comments="")
+    ground = read_height_map(file, cell)
+    assert_allclose(ground.points(), np.column_stack([x, y, h]), rtol=1e-6, atol=2e-6 * cell)
+    assert_allclose(ground.heights_at(x, y), h, rtol=1e-6, atol=1e-9)
+    seen = ground.with_points(x[:12], y[:12], h[:12] + 0.1 * cell, box(cell / 1e3))
+    assert len(seen.points()) == 144
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -112,7 +130,7 @@ def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
         ("x,y,h\n1,2,spam\n", "cannot be read"),
         ("x,y,h\n1,2,nan\n", "not finite"),
         ("x,y,h\n0,0,0\n1e3,1e3,0\n", "must fit in"),
-        ("x,y,h\n0.0018,0.001,0\n0.0022,3000.001,0\n", "2 x 1500001 cells"),
+        ("x,y,h\n0.0018,0.001,0\n0.0038,3000.001,0\n", "2 x 1500001 cells"),
         ("x,y,h\n0,1e6,0\n", "not below 200000 m"),
         ("x,y,h\n0,0,1e7\n", "not below 200000 m"),
     ],

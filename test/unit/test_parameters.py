@@ -120,6 +120,12 @@ def test_default_values_make_the_default_settings():
     assert settings_of(defaults()) == Settings()
 
 
+def test_one_frame_for_world_and_tool_is_refused():
+    sentence = "world_frame and tool_frame are both 'base'; name two different frames"
+    with pytest.raises(InputError, match=sentence):
+        settings_of({**defaults(), "world_frame": "base", "tool_frame": "base"})
+
+
 def test_every_value_reaches_the_settings():
     changed = {
         "world_frame": "base_link",
