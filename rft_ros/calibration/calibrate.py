@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -14,8 +14,9 @@ from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
 from rft_ros.calibration.track import Track
 from rft_ros.calibration.zeta import ZetaFit, fit_zeta
 from rft_ros.errors import InputError
+from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import Treers2021, medium_named
+from rft_ros.rft import Law, Treers2021, medium_named, wrenches
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -23,6 +24,7 @@ PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
 """What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
 
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
+_ROUNDS = 4  # the surface and the force of inertia depend on each other
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 
 
@@ -49,6 +51,13 @@ def _or_reason(result: Calibration, name: str) -> Iterator[None]:
         result.not_identifiable[name] = str(reason)
 
 
+def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
+    """The track without what the grains' inertia adds to its forces, which ζ does not scale; `height` of the surface."""
+    with_it, without = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
+    force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (with_it - without)[:, :3])
+    return replace(track, readings=track.readings - cell.sign * np.pad(force, ((0, 0), (0, 3))))
+
+
 def calibrate(
     tracks: Sequence[Track],
     values: Values,
@@ -68,16 +77,21 @@ def calibrate(
             raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; the limit is {_LARGEST:g}")
     settings, result = settings_of(values), Calibration()
     medium = medium_named(str(values["medium.name"]))
-    # any tool: the law has none; no inertia: recordings for a calibration are slow; fits know level ground only
-    level = {**values, "ground.cell": 0.0, "ground.file": ""}
-    law = model_of({**level, "medium.zeta": 1.0, "medium.density": 0.0}, tool=tracks[0].tool).law
+    # any tool: the law has none; fits know level ground only
+    scaled = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
+    inertial = model_of(scaled, tool=tracks[0].tool).law
+    law = model_of({**scaled, "medium.density": 0.0}, tool=tracks[0].tool).law
     sensor = Sensor(cell=settings.load_cell)
+    recorded = tracks
     height, height_error = settings.surface_height, 0.0
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
 
     air = height  # fitted in any case: what counts as air depends on it
     with _or_reason(result, "surface_height"):
         surface = fit_surface(tracks, sensor.cell, law)
+        for _ in range(_ROUNDS if values["medium.density"] else 0):
+            tracks = [_without_inertia(t, sensor.cell, inertial, law, surface.height) for t in recorded]
+            surface = fit_surface(tracks, sensor.cell, law)
         if "surface" in parts:
             result.fitted.append(surface.value())
             height, height_error = surface.height, surface.error
@@ -85,6 +99,8 @@ def calibrate(
         air = max([height, *(contact.height for contact in surface.contacts)])
     if "surface" not in parts:
         result.not_identifiable.clear()
+    if values["medium.density"]:
+        tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in recorded]
     air += _CLEAR
 
     if "sensor" in parts:
