@@ -52,7 +52,7 @@ def _or_reason(result: Calibration, name: str) -> Iterator[None]:
 
 
 def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
-    """The track without what the grains' inertia adds to its forces, which ζ does not scale; `height` of the surface."""
+    """The track without the force of the grains' inertia, which ζ does not scale; `height` of the surface [m]."""
     with_it, without = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
     force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (with_it - without)[:, :3])
     return replace(track, readings=track.readings - cell.sign * np.pad(force, ((0, 0), (0, 3))))
