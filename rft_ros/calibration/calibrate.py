@@ -78,9 +78,9 @@ def calibrate(
     settings, result = settings_of(values), Calibration()
     medium = medium_named(str(values["medium.name"]))
     # any tool: the law has none; fits know level ground only
-    scaled = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
-    inertial = model_of(scaled, tool=tracks[0].tool).law
-    law = model_of({**scaled, "medium.density": 0.0}, tool=tracks[0].tool).law
+    at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
+    inertial = model_of(at_one, tool=tracks[0].tool).law
+    law = model_of({**at_one, "medium.density": 0.0}, tool=tracks[0].tool).law
     sensor = Sensor(cell=settings.load_cell)
     recorded = tracks
     height, height_error = settings.surface_height, 0.0
