@@ -6,20 +6,28 @@ from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import push_all
-from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, TwistSample, WrenchSample
+from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role, Sample, Stamped
 from rft_ros.estimator.tool_poses import ToolPoses
 from rft_ros.ground import Cloud
-from rft_ros.parameters import Values, settings_of
+from rft_ros.parameters import Model, Values, settings_of
 
 __all__ = ["Checkup", "Finding"]
 
 _ENOUGH = 20  # estimates in the grains, or in the air
 _FELT = 0.2  # N: a smaller force decides nothing
-_ALIKE = 0.5  # correlation of the measured and the predicted force
+_ALIKE = 0.5  # correlation of the measured and the predicted force along an axis
+_CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
+_BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the grains
+_CONTACT = 0.005, 0.1  # m, and share of the descent: greatest error of surface_height
+_STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
+_UNITS = {0.102: "kgf", 0.225: "lbf", 1000.0: "mN", 9.81: "N, counted as kgf"}  # what a driver may report in place of N
 _RARE = 0.01  # share of poses
+_START = 1_000_000_000  # ns in which the first transforms and twists may be missing
 _EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
 _ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench", Cloud: "surface"}
 _ADVICE: dict[Role, str] = {
@@ -29,6 +37,7 @@ _ADVICE: dict[Role, str] = {
     "wrench": "start the load cell's driver, or remap ~/wrench_measured",
     "surface": "the ground stays as at the start",
 }
+_TURNS = Rotation.create_group("O")  # the 24 turns by multiples of 90 degrees
 
 
 class Finding(NamedTuple):
@@ -51,6 +60,16 @@ class _Heard:
     frames: Counter[str] = field(default_factory=Counter)
 
 
+class _Forces(NamedTuple):
+    """Rows of all comparisons: height of the tool above the surface [m], forces in sensor axes [N], shape [n, 3]."""
+
+    height: NDArray[np.float64]
+    wet: NDArray[np.bool_]
+    rising: NDArray[np.bool_]
+    predicted: NDArray[np.float64]
+    measured: NDArray[np.float64]
+
+
 class Checkup:
     """Takes a cell's samples in the order of their arrival, and says what is wrong with the set-up.
 
@@ -68,24 +87,30 @@ class Checkup:
         tare: float | None = None,
     ) -> None:
         self._named, self._topics, self._tare = named, topics, tare
-        self._estimator = Estimator(settings_of(values), model)
+        # what is learned would hide a wrong sign or unit
+        self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
         self._tool_poses = ToolPoses(self._estimator) if values["pose_source"] == "tf" else None
         self._heard: dict[Role, _Heard] = {role: _Heard() for role in topics}
-        self._waiting: deque[Estimate] = deque()
-        self._forces: list[tuple[float, ...]] = []  # submerged area, predicted and measured force, sensor axes
+        self._waiting: deque[tuple[float, ...]] = deque()
+        self._rows: list[tuple[float, ...]] = []  # as `_Forces`
         self._poses = 0
-        self._deepest = -np.inf
+        self._began = 0
+        self._at_start: Counter[str] = Counter()  # reasons before the first estimate
 
     def push(self, sample: Sample, time: int) -> None:
         """Add a sample that arrived at `time` [ns]."""
+        self._began = self._began or time
         role = _ROLES.get(type(sample), "tf")
         if role in self._heard:
             self._hear(self._heard[role], sample, time)
-        for _, answer in push_all(self._estimator, self._tool_poses, sample):
+        e = self._estimator
+        for _, answer in push_all(e, self._tool_poses, sample):
             self._poses += answer is not None
             if isinstance(answer, Estimate):
-                self._waiting.append(answer)
-                self._deepest = max(self._deepest, self._estimator.depth())
+                if e.counts["estimates"] == 1 and time - self._began <= _START:
+                    self._at_start = Counter(e.counts)
+                rising = e.state[9] > 0.5 * answer.speed
+                self._waiting.append((-e.depth(), answer.submerged_area, rising, *answer.predicted[:3]))
         self._compare()
 
     def _hear(self, heard: _Heard, sample: Sample, time: int) -> None:
@@ -104,28 +129,44 @@ class Checkup:
 
     def _compare(self) -> None:
         for measurement in self._estimator.measurements():
-            estimate = self._waiting.popleft()
+            row = self._waiting.popleft()
             if measurement.compensated is not None:
-                row = (estimate.submerged_area, *estimate.predicted[:3], *measurement.compensated[:3])
-                self._forces.append(row)
+                self._rows.append((*row, *measurement.compensated[:3]))
 
     def findings(self) -> list[Finding]:
         """The findings, after the last sample."""
         self._estimator.finish()
         self._compare()
-        return [*self._of_tool(), *self._of_inputs(), *self._of_frames(), *self._of_load_cell(), *self._of_reasons()]
+        table = np.array(self._rows).reshape(-1, 9)
+        forces = _Forces(table[:, 0], table[:, 1] > 0.0, table[:, 2] > 0.0, table[:, 3:6], table[:, 6:])
+        tool = self._estimator.model.tool
+        error = None if any(issue.kind == "size" for issue in tool.issues) else _error_of_surface(forces)
+        found = [self._of_tool(forces), self._of_surface(error), *self._of_inputs(), *self._of_frames()]
+        found += [finding for finding in (self._of_mount(),) if finding]
+        if len(table) and (error is None or abs(error.metres) <= error.allowed):
+            found += self._of_load_cell(forces)
+        return [*found, *self._of_reasons()]
 
-    def _of_tool(self) -> Iterator[Finding]:
+    def _of_tool(self, forces: _Forces) -> Finding:
         tool = self._estimator.model.tool
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
-        deepest = f", at most {1e3 * self._deepest:.3g} mm below the surface" if np.isfinite(self._deepest) else ""
+        deepest = -1e3 * forces.height.min(initial=np.inf)
         sizes = [issue.message for issue in tool.issues if issue.kind == "size"]
-        advice = f": {sizes[0]}" if sizes else deepest
-        yield Finding(not sizes, f"mesh {tool.name}: {extents} mm{advice}")
-        if "surface_height" in self._named:
-            yield Finding(True, f"surface_height: {self._estimator.settings.surface_height:g} m")
-        else:
-            yield Finding(False, "surface_height is not set and counts as 0.0: measure it, or run rft calibrate")
+        advice = (
+            f": {sizes[0]}" if sizes else f", at most {deepest:.3g} mm below the surface" if len(forces.wet) else ""
+        )
+        return Finding(not sizes, f"mesh {tool.name}: {extents} mm{advice}")
+
+    def _of_surface(self, error: "_SurfaceError | None") -> Finding:
+        height = self._estimator.settings.surface_height
+        if error is not None and abs(error.metres) > error.allowed:
+            side = "above" if error.metres > 0.0 else "below"
+            found = f"the measured force begins {1e3 * abs(error.metres):.0f} mm {side} where {height:g} m says"
+            return Finding(False, f"surface_height: {found}; set it to about {height + error.metres:.3f}, or calibrate")
+        if "surface_height" not in self._named and error is None:
+            return Finding(False, "surface_height is not set and counts as 0.0: measure it, or run rft calibrate")
+        seen = "" if error is None else f"; the measured force begins within {1e3 * error.allowed:.0f} mm of it"
+        return Finding(True, f"surface_height: {height:g} m{seen}")
 
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
@@ -135,36 +176,52 @@ class Checkup:
                 yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
             if heard.unstamped:
-                yield Finding(
-                    False, f"{role}: {heard.unstamped} messages on {topic} have no stamp; the driver must set it"
-                )
+                unstamped = f"{heard.unstamped} messages on {topic} have no stamp"
+                yield Finding(False, f"{role}: {unstamped}; the driver must set it")
+                continue
             seconds = (heard.times[-1] - heard.times[0]) * 1e-9
             rate = f"{(len(heard.times) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
-            age = float(np.median(heard.ages or [0.0]))
-            frames = f", frame {' and '.join(sorted(heard.frames))}" if heard.frames else ""
+            age = float(np.median(heard.ages))
             if abs(age) > limit and role != "surface":
-                off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive"
-                yield Finding(
-                    False,
-                    f"{role}: stamps on {topic} are {off}, over max_input_age {limit:g} s: synchronise the clocks",
-                )
-            else:
-                yield Finding(True, f"{role}: {rate} on {topic}{frames}, stamps {1e3 * age:.0f} ms old")
+                off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
+                yield Finding(False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
+                continue
+            frames = f", frame {' and '.join(sorted(heard.frames))}" if heard.frames else ""
+            yield Finding(True, f"{role}: {rate} on {topic}{frames}, stamps {1e3 * age:.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
-        publish = "publish the fixed transform between the two on /tf_static"
+        link = "publish the transform between the two"
         for reason, sentence in self._estimator.unknown_frames().items():
-            choice = "" if reason == Reason.SURFACE_FRAME_UNKNOWN.value else "set the parameter to it, or "
-            yield Finding(False, f"frames: {sentence}; {choice}{publish}")
+            if reason == Reason.TF_OUT_OF_ORDER.value:  # `_of_reasons` judges how many
+                continue
+            advice = f"set the parameter to it, or {link} on /tf_static"
+            if reason in (Reason.TF_FRAME_UNKNOWN.value, Reason.SENSOR_FRAME_UNKNOWN.value):
+                advice = f"set the parameter to one of them, or {link}"
+            elif reason == Reason.SURFACE_FRAME_UNKNOWN.value:
+                advice = f"{link} on /tf_static"
+            elif reason.startswith("tf_"):
+                advice = "stop or mend one of its publishers"
+            yield Finding(False, f"frames: {sentence}; {advice}")
         if frames := self._estimator.transforms.frames():
             yield Finding(True, f"frames: {', '.join(frames)}")
 
-    def _of_load_cell(self) -> Iterator[Finding]:
-        rows = np.array(self._forces).reshape(-1, 7)
-        dry, wet = rows[rows[:, 0] == 0.0], rows[rows[:, 0] > 0.0]
-        if not len(rows):  # the findings before say why
-            return
-        air = dry[:, 4:].mean(axis=0) if len(dry) >= _ENOUGH else np.zeros(3)
+    def _of_mount(self) -> Finding | None:
+        """The sensor's place in the parameters and on /tf_static, if both have it."""
+        s, cell = self._estimator.settings, self._estimator.settings.load_cell
+        place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame)
+        if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
+            return None
+        turn = (Rotation.from_quat(cell.quaternion).inv() * Rotation.from_quat(place.quaternion)).magnitude()
+        moved = float(np.linalg.norm(np.subtract(cell.position, place.position)))
+        there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
+        if turn < np.radians(1.0) and moved < 1e-3:
+            return Finding(True, f"sensor: the parameters and /tf_static agree: {there}")
+        off = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
+        return Finding(False, f"sensor: {off} ({there}); set sensor.frame_source: tf, or mend one of the two")
+
+    def _of_load_cell(self, forces: _Forces) -> Iterator[Finding]:
+        dry = forces.measured[~forces.wet]
+        air = dry.mean(axis=0) if len(dry) >= _ENOUGH else np.zeros(3)
         load = float(np.linalg.norm(air))
         if self._tare:
             tares = f"a replay tares over its first {self._tare:g} s; for the node call ~/tare in the air"
@@ -176,29 +233,114 @@ class Checkup:
             yield Finding(False, f"load cell: it reads {load:.2f} N in the air; {advice}")
         else:
             yield Finding(True, f"load cell: {load:.2f} N in the air")
-        predicted, measured = wet[:, 1:4].ravel(), (wet[:, 4:] - air).ravel()
-        strength = float(np.linalg.norm(predicted) * np.linalg.norm(measured))
-        if len(wet) < _ENOUGH or np.abs(predicted).max() < _FELT or strength == 0.0:
+        pushed = forces.wet & ~forces.rising
+        predicted, measured = forces.predicted[pushed], forces.measured[pushed] - air
+        if len(predicted) < _ENOUGH or np.abs(predicted).max() < _FELT or np.abs(measured).max() < 0.1 * _FELT:
             yield Finding(False, "sign: no push was seen; push the tool down into the grains and run again")
             return
-        alike = float(predicted @ measured) / strength
-        if alike < -_ALIKE:
-            sign = -self._estimator.settings.load_cell.sign
-            yield Finding(False, f"sign: pushed down, the tool is pulled down; set sensor.sign: {sign:g}")
-        elif alike < _ALIKE:
-            advice = "check sensor.quaternion, mesh.origin and surface_height"
-            yield Finding(
-                False, f"sign: measured and predicted force point elsewhere (correlation {alike:.2f}); {advice}"
+        direction = self._of_direction(predicted, measured)
+        yield direction
+        if direction.ok:
+            yield self._of_strength(float((predicted * measured).sum() / (predicted**2).sum()))
+
+    def _of_direction(self, predicted: NDArray[np.float64], measured: NDArray[np.float64]) -> Finding:
+        """By axis; of what reverses or exchanges axes, what fits: another sign, or the cell turned by 90 or 180 deg."""
+        carried = np.sqrt((predicted**2).mean(axis=0))
+        axes = (carried >= _CARRIES * carried.max()) & (np.abs(predicted).max(axis=0) >= _FELT)
+        alike = _alike(predicted, measured)
+        shown = ", ".join(f"{name} {alike[k]:.2f}" for k, name in enumerate("xyz") if axes[k])
+        if (alike >= _ALIKE)[axes].all():
+            return Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
+        mount = Rotation.from_quat(self._estimator.settings.load_cell.quaternion)
+        sign = self._estimator.settings.load_cell.sign
+        opposite = (_alike(predicted, -measured) >= _ALIKE)[axes].all()
+        turn = min(
+            (t for t in _TURNS if (_alike(predicted, t.apply(measured)) >= _ALIKE)[axes].all()),
+            key=lambda t: t.magnitude(),
+            default=None,
+        )
+        turned = "" if turn is None else f"sensor.quaternion: {_listed((mount * turn).as_quat())}"
+        off = f"measured and predicted force do not agree along each axis (correlation {shown})"
+        if opposite and turn is None:
+            return Finding(False, f"sign: {off}; set sensor.sign: {-sign:g}")
+        if opposite:
+            both = (
+                f"set sensor.sign: {-sign:g}, or {turned} if the cell is mounted so; a drag along x and y tells which"
             )
-        else:
-            yield Finding(True, f"sign: measured and predicted force agree in direction (correlation {alike:.2f})")
+            return Finding(False, f"sign or quaternion: {off}; {both}")
+        if turn is not None:
+            degrees = f"{np.degrees(turn.magnitude()):.0f} degrees"
+            return Finding(False, f"quaternion: {off}, as if the cell were turned by {degrees}; such as {turned}")
+        return Finding(False, f"sign: {off}; check sensor.quaternion, sensor.sign, mesh.origin and surface_height")
+
+    def _of_strength(self, ratio: float) -> Finding:
+        if _STRENGTH[0] <= ratio <= _STRENGTH[1]:
+            return Finding(True, f"strength: measured over predicted force {ratio:.2f}")
+        unit = next((f", here perhaps {unit}" for factor, unit in _UNITS.items() if 0.67 < ratio / factor < 1.5), "")
+        advice = f"check mesh.scale and the driver's unit (N{unit}), or fit medium.zeta with rft calibrate"
+        return Finding(False, f"strength: measured over predicted force {ratio:.3g}; {advice}")
 
     def _of_reasons(self) -> Iterator[Finding]:
-        named = self._estimator.unknown_frames()
+        named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}
         for reason in Reason:
-            count = self._estimator.counts[reason.value]
-            if reason not in _EXPECTED and reason.value not in named and count > _RARE * max(self._poses, 1):
+            count = self._estimator.counts[reason.value] - self._at_start[reason.value]
+            told = reason in _EXPECTED or reason.value in named or reason.value.endswith("stamp_zero")
+            if not told and count > _RARE * max(self._poses, 1):
                 yield Finding(False, f"{reason}: {count} times at {self._poses} poses; docs/node.md, Reasons, says why")
         estimates = self._estimator.counts["estimates"]
         advice = "" if estimates else "; mend what stands above first"
         yield Finding(estimates > 0, f"estimates: {estimates} at {self._poses} poses{advice}")
+
+
+class _SurfaceError(NamedTuple):
+    """How far above the expected surface the measured force begins, and how much of that is allowed [m]."""
+
+    metres: float
+    allowed: float
+
+
+def _error_of_surface(forces: _Forces) -> _SurfaceError | None:
+    """Compare where the measured force begins on the longest way down; None if it does not."""
+    if len(forces.height) < 2 * _ENOUGH:
+        return None
+    lowest_later = np.minimum.accumulate(forces.height[::-1])[::-1]
+    top = int((forces.height - lowest_later).argmax())  # of the longest way down
+    lowest = np.minimum.accumulate(forces.height[top:])
+    sinking = top + 1 + np.flatnonzero(np.diff(lowest) < 0.0)
+    if len(sinking) < 2 * _ENOUGH:
+        return None
+    height = forces.height[sinking]
+    measured = forces.measured[sinking]
+    base = np.median(measured[:_ENOUGH], axis=0)
+    noise = float(np.linalg.norm(np.std(measured[:_ENOUGH], axis=0)))
+    force = np.linalg.norm(measured - base, axis=1)
+    share = max(_FELT, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
+    begins = _onset(force, share)
+    if begins is None:
+        return None
+    wet = forces.wet[sinking]
+    expected = 0.0
+    if wet.any() and not wet[0]:
+        modelled = _onset(np.linalg.norm(forces.predicted[sinking], axis=1), share)
+        expected = float(height[modelled]) if modelled is not None else 0.0
+    metres = float(height[begins]) - expected
+    return _SurfaceError(metres, _CONTACT[0] + _CONTACT[1] * float(height[begins] - height[-1]))
+
+
+def _onset(force: NDArray[np.float64], share: float) -> int | None:
+    """The row from which on the force exceeds this share of its peak, with the fewest exceptions; None: it does not."""
+    if share >= 0.5:
+        return None
+    loud = np.where(force > share * force.max(), 1, -1)
+    row = int(np.argmax(np.append(loud[::-1].cumsum()[::-1], 0)))
+    return row if _ENOUGH // 2 <= row <= len(force) - _ENOUGH // 2 else None
+
+
+def _alike(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Correlation about zero of two forces, shape [n, 3], by axis."""
+    scale = np.sqrt((a**2).sum(axis=0) * (b**2).sum(axis=0))
+    return np.asarray((a * b).sum(axis=0) / np.maximum(scale, 1e-12))
+
+
+def _listed(numbers: Collection[float]) -> str:
+    return "[" + ", ".join(f"{round(n, 4) + 0.0:g}" for n in numbers) + "]"

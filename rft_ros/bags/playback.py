@@ -14,7 +14,7 @@ from rft_ros.estimator.messages import Role, Sample
 from rft_ros.estimator.tool_poses import ToolPoses, push
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import HeightMap
-from rft_ros.parameters import Values, node_parameters, settings_of
+from rft_ros.parameters import NODE, Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
 __all__ = [
@@ -62,7 +62,7 @@ class ReplayOptions:
 
 def read_replay_options(file: Path) -> ReplayOptions:
     """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node ignores them."""
-    section = node_parameters(file, (_SECTION,))
+    section = node_parameters(file, keys=[_SECTION])
     remap = section.pop("remap", ())
     if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
         raise InputError(f"parameter file '{file}': {_SECTION} remap is {remap!r}; it must be a list of strings")
@@ -74,14 +74,14 @@ def read_replay_options(file: Path) -> ReplayOptions:
     return ReplayOptions(remap=tuple(remap), **section)
 
 
-def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
-    """Topic of each role that the parameters need: /rft/pose and so on, unless remapped; later remaps win.
+def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> dict[Role, str]:
+    """Topic of each role that the parameters need: NODE/pose and so on, unless remapped; later remaps win.
 
     No twist topic if the velocity comes from the poses; no surface topic on a level plane; /tf in place of a pose topic
     if poses come from transforms. Raises InputError for a remap that cannot be used.
     """
     tf = values["pose_source"] == "tf"
-    topics = {role: _resolved(name) for role, name in _TOPICS.items() if tf or role != "tf"}
+    topics = {role: _resolved(name, node) for role, name in _TOPICS.items() if tf or role != "tf"}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
         left, separator, right = (part.strip() for part in rule.partition(":="))
@@ -89,10 +89,10 @@ def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
             raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
         if left.startswith(f"{Path.home()}/"):  # a shell has expanded the ~ of an unquoted ~/pose:=/tool_pose
             left = "~" + left.removeprefix(str(Path.home()))
-        role = roles.get(_resolved(left) if left.startswith(("/", "~")) else "")
+        role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
         if role is None:
             raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS[role] for role in topics)}")
-        topics[role] = _resolved(right)
+        topics[role] = _resolved(right, node)
     if values["twist_source"] != "topic":
         del topics["twist"]
     if not values["ground.cell"]:
@@ -102,11 +102,11 @@ def topics_of(values: Values, remap: Sequence[str] = ()) -> dict[Role, str]:
     return topics
 
 
-def _resolved(name: str) -> str:
-    """A topic's full name, as ROS resolves it for the node /rft."""
+def _resolved(name: str, node: str) -> str:
+    """A topic's full name, as ROS resolves it for the node."""
     if name.startswith("~"):
-        return "/rft" + name[1:]
-    return name if name.startswith("/") else f"/{name}"
+        return node + name[1:]
+    return name if name.startswith("/") else f"{node.rpartition('/')[0]}/{name}"
 
 
 def push_all(

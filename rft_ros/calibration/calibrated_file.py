@@ -13,7 +13,7 @@ from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
 from rft_ros.errors import file_errors
-from rft_ros.parameters import FILES, NODE_KEYS, defaults, parameter_tree, path_beside
+from rft_ros.parameters import FILES, defaults, node_keys, parameter_tree, path_beside
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 
@@ -57,7 +57,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     """
     tree = parameter_tree(source)
     tree.pop(SECTION, None)
-    sections = [tree[key]["ros__parameters"] for key in NODE_KEYS if isinstance(tree.get(key), dict)]
+    sections = [tree[key]["ros__parameters"] for key in node_keys(tree) if isinstance(tree[key], dict)]
     for section in sections:
         _follow(section, source, file)
     parameters = sections[-1]

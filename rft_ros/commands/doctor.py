@@ -1,10 +1,11 @@
-"""Check a cell's set-up: inputs, frames, stamps, QoS, load cell, mesh.
+"""Check a cell's set-up: inputs, frames, stamps, QoS, load cell, surface, mesh, and the running node's parameters.
 
 rft doctor my_cell.yaml --bag recording
 rft doctor my_cell.yaml --remap ~/pose:=/tool_pose --seconds 10
 """
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
     command.add_argument("--bag", type=Path, metavar="BAG", help=f"{BAG} (default: listen to ROS)")
+    command.add_argument("--node", default="/rft", metavar="NAME", help="the node with its namespace (default /rft)")
     remap_option(command)
     number_option(command, "--seconds", "S", "how long to listen to ROS [s] (default 5)", 5.0)
 
@@ -29,29 +31,34 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.bags.checkup import Checkup
     from rft_ros.bags.playback import topics_of
     from rft_ros.bags.reading import Recording
-    from rft_ros.parameters import NODE_KEYS, model_of, node_parameters
+    from rft_ros.parameters import model_of, node_parameters
 
+    arguments.node = "/" + arguments.node.strip("/")
     values, options = recording(arguments)
-    topics = topics_of(values, options.remap)
+    topics = topics_of(values, options.remap, arguments.node)
+    named = node_parameters(arguments.params, arguments.node)
+    findings = [_compiled(values)]
     with busy("preparing the tool"):
         model = model_of({**values, "tolerance": 0.0})
-    named = node_parameters(arguments.params, NODE_KEYS)
-    checkup = Checkup(values, model, named=named, topics=topics, tare=options.tare)
-    findings = [_compiled(values)]
     if arguments.bag:
+        checkup = Checkup(values, model, named=named, topics=topics, tare=options.tare)
         with Recording(arguments.bag, topics, start=options.start, end=options.end, optional=tuple(topics)) as messages:
             checkup.push(messages.fixed, messages.first)
             for sample in messages:
                 checkup.push(sample, messages.time)
     else:
         try:
-            from rft_ros.node.listen import listen
+            from rft_ros.node.listen import Listener
         except ImportError as error:
             raise InputError(
                 f"listening needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or give --bag"
             ) from None
-        with busy(f"listening for {arguments.seconds:g} s"):
-            findings += listen(topics, arguments.seconds, checkup.push)
+        with ExitStack() as stack:
+            stack.enter_context(busy(f"listening for {arguments.seconds:g} s"))
+            listener = stack.enter_context(Listener(arguments.node))
+            finding, bias = listener.compare(values, arguments.params)
+            checkup = Checkup({**values, "sensor.bias": bias}, model, named=named, topics=topics)
+            findings += [finding, *listener.listen(topics, arguments.seconds, checkup.push)]
     findings += checkup.findings()
     print("\n".join(map(str, findings)))
     return 0 if all(finding.ok for finding in findings) else 1

@@ -156,10 +156,10 @@ def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     ``--tare 0`` overrides a `tare` of the file by none.
     """
     from rft_ros.bags.playback import ReplayOptions, read_replay_options
-    from rft_ros.parameters import defaults, read_parameter_file
+    from rft_ros.parameters import NODE, defaults, read_parameter_file
 
     file = arguments.params
-    values = read_parameter_file(file) if file else defaults()
+    values = read_parameter_file(file, getattr(arguments, "node", NODE)) if file else defaults()
     written = read_replay_options(file) if file else ReplayOptions()
     given = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
     chosen = {name: getattr(written, name) if value is None else value for name, value in given.items()}

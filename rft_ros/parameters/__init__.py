@@ -3,9 +3,10 @@
 from rft_ros.parameters.alpha_y_table import read_alpha_y_table
 from rft_ros.parameters.file import (
     FILES,
-    NODE_KEYS,
+    NODE,
     flat,
     gives,
+    node_keys,
     node_parameters,
     parameter_tree,
     path_beside,
@@ -26,7 +27,7 @@ from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, check
 
 __all__ = [
     "FILES",
-    "NODE_KEYS",
+    "NODE",
     "PARAMETERS",
     "TOOL_PARAMETERS",
     "LearningMode",
@@ -41,6 +42,7 @@ __all__ = [
     "flat",
     "gives",
     "model_of",
+    "node_keys",
     "node_parameters",
     "parameter_tree",
     "path_beside",

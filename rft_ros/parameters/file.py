@@ -1,6 +1,6 @@
 """Parameter files, read without ROS as ROS reads them, and written."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,9 +13,10 @@ from rft_ros.yaml_file import read_yaml
 
 __all__ = [
     "FILES",
-    "NODE_KEYS",
+    "NODE",
     "flat",
     "gives",
+    "node_keys",
     "node_parameters",
     "parameter_tree",
     "path_beside",
@@ -23,8 +24,19 @@ __all__ = [
     "write_parameter_file",
 ]
 
-NODE_KEYS = ("/**", "rft", "/rft", "/**/rft")
-"""Top-level keys that hold parameters of the node `rft`; a later key overrides an earlier one."""
+NODE = "/rft"
+"""The node's full name, without a namespace."""
+
+
+def node_keys(tree: Mapping[str, Any], node: str = NODE) -> list[str]:
+    """The top-level keys that hold a node's parameters; a later key overrides an earlier one.
+
+    For /rft, if there are none, the one of rft in a namespace, as `ros2 param dump` writes it.
+    """
+    bare = node.strip("/")
+    found = [key for key in ("/**", bare, f"/{bare}", f"/**/{bare.rpartition('/')[2]}") if key in tree]
+    others = [key for key in tree if isinstance(key, str) and key.endswith(NODE)]
+    return others if node == NODE and not found and len(others) == 1 else found
 
 
 def parameter_tree(file: Path) -> dict[str, Any]:
@@ -44,17 +56,17 @@ def parameter_tree(file: Path) -> dict[str, Any]:
     return tree
 
 
-def node_parameters(file: Path, node_keys: tuple[str, ...]) -> dict[str, Any]:
-    """The flat parameters of these nodes; a later key overrides an earlier one. Empty if the file has none of them."""
+def node_parameters(file: Path, node: str = NODE, *, keys: Iterable[str] | None = None) -> dict[str, Any]:
+    """The flat parameters of a node, or of these top-level keys, of which a later one overrides an earlier one."""
     tree = parameter_tree(file)
     found: dict[str, Any] = {}
-    for key in node_keys:
-        node = tree.get(key)
-        if node is None:
+    for key in node_keys(tree, node) if keys is None else keys:
+        section = tree.get(key)
+        if section is None:
             continue
-        if not isinstance(node, dict) or not isinstance(node.get("ros__parameters"), dict):
+        if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
             raise InputError(f"parameter file '{file}': '{key}' has no 'ros__parameters'")
-        found.update(flat(node["ros__parameters"]))
+        found.update(flat(section["ros__parameters"]))
     return found
 
 
@@ -72,15 +84,16 @@ def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
             yield f"{prefix}{key}", value
 
 
-def read_parameter_file(file: Path) -> dict[str, Value]:
-    """Every parameter: the file's value for the node `rft`, checked, or the default.
+def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
+    """Every parameter: the file's value for the node, checked, or the default.
 
     A relative path in `FILES` becomes relative to the file's folder.
     """
     values = defaults()
-    given = node_parameters(file, NODE_KEYS)
+    given = node_parameters(file, node)
     if not given:
-        raise InputError(f"parameter file '{file}' has no parameters for the node 'rft' (keys {', '.join(NODE_KEYS)})")
+        there = ", ".join(map(str, parameter_tree(file)))
+        raise InputError(f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}")
     for name, value in given.items():
         if name == "use_sim_time" or name.startswith("qos_overrides."):
             continue

@@ -1,71 +1,128 @@
-"""`rft doctor` finds what is wrong with a cell's set-up, and finds nothing wrong with a good one."""
+"""`rft doctor` names what is wrong with a recorded cell, says what to do, and finds nothing wrong with a good one."""
 
 import pytest
-import trimesh
-from recordings import TOPICS, plunge, write_ros2
+import yaml
+from cells import MOUNT, PARAMETERS, SURFACE, record
+from scipy.spatial.transform import Rotation
 
 from rft_ros.cli import main
 
-GOOD = {"surface_height": 0.0, "medium.zeta": 0.5}
+TURN = Rotation.from_euler("x", 180, degrees=True)
+TURNED = (Rotation.from_quat(MOUNT.quaternion) * TURN).as_quat().tolist()
 FAULTS = {
-    "wrong frame": ({}, {"frame": "camera"}, "FIX frames: pose frame_id 'camera' is not world_frame 'world'"),
-    "wrong sign": ({}, {"force": -1.0}, "FIX sign: pushed down, the tool is pulled down; set sensor.sign: -1"),
-    "mesh in metres": ({"mesh.file": "metres"}, {}, "FIX mesh metres: 0.06 x 0.04 x 0.005 mm: "),
-    "no twist": ({}, {"without": "twist"}, "FIX twist: nothing on /rft/twist; set twist_source: pose_difference"),
-    "old stamps": ({}, {"age": 3_000_000_000}, "FIX pose: stamps on /rft/pose are 3 s old when they arrive"),
-    "no surface height": ({"surface_height": None}, {}, "FIX surface_height is not set and counts as 0.0"),
-    "not tared": ({}, {"bias": 2.0}, "FIX load cell: it reads 2.00 N in the air; call ~/tare"),
-    "no load cell": ({}, {"without": "wrench"}, "FIX wrench: nothing on /rft/wrench_measured; start the load cell"),
+    "wrong frame": ({"world_frame": "map"}, (), "FIX frames: pose frame_id 'world' is not world_frame 'map'; set the"),
+    "wrong sign": ({"sensor.sign": -1.0}, (), "FIX sign: measured and predicted force do not agree along each axis"),
+    "no twist": ({}, ("~/twist:=/none",), "FIX twist: nothing on /none; set twist_source: pose_difference"),
+    "no stamps": ({}, ("~/wrench_measured:=/unstamped",), "FIX wrench: 1050 messages on /unstamped have no stamp"),
+    "cell turned": ({"sensor.quaternion": TURNED}, (), "FIX quaternion: measured and predicted force do not agree"),
+    "turned and sign": ({"sensor.quaternion": TURNED, "sensor.sign": -1.0}, (), "FIX sign: measured and predicted"),
+    "mesh in metres": ({"mesh.scale": 1e-6}, (), "FIX mesh ellipsoid: 0.019 x 0.019 x 0.036 mm: "),
+    "surface too high": (
+        {"surface_height": SURFACE + 0.1},
+        (),
+        "FIX surface_height: the measured force begins 107 mm below where 0.22 m says; set it to about 0.113",
+    ),
+    "surface too low": (
+        {"surface_height": SURFACE - 0.1},
+        (),
+        "FIX surface_height: the measured force begins 93 mm above where 0.02 m says; set it to about 0.113",
+    ),
+    "surface not set": ({"surface_height": None}, (), "FIX surface_height: the measured force begins 113 mm above"),
+    "no publisher": ({}, ("~/wrench_measured:=/none",), "FIX wrench: nothing on /none; start the load cell's driver"),
+    "kgf": ({"medium.zeta": 0.4 * 9.81}, (), "FIX strength: measured over predicted force 0.112; check mesh.scale and"),
+    "not tared": ({"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}, (), "FIX load cell: it reads 2.00 N in the air;"),
 }
 
 
-def record(path, *, force=1.0, bias=0.0, age=0, without=None, frame=None):
-    rows = []
-    for role, time, stamp, numbers in plunge():
-        if role == "wrench":
-            numbers = (numbers[0], numbers[1], force * numbers[2] + bias, *numbers[3:])
-        if role != without:
-            rows.append((role, time, stamp - age, numbers))
-    topics = {role: topic for role, topic in TOPICS.items() if role != without}
-    return write_ros2(path, rows, frame=frame, topics=topics)
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return record(tmp_path_factory.mktemp("cell") / "bag")
 
 
-def examined(tmp_path, capsys, parameters, **faults):
-    """The lines that say what to do, but for the compilation, which depends on what ran before."""
-    named = {k: v for k, v in (GOOD | parameters).items() if v is not None}
-    if named.get("mesh.file") == "metres":
-        trimesh.creation.box((0.06, 0.04, 0.005)).export(tmp_path / "metres.stl")
-        named["mesh.file"] = str(tmp_path / "metres.stl")
-    file = tmp_path / "my_cell.yaml"
-    file.write_text("/**:\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in named.items()))
-    status = main(["doctor", str(file), "--bag", str(record(tmp_path / "bag", **faults))])
-    lines = capsys.readouterr().out.splitlines()
-    assert all(line.startswith(("OK  ", "FIX ")) for line in lines)
-    found = [line for line in lines if line.startswith("FIX") and "compiled" not in line]
-    assert status == (1 if any(line.startswith("FIX") for line in lines) else 0)
-    return found
+@pytest.fixture
+def examined(bag, tmp_path, capsys):
+    """The findings on the cell with these parameters and remaps."""
+
+    def of(parameters, *remaps, node="/**", replayed=None, arguments=()):
+        named = {k: v for k, v in (PARAMETERS | parameters).items() if v is not None}
+        tree = {node: {"ros__parameters": named}} | ({"rft_replay": {"ros__parameters": replayed}} if replayed else {})
+        (tmp_path / "my_cell.yaml").write_text(yaml.safe_dump(tree))
+        remapped = [f"--remap={remap}" for remap in remaps]
+        status = main(["doctor", str(tmp_path / "my_cell.yaml"), "--bag", str(bag), *remapped, *arguments])
+        said = capsys.readouterr()
+        lines = said.out.splitlines() or [said.err.strip()]
+        if status == 2:
+            return lines
+        assert all(line.startswith(("OK  ", "FIX ")) for line in lines)
+        assert status == (1 if any(line.startswith("FIX") for line in lines) else 0)
+        return [line for line in lines if "compiled" not in line]  # that depends on what ran before
+
+    return of
 
 
-@pytest.mark.parametrize("more", [{}, {"ground.cell": 0.004}], ids=["level", "map without a camera"])
-def test_a_good_cell_needs_nothing(tmp_path, capsys, more):
-    assert examined(tmp_path, capsys, more) == []
+def faults(lines):
+    return [line for line in lines if line.startswith("FIX")]
+
+
+@pytest.mark.parametrize(
+    "more",
+    [{}, {"pose_source": "tf", "sensor.frame_source": "tf"}, {"ground.cell": 0.004}, {"learning.mode": "apply"}],
+    ids=["topics", "TF", "map without a camera", "learning"],
+)
+def test_a_good_cell_needs_nothing(examined, more):
+    lines = examined(more)
+    assert faults(lines) == []
+    said = "\n".join(lines)
+    assert "OK  surface_height: 0.12 m; the measured force begins within" in said
+    assert "OK  sign: measured and predicted force agree along each axis (correlation x 1.00, y 1.00, z 1.00)" in said
+    assert "OK  strength: measured over predicted force 1.10" in said
 
 
 @pytest.mark.parametrize("fault", FAULTS)
-def test_each_fault_is_found_and_says_what_to_do(tmp_path, capsys, fault):
-    parameters, recorded, sentence = FAULTS[fault]
-    found = examined(tmp_path, capsys, parameters, **recorded)
+def test_each_fault_is_found_and_says_what_to_do(examined, fault):
+    parameters, remaps, sentence = FAULTS[fault]
+    found = faults(examined(parameters, *remaps))
     assert any(line.startswith(sentence) for line in found), found
 
 
-def test_a_tare_that_only_a_replay_does_is_asked_of_the_node(tmp_path, capsys):
-    file = tmp_path / "my_cell.yaml"
-    replayed = "rft_replay:\n  ros__parameters:\n    tare: 1.0\n"
-    file.write_text("/**:\n  ros__parameters:\n    surface_height: 0.0\n" + replayed)
-    main(["doctor", str(file), "--bag", str(record(tmp_path / "bag", bias=2.0))])
-    assert "replay tares over its first 1 s; for the node call ~/tare in the air" in capsys.readouterr().out
+def test_an_input_without_stamps_is_not_said_to_be_well(examined):
+    assert not any(line.startswith("OK  wrench") for line in examined({}, "~/wrench_measured:=/unstamped"))
 
 
-def test_a_tool_that_touched_nothing_is_told_to_push(tmp_path, capsys):
-    found = examined(tmp_path, capsys, {"surface_height": -1.0}, force=0.0)
+def test_a_topic_of_another_type_is_refused_by_name_as_by_a_replay(examined):
+    (sentence,) = examined({}, "~/wrench_measured:=/rft/pose")
+    is_, must = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Wrench"))
+    assert sentence.endswith(f"wrench topic '/rft/pose' is {is_}; it must be {must}")
+
+
+def test_the_dump_of_a_namespaced_nodes_parameters_is_read(examined):
+    assert faults(examined({}, node="/left/rft")) == []
+    right = [f"~/{name}:=/rft/{name}" for name in ("pose", "twist", "wrench_measured")]
+    assert faults(examined({}, *right, node="/left/rft", arguments=("--node", "/left/rft"))) == []
+
+
+def test_a_tare_that_only_a_replay_does_is_asked_of_the_node(examined):
+    lines = examined({"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}, replayed={"tare": 1.0})
+    said = "OK  load cell: 2.00 N in the air; a replay tares over its first 1 s; for the node call ~/tare in the air"
+    assert said in lines
+
+
+def test_a_tool_that_touched_nothing_is_told_to_push(examined):
+    """The load cell that stands in for one that hangs in the air: no force but noise, and no grains in reach."""
+    found = faults(examined({"surface_height": -1.0}, "~/wrench_measured:=/still"))
     assert found == ["FIX sign: no push was seen; push the tool down into the grains and run again"]
+
+
+def test_a_straight_push_cannot_tell_a_sign_from_a_turned_cell(examined):
+    found = faults(examined({"sensor.sign": -1.0}, replayed={"end": 4.5}))
+    assert len(found) == 1
+    assert found[0].startswith("FIX sign or quaternion: measured and predicted force do not agree along each axis")
+    assert "set sensor.sign: 1, or sensor.quaternion: [" in found[0]
+    assert found[0].endswith("if the cell is mounted so; a drag along x and y tells which")
+
+
+def test_a_mount_that_differs_from_the_fixed_transform_is_named(examined):
+    (found,) = faults(examined({"sensor.position": [0.0, 0.0, 0.15]}))
+    assert found.startswith(
+        "FIX sensor: the parameters are 0 degrees and 100 mm off what /tf_static says (position [0,"
+    )

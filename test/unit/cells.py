@@ -1,0 +1,74 @@
+"""A cell as it would be recorded: an arm pushes an ellipsoid into grains and drags it along x and along y."""
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from recordings import POSE, ROS2, START, TF, TWIST, WRENCH, message, transforms_cdr
+from scipy.spatial.transform import Rotation
+
+from rft_ros.bags.writing import BagWriter
+from rft_ros.estimator import TransformSample
+from rft_ros.estimator.transforms import Placement
+from rft_ros.parameters import defaults, model_of
+from rft_ros.rft import STATE, wrenches
+
+SURFACE = 0.12
+ZETA = 0.4
+MOUNT = Placement((0.0, 0.0, 0.05), tuple(Rotation.from_euler("z", 90, degrees=True).as_quat().tolist()))
+"""The load cell in the tool."""
+PARAMETERS = {
+    "mesh.file": "ellipsoid",
+    "medium.zeta": ZETA,
+    "surface_height": SURFACE,
+    "sensor.position": list(MOUNT.position),
+    "sensor.quaternion": list(MOUNT.quaternion),
+}
+LEGS = ((1.0, (0, 0, 0)), (3.0, (0, 0, -1)), (0.5, (0, 0, 0)), (1.5, (1, 0, 0)), (1.5, (0, 1, 0)), (3.0, (0, 0, 1)))
+SPEED = 0.02
+ABOVE = 0.055
+"""Of the tool frame at the start, over the surface; the ellipsoid reaches 20 mm lower."""
+
+
+def motion(rate: float) -> NDArray[np.float64]:
+    """States at a rate [Hz], shape [n, 13]: 1 s in the air, 60 mm down, rest, 30 mm along x and y, up."""
+    velocity = np.repeat([v for _, v in LEGS], [round(s * rate) for s, _ in LEGS], axis=0) * SPEED
+    states = np.zeros((len(velocity), len(STATE)))
+    states[:, 6], states[:, 7:10] = 1.0, velocity
+    states[:, :3] = np.cumsum(velocity, axis=0) / rate + (0.4, 0.1, SURFACE + ABOVE)
+    return states
+
+
+def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.float64]:
+    """What the load cell feels [N, N m], shape [n, 6], in its own axes: the grains alone, on the published law."""
+    model = model_of({**defaults(), **PARAMETERS, "medium.zeta": zeta, "tolerance": 0.0, "integration": "refined"})
+    world = wrenches(model.tool.plates, model.law, states, surface_height=SURFACE)[:, :6].copy()
+    world[(states[:, 7:13] == 0.0).all(axis=1), :] = 0.0
+    to_cell = MOUNT.inverse()
+    return np.array([to_cell.wrench(tuple(row)) for row in world])
+
+
+def record(path: Path, *, rate: float = 100.0) -> Path:
+    """Topics of a right cell, /tf and /tf_static that say the same, and the cell without stamps, and untouched."""
+    states, random = motion(rate), np.random.default_rng(3)
+    readings = 1.1 * loads(states) + 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
+    with BagWriter(path) as bag:
+
+        def write(topic: str, role: str, kind: str, time: int, stamp: int, values: object, frame: str) -> None:
+            bag.write_raw(topic, kind, time, bytes(ROS2.serialize_cdr(message(ROS2, role, stamp, values, frame), kind)))
+
+        mount = TransformSample(START, "tool", "ft_sensor", *MOUNT)
+        arm = TransformSample(START, "world", "base", (0.4, 0.1, 0.0), (0.0, 0.0, 0.0, 1.0))
+        for k, (state, reading) in enumerate(zip(states.tolist(), readings.tolist(), strict=True)):
+            stamp = START + k * round(1e9 / rate)
+            now = stamp + 1_000_000
+            write("/rft/wrench_measured", "wrench", WRENCH, now, stamp, reading, "ft_sensor")
+            write("/unstamped", "wrench", WRENCH, now, 0, reading, "ft_sensor")
+            write("/still", "wrench", WRENCH, now, stamp, [0.01 * (k % 3)] * 6, "ft_sensor")
+            write("/rft/twist", "twist", TWIST, now, stamp, state[7:], "world")
+            write("/rft/pose", "pose", POSE, now, stamp, state[:7], "world")
+            place = TransformSample(stamp, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[3:7],))
+            bag.write_raw("/tf", TF, now, transforms_cdr(place))
+            if k == round(0.08 * rate):  # as publishers are found one after the other
+                bag.write_raw("/tf_static", TF, now, transforms_cdr(mount, arm))
+    return path
