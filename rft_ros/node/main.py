@@ -89,8 +89,11 @@ def _run(stop: threading.Event) -> int:
         executor = _executor(node)
         executor.add_node(node)
         node.announce("ready")
-        while not stop.is_set():
-            executor.spin_once(timeout_sec=0.1)  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
+        try:
+            while not stop.is_set():
+                executor.spin_once(timeout_sec=0.1)  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
+        finally:
+            node.end()
         executor.shutdown()
         node.destroy_node()
     except RCLError as error:

@@ -23,6 +23,7 @@ from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped,
 from rft_ros.estimator.tool_poses import ToolPoses, push
 from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
+from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.learned_medium import LearnedMedium, saved
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
@@ -74,6 +75,8 @@ class RftNode(Node):
         self._residual = self.create_publisher(WrenchStamped, "~/wrench_residual", _OUTPUTS)
         self._sigma = self.create_publisher(WrenchStamped, "~/wrench_sigma", _OUTPUTS)
         self._medium = LearnedMedium(self, self.estimator, _OUTPUTS)
+        self._feedforward = FeedForward(self, self.estimator, _OUTPUTS)
+        self._feedforward.use(values)
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._subscribe(WrenchStamped, "~/wrench_measured", partial(self._on_input, "wrench"))
         self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
@@ -99,6 +102,7 @@ class RftNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
         self._markers = Markers(self, self.estimator)
+        self.create_timer(FEEDFORWARD_PERIOD, self._feedforward.without_estimate, clock=steady)
         self.create_timer(_MARKER_PERIOD, lambda: self._markers.publish(self._last_measurement), clock=steady)
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
@@ -123,6 +127,10 @@ class RftNode(Node):
         self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {law}")
         for issue in m.tool.issues:
             self.get_logger().warning(f"mesh {m.tool.name}: {issue.message}")
+
+    def end(self) -> None:
+        """Leave nothing standing: ramp the feed-forward to zero."""
+        self._feedforward.end()
 
     # --- the tick
 
@@ -163,6 +171,7 @@ class RftNode(Node):
         answer = self.estimator.push_pose(sample)
         if isinstance(answer, Estimate):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
+            self._feedforward.estimated(answer)
             self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
             self._medium.publish(answer)
             self._diagnostics.answered(answer, perf_counter() - start)
@@ -200,6 +209,7 @@ class RftNode(Node):
     def _apply(self, values: Values, changed: frozenset[str]) -> None:
         self.estimator.use(settings=settings_of(values))
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
+        self._feedforward.use(values)
         if self._next_model is not None:
             self.estimator.use(model=self._next_model)
         if changed & _TOOL_NAMES:

@@ -1,0 +1,127 @@
+"""A feed-forward wrench for controllers: gain times the prediction, limited in size and rate, never left standing."""
+
+import math
+import time
+from collections.abc import Callable
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from rft_ros.estimator import Estimate, Estimator, Wrench
+from rft_ros.estimator.messages import wrench_cdr
+from rft_ros.estimator.parameters import Values
+from rft_ros.estimator.quality import Trust, trust
+from rft_ros.estimator.transforms import Placement
+
+__all__ = ["FeedForward", "Ramp"]
+
+FEEDFORWARD_PERIOD = 0.01
+"""Time between two outputs while there are no estimates [s]."""
+
+_ZERO: Wrench = (0.0,) * 6
+_LONGEST_STEP = 2.0 * FEEDFORWARD_PERIOD  # after a pause the output starts no faster than after this
+_END = 0.25  # s: the longest ramp when the node ends
+
+
+class Ramp:
+    """Follows a wrench with bounded size and rate; force and torque keep their directions when they are limited.
+
+    `limit`: of the force [N] and of the torque [N m]. `rise_time`: from zero to the limit [s].
+    """
+
+    def __init__(self) -> None:
+        self.limit, self.rise_time = (0.0, 0.0), 1.0
+        self.wrench: Wrench = _ZERO
+        self._largest = [0.0, 0.0]  # since it was zero: a limit that was lowered does not slow the way down
+
+    def follow(self, target: Wrench, duration: float) -> Wrench:
+        """Move towards `target` ([N], [N m], finite) for `duration` [s]; returns the wrench."""
+        made: list[float] = []
+        for k, limit in enumerate(self.limit):
+            now, goal = self.wrench[3 * k : 3 * k + 3], _scaled(target[3 * k : 3 * k + 3], limit)
+            most = max(limit, self._largest[k]) * duration / self.rise_time
+            if math.dist(now, goal) > most:
+                step = _scaled(tuple(b - a for a, b in zip(now, goal, strict=True)), most)
+                goal = tuple(a + s for a, s in zip(now, step, strict=True))
+            size = math.hypot(*goal)
+            self._largest[k] = max(self._largest[k], size) if size > 0.0 else 0.0
+            made += goal
+        self.wrench = tuple(made)  # type: ignore[assignment]
+        return self.wrench
+
+
+def _scaled(vector: tuple[float, ...], longest: float) -> tuple[float, ...]:
+    length = math.hypot(*vector)
+    return tuple(v * longest / length for v in vector) if length > longest else vector
+
+
+class FeedForward:
+    """Publishes ``~/wrench_feedforward`` at each estimate, and without estimates until it has come down to zero.
+
+    Controllers keep the last wrench that they got, without a time limit. So the target is zero for estimates that have
+    no trust, for any pose without an estimate within `max_input_age`, with the gain at 0, and when the node ends.
+    """
+
+    def __init__(self, node: Node, estimator: Estimator, qos: QoSProfile, clock: Callable[[], float] = time.monotonic):
+        self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", qos)
+        self._now = node.get_clock().now
+        self._estimator = estimator
+        self._clock = clock
+        self._ramp = Ramp()
+        self._gain = 0.0
+        self._moved = self._estimated = -math.inf
+        self._active = False
+
+    def use(self, values: Values) -> None:
+        """Take the parameters."""
+        frame = str(values["feedforward.frame"])
+        frame_id = str(values[frame])
+        self._gain = float(values["feedforward.gain"])  # type: ignore[arg-type]
+        self._ramp.limit = values["feedforward.limit"]  # type: ignore[assignment]
+        self._ramp.rise_time = float(values["feedforward.rise_time"])  # type: ignore[arg-type]
+        self._frame, self._serialise = frame, wrench_cdr(frame_id)
+
+    def estimated(self, estimate: Estimate) -> None:
+        """Publish what follows from an estimate, at its stamp."""
+        if self._gain == 0.0:
+            return
+        self._active = True
+        self._estimated = self._clock()
+        trusted = trust(estimate.quality_flags) is not Trust.NO
+        self._publish(self._target(estimate.predicted) if trusted else _ZERO, estimate.stamp)
+
+    def without_estimate(self) -> None:
+        """Ramp down if no estimate has come for `max_input_age`; to be called every `FEEDFORWARD_PERIOD`."""
+        late = self._clock() - self._estimated > self._estimator.settings.max_input_age
+        if self._active and (late or self._gain == 0.0):
+            self._publish(_ZERO, self._now().nanoseconds)
+            self._active = self._gain != 0.0 or self._ramp.wrench != _ZERO
+
+    def end(self) -> None:
+        """Ramp down to zero in at most 0.25 s and wait until the subscribers have it."""
+        if not self._active:
+            return
+        self._ramp.rise_time = min(self._ramp.rise_time, _END)
+        self._gain = 0.0
+        while self._active:
+            self.without_estimate()
+            time.sleep(FEEDFORWARD_PERIOD)
+        self._publisher.wait_for_all_acked(Duration(seconds=0.1))
+
+    def _target(self, predicted: Wrench) -> Wrench:
+        wrench = predicted
+        if self._frame != "sensor_frame":
+            cell = self._estimator.settings.load_cell
+            wrench = Placement(cell.position, cell.quaternion).wrench(wrench)
+        if self._frame == "world_frame":
+            x, y, z, w = self._estimator.state[3:7].tolist()
+            wrench = Placement((0.0, 0.0, 0.0), (x, y, z, w)).wrench(wrench)
+        return tuple(self._gain * c for c in wrench)  # type: ignore[return-value]
+
+    def _publish(self, target: Wrench, stamp: int) -> None:
+        now = self._clock()
+        wrench = self._ramp.follow(target, min(now - self._moved, _LONGEST_STEP))
+        self._moved = now
+        self._publisher.publish(self._serialise(stamp, wrench))

@@ -1,0 +1,96 @@
+"""The feed-forward for controllers, which keep the last wrench without a time limit: it never stays at a force."""
+
+import math
+import signal
+from itertools import pairwise
+
+import numpy as np
+from geometry_msgs.msg import WrenchStamped
+from harness import numbers, predicted_by_the_core
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rft_ros.node.feedforward import Ramp
+
+LIMIT, TORQUE, RISE = 3.0, 0.3, 0.2
+LARGEST_STEP = LIMIT * 0.02 / RISE  # in one message
+component = st.floats(-1e6, 1e6)
+wrench = st.tuples(*[component] * 6)
+
+
+@given(targets=st.lists(st.tuples(wrench, st.floats(0.0, 0.02)), max_size=20), lowered=st.floats(0.0, 1.0))
+def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targets, lowered):
+    ramp = Ramp()
+    ramp.limit, ramp.rise_time = (LIMIT, TORQUE), RISE
+    before = np.zeros(6)
+    for target, duration in targets:
+        now = np.array(ramp.follow(target, duration))
+        for part, limit in ((slice(0, 3), LIMIT), (slice(3, 6), TORQUE)):
+            assert np.linalg.norm(now[part]) <= limit * (1.0 + 1e-9)
+            assert np.linalg.norm(now[part] - before[part]) <= limit * duration / RISE * (1.0 + 1e-9) + 1e-12
+        before = now
+    ramp.limit = lowered * LIMIT, lowered * TORQUE
+    for _ in range(math.ceil(RISE / 0.02) + 1):
+        ramp.follow((0.0,) * 6, 0.02)
+    assert ramp.wrench == (0.0,) * 6
+
+
+def test_it_follows_the_prediction_and_returns_to_zero_whatever_ends_the_estimates(start_node):
+    rft = start_node(
+        *("-p", "mesh.file:=plate", "-p", "feedforward.gain:=-1.0", "-p", f"feedforward.limit:=[{LIMIT}, {TORQUE}]"),
+        *("-p", "feedforward.frame:=world_frame", "-p", f"feedforward.rise_time:={RISE}"),
+        *("-p", "sensor.quaternion:=[1.0, 0.0, 0.0, 0.0]", "-p", "sensor.position:=[0.01, 0.0, 0.1]"),
+    )
+    got: list[WrenchStamped] = []
+    rft.node.create_subscription(WrenchStamped, f"{rft.name}/wrench_feedforward", got.append, 1000)
+    rft.wait_ready()
+    rft.until(lambda: rft.node.count_publishers(f"{rft.name}/wrench_feedforward") > 0)
+    stamp = rft.moment()
+
+    def forces():
+        return np.array([numbers(m)[:3] for m in got]).reshape(-1, 3)
+
+    def press(until, **inputs):
+        def condition():
+            nonlocal stamp
+            stamp += 10_000_000
+            rft.send(stamp, **inputs)
+            rft.spin(0.005)
+            return until()
+
+        rft.until(condition)
+
+    def at_zero():
+        return got and not forces()[-1].any()
+
+    def pressed():
+        expected = -predicted_by_the_core(z=-0.002)
+        return got and np.allclose(
+            numbers(got[-1]), expected * min(1.0, LIMIT / abs(expected[2])), rtol=1e-6, atol=1e-6
+        )
+
+    def rises():
+        press(lambda: got and np.linalg.norm(forces()[-1]) > LIMIT * (1.0 - 1e-9), z=-0.02)
+        assert forces()[-1][2] < 0.0  # the grains push up
+
+    press(pressed, z=-0.002)
+    assert got[-1].header.frame_id == "world"
+    ends = {
+        "the poses stop": lambda: rft.until(at_zero),
+        "the poses have no direction": lambda: press(at_zero, z=-0.02, quaternion=(0.0, 0.0, 0.0, 0.0)),
+        "the twists stop": lambda: press(at_zero, z=-0.02, linear=None),
+        "estimates are not trusted": lambda: press(at_zero, z=-0.02, linear=(0.0, 0.0, -0.5)),
+        "the gain is set to 0": lambda: (rft.set(feedforward__gain=0.0), rft.until(at_zero)),
+    }
+    for end in ends.values():
+        rises()
+        end()
+    rft.set(feedforward__gain=-1.0)
+    rises()
+    assert rft.process.poll() is None
+    rft.process.send_signal(signal.SIGTERM)
+    rft.process.wait()
+    rft.spin(0.5)
+    assert at_zero()
+    assert max(np.linalg.norm(b - a) for a, b in pairwise(forces())) <= LARGEST_STEP * (1.0 + 1e-6)
+    assert np.linalg.norm(forces(), axis=1).max() <= LIMIT * (1.0 + 1e-9)
