@@ -11,7 +11,7 @@ from rclpy.qos import QoSProfile
 
 from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.estimator.messages import wrench_cdr
-from rft_ros.estimator.parameters import Values
+from rft_ros.parameters import Values
 from rft_ros.estimator.quality import Trust, trust
 from rft_ros.estimator.transforms import Placement
 
