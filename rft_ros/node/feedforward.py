@@ -11,9 +11,9 @@ from rclpy.qos import QoSProfile
 
 from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.estimator.messages import wrench_cdr
-from rft_ros.parameters import Values
 from rft_ros.estimator.quality import Trust, trust
 from rft_ros.estimator.transforms import Placement
+from rft_ros.parameters import Values
 
 __all__ = ["FeedForward", "Ramp"]
 
