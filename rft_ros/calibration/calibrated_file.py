@@ -65,8 +65,8 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         if f.name in defaults():
             values = tuple(rounded(v, e) for v, e in zip(f.values, f.errors, strict=True))
             _put(parameters, f.name, values if len(values) > 1 else values[0])
-        if f.name == "medium.zeta":
-            _put(parameters, "medium.zeta_error", float(f"{f.errors[0] / f.values[0]:.3g}"))
+    if result.zeta is not None:
+        _put(parameters, "medium.zeta_error", float(f"{result.zeta.relative_error():.3g}"))
     if any(f.name == "sensor.bias" for f in result.fitted):
         _drop_tare(tree)
     begins = [(track.name, _date(track.begin)) for track in tracks]

@@ -20,7 +20,9 @@ __all__ = ["Sensor", "fit_tool_weight", "tared"]
 
 _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
 _LEAST = 1e-6  # a mass below this [kg] is rounding
-_SURE = 3.0  # standard errors of the mass by which it must exceed 0 to identify the centre of mass
+_SURE = 3.0  # standard errors of the mass by which it must exceed 0 to be a mass
+_EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
+_NOTHING = 0.01  # kg; a mass near 0 whose error is below is none: the driver takes off the weight
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 
@@ -79,27 +81,31 @@ def fit_tool_weight(
     fitted: list[FittedValue] = []
     reasons: dict[str, str] = {}
     constant = np.tile(np.eye(3), (len(poses), 1))
-    cov = np.zeros((4, 4))
-    if widest >= _WIDEST:
+    cov, mass, error, why = np.zeros((4, 4)), 0.0, 0.0, ""
+    if widest < _WIDEST:
+        why = f"gravity turns by {widest:.1f}° in the sensor frame over {len(poses)} poses; it needs {_WIDEST:g}°"
+    else:
         design = np.column_stack([constant, cell.sign * gravity.ravel()])
         forces, r2 = fit_measurements(design, readings[:, :3], errors[:, :3])
-        cov, mass, error = forces.covariance, float(forces.coefficients[3]), float(forces.errors[3])
-        unsure = max(_SURE * error, _LEAST)
-        if mass < -unsure:
-            raise NotIdentifiable(
-                f"the fitted mass is {mass:.4f} ± {error:.4f} kg: sensor.sign or sensor.quaternion is wrong"
+        mass, error = float(forces.coefficients[3]), float(forces.errors[3])
+        found = f"the fitted mass is {mass:.4f} ± {error:.4f} kg"
+        if mass < -max(_SURE * error, _LEAST):
+            raise NotIdentifiable(f"{found}: sensor.sign or sensor.quaternion is wrong")
+        if error > _NOTHING and (mass <= _SURE * error or r2 < _EXPLAINED):
+            why = (
+                f"{found} (R² {r2:.3f}); it needs {_SURE:g} times its error and R² {_EXPLAINED:g}: check"
+                " sensor.quaternion, and that nothing pulls at the tool"
             )
-        cell = replace(cell, mass=max(mass, 0.0))
-        value("sensor.mass", np.array([cell.mass]), forces.errors[3:], "kg", f"R² {r2:.5f}")
-    else:
-        reasons["sensor.mass"] = (
-            f"gravity turns by {widest:.1f}° in the sensor frame over {len(poses)} poses; it needs {_WIDEST:g}°"
-            f" (kept: {cell.mass:g} kg)"
-        )
+    if why:
+        reasons["sensor.mass"] = f"{why} (kept: {cell.mass:g} kg)"
         forces, _ = fit_measurements(constant, readings[:, :3] - cell.sign * cell.mass * gravity, errors[:, :3])
         cov[:3, :3] = forces.covariance
+    else:
+        cov = forces.covariance
+        cell = replace(cell, mass=max(mass, 0.0))
+        value("sensor.mass", np.array([cell.mass]), forces.errors[3:], "kg", f"R² {r2:.5f}")
 
-    if widest >= _WIDEST and second >= _SPREAD and mass > unsure:
+    if not why and second >= _SPREAD and mass > max(_SURE * error, _LEAST):
         # columns: e_k × gravity, the torque for each component of mass times centre
         levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
         torques, r2 = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
@@ -110,18 +116,18 @@ def fit_tool_weight(
     else:
         reasons["sensor.center_of_mass"] = (
             "mass unknown"
-            if widest < _WIDEST
-            else f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
-            if mass <= unsure
+            if why
             else f"{len(poses)} directions of gravity spread by {second:.3f} in a second direction; it needs"
             f" {_SPREAD:g}"
+            if second < _SPREAD
+            else f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
         )
         weight_torques = np.cross(np.array(cell.center_of_mass), cell.sign * cell.mass * gravity)
         torques, _ = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
 
     bias = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]])
     rms = np.sqrt(np.mean((readings[:, :3] - bias[:3] - cell.sign * cell.mass * gravity) ** 2))
-    kept = "" if widest >= _WIDEST else f", with the mass of {cell.mass:g} kg as given"
+    kept = f", with the mass of {cell.mass:g} kg as given" if why else ""
     own = np.concatenate([forces.errors[:3], torques.errors[:3]])
     value("sensor.bias", bias, own, "N, N m", f"RMS {rms:.3f} N between poses{kept}")
     fx, fy, fz, tx, ty, tz = bias.tolist()

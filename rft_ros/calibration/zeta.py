@@ -17,6 +17,11 @@ __all__ = ["Penetration", "ZetaFit", "fit_zeta"]
 _SHALLOWEST = 0.005
 """Least depth of a penetration [m]: the force of a shallower one depends more on the surface height than on ζ."""
 
+_ALIKE = 0.9
+"""Least correlation of the measured and the modelled force, over components and moments: below it the RMS residual is
+over a quarter of the peak of a force that grows with depth."""
+
+_BEDS_DIFFER = 0.1  # standard deviation of ζ between beds of the same grains (docs/accuracy.md)
 _ONE_SIZE = 0.05  # greatest relative difference of the areas of tools of one size
 _NOTEWORTHY = 0.1  # greatest relative difference of ζ between tools of different size without a note
 
@@ -57,6 +62,10 @@ class ZetaFit:
     surface_error: float
     penetrations: tuple[Penetration, ...]
 
+    def relative_error(self) -> float:
+        """Of ζ in another bed of the same grains, for `medium.zeta_error`."""
+        return max(self.error / self.zeta, _BEDS_DIFFER)
+
     def zeta_of_others(self, number: int) -> float:
         """Mean ζ of all penetrations but one. Needs two or more."""
         return float(np.mean([p.zeta for k, p in enumerate(self.penetrations) if k != number]))
@@ -77,20 +86,38 @@ class ZetaFit:
         )
 
     def notes(self) -> list[str]:
-        """A sentence if ζ differs between tools of different size."""
+        """A sentence if ζ differs between tools of different size, and one if the fit is surer than beds are alike."""
+        notes = []
+        if (own := self.error / self.zeta) < _BEDS_DIFFER:
+            notes.append(
+                f"medium.zeta_error is {_BEDS_DIFFER:g}, although the fit's own relative error is {own:.2g}: ζ differs"
+                f" by {100 * _BEDS_DIFFER:g} % from one levelling of the same grains to the next."
+            )
         areas = np.sort([p.area for p in self.penetrations])
         ends = np.append(areas[:-1][np.diff(areas) > _ONE_SIZE * areas[:-1]], areas[-1])
         sizes = [[p for p in self.penetrations if ends.searchsorted(p.area) == k] for k in range(len(ends))]
         means = [mean_of([p.zeta for p in g], [p.error for p in g]) for g in sizes]
         (low, low_error), (high, high_error) = min(means), max(means)
         if high - low <= max(_NOTEWORTHY * low, 3.0 * np.hypot(low_error, high_error)):
-            return []
+            return notes
         each = ", ".join(
             f"{np.mean([p.pressure_slope() for p in g]):.2f} N/cm³ under"
             f" {1e4 * np.mean([p.area for p in g]):.3g} cm² (ζ {zeta:.2f})"
             for g, (zeta, _) in zip(sizes, means, strict=True)
         )
-        return [f"The pressure depends on the tool's size: it grows by {each}. One ζ cannot fit both."]
+        return [*notes, f"The pressure depends on the tool's size: it grows by {each}. One ζ cannot fit both."]
+
+
+def _cause(forces: NDArray[np.float64], alike: float) -> str:
+    """Why measured forces, shape [n, 3], are probably not like those of the model."""
+    x, y, z = forces.mean(axis=0)
+    if np.hypot(np.hypot(x, y), z) < 0.5 * np.sqrt(np.mean(np.sum(forces**2, axis=1))):
+        return "they are mostly noise; check that the load cell measures and that the tool is in the grains"
+    if np.hypot(x, y) > abs(z):
+        return "the force points sideways; check sensor.quaternion"
+    if alike < -_ALIKE:
+        return "the force pulls the sinking tool down; check sensor.sign and sensor.quaternion"
+    return "the force grows otherwise; check surface_height, the tare and mesh.file"
 
 
 def _penetration(
@@ -98,7 +125,7 @@ def _penetration(
 ) -> Penetration:
     """ζ of the part of a stroke in which the tool moves down below the surface.
 
-    Raises NotIdentifiable if it is too short or shallow, or the force has the wrong sign.
+    Raises NotIdentifiable if it is too short or shallow, or the model does not explain the force.
     """
     bag, plates = track.name, track.tool.plates
     depths = surface - track.heights()[stroke.rows]
@@ -110,26 +137,29 @@ def _penetration(
             f"{bag}: a penetration of {deepest:.1f} mm in {len(depth)} samples is too shallow; ζ needs"
             f" {1e3 * _SHALLOWEST:g} mm and 20 samples"
         )
-    states, measured = track.smooth_states()[rows], track.grain_forces(sensor.cell)[rows, 2]
+    states, forces = track.smooth_states()[rows], track.grain_forces(sensor.cell)[rows]
 
     def predicted(surface: float) -> NDArray[np.float64]:
-        return wrenches(plates, law, states, surface_height=surface, threads=1)[:, 2]
+        return wrenches(plates, law, states, surface_height=surface, threads=1)[:, :3]
 
-    g = predicted(surface)
+    modelled = predicted(surface)
+    measured, g = forces[:, 2], modelled[:, 2]
     if not g @ g > 0.0:
         raise NotIdentifiable(f"{bag}: the model predicts no vertical force for this penetration; check mesh.file")
     fit = fit_series(g[:, None], measured)
     zeta = float(fit.coefficients[0])
     step = max(surface_error, 1e-5)
-    high, low = predicted(surface + step), predicted(surface - step)
+    high, low = predicted(surface + step)[:, 2], predicted(surface - step)[:, 2]
     per_metre = float(high @ measured / (high @ high) - low @ measured / (low @ low)) / (2.0 * step)
     per_newton = float(g.sum() / (g @ g))
     force_error = sensor.vertical_error(track, int(stroke.rows[-1]))
     error = float(np.sqrt(fit.covariance[0, 0] + (per_metre * surface_error) ** 2 + (per_newton * force_error) ** 2))
-    if not zeta > error:
+    scale = float(np.linalg.norm(forces) * np.linalg.norm(modelled))
+    alike = float(np.sum(forces * modelled)) / scale if scale > 0.0 else 0.0
+    if not (zeta > error and alike > _ALIKE):
         raise NotIdentifiable(
-            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}; it must exceed its error. If it is negative, check"
-            " sensor.sign and sensor.quaternion: grains push a sinking tool up"
+            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, and measured and modelled force correlate by"
+            f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: {_cause(forces, alike)}"
         )
     down = np.maximum(-rotation_matrix(states[-1, 3:7])[2] @ plates.packed[3:6], 0.0)
     return Penetration(

@@ -166,6 +166,8 @@ def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated)
     assert set(record["fitted"]["sensor_mass"]) == {"value", "standard_error", "unit", "goodness", "source"}
     assert "alpha_y" in record["fitted"]
     assert 0.0 < record["fitted"]["medium_zeta"]["standard_error"][0] < 0.01
+    assert read_parameter_file(calibrated)["medium.zeta_error"] == 0.1  # another bed differs, however good the fit
+    assert "ζ differs by 10 % from one levelling of the same grains to the next" in record["notes"][0]
 
 
 def test_the_same_bags_give_the_same_bytes(calibrated, cell, tmp_path):
