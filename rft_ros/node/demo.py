@@ -2,6 +2,7 @@
 
 import math
 import os
+import shutil
 import signal
 import struct
 import subprocess
@@ -151,6 +152,17 @@ def _table(watcher: Watcher, elapsed: float) -> Table:
     return table
 
 
+def _by_hand(parameters: Path, seconds: float) -> list[str]:
+    """The commands that do the same by hand, as far as they are there: ROS from PyPI has no `ros2`."""
+    found = [
+        f"{program('rft_node')} --ros-args --params-file {parameters}",
+        f"{sys.executable} -m rft_ros.node.virtual_arm --seconds {seconds:g}",
+    ]
+    if shutil.which("ros2"):
+        found += ["ros2 topic echo /rft/medium_learned", "ros2 service call /rft/tare std_srvs/srv/Trigger"]
+    return found
+
+
 def demo(output: Path, *, seconds: float) -> Watcher | None:
     """Run the demo for `seconds` of arm motion and record it to ``bag`` in `output`; None if no estimate came."""
     if not seconds > PAUSE:
@@ -165,10 +177,9 @@ def demo(output: Path, *, seconds: float) -> Watcher | None:
         " model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and weight off the"
         " load cell and learns the difference. By hand, in terminals of your own:\n"
     )
-    console.print(f"  {program('rft_node')} --ros-args --params-file {parameters}", soft_wrap=True)
-    console.print(f"  {sys.executable} -m rft_ros.node.virtual_arm --seconds {seconds:g}", soft_wrap=True)
-    console.print("  ros2 topic echo /rft/medium_learned")
-    console.print("  ros2 service call /rft/tare std_srvs/srv/Trigger\n")
+    for command in _by_hand(parameters, seconds):
+        console.print(f"  {command}", soft_wrap=True)
+    console.print()
     signal.signal(signal.SIGTERM, _terminated)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the children
     rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way

@@ -6,14 +6,17 @@ at a depth of 25 mm. The load cell adds a bias, the tool's weight, noise and its
 """
 
 import argparse
+import signal
 import sys
 import time
+from contextlib import suppress
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
 
 from rft_ros.estimator import LoadCell, Wrench
 from rft_ros.estimator.load_cell import LoadCellFrame
@@ -78,6 +81,13 @@ def main() -> int:
     )
     arguments = parser.parse_args()
 
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with suppress(KeyboardInterrupt):  # SIGINT or SIGTERM
+        _move(arguments.seconds, arguments.listeners)
+    return 0
+
+
+def _move(seconds: float, listeners: int) -> None:
     tool = load_tool("ellipsoid")
     medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("constant", medium), zeta=0.33)
@@ -85,7 +95,7 @@ def main() -> int:
     _grain_wrench(tool, law, _state(0.0))  # compiles
     random = np.random.default_rng(2021)
 
-    rclpy.init()
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the loop
     node = rclpy.create_node("virtual_arm")
     reliable = QoSProfile(depth=100)
     poses = node.create_publisher(PoseStamped, "/rft/pose", reliable)
@@ -94,10 +104,10 @@ def main() -> int:
     pose, twist, serialise = PoseStamped(), TwistStamped(), wrench_cdr("ft_sensor")
     pose.header.frame_id = twist.header.frame_id = "world"
     try:
-        while min(p.get_subscription_count() for p in (poses, twists, cells)) < arguments.listeners:
+        while min(p.get_subscription_count() for p in (poses, twists, cells)) < listeners:
             time.sleep(0.05)
         start = time.monotonic()
-        for k in range(round(arguments.seconds * _RATE)):
+        for k in range(round(seconds * _RATE)):
             state = _state(k / _RATE)
             on_tool = _grain_wrench(tool, law, state)
             reading = _raw_reading(frame, state[0, 3:7], on_tool, random.normal(scale=_NOISE))
@@ -110,12 +120,9 @@ def main() -> int:
             twists.publish(twist)
             poses.publish(pose)
         time.sleep(0.2)  # to send the last messages
-    except KeyboardInterrupt:
-        pass
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
-    return 0
 
 
 if __name__ == "__main__":

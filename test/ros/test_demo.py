@@ -1,13 +1,21 @@
 """The demo's claims: in its virtual grains the fixed model is off, the node learns the force and reports the layer."""
 
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
 import numpy as np
 import pytest
+import rclpy
 
 from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.installation import share_directory
 from rft_ros.node import virtual_arm
+from rft_ros.node.demo import _by_hand
 from rft_ros.node.virtual_arm import LAYER, PAUSE
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021
@@ -69,3 +77,22 @@ def test_only_the_hard_layer_is_a_surprise_and_at_once(descents):
     depth, *_, surprised = descents["apply"]
     assert not surprised[depth < LAYER].any()
     assert surprised[(depth > LAYER) & (depth < LAYER + 0.003)].any()
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_virtual_arm_without_a_traceback(number):
+    node = rclpy.create_node("watcher_of_the_arm")
+    arm = subprocess.Popen([sys.executable, "-m", "rft_ros.node.virtual_arm"], stderr=subprocess.PIPE, text=True)
+    while not node.count_publishers("/rft/wrench_measured"):  # the last thing it makes
+        assert arm.poll() is None
+        time.sleep(0.05)
+    arm.send_signal(number)
+    assert (arm.communicate(timeout=60)[1], arm.returncode) == ("", 0)
+    node.destroy_node()
+
+
+def test_the_demo_names_no_ros2_command_where_there_is_none(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert not any("ros2" in command.split() for command in _by_hand(Path("demo.yaml"), 12.0))
+    (tmp_path / "ros2").touch(mode=0o755)
+    assert "ros2 topic echo /rft/medium_learned" in _by_hand(Path("demo.yaml"), 12.0)

@@ -25,16 +25,17 @@ def test_the_script_sets_a_parameter(rft):
 
 def test_the_script_records_a_bag_that_replays(rft, tmp_path):
     recorder = subprocess.Popen(script(rft, "Writer"), cwd=tmp_path)
-    rft.until(lambda: min(p.get_subscription_count() for p in (rft.pose, rft.wrench)) == 2)  # the node and the recorder
+    rft.until(
+        lambda: min(p.get_subscription_count() for p in (rft.pose, rft.twist, rft.wrench)) == 2
+    )  # the node and the recorder
     first = rft.moment()
     for k in range(200):
         rft.send(first + k * 10_000_000, z=-1e-4 * k)
         rft.spin(0.002)
     recorder.send_signal(signal.SIGINT)
     assert recorder.wait() == 0
-    (tmp_path / "cell.yaml").write_text("/**:\n  ros__parameters:\n    twist_source: pose_difference\n")
-    command = ["replay", str(tmp_path / "my_bag"), "--params", str(tmp_path / "cell.yaml"), "-o", str(tmp_path / "out")]
-    for topic in ("pose", "wrench_measured"):
+    command = ["replay", str(tmp_path / "my_bag"), "-o", str(tmp_path / "out")]
+    for topic in ("pose", "twist", "wrench_measured"):
         command += ["--remap", f"~/{topic}:={rft.name}/{topic}"]
     assert main(command) == 0
     assert (tmp_path / "out" / "estimates.csv").read_text().count("\n") > 50
