@@ -2,7 +2,7 @@
 
 from rft_ros.tool.check import check_mesh
 from rft_ros.tool.mesh_file import is_mesh_path, locate_mesh, read_mesh
-from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, drawable, load_tool
+from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, drawable, load_tool, tool_of_mesh
 
 __all__ = [
     "Tool",
@@ -14,4 +14,5 @@ __all__ = [
     "load_tool",
     "locate_mesh",
     "read_mesh",
+    "tool_of_mesh",
 ]

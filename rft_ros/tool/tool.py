@@ -1,9 +1,9 @@
 """A tool: the plates of a mesh, and the mesh to draw it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,10 @@ from rft_ros.tool.reduce import Reduction, reduced_for_any_motion
 from rft_ros.tool.reduced_file import SUFFIX, placed, read_reduced
 from rft_ros.tool.refine import refined_plates
 
-__all__ = ["Tool", "ToolRequest", "centroid_plates", "describe_tool", "drawable", "load_tool"]
+if TYPE_CHECKING:
+    import trimesh
+
+__all__ = ["Tool", "ToolRequest", "centroid_plates", "describe_tool", "drawable", "load_tool", "tool_of_mesh"]
 
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
@@ -81,23 +84,33 @@ def load_tool(
     if reduced and integration not in (None, reduced.integration):
         raise InputError(f"mesh file '{path}' holds plates for integration '{reduced.integration}' only")
     rule = reduced.integration if reduced else integration or "refined"
+    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=0.0 if reduced else tolerance)
+    if reduced is None:
+        return tool
+    plates = Plates(placed(reduced.plates, scale, origin))
+    return replace(tool, plates=plates, reduction=reduced.reduction, issues=check_mesh(mesh))
+
+
+def tool_of_mesh(
+    mesh: "trimesh.Trimesh", *, name: str, file: str = "", integration: Integration = "refined", tolerance: float = 0.0
+) -> Tool:
+    """The tool of a mesh in the tool frame [m], not from a file; arguments as for `load_tool`."""
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
-    facets = refined_plates(vertices, faces) if rule == "refined" else centroid_plates(vertices, faces)
+    refined = integration == "refined"
+    facets = refined_plates(vertices, faces) if refined else centroid_plates(vertices, faces)
     corners = _corners(vertices[np.unique(faces)])
     plates, reduction = facets, None
-    if reduced:
-        plates, reduction = Plates(placed(reduced.plates, scale, origin)), reduced.reduction
-    elif tolerance > 0.0:
+    if tolerance > 0.0:
         plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
     return Tool(
-        name=path.stem,
-        file=str(path),
+        name=name,
+        file=file,
         plates=plates,
         facets=facets,
         vertices=vertices,
         faces=faces,
-        issues=check_mesh(mesh) + (() if rule == "refined" or reduced else coarse_for_centroids(vertices, faces)),
+        issues=check_mesh(mesh) + (() if refined else coarse_for_centroids(vertices, faces)),
         corners=corners,
         reduction=reduction,
     )
