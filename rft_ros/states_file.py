@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
+from rft_ros.files import read_text, whole
 from rft_ros.rft import STATE, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 
 __all__ = ["WRENCH_HEADER", "read_states", "wrenches_along", "write_wrenches"]
@@ -20,12 +21,13 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Raises InputError that names the file, line and column.
     """
-    with file_errors(f"states file '{file}'", "read"):
-        lines = file.read_text(encoding="utf-8-sig").splitlines()
+    lines = read_text(file, "states file").splitlines()
     if not lines or not lines[0].strip():
         raise InputError(f"states file '{file}' is empty; its first line must be {','.join(STATES_HEADER)}")
     header = [name.strip() for name in lines[0].split(",")]
     missing = [name for name in STATES_HEADER if name not in header]
+    if len({*header}) < len(header):
+        raise InputError(f"states file '{file}' names a column twice (header: {lines[0].strip()})")
     if missing:
         raise InputError(f"states file '{file}' has no column {', '.join(missing)} (header: {lines[0].strip()})")
     numbered = [(number, line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
@@ -95,7 +97,7 @@ def wrenches_along(
 
 def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.float64]) -> None:
     """Write t [s] and the wrenches, shape [n, 6 or more] [N], [N m], with every digit that float64 holds."""
-    with file_errors(f"output '{file}'", "written"), file.open("w", encoding="utf-8", newline="\n") as out:
+    with whole(file) as part, part.open("w", encoding="utf-8", newline="\n") as out:
         out.write(",".join(WRENCH_HEADER) + "\n")
         for t, row in zip(times.tolist(), wrenches[:, :6].tolist(), strict=True):
             out.write(",".join(repr(value) for value in (t, *row)) + "\n")

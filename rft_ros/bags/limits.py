@@ -9,8 +9,8 @@ from pathlib import Path
 from rft_ros.bags.summary import Summary
 from rft_ros.errors import InputError, suggestion
 from rft_ros.estimator import Reason
+from rft_ros.files import read_yaml
 from rft_ros.parameters import flat
-from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Limit", "check", "limit_lines", "read_limits"]
 

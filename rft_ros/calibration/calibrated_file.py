@@ -12,7 +12,7 @@ import yaml
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
-from rft_ros.errors import file_errors
+from rft_ros.files import whole
 from rft_ros.parameters import FILES, defaults, node_keys, parameter_tree, path_beside
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
@@ -91,10 +91,9 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     head = f"# {source.name} calibrated by rft calibrate; sources and standard errors: {SECTION} below.\n"
     head += "".join(f"# From {name}, recorded {date}.\n" for name, date in begins)
     texts[file] = head + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
-    with file_errors(f"calibrated file '{file}'", "written"):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        for path, text in texts.items():
-            path.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
+    for path, text in reversed(texts.items()):  # a table before the file that names it
+        with whole(path, "calibrated file") as part:
+            part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
     return list(texts)
 
 

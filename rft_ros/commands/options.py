@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 _INTEGRATIONS = ("centroid", "refined")
 _LAWS = ("treers2021", "agarwal2023")
 _MEDIA = "generic, poppy_seeds_loose or poppy_seeds_close"
-MESH = "path, package:// URI or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
+MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
 """Help text for an argument that names a mesh."""
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"

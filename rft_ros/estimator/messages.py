@@ -7,7 +7,7 @@ a cloud only the head is decoded; its points stay views of the bytes.
 
 import struct
 from collections.abc import Callable
-from functools import cache, partial
+from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -171,7 +171,7 @@ def decoder(role: Role, *, ros1: bool) -> Callable[[bytes], Sample]:
     return decode
 
 
-@cache
+@lru_cache(maxsize=8)
 def wrench_cdr(frame: str) -> Callable[[int, Wrench], bytes]:
     """A function from a stamp [ns] and a wrench [N, N m] to a serialised WrenchStamped in `frame`."""
     name = frame.encode() + b"\x00"

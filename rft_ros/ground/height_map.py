@@ -1,12 +1,14 @@
 """A height map: square cells with one height each, from points, from files, and to files."""
 
+import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors, reason_of
+from rft_ros.errors import InputError
+from rft_ros.files import read_arrays, read_text, whole
 from rft_ros.rft.compilation import compiled
 
 __all__ = ["MOST_CELLS", "HeightMap", "ToolBox", "read_height_map", "write_height_map"]
@@ -221,27 +223,33 @@ def _phase(u: Array) -> float:
 
 
 def read_height_map(file: Path, cell: float) -> HeightMap:
-    """A height map from a CSV file with the columns x, y, h, or an NPZ file with these arrays, of one shape [m].
+    """A height map from a CSV file with the columns x, y, h, or an NPZ file with these arrays [m].
+
+    They have one shape; or x shape [n], y [m] and h [n, m], NaN where nothing is known.
 
     Each cell of side `cell` [m] takes the median of the heights in it; the points of a grid as wide as that lie in the
     middle of their cells, wherever it begins. Raises InputError, one sentence, for a file that
     cannot be used or does not fit in `MOST_CELLS`.
     """
+    what = "ground.file"
     try:
         if file.suffix.lower() == ".npz":
-            with np.load(file, allow_pickle=False) as arrays:
-                x, y, h = (np.asarray(arrays[name], dtype=np.float64).ravel() for name in _COLUMNS)
+            x, y, h = (np.asarray(v, dtype=np.float64) for v in read_arrays(file, what, _COLUMNS))
+            if h.shape == (*x.shape, *y.shape):
+                i, j = np.nonzero(~np.isnan(h))
+                x, y, h = x[i], y[j], h[i, j]
+            x, y, h = x.ravel(), y.ravel(), h.ravel()
         else:
-            with file.open(encoding="utf-8-sig") as lines:
-                header = tuple(name.strip() for name in next(lines, "").split(","))
-                if header != _COLUMNS:
-                    raise InputError(f"ground.file '{file}' has the header '{','.join(header)}'; it must be 'x,y,h'")
-                numbers = [(name, np.float64) for name in _COLUMNS]
-                x, y, h = np.loadtxt(lines, delimiter=",", ndmin=1, dtype=numbers, unpack=True)
+            header, _, rows = read_text(file, what).partition("\n")
+            if tuple(name.strip() for name in header.split(",")) != _COLUMNS:
+                raise InputError(f"ground.file '{file}' does not begin with the header 'x,y,h'")
+            if not rows.strip():
+                raise InputError(f"ground.file '{file}' has a header and no rows; it needs at least one")
+            x, y, h = np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2).T
     except InputError:
         raise
-    except Exception as error:  # numpy's and zip's readers raise almost anything on damage
-        raise InputError(f"ground.file '{file}' cannot be read: {reason_of(error)}") from None
+    except (ValueError, TypeError):  # numpy quotes the file
+        raise InputError(f"ground.file '{file}' has something other than three numbers in a row") from None
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
         raise InputError(f"ground.file '{file}' has {counts}; it needs the same number of each, and at least one")
@@ -261,14 +269,16 @@ def read_height_map(file: Path, cell: float) -> HeightMap:
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:
-    """Write the known cells as CSV or NPZ, by the file's suffix; `read_height_map` reads both.
+    """Write the known cells as CSV, or a grid as NPZ, by the file's suffix; `read_height_map` reads both.
 
     Raises InputError if it cannot be written.
     """
-    with file_errors(f"height map '{file}'", "written"):
-        file.parent.mkdir(parents=True, exist_ok=True)
+    with whole(file, "height map") as part:
         if file.suffix == ".npz":
-            np.savez(file, **dict(zip(_COLUMNS, ground.points().T, strict=True)))
-            return
-        with file.open("w", encoding="utf-8", newline="\n") as lines:
-            np.savetxt(lines, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
+            x, y = (
+                ground.cell * (first + 0.5 + np.arange(n))
+                for first, n in zip(ground.corner, ground.heights.shape, strict=True)
+            )
+            np.savez(part, x=x, y=y, h=ground.heights)
+        else:
+            np.savetxt(part, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")

@@ -2,8 +2,8 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from time import perf_counter
 
 import numpy as np
@@ -17,10 +17,11 @@ from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
 from rft_ros.estimator.tool_poses import ToolPoses, push
+from rft_ros.files import checked_file
 from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
@@ -29,8 +30,8 @@ from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker
 from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
-from rft_ros.parameters import TOOL_PARAMETERS, Values, model_of, settings_of, tool_request
-from rft_ros.tool import ToolRequest, locate_mesh
+from rft_ros.parameters import TOOL_PARAMETERS, ModelFiles, Value, Values, model_files, model_of, settings_of
+from rft_ros.tool import locate_mesh
 
 __all__ = ["RftNode"]
 
@@ -47,7 +48,7 @@ _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
 _NO_GROUND = "the ground is a level plane; set ground.cell in the parameter file and restart the node"
 _NOT_IN_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # they change the settings only
-_TOOL_NAMES = frozenset(TOOL_PARAMETERS.values())
+_IN_FILES = frozenset({*TOOL_PARAMETERS.values(), "alpha_y.model", "alpha_y.table"})
 _LOADED_AT_START = {"medium.mobilization_length": 0.0, "learning.mode": "off", "medium.density": 0.0}
 """Parameters that need code which is loaded at the start only, and their values without it."""
 
@@ -61,11 +62,13 @@ class RftNode(Node):
         values = self._table.values
         # One thread: numba's loops release the GIL, so that a tick does not wait for a cloud.
         self._background = ThreadPoolExecutor(1)
-        model = model_of(values, tool=worker.load_now(tool_request(values)))  # trimesh stays out of this process
+        files = model_files(values)
+        parts = worker.load_now(files)  # trimesh stays out of this process
+        model = model_of(values, **parts._asdict())
         self.estimator = Estimator(settings_of(values), model, background=self._background)
         self._next_model: Model | None = None
         self._loaded = {name: values[name] != off for name, off in _LOADED_AT_START.items()}
-        self._swap = ToolSwap(tool_request(values), worker)
+        self._swap = ToolSwap(files, parts, worker)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
@@ -189,12 +192,12 @@ class RftNode(Node):
 
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
         settings_of(values)
-        if changed & _TOOL_NAMES and not self._swap.knows(tool_request(values)):
-            name = values["mesh.file"]
-            with file_errors(f"mesh.file '{name}'", "read"):
-                path = locate_mesh(str(name))
-                if not path.is_file():
-                    raise InputError(f"mesh.file '{path}' {'is a folder' if path.is_dir() else 'does not exist'}")
+        files = model_files(values)
+        if changed & _IN_FILES and not self._swap.knows(files):
+            if "mesh.file" in changed:  # at once, although the process that loads it checks again
+                checked_file(locate_mesh(str(values["mesh.file"])), "mesh.file")
+            if table := self._swap.missing(files).table:
+                checked_file(Path(table), "alpha_y.table")
         transform_message(needed=values["sensor.frame_source"] == "tf")
         for name, off in _LOADED_AT_START.items():
             needed, loaded = values[name] != off, self._loaded[name]
@@ -203,8 +206,9 @@ class RftNode(Node):
                 raise InputError(f"{name} {was}; set it in the parameter file and restart the node")
         self._next_model = None
         if any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
-            m = self.estimator.model
-            self._next_model = model_of(values, tool=m.tool, ground=m.ground, generation=m.generation + 1)
+            table = self._swap.missing(files).table
+            known = {**values, "alpha_y.model": self.estimator.model.alpha_y} if table else values
+            self._next_model = self._model(known)
 
     def _apply(self, values: Values, changed: frozenset[str]) -> None:
         self.estimator.use(settings=settings_of(values))
@@ -212,33 +216,42 @@ class RftNode(Node):
         self._feedforward.use(values)
         if self._next_model is not None:
             self.estimator.use(model=self._next_model)
-        if changed & _TOOL_NAMES:
-            self._want(tool_request(values))
+        if changed & _IN_FILES:
+            self._want(model_files(values))
 
-    def _want(self, request: ToolRequest) -> None:
+    def _model(self, values: Values) -> Model:
+        """The next model, of the files in force."""
+        m, parts = self.estimator.model, self._swap.parts
+        return model_of(values, tool=parts.tool, table=parts.table, ground=m.ground, generation=m.generation + 1)
+
+    def _want(self, request: ModelFiles) -> None:
         self._swap.want(request)
         if self._swap.preparing:
             self._swap_timer.reset()
 
     def _on_swap_poll(self) -> None:
         outcome = self._swap.poll()
-        if isinstance(outcome, ToolRequest):
+        if isinstance(outcome, ModelFiles):
             self._undo(outcome)
         elif outcome is not None:
-            m = self.estimator.model
-            self.estimator.use(model=replace(m, tool=outcome, generation=m.generation + 1))
+            self.estimator.use(model=self._model(self.values))
             self.announce("in force")
         if not self._swap.preparing:
             self._swap_timer.cancel()
 
-    def _undo(self, failed: ToolRequest) -> None:
-        """Reset the tool's parameters to the tool requested before the failed swap."""
-        stays = self.estimator.model.tool.name
-        self.get_logger().error(f"mesh not swapped, {stays} stays in force: {self._swap.last_failure}")
-        wanted = self._swap.wanted._asdict()
-        parameters = {name: wanted[field] for field, name in TOOL_PARAMETERS.items()}
-        self._table.set_all(parameters, why=f"the swap to mesh.file '{failed.file}' failed")
-        self._want(self._swap.wanted)
+    def _undo(self, failed: ModelFiles) -> None:
+        """Reset the parameters to the files requested before the failed swap."""
+        m, wanted = self.estimator.model, self._swap.wanted
+        stays = f"tool {m.tool.name} and alpha_y {m.alpha_y} stay in force"
+        self.get_logger().error(f"not swapped, {stays}: {self._swap.last_failure}")
+        parameters: dict[str, Value] = {}
+        if wanted.tool and wanted.tool != failed.tool:
+            parameters = {name: getattr(wanted.tool, field) for field, name in TOOL_PARAMETERS.items()}
+        if wanted.table != failed.table:
+            parameters["alpha_y.model"] = "table" if wanted.table else m.alpha_y
+            parameters["alpha_y.table"] = wanted.table or self.values["alpha_y.table"]
+        self._table.set_all(parameters, why=f"the swap to {failed} failed")
+        self._want(wanted)
 
     # --- services and reports
 

@@ -1,4 +1,7 @@
-"""Tool swaps, and the process beside the node that loads tools: a thread in the node would delay one tick in six."""
+"""Swaps of what a model takes from files, and the process beside the node that loads it.
+
+A thread in the node would delay one tick in six.
+"""
 
 import mmap
 import os
@@ -13,7 +16,7 @@ from pathlib import Path
 from rft_ros.child_process import start_child
 from rft_ros.errors import InputError
 from rft_ros.installation import program
-from rft_ros.tool import Tool, ToolRequest
+from rft_ros.parameters import ModelFiles, ModelParts
 
 _DEADLINE = 600.0  # s; its low priority makes it slow beside other work
 _EXIT = 0.5  # s, for a worker that closed its connection to end
@@ -22,15 +25,15 @@ _ALIGNMENT = 64
 
 
 class ToolWorker:
-    """Loads one tool at a time in a process beside the node, started early so that no tool waits for its imports.
+    """Loads one model's files at a time in a process beside the node, started early so that none wait for its imports.
 
-    The process has a low priority after its first tool, which the node waits for. It is replaced if it dies, exceeds
+    The process has a low priority after the first ones, which the node waits for. It is replaced if it dies, exceeds
     the deadline [s], or gets a new request while it loads.
     """
 
     def __init__(self, *, deadline: float = _DEADLINE) -> None:
         self._deadline = deadline
-        self.loading: ToolRequest | None = None
+        self.loading: ModelFiles | None = None
         self._killed: list[subprocess.Popen[bytes]] = []
         self._start(1)
 
@@ -45,8 +48,8 @@ class ToolWorker:
         """Process id of the worker."""
         return self._process.pid
 
-    def load(self, request: ToolRequest) -> None:
-        """Begin to load a tool; `poll` answers."""
+    def load(self, request: ModelFiles) -> None:
+        """Begin to load files; `poll` answers."""
         self.cancel()
         if self._process.poll() is not None:
             self._replace()
@@ -55,34 +58,34 @@ class ToolWorker:
         self.loading = request
         self._expires = time.monotonic() + self._deadline
 
-    def load_now(self, request: ToolRequest) -> Tool:
-        """Load a tool and wait for it. Raises InputError if it cannot be used."""
+    def load_now(self, request: ModelFiles) -> ModelParts:
+        """Load files and wait for them. Raises InputError if they cannot be used."""
         self.load(request)
         self._connection.poll(self._deadline)
         answer = self.poll()
-        if not isinstance(answer, Tool):
-            raise InputError(answer or f"mesh.file '{request.file}' did not load")
+        if not isinstance(answer, ModelParts):
+            raise InputError(answer or f"{request} did not load")
         return answer
 
     def cancel(self) -> None:
-        """Abandon the tool that is being loaded, if any."""
+        """Abandon what is being loaded, if anything."""
         if self.loading is not None:
             self._replace()
 
-    def poll(self) -> Tool | str | None:
-        """The loaded tool, or a sentence on why loading failed; None while loading or idle."""
+    def poll(self) -> ModelParts | str | None:
+        """What was loaded, or a sentence on why loading failed; None while loading or idle."""
         if self.loading is None:
             return None
-        answer: Tool | str
+        answer: ModelParts | str
         try:
             if self._connection.poll():
-                answer = receive_tool(self._connection)
+                answer = receive(self._connection)
             elif time.monotonic() < self._expires:
                 return None
             else:
                 answer = (
-                    f"mesh.file '{self.loading.file}' took over {self._deadline:g} s to load; "
-                    f"give it fewer facets with '{program('rft')} reduce'"
+                    f"{self.loading} took over {self._deadline:g} s to load; "
+                    f"give the mesh fewer facets with '{program('rft')} reduce'"
                 )
                 self._replace()
         except Exception as error:  # any: the worker ended, no descriptor is left here, or the pickle is damaged
@@ -90,7 +93,7 @@ class ToolWorker:
                 why = f"ended with status {self._process.wait(_EXIT)}"
             except subprocess.TimeoutExpired:
                 why = f"gave an answer that cannot be read ({type(error).__name__}: {error})"
-            answer = f"the process that loads meshes {why}; set mesh.file again"
+            answer = f"the process that loads {self.loading} {why}; set it again"
             self._replace()
         self.loading = None
         return answer
@@ -118,62 +121,70 @@ class ToolWorker:
 
 
 class ToolSwap:
-    """One tool in force and a stack of requested ones; the newest is being loaded.
+    """The files in force, `parts` which they became, and a stack of requested ones; the newest is being loaded.
 
     Once it is loaded, it comes into force and the stack is cleared. If it fails, the request before it is next.
     """
 
-    def __init__(self, in_force: ToolRequest, worker: ToolWorker) -> None:
+    def __init__(self, in_force: ModelFiles, parts: ModelParts, worker: ToolWorker) -> None:
         self._worker = worker
         self._in_force = in_force
-        self._stack: list[ToolRequest] = []
+        self.parts = parts
+        self._stack: list[ModelFiles] = []
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
 
     @property
-    def wanted(self) -> ToolRequest:
-        """The newest request, else the tool in force: the values that the parameters should have."""
+    def wanted(self) -> ModelFiles:
+        """The newest request, else the files in force: the values that the parameters should have."""
         return self._stack[-1] if self._stack else self._in_force
 
     @property
     def preparing(self) -> str:
-        """`mesh.file` of the tool that is being loaded; empty if none is."""
-        return self._worker.loading.file if self._worker.loading else ""
+        """The parameters of what is being loaded; empty if nothing is."""
+        return str(self._worker.loading or "")
 
-    def knows(self, request: ToolRequest) -> bool:
-        """Whether this tool is in force or requested."""
-        return request == self._in_force or request in self._stack
+    def missing(self, request: ModelFiles) -> ModelFiles:
+        """Those of a request's files that are not in force."""
+        return ModelFiles._make(None if new == old else new for new, old in zip(request, self._in_force, strict=True))
 
-    def want(self, request: ToolRequest) -> None:
-        """Request a tool: load it, unless it is in force or being loaded already."""
-        if request == self._in_force:
+    def knows(self, request: ModelFiles) -> bool:
+        """Whether these files are in force or requested."""
+        return not any(self.missing(request)) or request in self._stack
+
+    def want(self, request: ModelFiles) -> None:
+        """Request files: load those that are not in force, unless they are being loaded already."""
+        missing = self.missing(request)
+        if not any(missing):
+            self._in_force = request
             self._stack.clear()
             self._worker.cancel()
-        elif request != self._worker.loading:
+        elif missing != self._worker.loading:
             self._stack = [r for r in self._stack if r != request] + [request]
-            self._worker.load(request)
+            self._worker.load(missing)
 
-    def poll(self) -> Tool | ToolRequest | None:
-        """The tool that came into force or the request that failed since the last call, else None."""
+    def poll(self) -> ModelParts | ModelFiles | None:
+        """What came into force or the request that failed since the last call, else None."""
         answer = self._worker.poll()
         if answer is None:
             return None
-        if isinstance(answer, Tool):
+        if isinstance(answer, ModelParts):
             self._in_force = self._stack[-1]
             self._stack.clear()
             self.last_failure = ""
-            return answer
+            self.parts = ModelParts._make(new or old for new, old in zip(answer, self.parts, strict=True))
+            return self.parts
         self.last_failure = answer
         return self._stack.pop()
 
 
-def send_tool(connection: Connection, answer: Tool | str) -> None:
-    """Send a tool or a sentence. A tool's arrays go into anonymous memory, which the receiver maps.
+def send(connection: Connection, answer: ModelParts | str) -> None:
+    """Send what was loaded or a sentence. Arrays go into anonymous memory, which the receiver maps.
 
     Reading 9 MB from the pipe would delay a tick by 5 ms.
     """
     spans: list[tuple[int, int]] = []
-    with os.fdopen(os.memfd_create("rft_tool"), "wb") as memory:
+    with os.fdopen(os.memfd_create("rft_parts"), "wb") as memory:
 
         def keep(buffer: pickle.PickleBuffer) -> None:
             memory.write(b"\0" * (-memory.tell() % _ALIGNMENT))
@@ -188,15 +199,15 @@ def send_tool(connection: Connection, answer: Tool | str) -> None:
             send_handle(connection, memory.fileno(), None)
 
 
-def receive_tool(connection: Connection) -> Tool | str:
-    """What `send_tool` sent; a tool's arrays are read-only views of the mapped memory."""
+def receive(connection: Connection) -> ModelParts | str:
+    """What `send` sent; arrays are read-only views of the mapped memory."""
     head, spans = connection.recv()
     buffers: list[memoryview] = []
     if spans:
         with os.fdopen(recv_handle(connection), "rb") as memory:
             view = memoryview(mmap.mmap(memory.fileno(), 0, access=mmap.ACCESS_READ))
         buffers = [view[start:end] for start, end in spans]
-    answer: Tool | str = pickle.loads(head, buffers=buffers)
+    answer: ModelParts | str = pickle.loads(head, buffers=buffers)
     return answer
 
 
@@ -210,8 +221,8 @@ def serve(descriptor: int, urgent: int) -> None:
 
     with suppress(EOFError, OSError):
         while True:
-            request: ToolRequest = connection.recv()
-            send_tool(connection, _load(request))
+            request: ModelFiles = connection.recv()
+            send(connection, _load(request))
             urgent -= 1
             if urgent == 0:
                 _lower_priority()
@@ -223,10 +234,10 @@ def _lower_priority() -> None:
         Path("/proc/self/autogroup").write_text(str(_NICENESS))
 
 
-def _load(request: ToolRequest) -> Tool | str:
+def _load(request: ModelFiles) -> ModelParts | str:
     try:
         return request.load()
     except InputError as error:
         return str(error)
-    except Exception as error:  # whatever a mesh library raises at a damaged file
-        return f"mesh.file '{request.file}' cannot be loaded: {type(error).__name__}: {error}"
+    except Exception as error:  # whatever a mesh library raises at a damaged file; its words may quote the file
+        return f"{request} cannot be loaded: {type(error).__name__}"

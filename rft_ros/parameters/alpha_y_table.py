@@ -4,10 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
+from rft_ros.files import read_text
 from rft_ros.rft import Table
 
 __all__ = ["read_alpha_y_table"]
+
+_MAX_BYTES = 4 * 2**20  # 180 x 360 pairs have half of it
 
 
 def _number(cell: str) -> float | None:
@@ -24,9 +27,8 @@ def read_alpha_y_table(file: str) -> Table:
     """
     rows: list[list[float]] = []
     names_may_come = True
-    with file_errors(f"alpha_y.table '{file}'", "read"):
-        lines = Path(file).expanduser().read_text(encoding="utf-8-sig").splitlines()
-    for number, line in enumerate(lines, start=1):
+    text = read_text(Path(file), "alpha_y.table", limit=_MAX_BYTES)
+    for number, line in enumerate(text.splitlines(), start=1):
         if not line.strip() or line.lstrip().startswith("#"):
             continue
         cells = [_number(cell) for cell in line.split(",")]
@@ -34,7 +36,7 @@ def read_alpha_y_table(file: str) -> Table:
         if len(numbers) == len(cells):
             rows.append(numbers)
         elif numbers or not names_may_come:
-            raise InputError(f"alpha_y.table '{file}' line {number}: '{line.strip()}' is not numbers")
+            raise InputError(f"alpha_y.table '{file}' line {number} is not numbers")
         names_may_come = False
     widths = {len(row) for row in rows}
     if widths not in ({2}, {3}):
@@ -56,4 +58,7 @@ def read_alpha_y_table(file: str) -> Table:
             f"alpha_y.table '{file}' has {len(data)} rows; a grid of {len(beta)} beta x {len(gamma)} gamma values"
             f" needs each pair once ({values.size} rows)"
         )
-    return Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
+    table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
+    if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
+        raise InputError(f"alpha_y.table '{file}' has angles that are too close together")
+    return table

@@ -6,10 +6,10 @@ from typing import Any
 
 import yaml
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
+from rft_ros.files import read_yaml, whole
 from rft_ros.parameters.table import Value, Values, checked, defaults
 from rft_ros.tool import is_mesh_path
-from rft_ros.yaml_file import read_yaml
 
 __all__ = [
     "FILES",
@@ -113,7 +113,7 @@ FILES = ("mesh.file", "alpha_y.table", "ground.file")
 def path_beside(folder: Path, name: str, path: str) -> str:
     """A relative path in a parameter of `FILES`, counted from a folder.
 
-    Others stay: one from the root or the home folder, none, and for a mesh a shipped name or a package:// URI.
+    Others stay: one from the root or the home folder, none, and for a mesh a shipped name or a URI.
     """
     if not path or path.startswith("~") or (name == "mesh.file" and not is_mesh_path(path)):
         return path
@@ -129,7 +129,7 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     for name in FILES:
         plain[name] = path_beside(Path.cwd(), name, plain[name])
     tree = {"/**": {"ros__parameters": plain}}
-    with file_errors(f"parameter file '{file}'", "written"):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("x", encoding="utf-8") as new:
-            new.write(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False))
+    if file.exists():
+        raise InputError(f"parameter file '{file}' exists; it is not overwritten")
+    with whole(file, "parameter file") as part:
+        part.write_text(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")

@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.alpha_y_table import read_alpha_y_table
 from rft_ros.parameters.table import Values
-from rft_ros.rft import Law, alpha_y_model, law_named, medium_named
+from rft_ros.rft import Law, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, ToolRequest
 
 __all__ = ["TOOL_PARAMETERS", "LearningMode", "LoadCell", "Model", "Settings"]
-__all__ += ["model_of", "settings_of", "tool_request"]
+__all__ += ["ModelFiles", "ModelParts", "model_files", "model_of", "settings_of", "tool_request"]
 
 _Vector = tuple[float, float, float]
 
@@ -122,10 +122,54 @@ def tool_request(values: Values) -> ToolRequest:
     return ToolRequest(**{field: v[name] for field, name in TOOL_PARAMETERS.items()})
 
 
+class ModelParts(NamedTuple):
+    """What a model takes from files, None for what it does not: the tool, the table of α_y, the ground."""
+
+    tool: Tool | None = None
+    table: Table | None = None
+    ground: HeightMap | None = None
+
+
+class ModelFiles(NamedTuple):
+    """The files of `ModelParts`, to load them later or in another process: alpha_y.table, ground.cell and ground.file.
+
+    None: not to be loaded.
+    """
+
+    tool: ToolRequest | None = None
+    table: str | None = None
+    ground: tuple[float, str] | None = None
+
+    def load(self) -> ModelParts:
+        """Load them. Raises InputError for what cannot be used."""
+        return ModelParts(
+            tool=self.tool and self.tool.load(),
+            table=read_alpha_y_table(self.table) if self.table else None,
+            ground=_ground_of(*self.ground) if self.ground else None,
+        )
+
+    def __str__(self) -> str:
+        """The parameters that name the files, with their values."""
+        named = ("mesh.file", self.tool and self.tool.file), ("alpha_y.table", self.table)
+        return " and ".join(f"{name} '{file}'" for name, file in named if file)
+
+
+def model_files(values: Values) -> ModelFiles:
+    """The files of the model from checked values."""
+    v: Mapping[str, Any] = values
+    table = v["alpha_y.table"] if v["alpha_y.model"] == "table" else ""
+    return ModelFiles(tool_request(values), table or None, (v["ground.cell"], v["ground.file"]))
+
+
 def model_of(
-    values: Values, *, tool: Tool | None = None, ground: HeightMap | None = None, generation: int = 0
+    values: Values,
+    *,
+    tool: Tool | None = None,
+    table: Table | None = None,
+    ground: HeightMap | None = None,
+    generation: int = 0,
 ) -> Model:
-    """The model from checked values; loads the tool and the ground unless they are given.
+    """The model from checked values; loads the tool, the table of α_y and the ground unless they are given.
 
     Raises InputError for what cannot be used.
     """
@@ -134,7 +178,8 @@ def model_of(
     name = v["alpha_y.model"]
     if name == "table" and not v["alpha_y.table"]:
         raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
-    table = read_alpha_y_table(v["alpha_y.table"]) if name == "table" else None
+    if name == "table":
+        table = table or read_alpha_y_table(v["alpha_y.table"])
     return Model(
         tool=tool or tool_request(values).load(),
         law=law_named(
@@ -163,5 +208,4 @@ def _ground_of(cell: float, file: str) -> HeightMap | None:
         return None
     if not file:
         return HeightMap.unknown(cell)
-    with file_errors(f"ground.file '{file}'", "read"):
-        return read_height_map(Path(file).expanduser(), cell)
+    return read_height_map(Path(file), cell)

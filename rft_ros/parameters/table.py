@@ -47,7 +47,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "mesh.file",
         "plate",
-        "Tool mesh: a path, a package:// URI, or the name of a shipped mesh"
+        "Tool mesh: a path, a package:// or file:// URI, or the name of a shipped mesh"
         " (plate, ellipsoid, root_tip, sphere, abb_plate). A path is relative to the parameter file that names it.",
     ),
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", unit="m", low=1e-9, high=1e6),
@@ -279,6 +279,7 @@ PARAMETERS: tuple[Parameter, ...] = (
 """Every parameter, in the order in which they are documented."""
 
 _BY_NAME = {p.name: p for p in PARAMETERS}
+_LONGEST, _LONGEST_FRAME = 4096, 256  # characters, of a path and of a frame
 
 
 def defaults() -> dict[str, Value]:
@@ -296,6 +297,8 @@ def checked(name: str, value: object) -> Value:
             value = "off"
         if not isinstance(value, str):
             raise InputError(f"{name} is {value!r}; it must be a string")
+        if len(value) > (limit := _LONGEST_FRAME if name.endswith("_frame") else _LONGEST):
+            raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
         if parameter.choices and value not in parameter.choices:
             raise InputError(f"{name} is '{value}'; it must be one of {', '.join(parameter.choices)}")
         return value

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 
 from rft_ros.errors import InputError
+from rft_ros.files import read_file, read_yaml
 from rft_ros.installation import release
 from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, LAWS, MEDIA
 from rft_ros.sweeps.motions import FAMILIES
 from rft_ros.tool import locate_mesh
-from rft_ros.tool.mesh_file import MAX_BYTES
-from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Design", "Variant", "read_design"]
 
@@ -82,14 +81,13 @@ def read_design(file: Path) -> Design:
 
 
 def _fingerprint(file: Path, lists: Mapping[str, Iterable[Mapping[str, Any]]]) -> int:
-    checksum = zlib.crc32(release().encode(), zlib.crc32(file.read_bytes()))
+    checksum = zlib.crc32(release().encode(), zlib.crc32(read_file(file, "study")))
     files = {entry["mesh"]: locate_mesh for entry in lists["tools"]}
     files |= {entry["states_file"]: Path for entry in lists["motions"] if "states_file" in entry}
     for name, locate in files.items():
         try:
-            with locate(name).open("rb") as content:
-                checksum = zlib.crc32(content.read(MAX_BYTES), checksum)
-        except (OSError, ValueError):
+            checksum = zlib.crc32(read_file(locate(name), "file"), checksum)
+        except InputError:
             checksum = zlib.crc32(b"missing", checksum)
     return checksum
 

@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Literal
 
 from rft_ros.errors import InputError, file_errors
+from rft_ros.files import whole
 from rft_ros.progress import bar
 from rft_ros.sweeps.design import Design, Variant
 from rft_ros.sweeps.outcomes import RESULTS, row_of
@@ -102,7 +103,8 @@ def run(
             ):
                 update(done, design.file.stem)
                 for k, (rows, seconds) in _answers(executor, tasks, compute):
-                    _whole(_file(out, k), _text(rows))
+                    with whole(_file(out, k)) as part:
+                        part.write_text(_text(rows), encoding="utf-8")
                     computed, busy = computed + len(rows), busy + seconds
                     rate, finished = computed / (time.perf_counter() - start), done + computed
                     update(finished, f"{design.file.stem}: {finished:,} of {len(design):,}, {rate:,.0f}/s")
@@ -142,7 +144,11 @@ def _chunk_size(design: Design, out: Path, compute: Compute) -> int:
         compute([design.variant(count % len(design))])
         count += 1
     chunk = max(1, min(round(_CHUNK_SECONDS * count / spent), math.ceil(len(design) / (4 * (os.cpu_count() or 1)))))
-    _whole(file, json.dumps({"chunk": chunk, "fingerprint": design.fingerprint, "variants": len(design)}) + "\n")
+    with whole(file) as part:
+        part.write_text(
+            json.dumps({"chunk": chunk, "fingerprint": design.fingerprint, "variants": len(design)}) + "\n",
+            encoding="utf-8",
+        )
     return chunk
 
 
@@ -211,13 +217,6 @@ def _finished(file: Path, rows: int) -> bool:
     return file.exists() and [row[-1:] for row in _read(file)] == [[""]] * rows
 
 
-def _whole(file: Path, text: str) -> None:
-    """Write the whole file or nothing, so that a killed run leaves no half chunk."""
-    part = file.with_suffix(".part")
-    part.write_text(text, encoding="utf-8")
-    part.replace(file)
-
-
 def _text(rows: Iterable[Sequence[str]]) -> str:
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
@@ -230,10 +229,11 @@ def _read(file: Path) -> list[list[str]]:
 
 
 def _table(out: Path, columns: list[str], rows: list[list[str]], form: str) -> Path:
-    text = _text([columns, *rows])
+    text, file = _text([columns, *rows]), out / f"results.{form}"
     if form == "csv":
-        _whole(out / "results.csv", text)
-        return out / "results.csv"
+        with whole(file) as part:
+            part.write_text(text, encoding="utf-8")
+        return file
     try:
         import pyarrow  # type: ignore[import-untyped]
         from pyarrow import csv as arrow_csv
@@ -241,5 +241,6 @@ def _table(out: Path, columns: list[str], rows: list[list[str]], form: str) -> P
     except ImportError:
         raise InputError("--format parquet needs pyarrow: pip install 'rft_ros[sweep]'") from None
     typed = arrow_csv.ConvertOptions(column_types={"reason": pyarrow.string()})  # it may be empty in every row
-    parquet.write_table(arrow_csv.read_csv(io.BytesIO(text.encode()), convert_options=typed), out / "results.parquet")
-    return out / "results.parquet"
+    with whole(file) as part:
+        parquet.write_table(arrow_csv.read_csv(io.BytesIO(text.encode()), convert_options=typed), part)
+    return file

@@ -8,11 +8,13 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import unquote, urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, file_errors
+from rft_ros.files import read_file
 from rft_ros.installation import share_directory
 from rft_ros.tool.check import degenerate_facets
 from rft_ros.tool.reduced_file import SUFFIX as REDUCED
@@ -21,10 +23,7 @@ from rft_ros.tool.reduced_file import read_reduced
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MAX_BYTES", "MAX_FACETS", "is_mesh_path", "locate_mesh", "read_mesh"]
-
-MAX_BYTES = 256 * 2**20
-"""The largest mesh file that is read."""
+__all__ = ["MAX_FACETS", "is_mesh_path", "locate_mesh", "read_mesh"]
 
 MAX_FACETS = 2_000_000
 """The most facets that a mesh may have."""
@@ -35,38 +34,41 @@ _SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n
 
 _TOO_BIG = 1e60  # beyond this, squared areas overflow
 
-_SCHEME = "package://"
+_SCHEMES = "package://", "file://"
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
 def is_mesh_path(file: str) -> bool:
-    """Whether `mesh.file` is a path: neither a package:// URI nor a shipped mesh's name."""
-    return not file.startswith(_SCHEME) and file != Path(file).stem
+    """Whether `mesh.file` is a path: neither a package:// or file:// URI nor a shipped mesh's name."""
+    return not file.startswith(_SCHEMES) and file != Path(file).stem
 
 
 def locate_mesh(file: str) -> Path:
-    """The mesh file that `mesh.file` means: a path (also ~), a package://PACKAGE/PATH URI or a shipped mesh's name.
+    """The mesh file that `mesh.file` means: a path, a package://PACKAGE/PATH or file:///PATH URI or a shipped mesh.
 
     A bare word, without folder or suffix, is always a shipped mesh. `read_mesh` checks that the file exists.
     Raises InputError for an unknown package or name.
     """
-    if file.startswith(_SCHEME):
-        package, _, inside = file.removeprefix(_SCHEME).partition("/")
-        return share_directory(package) / inside
+    if file.startswith(_SCHEMES):
+        uri = urlsplit(file)
+        if uri.scheme == "package":
+            with file_errors(f"mesh.file '{file}'", "read"):
+                return share_directory(uri.netloc) / unquote(uri.path[1:])
+        if uri.netloc not in ("", "localhost"):
+            raise InputError(f"mesh.file '{file}' is on another machine, '{uri.netloc}'; write file:///PATH")
+        return Path(unquote(uri.path))
     if not is_mesh_path(file):
         shipped = {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
         if file in shipped:
             return shipped[file]
         raise InputError(
             f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); "
-            f"give one of these, a path with suffix or a {_SCHEME} URI"
+            f"give one of these, a path with suffix or a {' or '.join(_SCHEMES)} URI"
         )
-    try:
+    with file_errors(f"mesh.file '{file}'", "read"):
         return Path(file).expanduser()
-    except RuntimeError as error:
-        raise InputError(f"mesh.file '{file}' has an unknown home folder: {error}") from None
 
 
 def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
@@ -83,7 +85,12 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
     if path.suffix.lower() == REDUCED:
         reduced = read_reduced(path)
         return _in_tool_frame(reduced.vertices, reduced.faces, path, scale, origin)
-    loaded = _load(_bytes_of(path), path)
+    if path.suffix.lower() not in _SUFFIXES:
+        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join((*_SUFFIXES, REDUCED))}")
+    data = read_file(path, "mesh file")
+    if not data:
+        raise InputError(f"mesh file '{path}' is empty")
+    loaded = _load(data, path)
     if len(getattr(loaded, "faces", ())) == 0:  # a point cloud has no attribute `faces`
         raise InputError(
             f"mesh file '{path}' has no facets: it is empty, cut short or not a valid {path.suffix[1:].upper()} file"
@@ -103,25 +110,6 @@ def _check_placement(scale: float, origin: Sequence[float]) -> None:
     shift = np.asarray(origin, dtype=np.float64)
     if shift.shape != (3,) or not np.isfinite(shift).all():
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
-
-
-def _bytes_of(path: Path) -> bytes:
-    if path.is_dir():
-        raise InputError(f"mesh file '{path}' is a folder")
-    if path.suffix.lower() not in _SUFFIXES:
-        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join((*_SUFFIXES, REDUCED))}")
-    try:
-        size = path.stat().st_size
-        if size > MAX_BYTES:
-            raise InputError(f"mesh file '{path}' has {size / 2**20:.0f} MiB; the limit is {MAX_BYTES / 2**20:.0f} MiB")
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise InputError(f"mesh file '{path}' does not exist") from None
-    except OSError as error:
-        raise InputError(f"mesh file '{path}' cannot be read: {error.strerror}") from None
-    if not data:
-        raise InputError(f"mesh file '{path}' is empty")
-    return data
 
 
 def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
@@ -147,9 +135,8 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
             )
     except ImportError as error:
         raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
-    except Exception as error:  # each reader raises its own errors
-        kind = path.suffix[1:].upper()
-        raise InputError(f"mesh file '{path}' is not a valid {kind} file: {reason_of(error)}") from None
+    except Exception:  # each reader raises its own errors, and some quote the file
+        raise InputError(f"mesh file '{path}' is not a valid {path.suffix[1:].upper()} file") from None
 
 
 def _in_tool_frame(

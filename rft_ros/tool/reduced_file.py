@@ -12,12 +12,13 @@ import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors, reason_of
+from rft_ros.errors import InputError, reason_of
+from rft_ros.files import read_arrays, whole
 from rft_ros.rft import Integration, Plates
 from rft_ros.tool.reduce import Reduction
 
@@ -85,29 +86,22 @@ def save_reduced(
         plates=placed(plates.rows, 1.0 / scale, -shift * scale),
         about=np.array(json.dumps(about)),
     )
-    with file_errors(f"output '{file}'", "written"):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(data.getvalue())
+    with whole(file) as part:
+        part.write_bytes(data.getvalue())
 
 
 def read_reduced(file: Path) -> ReducedMesh:
     """Read what `save_reduced` wrote. Raises InputError that names the file and what is wrong with it."""
+    vertices, faces, plates, text = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
-        with np.load(file, allow_pickle=False) as arrays:
-            found: dict[str, Any] = {name: arrays[name] for name in ("vertices", "faces", "plates", "about")}
-        about = json.loads(str(found["about"]))
+        about = json.loads(str(text))
         if about.get("format") != _FORMAT:
             raise ValueError(f"its format is '{about.get('format')}', not '{_FORMAT}'")
         rule = about["integration"]
-        if rule != Plates(found["plates"]).integration:
+        if rule != Plates(plates).integration:
             raise ValueError(f"its plates are not for integration '{rule}'")
-        mesh = _checked_surface(found["vertices"], found["faces"])
-        return ReducedMesh(*mesh, found["plates"], rule, Reduction(**about["reduction"]))
-    except FileNotFoundError:
-        raise InputError(f"mesh file '{file}' does not exist") from None
-    except OSError as error:
-        raise InputError(f"mesh file '{file}' cannot be read: {error.strerror or error}") from None
-    except Exception as error:  # zip, numpy's header and JSON raise errors of their own
+        return ReducedMesh(*_checked_surface(vertices, faces), plates, rule, Reduction(**about["reduction"]))
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
         why = reason_of(error)
         raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {why}") from None
 

@@ -1,6 +1,7 @@
 """The node as a user meets it: a real process over loopback DDS."""
 
 import math
+import os
 
 import numpy as np
 import pytest
@@ -75,15 +76,23 @@ def test_a_table_of_alpha_y_swaps_in_and_a_missing_one_is_refused(rft, tmp_path)
     table.write_text("beta,alpha_y\n0,0.2035\n180,-0.0665\n".replace("-0.0665", "0.0"))
     refused, reason = rft.set(alpha_y__model="table")
     assert not refused and "alpha_y.table" in reason
+    fifo = tmp_path / "fifo.csv"
+    os.mkfifo(fifo)
+    for file, why in ((tmp_path / "none.csv", "No such file"), (fifo, "regular"), ("/dev/zero", "regular")):
+        refused, reason = rft.set(alpha_y__model="table", alpha_y__table=str(file))
+        assert not refused and f"alpha_y.table '{file}'" in reason and why in reason
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
-    refused, reason = rft.set(alpha_y__table=str(tmp_path / "none.csv"))
-    assert not refused and "none.csv" in reason
-    steep = tmp_path / "steep.csv"
-    steep.write_text("beta,alpha_y\n0,0.1\n1e-320,0.2\n")  # no finite number of nodes per radian
-    refused, reason = rft.set(alpha_y__table=str(steep))
-    assert not refused and "beta_nodes" in reason
-    assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core()[2], rel=1e-12)
-    assert rft.set(alpha_y__model="constant", alpha_y__table="") == (True, "")
+    rft.until(lambda: rft.diagnostic("model")[2]["alpha_y"] == "table")
+    secret = tmp_path / "secret.csv"
+    secret.write_text("beta,alpha_y\nroot:hunter2\n")
+    assert rft.set(alpha_y__table=str(secret)) == (True, "")
+    rft.until(lambda: rft.diagnostic("model")[2]["last_swap_failure"] != "")
+    assert rft.status()[1].endswith(f"alpha_y.table '{secret}' line 2 is not numbers")
+    assert rft.get("alpha_y.table").string_value == str(table)
+    assert rft.set(medium__zeta=0.5) == (True, "")
+    assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core(zeta=0.5)[2], rel=1e-12)
+    assert rft.set(alpha_y__model="constant", alpha_y__table="", medium__zeta=1.0) == (True, "")
+    np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
 
 def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(rft):
@@ -107,10 +116,12 @@ def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(rft):
         ("medium__name", "custard", "custard"),
         ("alpha_y__model", "cubic", "cubic"),
         ("mesh__file", "no_such_mesh", "no_such_mesh"),
-        ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist"),
+        ("mesh__file", "/none/there.stl", "/none/there.stl' cannot be read: No such file"),
         ("mesh__file", str(locate_mesh("plate").parent), "meshes' is a folder"),
         ("mesh__file", 300 * "a" + ".stl", "cannot be read: File name too long"),
         ("mesh__file", f"package://{300 * 'a'}/x.stl", "cannot be read: File name too long"),
+        ("mesh__file", "file:///dev/zero", "is not a regular file"),
+        ("sensor_frame", 257 * "a", "sensor_frame has 257 characters; the limit is 256"),
         ("mesh__scale", 0.0, "mesh.scale"),
         ("mesh__origin", [0.0, 1.0], "mesh.origin"),
         ("sensor__quaternion", [0.0, 0.0, 0.0, 0.0], "sensor.quaternion"),

@@ -105,7 +105,7 @@ def test_only_the_swap_that_failed_is_undone_and_the_log_names_every_parameter_t
     assert rft.get("mesh.scale").double_value == 0.0005
     said = rft.said()
     assert f"parameters set: mesh.file 'plate' -> '{good}', mesh.scale 0.001 -> 0.0005" in said
-    assert "mesh not swapped, plate stays in force" in said
+    assert "not swapped, tool plate and alpha_y constant stay in force" in said
     assert f"parameters set: mesh.file '{bad}' -> '{good}' (the swap to mesh.file '{bad}' failed)" in said
 
 

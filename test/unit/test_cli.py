@@ -145,7 +145,7 @@ def test_options_that_cannot_be_used(tmp_path, options, words):
 def test_an_unreadable_states_file_and_an_unwritable_output(tmp_path):
     refused(rft("predict", "gone.csv", "--mesh", "plate", "-o", "out.csv", cwd=tmp_path), "gone.csv")
     (tmp_path / "states.csv").write_text(f"{HEADER}\n{ROW}\n")
-    done = rft("predict", "states.csv", "--mesh", "plate", "-o", tmp_path / "none" / "out.csv", cwd=tmp_path)
+    done = rft("predict", "states.csv", "--mesh", "plate", "-o", tmp_path / "states.csv" / "out.csv", cwd=tmp_path)
     refused(done, "out.csv")
 
 

@@ -123,11 +123,11 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
     ("text", "sentence"),
     [
         ("", "header"),
-        ("a,b,c\n1,2,3\n", "header 'a,b,c'"),
+        ("a,b,c\n1,2,3\n", "header 'x,y,h'"),
         ("x,y,h\n", "at least one"),
-        ("x,y,h\n1,2\n", "cannot be read"),
-        ("x,y,h\n0,0,0,9\n0,0,0,9\n0,0,0,9\n", "3 columns but 4"),
-        ("x,y,h\n1,2,spam\n", "cannot be read"),
+        ("x,y,h\n1,2\n", "other than three numbers in a row"),
+        ("x,y,h\n0,0,0,9\n0,0,0,9\n0,0,0,9\n", "other than three numbers in a row"),
+        ("x,y,h\n1,2,spam\n", "other than three numbers in a row"),
         ("x,y,h\n1,2,nan\n", "not finite"),
         ("x,y,h\n0,0,0\n1e3,1e3,0\n", "must fit in"),
         ("x,y,h\n0.0018,0.001,0\n0.0038,3000.001,0\n", "2 x 1500001 cells"),
@@ -135,7 +135,6 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
         ("x,y,h\n0,0,1e7\n", "not below 200000 m"),
     ],
 )
-@pytest.mark.filterwarnings("ignore:loadtxt")
 def test_a_bad_file_is_refused_with_a_sentence(tmp_path, text, sentence):
     file = tmp_path / "ground.csv"
     file.write_text(text)
@@ -150,9 +149,6 @@ def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
     assert_allclose(read_height_map(file, CELL).points(), [[0.001, 0.001, 0.5]])
 
 
-def test_a_missing_and_a_damaged_file_are_refused(tmp_path):
+def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(InputError, match="No such file"):
         read_height_map(tmp_path / "none.csv", CELL)
-    (tmp_path / "bad.npz").write_bytes(b"PK\x03\x04 damaged")
-    with pytest.raises(InputError, match="cannot be read"):
-        read_height_map(tmp_path / "bad.npz", CELL)

@@ -1,4 +1,4 @@
-"""Paths, package:// URIs and the names of shipped meshes."""
+"""Paths, package:// and file:// URIs and the names of shipped meshes."""
 
 import subprocess
 import sys
@@ -35,8 +35,14 @@ def test_tilde_is_the_home_folder(monkeypatch, tmp_path):
 
 
 def test_unknown_home_is_named():
-    with pytest.raises(InputError, match=r"'~no_such_user_1/a.stl' has an unknown home folder"):
+    with pytest.raises(InputError, match=r"'~no_such_user_1/a.stl' cannot be read: Could not determine home"):
         locate_mesh("~no_such_user_1/a.stl")
+
+
+def test_a_file_uri_is_a_path_on_this_machine():
+    assert locate_mesh("file:///a%20b/c.stl") == locate_mesh("file://localhost/a b/c.stl") == Path("/a b/c.stl")
+    with pytest.raises(InputError, match="is on another machine, 'nas'"):
+        locate_mesh("file://nas/c.stl")
 
 
 def test_package_uri_is_found_in_every_prefix(prefix):

@@ -179,21 +179,6 @@ def test_a_damaged_reduced_tool_is_refused_with_a_sentence(tmp_path, change, mes
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("content", [b"", b"PK\x03\x04 no archive", b"solid\nendsolid\n"])
-def test_a_file_of_something_else_is_a_sentence(tmp_path, content):
-    (tmp_path / "m.npz").write_bytes(content)
-    with pytest.raises(InputError, match=r"m\.npz"):
-        load_tool(str(tmp_path / "m.npz"))
-    with pytest.raises(InputError, match="does not exist"):
-        load_tool(str(tmp_path / "absent.npz"))
-
-
-def test_a_pickle_is_not_opened(tmp_path):
-    np.savez(tmp_path / "m.npz", about=np.array([{"a": 1}], dtype=object))
-    with pytest.raises(InputError, match=r"m\.npz"):
-        load_tool(str(tmp_path / "m.npz"))
-
-
 def test_a_reduced_tool_with_a_damaged_header_is_a_sentence(tmp_path):
     import zipfile
 
@@ -201,5 +186,5 @@ def test_a_reduced_tool_with_a_damaged_header_is_a_sentence(tmp_path):
     with zipfile.ZipFile(file, "w") as archive:
         header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (3,\n"
         archive.writestr("vertices.npy", b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header)
-    with pytest.raises(InputError, match="not a reduced tool"):
+    with pytest.raises(InputError, match="not a valid NPZ file"):
         load_tool(str(file))

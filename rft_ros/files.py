@@ -1,0 +1,153 @@
+"""Files that a user or a parameter names: read within limits, written whole or not at all, never over an input."""
+
+import io
+import os
+import re
+import shutil
+import stat
+import zipfile
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+import yaml
+
+from rft_ros.errors import InputError, file_errors, reason_of
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = [
+    "MAX_BYTES",
+    "checked_file",
+    "read_arrays",
+    "read_file",
+    "read_text",
+    "read_yaml",
+    "refuse_overwriting",
+    "whole",
+]
+
+MAX_BYTES = 256 * 2**20
+"""The most bytes that are read of a file, or that the arrays of an NPZ file may have."""
+
+_MAX_YAML = 2**20
+
+
+def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> Path:
+    """The path, with ~ as the home folder, of a regular file of at most `limit` bytes, which is not opened.
+
+    Raises InputError that calls the file `what`.
+    """
+    with file_errors(f"{what} '{file}'", "read"):
+        path = file.expanduser()
+        status = path.stat()
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{what} '{file}' is {'a folder' if stat.S_ISDIR(status.st_mode) else 'not a regular file'}")
+    if status.st_size > limit:
+        raise InputError(f"{what} '{file}' has {status.st_size / 2**20:.0f} MiB; the limit is {limit / 2**20:.0f} MiB")
+    return path
+
+
+def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
+    """The bytes of a `checked_file`."""
+    path = checked_file(file, what, limit=limit)
+    with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
+        data = stream.read(limit + 1)
+    if len(data) > limit:  # the system's own files, as in /proc, have no size before they are read
+        raise InputError(f"{what} '{file}' has over {limit / 2**20:.0f} MiB, the limit")
+    return data
+
+
+def read_text(file: Path, what: str, *, limit: int = MAX_BYTES) -> str:
+    """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
+    data = read_file(file, what, limit=limit)
+    with file_errors(f"{what} '{file}'", "read"):
+        return data.decode("utf-8-sig")
+
+
+def read_arrays(file: Path, what: str, names: Sequence[str]) -> "list[NDArray[Any]]":
+    """Arrays of a `checked_file` in NPZ format, by name, of any shape and unit; no objects, at most `MAX_BYTES`."""
+    import numpy as np
+
+    data = read_file(file, what)
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MAX_BYTES:
+            raise InputError(
+                f"{what} '{file}' unpacks to {size / 2**20:.0f} MiB; the limit is {MAX_BYTES / 2**20:.0f} MiB"
+            )
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return [arrays[name] for name in names]
+    except InputError:
+        raise
+    except Exception:  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
+        wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
+        raise InputError(f"{what} '{file}' is not a valid {wanted}") from None
+
+
+class _Loader(yaml.SafeLoader):
+    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings. Refuses aliases, as ROS does, and merges."""
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        if self.check_event(yaml.AliasEvent):
+            _refuse(self.peek_event().start_mark, "an alias (*)")  # type: ignore[no-untyped-call]
+        return super().compose_node(parent, index)
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        for key, _ in node.value:
+            if key.tag == "tag:yaml.org,2002:merge":
+                _refuse(key.start_mark, "a merge (<<)")
+
+
+def _refuse(place: yaml.Mark, what: str) -> NoReturn:
+    raise yaml.YAMLError(f"line {place.line + 1} has {what}, which ROS does not read; write its values out")
+
+
+_Loader.add_implicit_resolver(
+    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
+)
+
+
+def read_yaml(file: Path, what: str) -> Any:
+    """Content of a YAML file. InputError, which calls the file `what`, where it cannot be read or is not YAML."""
+    text = read_text(file, what, limit=_MAX_YAML)
+    try:
+        return yaml.load(text, Loader=_Loader)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month
+        raise InputError(f"{what} '{file}' is not YAML: {reason_of(error)}") from None
+
+
+@contextmanager
+def whole(file: Path, what: str = "output") -> Iterator[Path]:
+    """A new file beside `file`, which takes its place at the end of the block; after an exception, the old one stays.
+
+    Makes the folder. What is there and is no regular file, such as /dev/stdout, is written directly. Raises InputError
+    where the file cannot be written.
+    """
+    with file_errors(f"{what} '{file}'", "written"):
+        if file.exists() and not file.is_file():
+            yield file
+            return
+        place = file.resolve()
+        place.parent.mkdir(parents=True, exist_ok=True)
+        part = place.with_name(f".{place.stem}.{os.getpid()}.part{place.suffix}")
+        try:
+            yield part
+            if place.exists():
+                shutil.copymode(place, part)
+            part.replace(place)
+        finally:
+            part.unlink(missing_ok=True)
+
+
+def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
+    """Raise InputError where an output is an input, or one lies inside the other."""
+    taken = [file.expanduser().resolve() for file in inputs]
+    for output in outputs:
+        place = output.resolve()
+        for file in taken:
+            if place == file or place in file.parents or file in place.parents:
+                raise InputError(f"'{output}' would overwrite the input '{file}' or lie inside it; give another one")

@@ -1,0 +1,131 @@
+"""Files that parameters and users name: hostile ones are refused unread, outputs are whole, inputs stay."""
+
+import io
+import os
+import pickle
+import re
+import zipfile
+
+import numpy as np
+import pytest
+
+from rft_ros.errors import InputError
+from rft_ros.files import read_yaml, refuse_overwriting, whole
+from rft_ros.ground import read_height_map
+from rft_ros.parameters import read_alpha_y_table
+from rft_ros.states_file import read_states
+from rft_ros.tool import read_mesh
+
+READERS = {
+    "mesh.stl": lambda file: read_mesh(file, scale=0.001, origin=(0.0, 0.0, 0.0)),
+    "mesh.npz": lambda file: read_mesh(file, scale=0.001, origin=(0.0, 0.0, 0.0)),
+    "table.csv": lambda file: read_alpha_y_table(str(file)),
+    "ground.csv": lambda file: read_height_map(file, 0.01),
+    "ground.npz": lambda file: read_height_map(file, 0.01),
+    "states.csv": read_states,
+    "cell.yaml": lambda file: read_yaml(file, "parameter file"),
+}
+
+
+def refused(reader, file):
+    with pytest.raises(InputError) as why:
+        READERS[reader](file)
+    assert "\n" not in str(why.value)
+    return str(why.value)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_device_a_pipe_and_a_folder_are_refused_without_opening_them(tmp_path, reader):
+    file = tmp_path / reader
+    file.symlink_to("/dev/zero")
+    assert "is not a regular file" in refused(reader, file)
+    file.unlink()
+    os.mkfifo(file)
+    assert "is not a regular file" in refused(reader, file)
+    file.unlink()
+    file.mkdir()
+    assert "is a folder" in refused(reader, file)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_file_over_the_limit_is_refused_before_it_is_read(tmp_path, reader):
+    with (tmp_path / reader).open("wb") as file:
+        file.truncate(2**38)
+    assert "the limit is" in refused(reader, tmp_path / reader)
+
+
+@pytest.mark.parametrize("reader", ["mesh.npz", "ground.npz"])
+def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tmp_path, reader):
+    part = io.BytesIO()
+    np.lib.format.write_array(part, np.zeros(2**24))
+    with zipfile.ZipFile(tmp_path / reader, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("x", "y", "h", "vertices", "faces", "plates", "about"):
+            archive.writestr(f"{name}.npy", part.getvalue())
+    assert (tmp_path / reader).stat().st_size < 2**20
+    assert "unpacks to 896 MiB; the limit is 256 MiB" in refused(reader, tmp_path / reader)
+
+
+@pytest.mark.parametrize("reader", ["mesh.npz", "ground.npz"])
+@pytest.mark.parametrize("in_arrays", [True, False])
+def test_a_pickle_is_refused_without_advice_to_load_it(tmp_path, reader, in_arrays):
+    file = tmp_path / reader
+    if in_arrays:
+        names = ("x", "y", "h", "vertices", "faces", "plates", "about")
+        np.savez(file, **dict.fromkeys(names, np.array([{}], dtype=object)))
+    else:
+        file.write_bytes(pickle.dumps({"x": 1.0}))
+    assert re.search("is not a valid NPZ file with the arrays of numbers [a-z, ]*$", refused(reader, file))
+
+
+@pytest.mark.parametrize("reader", ["mesh.stl", "table.csv", "ground.csv"])
+def test_a_refusal_does_not_quote_the_file(tmp_path, reader):
+    (tmp_path / reader).write_text("x,y,h\nroot:hunter2:19000,0,99999\nvertex root:hunter2:19000 0 1\n")
+    assert "hunter2" not in refused(reader, tmp_path / reader)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: &x 1.0\nb: *x\n", "line 2 has an alias"),
+        ("base: &x {a: 1.0}\nb:\n  <<: *x\n", "line 3 has an alias"),
+        ("a: {<<: {b: 1.0}}\n", "line 1 has a merge"),
+        ("a: &a [z, z]\n" + "".join(f"{c}: &{c} [{','.join(10 * ['*' + p])}]\n" for p, c in zip("abcdefg", "bcdefgh", strict=True)), "an alias"),  # noqa: E501
+    ],
+)  # fmt: skip
+def test_yaml_that_ros_does_not_read_is_refused(tmp_path, text, words):
+    (tmp_path / "cell.yaml").write_text(text)
+    assert words in refused("cell.yaml", tmp_path / "cell.yaml")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
+def test_an_output_that_is_not_finished_leaves_the_old_one_and_no_other_file(tmp_path, error):
+    file = tmp_path / "out" / "wrenches.csv"
+    with whole(file) as part:
+        part.write_text("good")
+    file.chmod(0o640)
+    with pytest.raises((KeyboardInterrupt, InputError)), whole(file) as part:
+        part.write_text("half")
+        raise error
+    assert file.read_text() == "good"
+    with whole(file) as part:
+        part.write_text("better")
+    assert (file.read_text(), [*file.parent.iterdir()]) == ("better", [file])
+    assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_device_is_written_and_not_replaced(tmp_path):
+    link = tmp_path / "null"
+    link.symlink_to("/dev/null")
+    with whole(link) as part:
+        part.write_text("gone")
+    assert link.resolve().is_char_device()
+
+
+def test_an_output_may_not_be_an_input_nor_lie_in_one_nor_hold_one(tmp_path):
+    bag = tmp_path / "bag"
+    bag.mkdir()
+    (tmp_path / "link.csv").symlink_to(bag / "metadata.yaml")
+    for output, given in ((bag, bag), (bag / "a.csv", bag), (bag, bag / "a"), (tmp_path / "link.csv", bag)):
+        with pytest.raises(InputError, match="would overwrite the input"):
+            refuse_overwriting([output], [given])
+    refuse_overwriting([tmp_path / "bag.csv"], [bag])
