@@ -131,11 +131,11 @@ def measured(plates: Plates, law: Law, alpha_y: numpy_rft.AlphaY, cores: set[int
 
 
 def rules(cores: set[int]) -> Table:
-    """The rules of integration, plain, with sensitivities and with memory: the ellipsoid deep, and half buried."""
+    """The rules of integration, without and with memory: the ellipsoid deep, and half buried."""
     table = Table(
         title="Rules, 2,352 elements, one state on one core: ns per plate element, and over the published rule"
     )
-    for heading in ("α_y", "scene", "rule", "plain", "x published", "sensitivities x plain", "memory", "x plain"):
+    for heading in ("α_y", "scene", "rule", "plain", "x published", "memory", "x plain"):
         table.add_column(heading, justify="right", no_wrap=True)
     pin({min(cores)} if cores else None)
     tools = {rule: load_tool("ellipsoid", integration=rule).plates for rule in INTEGRATIONS}
@@ -147,18 +147,12 @@ def rules(cores: set[int]) -> Table:
             calls: list[Callable[[], object]] = []
             for plates in tools.values():
                 memory = Memory(plates)
-                duration, out = np.array([1e-3]), np.empty((1, 7))
-                wide = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
+                duration, out = np.array([1e-3]), np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
 
                 def forgetful(
                     plates: Plates = plates, state: Array = state, law: Law = law, out: Array = out
                 ) -> object:
                     return wrenches(plates, law, state, threads=1, out=out)
-
-                def sensitive(
-                    plates: Plates = plates, state: Array = state, law: Law = law, wide: Array = wide
-                ) -> object:
-                    return wrenches(plates, law, state, threads=1, sensitivities=True, out=wide)
 
                 def remembering(
                     plates: Plates = plates,
@@ -170,10 +164,10 @@ def rules(cores: set[int]) -> Table:
                 ) -> object:
                     return wrenches_in_time(plates, law, state, duration, memory, mobilization_length=3e-3, out=out)
 
-                calls += [forgetful, sensitive, remembering]
+                calls += [forgetful, remembering]
             turns = in_turns(calls)
             for k, (rule, plates) in enumerate(tools.items()):
-                without, with_more, with_memory = turns[3 * k : 3 * k + 3]
+                without, with_memory = turns[2 * k : 2 * k + 2]
                 table.add_row(
                     *(
                         name,
@@ -182,7 +176,6 @@ def rules(cores: set[int]) -> Table:
                         f"{median(without) / len(plates) * 1e9:.1f}",
                         f"{ratio(without, turns[0]):.2f}",
                     ),
-                    f"{ratio(with_more, without):.2f}",
                     *(f"{median(with_memory) / len(plates) * 1e9:.1f}", f"{ratio(with_memory, without):.2f}"),
                 )
     pin(cores)

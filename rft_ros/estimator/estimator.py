@@ -79,7 +79,7 @@ class Estimator:
         self._unknown_frames: dict[Reason, str] = {}
         self._state = np.zeros((1, len(STATE)))  # of the last answer
         self._candidate = np.zeros((1, len(STATE)))  # of the pose being answered; becomes `_state` with its answer
-        self._result = np.zeros((1, len(COLUMNS)))
+        self._result = np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
         self._answer = np.zeros(12)  # wrench and its standard deviations, world axes, about the tool frame's origin
         self.learning: Learning | None = None
         """What was learned of the medium; None while `learning_mode` is off."""
@@ -228,9 +228,6 @@ class Estimator:
             error = settings.zeta_error or _UNKNOWN_ZETA_ERROR
             reach = model.tool.plates.reach
             self.learning = Learning(lag=settings.learning_lag, strength_error=error, reach=reach)
-        width = len(COLUMNS) + (len(SENSITIVITIES) if self.learning else 0)
-        if self._result.shape[1] != width:
-            self._result = np.zeros((1, width))
 
     def _apply(self, settings: Settings) -> None:
         self._unknown_frames.clear()
@@ -544,9 +541,9 @@ class Estimator:
         if self._ground is not None:
             self._surface = self._support.local_surface(self._ground.map, self._candidate[0], level=height)
             height, slope = self._surface.height, self._surface.slope
-        scene, sensitive = (self.model.tool.plates, self.model.law, self._candidate), self.learning is not None
+        scene = self.model.tool.plates, self.model.law, self._candidate
         if self._memory is None:
-            wrenches(*scene, surface_height=height, slope=slope, threads=1, sensitivities=sensitive, out=self._result)
+            wrenches(*scene, surface_height=height, slope=slope, threads=1, out=self._result)
             return float(self._result[0, 6])
         if speed < self.settings.rest_speed:  # noise at rest must not add to the path
             self._candidate[0, 7:13] = 0.0
@@ -554,7 +551,7 @@ class Estimator:
         self._remembered = stamp
         wrenches_in_time(
             *scene, self._duration, self._memory, mobilization_length=self.model.mobilization_length,
-            surface_height=height, slope=slope, sensitivities=sensitive, out=self._result,
+            surface_height=height, slope=slope, out=self._result,
         )  # fmt: skip
         return float(self._result[0, 6])
 

@@ -136,7 +136,7 @@ _EVERY = 8  # estimates between two evaluations of the slow flags
 
 def inertial_speed(law: Law) -> float:
     """Speed [m/s] up to which a law holds: without inertia 0.2, with it that of the fastest simulated run."""
-    return 0.2 if law.inertia is None else 1.0
+    return 0.2 if law.inertia == 0.0 else 1.0
 
 
 class QualityMonitor:
@@ -171,7 +171,7 @@ class QualityMonitor:
             return 0
         flags = 0
         limit = inertial_speed(law)
-        if speed > (_FAST_SPEED if law.inertia is None else limit):
+        if speed > (_FAST_SPEED if law.inertia == 0.0 else limit):
             flags = _FAST if speed <= limit else _FAST | _INERTIAL
         elif speed < _NEAR_REST_FACTOR * settings.rest_speed:
             flags = _NEAR_REST

@@ -46,11 +46,11 @@ _TINY = 1e-290
 
 
 class Agarwal2023(NamedTuple):
-    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³] or None."""
+    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³]."""
 
     stiffness: float
     surface_friction: float
-    inertia: float | None = None
+    inertia: float = 0.0
 
 
 def agarwal2023(

@@ -7,7 +7,7 @@ free surface (Agarwal, Karsai, Goldman, Kamrin, Science Advances 7, 2021). It ac
 from rft_ros.rft.arguments import number
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["CONFINEMENT", "INERTIA", "inertial_density", "with_inertia"]
+__all__ = ["CONFINEMENT", "INERTIA", "inertia_force", "inertial_density"]
 
 INERTIA = 1.4
 """λ of an upright plate, chosen on simulated runs at 0.5 and 1 m/s; published for plates that are dragged: 1.1."""
@@ -17,10 +17,10 @@ CONFINEMENT = 2.0
 one simulated run, a flat plate at 1 m/s; the square is an assumption."""
 
 
-def inertial_density(density: float, inertia: float = INERTIA) -> float | None:
-    """λ ρ [kg/m³], a law's field `inertia`, from the density of the bed [kg/m³] and λ; None if density is 0.
+def inertial_density(density: float, inertia: float = INERTIA) -> float:
+    """λ ρ [kg/m³], a law's field `inertia`, from the density of the bed [kg/m³] and λ.
 
-    None selects machine code without the term. Raises ValueError for a negative number.
+    Raises ValueError for a negative number.
     """
     given = {"medium.density": density, "medium.inertia": inertia}
     for name, value in given.items():
@@ -28,20 +28,17 @@ def inertial_density(density: float, inertia: float = INERTIA) -> float | None:
         if given[name] < 0.0:
             raise ValueError(f"{name} is {value}; it must be 0 or more")
     rho, factor = given.values()
-    return rho * factor if rho > 0.0 else None
+    return rho * factor
 
 
 @inlined
-def with_inertia(inertia, force, normal, velocity, area, squared):  # type: ignore[no-untyped-def]
-    """A plate's force [N] with the inertia of the grains added, world axes; `inertia` None: the force itself.
+def inertia_force(inertia, normal, velocity, area, squared):  # type: ignore[no-untyped-def]
+    """The force of the grains' inertia on a plate [N], world axes.
 
     `velocity`: scaled; its square times `squared` is in m²/s². `area`: submerged and leading [m²].
     """
-    if inertia is None:  # numba drops the branch that does not apply
-        return force
-    fx, fy, fz = force
     nx, ny, nz = normal
     ux, uy, uz = velocity
     lead, down = ux * nx + uy * ny + uz * nz, min(nz, 0.0)
     push = inertia * (1.0 + CONFINEMENT * down * down) * (lead * lead * squared) * area
-    return fx - push * nx, fy - push * ny, fz - push * nz
+    return -push * nx, -push * ny, -push * nz

@@ -11,7 +11,7 @@ import numpy as np
 
 from rft_ros.rft.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame, rotation
-from rft_ros.rft.inertia import with_inertia
+from rft_ros.rft.inertia import inertia_force
 from rft_ros.rft.memory import DEPTH, approach, fraction_left, is_faded, set_to_zero
 from rft_ros.rft.plates import BLOCK, INTEGRATIONS, ROUNDING
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, traction_per_depth
@@ -23,6 +23,7 @@ _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
 possibly cut by the surface; possibly with horizontal plates; submerged and trailing with tractions in memory. The
 plates of blocks from `_PLAIN` on are evaluated one by one."""
 
+_COLUMNS = 19  # of a result: `COLUMNS` and `SENSITIVITIES` of `rft_ros.rft.wrench`
 _LEVEL = cos(radians(FLAT_BLEND))
 _ALONG = sin(radians(1.0)) ** 2
 _LEAST_SHARE = 1e-100  # keeps a trailing plate's memory from fading into denormal numbers, which are slow
@@ -53,10 +54,8 @@ def _length(v):  # type: ignore[no-untyped-def]
 def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
     """Depth of the tool frame's origin, and the vector that gives a point's height above it from tool axes.
 
-    `slope`: None for a level surface, which has its own machine code, or dz/dx and dz/dy. Depth is vertical.
+    `slope`: dz/dx and dz/dy. Depth is vertical.
     """
-    if slope is None:
-        return height - state[2], axes[6:]
     sx, sy = slope
     below = height + sx * state[0] + sy * state[1] - state[2]
     a, b, c = axes[6] - sx * axes[0] - sy * axes[3], axes[7] - sx * axes[1] - sy * axes[4], axes[8]
@@ -137,16 +136,15 @@ def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _plate(rows, i, axes, twist, below, rise, slope, refined, careful):  # type: ignore[no-untyped-def]
+def _plate(rows, i, axes, twist, below, rise, refined, careful):  # type: ignore[no-untyped-def]
     """One plate in world axes, Eq. (1): centre of load, normal, scaled velocity, load, leading share, submerged area.
 
     The centre of load is relative to the tool frame's origin; the load is depth integrated over the area below the
-    surface [m³]. `below`, `rise`: from `_surface`; `slope`: as there. `careful` False: the plate is fully submerged.
+    surface [m³]. `below`, `rise`: from `_surface`. `careful` False: the plate is fully submerged.
     `careful` and `refined` must be constants, or the loop is not vectorised.
     """
     vx, vy, vz, wx, wy, wz = twist
-    up = axes[6:]  # `rise` is equal on a level surface, but not known to be, which would change the order of sums
-    zx, zy, zz = up if slope is None else rise
+    zx, zy, zz = rise
     a, b, c = rows[0, i], rows[1, i], rows[2, i]
     area = rows[6, i]
     depth = below - (zx * a + zy * b + zz * c)
@@ -184,17 +182,17 @@ def _plate(rows, i, axes, twist, below, rise, slope, refined, careful):  # type:
 
 
 @inlined
-def _sums(rows, first, last, scene, slope, inertia, refined, careful, flatness, step, sensitive):  # type: ignore[no-untyped-def]
-    """Sums over consecutive plates: force, torque, submerged area; if `sensitive` also dF/dh and the moments r_j f_l.
+def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: ignore[no-untyped-def]
+    """Sums over consecutive plates: force, torque, submerged area, dF/dh and the moments r_j f_l.
 
-    `inertia`: of the law. `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of
-    1, and how much deeper the tool frame was half a step before [m].
+    `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of 1, and how much deeper
+    the tool frame was half a step before [m].
     """
-    axes, twist, squared, law, below, rise = scene
-    fx = fy = fz = tx = ty = tz = submerged = 0.0
+    axes, twist, law, below, rise, slope = scene
+    fx = fy = fz = submerged = 0.0
     hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(first, last):
-        plate = _plate(rows, i, axes, twist, below, rise, slope, refined, careful)
+        plate = _plate(rows, i, axes, twist, below, rise, refined, careful)
         (x, y, z), normal, velocity, load, share, area = plate
         nx, ny, nz = normal
         ux, uy, uz = velocity
@@ -208,7 +206,7 @@ def _sums(rows, first, last, scene, slope, inertia, refined, careful, flatness, 
             share = max(share, _LEAST_SHARE)
             leads = share > _LEAST_SHARE
             # computed before the law, which does not depend on it: their latencies overlap
-            depth = below - z + sunk if slope is None else below - z + slope[0] * x + slope[1] * y + sunk
+            depth = below - z + slope[0] * x + slope[1] * y + sunk
             left = fraction_left(velocity, depth, leads, per_length)
             ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
             ax, ay, az = approach(tractions, i, (ax * share, ay * share, az * share), left, leads)
@@ -216,38 +214,53 @@ def _sums(rows, first, last, scene, slope, inertia, refined, careful, flatness, 
                 ax, ay, az = (ax if load > 0.0 else 0.0), (ay if load > 0.0 else 0.0), (az if load > 0.0 else 0.0)
             tractions[0, i], tractions[1, i], tractions[2, i] = ax, ay, az
         dx, dy, dz = ax * load, ay * load, az * load
-        if inertia is not None:
-            dx, dy, dz = with_inertia(inertia, (dx, dy, dz), normal, velocity, area * share, squared)
         fx += dx
         fy += dy
         fz += dz
         submerged += area
-        if sensitive:
-            hx += ax * loaded
-            hy += ay * loaded
-            hz += az * loaded
-            xx += x * dx
-            xy += x * dy
-            xz += x * dz
-            yx += y * dx
-            yy += y * dy
-            yz += y * dz
-            zx += z * dx
-            zy += z * dy
-            zz += z * dz
-        else:
-            tx += y * dz - z * dy
-            ty += z * dx - x * dz
-            tz += x * dy - y * dx
-    if sensitive:
-        tx, ty, tz = yz - zy, zx - xz, xy - yx
-    return fx, fy, fz, tx, ty, tz, submerged, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+        hx += ax * loaded
+        hy += ay * loaded
+        hz += az * loaded
+        xx += x * dx
+        xy += x * dy
+        xz += x * dz
+        yx += y * dx
+        yy += y * dy
+        yz += y * dz
+        zx += z * dx
+        zy += z * dy
+        zz += z * dz
+    return fx, fy, fz, yz - zy, zx - xz, xy - yx, submerged, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
 
 
-def _sums_of_states(refined: bool, sensitive: bool) -> Any:
+@inlined
+def _add_inertia(rows, first, last, scene, squared, refined, careful, out):  # type: ignore[no-untyped-def]
+    """Add the inertia of the grains to the sums: a second pass, which most media do without."""
+    axes, twist, law, below, rise, _ = scene
+    fx = fy = fz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
+    for i in range(first, last):
+        (x, y, z), normal, velocity, _, share, area = _plate(rows, i, axes, twist, below, rise, refined, careful)
+        dx, dy, dz = inertia_force(law.inertia, normal, velocity, area * share, squared)
+        fx += dx
+        fy += dy
+        fz += dz
+        xx += x * dx
+        xy += x * dy
+        xz += x * dz
+        yx += y * dx
+        yy += y * dy
+        yz += y * dz
+        zx += z * dx
+        zy += z * dy
+        zz += z * dz
+    part = fx, fy, fz, yz - zy, zx - xz, xy - yx, 0.0, 0.0, 0.0, 0.0, xx, xy, xz, yx, yy, yz, zx, zy, zz
+    for c in range(_COLUMNS):
+        out[c] += part[c]
+
+
+def _sums_of_states(refined: bool) -> Any:
     """The loop over states for one integration rule."""
     flatness = BLENDED if refined else SWITCHED
-    columns = 19 if sensitive else 7
 
     def sums(rows, bounds, reach, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
         """`past`: None, or with memory: durations, mobilization length, the memory's tractions, active and motion."""
@@ -270,9 +283,9 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                 before = last[0] if last[0] >= 0.0 else now
                 path = min(0.5 * (now + before) / seen[2] * durations[k], 1e100) if now > 0.0 else 0.0
                 last[0] = now
-                sinking = twist[2] if slope is None else twist[2] - slope[0] * twist[0] - slope[1] * twist[1]
+                sinking = twist[2] - slope[0] * twist[0] - slope[1] * twist[1]
                 step = tractions, path * min(DEPTH * DEPTH / length, 1e100), 0.5 * path * sinking
-            for c in range(columns):
+            for c in range(_COLUMNS):
                 out[k, c] = 0.0
             # unsigned: numba adds code for negative indices otherwise
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
@@ -293,15 +306,19 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                         kind = _kind(bounds, b, seen, below, refined, past)
                 if run >= _PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
-                    scene = axes, twist, squared, law, below, rise
+                    scene = axes, twist, law, below, rise, slope
                     if run == _PLAIN:
-                        part = _sums(rows, i, j, scene, slope, law.inertia, refined, False, NEVER_FLAT, step, sensitive)
+                        part = _sums(rows, i, j, scene, refined, False, NEVER_FLAT, step)
                     elif run == _FLAT_OR_CUT:
-                        part = _sums(rows, i, j, scene, slope, law.inertia, refined, True, flatness, step, sensitive)
+                        part = _sums(rows, i, j, scene, refined, True, flatness, step)
                     else:
-                        part = _sums(rows, i, j, scene, slope, law.inertia, refined, True, NEVER_FLAT, step, sensitive)
-                    for c in range(columns):
+                        part = _sums(rows, i, j, scene, refined, True, NEVER_FLAT, step)
+                    for c in range(_COLUMNS):
                         out[k, c] += part[c]
+                    if law.inertia > 0.0 and run == _PLAIN:
+                        _add_inertia(rows, i, j, scene, squared, refined, False, out[k])
+                    elif law.inertia > 0.0:
+                        _add_inertia(rows, i, j, scene, squared, refined, True, out[k])
                     if past is not None:
                         for c in range(first, b):
                             past[3][c] = 1
@@ -309,7 +326,7 @@ def _sums_of_states(refined: bool, sensitive: bool) -> Any:
                                 set_to_zero(past[2], c)
                                 past[3][c] = 0
 
-    return _made(sums, "refined" if refined else "centroid", "sensitive" if sensitive else "plain")
+    return _made(sums, refined)
 
 
 def _forces_of_plates(refined: bool) -> Any:
@@ -319,20 +336,20 @@ def _forces_of_plates(refined: bool) -> Any:
         axes, twist, _, squared = _motion(state, reach)
         below, rise = _surface(height, slope, state, axes)
         for i in range(len(order)):
-            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, rise, slope, refined, True)
+            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, rise, refined, True)
             nx, ny, nz = normal
             ux, uy, uz = velocity
             tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
             load = load * share if refined else (load if share > 0.0 else 0.0)
-            force = tx * load, ty * load, tz * load
-            force = with_inertia(law.inertia, force, normal, velocity, area * share, squared)
-            out[order[i], 0], out[order[i], 1], out[order[i], 2] = force
+            px, py, pz = inertia_force(law.inertia, normal, velocity, area * share, squared)
+            out[order[i], 0], out[order[i], 1], out[order[i], 2] = tx * load + px, ty * load + py, tz * load + pz
 
-    return _made(forces, "refined" if refined else "centroid")
+    return _made(forces, refined)
 
 
-def _made(function: Any, *variant: str) -> Any:
-    function.__qualname__ = "_".join((function.__name__, *variant))  # the name of its files in the cache
+def _made(function: Any, refined: bool) -> Any:
+    # the name of its files in the cache
+    function.__qualname__ = f"{function.__name__}_{'refined' if refined else 'centroid'}"
     return compiled(function, **OPTIONS)
 
 
@@ -359,12 +376,8 @@ def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-
     return flat, edge, wet
 
 
-SUMS = {
-    (rule, sensitive): _sums_of_states(rule == "refined", sensitive)
-    for rule in INTEGRATIONS
-    for sensitive in (False, True)
-}
-"""The loop over states by integration rule and whether it computes sensitivities."""
+SUMS = {rule: _sums_of_states(rule == "refined") for rule in INTEGRATIONS}
+"""The loop over states by integration rule."""
 
 PLATE_FORCES = {rule: _forces_of_plates(rule == "refined") for rule in INTEGRATIONS}
 """The loop over the plates of one state by integration rule."""

@@ -55,7 +55,7 @@ class Treers2021(NamedTuple):
 
     `stiffness`: ζ in N/m³ per N/cm³. The other numbers are sums and differences of Li's coefficients [N/cm³], from
     expanding sin(±2β + γ) and cos(±2β + γ), so that no angle is computed. `alpha_y`: the model of Eq. (7). `inertia`:
-    λ ρ [kg/m³] of Eq. (11), or None.
+    λ ρ [kg/m³] of Eq. (11).
     """
 
     stiffness: float
@@ -69,11 +69,11 @@ class Treers2021(NamedTuple):
     x_sin2b_sing: float
     x_sin2b: float
     alpha_y: AlphaY
-    inertia: float | None = None
+    inertia: float = 0.0
 
 
 Law = Treers2021 | Agarwal2023
-"""Any law. Its type, and whether `inertia` is None, select the machine code."""
+"""Any law. Its type selects the machine code."""
 
 
 def treers2021(
@@ -130,11 +130,7 @@ def checked_law(law: Law) -> Law:
     if type(law) not in _FUNCTIONS:
         raise TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
     fields: dict[str, Any] = {
-        name: checked_alpha_y(v)
-        if name == "alpha_y"
-        else None
-        if name == "inertia" and v is None
-        else number(f"{name} of the law", v)
+        name: checked_alpha_y(v) if name == "alpha_y" else number(f"{name} of the law", v)
         for name, v in law._asdict().items()
     }
     return type(law)(**fields)

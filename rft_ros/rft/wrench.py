@@ -18,7 +18,7 @@ from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import EDGE_AREAS, PLATE_FORCES, SUMS
 from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import Plates
-from rft_ros.rft.traction import Law, checked_law
+from rft_ros.rft.traction import Law, Treers2021, checked_law
 
 __all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_shares", "plate_forces", "wrenches", "wrenches_in_time"]
 
@@ -35,15 +35,15 @@ _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 
 _STATE_ROW = (len(STATE),)
-_WIDE = len(COLUMNS) + len(SENSITIVITIES)
+_WIDTH = len(COLUMNS) + len(SENSITIVITIES)
 
 _Code = tuple[Callable[..., None], Law]
-# By a law's id: the law, which keeps the id from being reused, and the code with the checked law that it takes. Key of
-# the code: integration rule, what it computes, and whether it is without memory and for a level surface.
+# By a law's id: the law, which keeps the id from being reused, and by rule and loop the compiled code with the checked
+# law that it takes.
 _CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
 _LAWS_KEPT = 32
 _ENTRIES: dict[tuple[object, ...], Callable[..., None]] = {}
-"""The compiled loops by rule, what they compute and types: looking one up through numba takes 0.4 ms."""
+"""The compiled loops by rule, loop and law: looking one up through numba takes 0.4 ms."""
 
 LEVEL = 0.0, 0.0
 """The slope of a level surface."""
@@ -64,18 +64,19 @@ def wrenches(
 
     `states`: shape [n, 13], columns `STATE`; finite, unit quaternions (see `checked_states`). `surface_height`: world z
     of the undisturbed surface [m], at x = y = 0 if it is inclined; `slope`: its dz/dx and dz/dy, depth stays vertical.
-    `threads`: default one, or all cores for large inputs. `out`: array for the result, float64, C-contiguous.
+    `threads`: default one, or all cores for large inputs. `out`: array for the result, shape [n, 19], float64,
+    C-contiguous.
     Returns shape [n, 7], columns `COLUMNS`: force on the tool by the grains [N] and torque about the tool frame's
     origin [N m], world axes; submerged area [m²]. With `sensitivities`: shape [n, 19], columns `SENSITIVITIES` added.
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
+    entry, law = _code(plates, law, None)
     incline = _incline(slope)
-    entry, law = _code(plates, law, bool(sensitivities), None, incline)
     blocks, reach, height = plates.blocks, plates.reach, number("surface_height", surface_height)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
-    result = _result(out, n, sensitivities)
+    result = _result(out, n)
     workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
         entry(blocks.rows, blocks.bounds, reach, law, height, incline, states, None, result)
@@ -87,7 +88,7 @@ def wrenches(
                 pool.submit(entry, *tool, states[a:b], None, result[a:b]) for a, b in itertools.pairwise(edges)
             ]:
                 job.result()
-    return result
+    return result if sensitivities else result[:, : len(COLUMNS)]
 
 
 def wrenches_in_time(
@@ -110,8 +111,8 @@ def wrenches_in_time(
     """
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
+    entry, law = _code(plates, law, memory)
     incline = _incline(slope)
-    entry, law = _code(plates, law, bool(sensitivities), memory, incline)
     if memory.plates is not plates and not np.array_equal(memory.plates.blocks.rows, plates.blocks.rows):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
     blocks, height = plates.blocks, number("surface_height", surface_height)
@@ -122,9 +123,9 @@ def wrenches_in_time(
         raise ValueError("durations has a value that is negative or NaN; states must be in chronological order")
     length = number("mobilization_length", mobilization_length, positive=True)
     past = durations, length, memory.tractions, memory.active, memory.motion
-    result = _result(out, n, sensitivities)
+    result = _result(out, n)
     entry(blocks.rows, blocks.bounds, plates.reach, law, height, incline, states, past, result)
-    return result
+    return result if sensitivities else result[:, : len(COLUMNS)]
 
 
 def plate_forces(
@@ -139,9 +140,8 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    incline = _incline(slope)
-    entry, law = _code(plates, law, "forces", None, incline)
-    blocks, out = plates.blocks, np.empty((len(plates), 3))
+    entry, law = _code(plates, law, "forces")
+    blocks, incline, out = plates.blocks, _incline(slope), np.empty((len(plates), 3))
     height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
     entry(blocks.rows, plates.reach, law, height, incline, one, blocks.order, out)
     return out
@@ -158,74 +158,47 @@ def edge_shares(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0
     return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
 
 
-def _code(
-    plates: Plates,
-    law: Law,
-    what: bool | Literal["forces"],
-    memory: Memory | None,
-    incline: tuple[float, float] | None,
-) -> _Code:
+def _code(plates: Plates, law: Law, loop: Memory | Literal["forces"] | None) -> _Code:
     """The compiled loop and the law to pass to it; compiles when a law's type is first seen.
 
-    `what`: "forces" on each plate, or sums over plates, True for sums with sensitivities.
+    `loop`: "forces" on each plate, else sums over plates, with a memory or without.
     """
+    key = plates.integration if plates.__class__ is Plates else "", loop.__class__
     found = _CODE.get(id(law))
-    if found is not None and plates.__class__ is Plates:
-        code = found[1].get((plates.integration, what, memory is None, incline is None))
-        if code is not None:
-            return code
+    if found is not None and key in found[1]:
+        return found[1][key]
     _check_plates(plates)
     good = checked_law(law)
-    key = plates.integration, what, memory is None, incline is None
-    types = *key, _types(good)
-    entry = _ENTRIES.get(types)
-    if entry is None:
-        entry = _ENTRIES[types] = _compiled(plates, good, what, memory, incline)
+    model = *key, good.__class__, good.alpha_y.__class__ if isinstance(good, Treers2021) else None
+    if model not in _ENTRIES:
+        _ENTRIES[model] = _compiled(plates, good, loop)
     if found is None:
         if len(_CODE) >= _LAWS_KEPT:
             _CODE.clear()
         found = _CODE[id(law)] = law, {}
-    code = found[1][key] = entry, good
+    code = found[1][key] = _ENTRIES[model], good
     return code
 
 
-def _types(value: object) -> object:
-    """What numba distinguishes in a checked law: classes of its fields, and layouts of its arrays."""
-    if isinstance(value, tuple):
-        return value.__class__, *map(_types, value)
-    if isinstance(value, np.ndarray):
-        return value.dtype.str, value.ndim, value.flags.c_contiguous, value.flags.writeable
-    return value.__class__
+def _compiled(plates: Plates, law: Law, loop: Memory | Literal["forces"] | None) -> Callable[..., None]:
+    blocks, state, out = plates.blocks, np.zeros((1, 13)), np.zeros((1, _WIDTH))
+    if loop == "forces":
+        one = plates.reach, law, 0.0, LEVEL, state[0], blocks.order, out
+        return machine_code(PLATE_FORCES[plates.integration], (blocks.rows, *one))
+    past = loop and (np.zeros(1), 1.0, loop.tractions, loop.active, loop.motion)
+    scene = blocks.rows, blocks.bounds, plates.reach, law, 0.0, LEVEL
+    return machine_code(SUMS[plates.integration], (*scene, state, past, out))
 
 
-def _compiled(
-    plates: Plates,
-    law: Law,
-    what: bool | Literal["forces"],
-    memory: Memory | None,
-    incline: tuple[float, float] | None,
-) -> Callable[..., None]:
-    blocks = plates.blocks
-    if what == "forces":
-        one = np.zeros(13), blocks.order, np.zeros((1, 3))
-        return machine_code(PLATE_FORCES[plates.integration], (blocks.rows, plates.reach, law, 0.0, incline, *one))
-    past = memory and (np.zeros(1), 1.0, memory.tractions, memory.active, memory.motion)
-    tool = blocks.rows, blocks.bounds, plates.reach
-    return machine_code(
-        SUMS[plates.integration, what], (*tool, law, 0.0, incline, np.zeros((1, 13)), past, np.zeros((1, 19)))
-    )
-
-
-def _incline(slope: tuple[float, float]) -> tuple[float, float] | None:
-    """The slope as the kernel takes it: None for a level surface."""
+def _incline(slope: tuple[float, float]) -> tuple[float, float]:
+    """The slope as two floats."""
     if slope is LEVEL:
-        return None
+        return slope
     try:
         x, y = slope
     except (TypeError, ValueError):
         raise ValueError(f"slope is {slope!r}; it must be two numbers, dz/dx and dz/dy") from None
-    found = number("slope[0]", x), number("slope[1]", y)
-    return None if found == LEVEL else found
+    return number("slope[0]", x), number("slope[1]", y)
 
 
 def _check_plates(plates: Plates) -> None:
@@ -240,9 +213,9 @@ def _workers(threads: int | None, states: int, plates: int) -> int:
     return min(int(threads or _CORES), states, 1 + states * plates // _WORTH_A_THREAD)
 
 
-def _result(out: Array | None, n: int, sensitive: bool) -> Array:
+def _result(out: Array | None, n: int) -> Array:
     """The array for the result: `out`, checked, or a new one."""
-    shape = n, _WIDE if sensitive else 7
+    shape = n, _WIDTH
     if out is None:
         return np.empty(shape)
     if out.__class__ is np.ndarray and out.dtype is FLOAT and out.flags.carray and out.shape == shape:

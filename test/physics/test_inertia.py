@@ -112,12 +112,10 @@ def test_the_derivative_by_the_surface_height_has_none_of_it_and_the_torque_all(
     rng = np.random.default_rng(seed)
     body, state = random_plates(rng, 60, rule), random_scene(rng, 1)
     wide, plain = (wrenches(body, law, state, sensitivities=True)[0] for law in (INERTIAL, CONSTANT))
-    np.testing.assert_allclose(wide[7:10], plain[7:10], rtol=1e-9, atol=1e-9)
-    narrow = wrenches(body, INERTIAL, state)[0]
-    np.testing.assert_allclose(wide[:7], narrow, rtol=1e-9, atol=1e-12)
+    np.testing.assert_array_equal(wide[7:10], plain[7:10])
     moments = wide[10:].reshape(3, 3)  # r_j f_l
     torque = [moments[1, 2] - moments[2, 1], moments[2, 0] - moments[0, 2], moments[0, 1] - moments[1, 0]]
-    np.testing.assert_allclose(torque, narrow[3:6], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(torque, wide[3:6], rtol=1e-9, atol=1e-12)
 
 
 @RULES
@@ -128,8 +126,7 @@ def test_speeds_whose_squares_have_no_number_give_a_finite_wrench(rule, speed):
 
 def test_density_0_is_no_inertia_and_a_negative_one_is_refused():
     model = alpha_y_model("constant", GENERIC)
-    assert treers2021(GENERIC, model, density=0.0).inertia is None
-    assert AGARWAL.inertia is None
+    assert treers2021(GENERIC, model, density=0.0).inertia == AGARWAL.inertia == 0.0
     for name, numbers in (("medium.density", {"density": -1.0}), ("medium.inertia", {"density": 1.0, "inertia": -1.0})):
         with pytest.raises(ValueError, match=name):
             treers2021(GENERIC, model, **numbers)

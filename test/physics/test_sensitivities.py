@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from scenes import CONSTANT, LINEAR, random_plates, random_scene, seeds
 
 from rft_ros.rft import COLUMNS, SENSITIVITIES, Memory, plate_forces, rotation_matrix, wrenches, wrenches_in_time
@@ -15,14 +15,6 @@ DOWN = np.array([[0.0, 0.0, -0.005, 0.1, 0.2, 0.3, 0.92736185, 0.003, 0.004, -0.
 def column(result, *names):
     """The columns of these names."""
     return result[:, [(COLUMNS + SENSITIVITIES).index(name) for name in names]]
-
-
-def test_the_wrench_is_the_same_with_and_without_sensitivities(random_states):
-    for plates in TOOLS.values():
-        plain = wrenches(plates, LINEAR, random_states)
-        wide = wrenches(plates, LINEAR, random_states, sensitivities=True)
-        assert wide.shape == (len(random_states), len(COLUMNS) + len(SENSITIVITIES))
-        np.testing.assert_allclose(wide[:, :7], plain, rtol=0, atol=1e-12 * np.abs(plain).max())
 
 
 @given(seed=seeds)
@@ -47,23 +39,6 @@ def test_the_change_with_the_surface_height_is_that_of_finite_differences(integr
     low, high = (wrenches(plates, CONSTANT, state, surface_height=h)[0, :3] for h in (-step, step))
     derivative = column(wrenches(plates, CONSTANT, state, sensitivities=True), "dfx_dh", "dfy_dh", "dfz_dh")[0]
     np.testing.assert_allclose(derivative, (high - low) / (2.0 * step), rtol=1e-5, atol=1e-3)
-
-
-@settings(max_examples=20)
-@given(seed=seeds)
-def test_with_memory_they_belong_to_the_tractions_in_memory(seed):
-    rng = np.random.default_rng(seed)
-    states, durations = random_scene(rng, 3), np.array([0.0, 0.3, 0.2])
-    for plates in TOOLS.values():
-        plain, wide = (
-            wrenches_in_time(
-                plates, LINEAR, states, durations, Memory(plates), mobilization_length=0.003, sensitivities=wanted
-            )
-            for wanted in (False, True)
-        )
-        np.testing.assert_allclose(wide[:, :7], plain, rtol=0, atol=1e-12 * np.abs(plain).max() + 1e-30)
-        turning = column(wide, "y_fz") - column(wide, "z_fy")
-        np.testing.assert_allclose(turning, column(plain, "tx"), rtol=0, atol=1e-12 * np.abs(plain).max() + 1e-30)
 
 
 def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_wet_area():
