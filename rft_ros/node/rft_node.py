@@ -54,10 +54,13 @@ _LOADED_AT_START = {"medium.mobilization_length": 0.0, "learning.mode": "off", "
 
 
 class RftNode(Node):
-    """Feeds poses, twists and wrenches to one estimator and publishes its results."""
+    """Feeds poses, twists and wrenches to one estimator and publishes its results.
 
-    def __init__(self, worker: ToolWorker) -> None:
-        super().__init__("rft")
+    `arguments`: ROS arguments of this node, from ``--ros-args`` on, beside those of the process.
+    """
+
+    def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
+        super().__init__("rft", cli_args=arguments)
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
         values = self._table.values
         # One thread: numba's loops release the GIL, so that a tick does not wait for a cloud.

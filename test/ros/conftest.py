@@ -1,3 +1,5 @@
+import contextlib
+import itertools
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -7,7 +9,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ros[ros]'")
 sys.path.insert(0, str(Path(__file__).parent))
 
-from harness import Harness, own_domain
+from harness import Harness, NodeProcess, own_domain
 
 own_domain()
 
@@ -22,25 +24,27 @@ def ros() -> Iterator[None]:
 
 
 @pytest.fixture
-def start_node(tmp_path: Path) -> Iterator[Callable[..., Harness]]:
-    """Start a node process with arguments; every one that still runs is stopped at the end."""
-    harnesses: list[Harness] = []
+def start_node() -> Iterator[Callable[..., Harness]]:
+    """Start a node in this process, with arguments that follow ``--ros-args``."""
+    with contextlib.ExitStack() as started:
+        namespaces = (f"/node{k}" for k in itertools.count())
+        yield lambda *arguments: started.enter_context(
+            contextlib.closing(Harness(*arguments, namespace=next(namespaces)))
+        )
 
-    def start(*arguments: str, **options: object) -> Harness:
-        namespace = f"/node{len(harnesses)}"
-        rft = Harness(*arguments, namespace=namespace, log=tmp_path / f"node{len(harnesses)}.log", **options)
-        harnesses.append(rft)
-        return rft
 
-    yield start
-    for rft in harnesses:
-        if rft.process.poll() is None:
-            rft.stop()
+@pytest.fixture
+def start_process(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
+    """Start a node as a user does; it is stopped at the end if it still runs."""
+    with contextlib.ExitStack() as started:
+        logs = (tmp_path / f"node{k}.log" for k in itertools.count())
+        yield lambda *arguments, **options: started.enter_context(
+            contextlib.closing(NodeProcess(*arguments, log=(log := next(logs)), namespace=f"/{log.stem}", **options))
+        )
 
 
 @pytest.fixture(scope="module")
-def rft(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Harness]:
-    """One node on the shipped plate, shared by a module's tests; each restores what it changes."""
-    rft = Harness("-p", "mesh.file:=plate", log=tmp_path_factory.mktemp("node") / "node.log").wait_ready()
-    yield rft
-    rft.stop()
+def rft() -> Iterator[Harness]:
+    """One node on the shipped plate in this process, shared by a module's tests; each restores what it changes."""
+    with contextlib.closing(Harness("-p", "mesh.file:=plate").wait_ready()) as rft:
+        yield rft

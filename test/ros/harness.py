@@ -1,4 +1,4 @@
-"""A real ``rft_node`` process, and a peer that feeds it and collects its answers."""
+"""A node `rft` over real DDS, in this process or its own, and a peer that feeds it and collects its answers."""
 
 import ctypes
 import fcntl
@@ -8,70 +8,85 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import IO
+from unittest import mock
 
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSProfile
+from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-from rft_ros.parameters import defaults, tool_request
+from rft_ros.node import main, rft_node
+from rft_ros.node.tool_worker import _load
+from rft_ros.parameters import ModelFiles, ModelParts, defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
-from rft_ros.tool import Tool
+from rft_ros.tool import Tool, ToolRequest
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
+NODE = (sys.executable, "-m", "rft_ros.node.main", "--ros-args")
 WAIT = 600.0  # s: other work may keep every core busy, and a first start compiles
 _LOCKS: list[IO[str]] = []  # held as long as the process lives
 
 
-class Harness:
-    """`reliable`: override the inputs' QoS, as a user may, so that a busy machine loses no message.
+class InlineWorker:
+    """Loads a model's files in this process, which has the mesh library in memory; the node polls it as its own."""
 
-    `environment`: variables for the node. `arguments` follow ``--ros-args``.
+    def __init__(self) -> None:
+        self.loading: ModelFiles | None = None
+
+    def load(self, request: ModelFiles) -> None:
+        self.loading = request
+
+    def load_now(self, request: ModelFiles) -> ModelParts:
+        tool = _shipped(request.tool) if request.tool.file.isidentifier() else request.tool.load()
+        return request._replace(tool=None).load()._replace(tool=tool)
+
+    def cancel(self) -> None:
+        self.loading = None
+
+    def poll(self) -> ModelParts | str | None:
+        request, self.loading = self.loading, None
+        return request and _load(request)
+
+
+class Harness:
+    """A node, and a peer that feeds it and collects its answers: here both in this process.
+
+    The node's diagnostics come ten times a second, so that no test waits for them.
     """
 
-    def __init__(
-        self,
-        *arguments: str,
-        namespace: str = "",
-        log: Path | None = None,
-        reliable: bool = True,
-        environment: dict[str, str] | None = None,
-    ) -> None:
-        name = self.name = f"{namespace}/rft"
-        if reliable and log:
-            overrides = log.with_suffix(".yaml")
-            inputs = ("pose", "twist", "wrench_measured", "surface_points")
-            topics = ("/tf", *(f"{name}/{topic}" for topic in inputs))
-            lines = [f"    qos_overrides.{topic}.subscription.reliability: reliable" for topic in topics]
-            overrides.write_text("/**:\n  ros__parameters:\n" + "\n".join(lines) + "\n")
-            arguments = (*arguments, "--params-file", str(overrides))
+    def __init__(self, *arguments: str, namespace: str = "") -> None:
+        self.name = f"{namespace}/rft"
+        argv = mock.patch.object(sys, "argv", ["rft_node", *arguments])  # where it looks for its parameter files
+        with argv, mock.patch.object(rft_node, "DIAGNOSTICS_PERIOD", 0.1):
+            self._rft = rft_node.RftNode(
+                InlineWorker(), arguments=["--ros-args", "-r", f"__ns:={namespace or '/'}", *arguments]
+            )
+        self._open(main._executor(self._rft))
+        self.executor.add_node(self._rft)
+        self._log: list[str] = []
+        latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self.node.create_subscription(Log, "/rosout", self._on_log, latched)
+
+    def _open(self, executor: Executor) -> None:
+        """The peer, its inputs and the outputs that it receives."""
         self._stamp = 0
-        self.log = log
-        self._log_file = log.open("wb") if log else None
-        self.process = subprocess.Popen(
-            [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "-r", f"__ns:={namespace or '/'}", *arguments],
-            stderr=self._log_file,
-            stdout=self._log_file,
-            env={**os.environ, **(environment or {})},
-            preexec_fn=_end_with_tests,
-        )
         self.node = rclpy.create_node("peer")
-        self.executor = SingleThreadedExecutor()  # rclpy.spin_once would add and remove the node at each call
+        self.executor = executor
         self.executor.add_node(self.node)
         qos = QoSProfile(depth=1000)
         self.open_inputs()
         self.received: dict[str, list[WrenchStamped]] = {topic: [] for topic in OUTPUTS}
         for topic in OUTPUTS:
-            self.node.create_subscription(WrenchStamped, f"{name}/{topic}", self.received[topic].append, qos)
+            self.node.create_subscription(WrenchStamped, f"{self.name}/{topic}", self.received[topic].append, qos)
         self.diagnostics: list[DiagnosticArray] = []
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos)
         self._clients: dict[str, object] = {}
@@ -79,6 +94,10 @@ class Harness:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         if message.status[0].name.startswith(f"{self.name}:"):  # other nodes report on the same topic
             self.diagnostics.append(message)
+
+    def _on_log(self, message: Log) -> None:
+        if f"/{message.name.replace('.', '/')}" == self.name:
+            self._log.append(message.msg)
 
     # --- life
 
@@ -104,19 +123,18 @@ class Harness:
         )
         return self
 
-    def stop(self, number: int = signal.SIGINT) -> int:
-        if self.process.poll() is None:
-            self.process.send_signal(number)
-        status = self.process.wait(WAIT)
+    def close(self) -> None:
         self.executor.shutdown()
         self.node.destroy_node()
-        if self._log_file:
-            self._log_file.close()
-        return status
+        self._rft.destroy_node()
 
     def said(self) -> str:
-        assert self.log is not None
-        return self.log.read_text()
+        """The node's log so far."""
+        self.spin()
+        return "\n".join(self._log)
+
+    def check(self) -> None:
+        """Fails if the node ended."""
 
     # --- waiting
 
@@ -130,9 +148,11 @@ class Harness:
     def until(self, condition: Callable[[], object]) -> None:
         end = time.monotonic() + WAIT
         while not condition():
-            assert self.process.poll() is None, f"the node ended with status {self.process.returncode}"
+            self.check()
             assert time.monotonic() < end, "waited in vain"
             self.executor.spin_once(timeout_sec=0.05)
+            for _ in range(20):  # one call takes one message; a condition may send several
+                self.executor.spin_once(timeout_sec=0.0)
 
     # --- services
 
@@ -245,6 +265,46 @@ class Harness:
         return status.level, status.message, {v.key: v.value for v in status.values}
 
 
+class NodeProcess(Harness):
+    """As `Harness`, with the node in a process of its own.
+
+    Its inputs' QoS is reliable, as a user may set it, so that a busy machine loses no message. `environment`: variables
+    for the node.
+    """
+
+    def __init__(self, *arguments: str, log: Path, namespace: str = "", environment: Mapping[str, str] = {}) -> None:
+        self.name, self.log = f"{namespace}/rft", log
+        topics = (f"{self.name}/{topic}" for topic in ("pose", "twist", "wrench_measured"))
+        reliable = [w for t in topics for w in ("-p", f"qos_overrides.{t}.subscription.reliability:=reliable")]
+        with log.open("wb") as file:
+            self.process = subprocess.Popen(
+                [*NODE, "-r", f"__ns:={namespace or '/'}", *reliable, *arguments],
+                stderr=file,
+                stdout=file,
+                env={**os.environ, **environment},
+                preexec_fn=_end_with_tests,
+            )
+        self._open(SingleThreadedExecutor())  # rclpy.spin_once would add and remove the node at each call
+
+    def stop(self, number: int = signal.SIGINT) -> int:
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        status = self.process.wait(WAIT)
+        self.executor.shutdown()
+        self.node.destroy_node()
+        return status
+
+    def close(self) -> None:
+        if self.process.poll() is None:
+            self.stop()
+
+    def said(self) -> str:
+        return self.log.read_text()
+
+    def check(self) -> None:
+        assert self.process.poll() is None, f"the node ended with status {self.process.returncode}"
+
+
 def _end_with_tests() -> None:
     """In the child: be killed when the test process dies, so that no node of a broken run answers the next one."""
     ctypes.CDLL(None).prctl(1, signal.SIGKILL)  # PR_SET_PDEATHSIG
@@ -264,12 +324,12 @@ def predicted_by_the_core(
     medium = MEDIA["generic"]
     made = law_named(law, medium, alpha_y_model(alpha_y, medium), zeta=zeta, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    return wrenches(_tool(mesh).plates, made, state)[0, :6]
+    return wrenches(_shipped(tool_request({**defaults(), "mesh.file": mesh})).plates, made, state)[0, :6]
 
 
 @cache
-def _tool(mesh: str) -> Tool:
-    return tool_request({**defaults(), "mesh.file": mesh}).load()
+def _shipped(request: ToolRequest) -> Tool:
+    return request.load()
 
 
 def numbers(message: WrenchStamped) -> np.ndarray:

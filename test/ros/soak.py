@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from harness import Harness, own_domain, parameter_value, stamp_of
+from harness import NodeProcess, own_domain, parameter_value, stamp_of
 from rcl_interfaces.msg import Parameter
 from rcl_interfaces.srv import SetParameters
 
@@ -79,7 +79,7 @@ def resident_mb(pid: int) -> float:
     return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def soak(rft: Harness, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
+def soak(rft: NodeProcess, *, seconds: float, rate: float, seed: int = 1) -> Soaked:
     """Send at the rate; one message in ten is bad in a random way, one call in every half second of ticks."""
     random = np.random.default_rng(seed)
     client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
@@ -169,7 +169,7 @@ def main() -> None:
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
         given = ("mesh.file:=plate", f"executor:={arguments.executor}", f"learning.mode:={arguments.learning}")
-        rft = Harness(*(w for p in given for w in ("-p", p)), log=Path(folder) / "node.log").wait_ready()
+        rft = NodeProcess(*(w for p in given for w in ("-p", p)), log=Path(folder) / "node.log").wait_ready()
         result = soak(rft, seconds=arguments.seconds, rate=arguments.rate, seed=arguments.seed)
         status = rft.stop()
         print(result)

@@ -35,8 +35,8 @@ def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targ
     assert ramp.wrench == (0.0,) * 6
 
 
-def test_it_follows_the_prediction_and_returns_to_zero_whatever_ends_the_estimates(start_node):
-    rft = start_node(
+def test_it_follows_the_prediction_and_returns_to_zero_whatever_ends_the_estimates(start_process):
+    rft = start_process(
         *("-p", "mesh.file:=plate", "-p", "feedforward.gain:=-1.0", "-p", f"feedforward.limit:=[{LIMIT}, {TORQUE}]"),
         *("-p", "feedforward.frame:=world_frame", "-p", f"feedforward.rise_time:={RISE}"),
         *("-p", "sensor.quaternion:=[1.0, 0.0, 0.0, 0.0]", "-p", "sensor.position:=[0.01, 0.0, 0.1]"),

@@ -3,14 +3,16 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import WAIT, set_stamp
+from harness import set_stamp
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
 from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, started
 
 from rft_ros.bags.writing import BagWriter
+from rft_ros.errors import InputError
 from rft_ros.ground import read_height_map
 
 CELL = 0.002
@@ -114,7 +116,6 @@ def test_a_cloud_in_another_frame_is_counted_and_the_node_lives(start_node):
     rft.until(counted)
 
 
-def test_a_ground_file_that_cannot_be_used_ends_the_node_with_a_sentence(start_node, tmp_path):
-    rft = start_node("-p", f"ground.cell:={CELL}", "-p", f"ground.file:={tmp_path / 'none.csv'}")
-    assert rft.process.wait(WAIT) == 2
-    assert "none.csv' cannot be read" in rft.log.read_text()
+def test_a_ground_file_that_cannot_be_used_is_refused_with_a_sentence(start_node, tmp_path):
+    with pytest.raises(InputError, match=r"none\.csv' cannot be read"):
+        started(start_node, {**GROUND, "ground.file": str(tmp_path / "none.csv")})

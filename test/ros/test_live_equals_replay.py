@@ -15,7 +15,7 @@ from rft_ros.bags.writing import BagWriter
 from rft_ros.parameters import checked, defaults
 
 PARAMETERS = {
-    "mesh.file": "ellipsoid",
+    "mesh.file": "abb_plate",
     "medium.zeta": 0.33,
     "alpha_y.model": "linear",
     "sensor.position": [0.01, -0.02, 0.1],

@@ -2,7 +2,6 @@
 
 import importlib.util
 import math
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -17,17 +16,18 @@ from rosbags.typesys import Stores, get_typestore
 from test_live_equals_replay import TOPICS, assert_equal
 
 from rft_ros.bags.writing import BagWriter
+from rft_ros.errors import InputError
 
 STAND_IN = Path(__file__).with_name("stand_in")
-INSTALLED = importlib.util.find_spec("tf2_msgs") is not None
-ENVIRONMENT = {} if INSTALLED else {"PYTHONPATH": os.pathsep.join([str(STAND_IN), os.environ.get("PYTHONPATH", "")])}
+if importlib.util.find_spec("tf2_msgs") is None:
+    sys.path.insert(0, str(STAND_IN))
 TF = "tf2_msgs/msg/TFMessage"
 STORE = get_typestore(Stores.ROS2_JAZZY)
 PARAMETERS = {
     "pose_source": "tf",
     "sensor.frame_source": "tf",
     "twist_source": "pose_difference",
-    "mesh.file": "ellipsoid",
+    "mesh.file": "abb_plate",
     "world_frame": "sand",
 }
 
@@ -45,8 +45,6 @@ def transform(stamp, parent, child, position, quaternion=(0.0, 0.0, 0.0, 1.0)) -
 
 def transform_publishers(node):
     """Of /tf and /tf_static, as tf2_ros's broadcasters publish them."""
-    if not INSTALLED and str(STAND_IN) not in sys.path:
-        sys.path.insert(0, str(STAND_IN))
     from tf2_msgs.msg import TFMessage
 
     latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -59,7 +57,7 @@ def transform_publishers(node):
 @pytest.mark.parametrize("late", [0, 60_000_000], ids=["prompt", "late"])
 def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
     """At 500 Hz, with a load cell at 200 Hz and a fixed mounting of tool and cell."""
-    rft = start_node(*(a for k, v in PARAMETERS.items() for a in ("-p", f"{k}:={v}")), environment=ENVIRONMENT)
+    rft = start_node(*(a for k, v in PARAMETERS.items() for a in ("-p", f"{k}:={v}")))
     rft.get("mesh.file")
     publishers = transform_publishers(rft.node) | {"wrench_measured": rft.wrench}
     rft.until(lambda: all(p.get_subscription_count() > 0 for p in publishers.values()))
@@ -102,20 +100,16 @@ def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
     assert np.abs([w[2] for w in replayed["wrench_predicted"].values()]).max() > 0.1
 
 
-@pytest.mark.skipif(INSTALLED, reason="tf2_msgs is installed")
-def test_without_tf2_msgs_the_sentence_names_the_package():
-    command = [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "-p", "pose_source:=tf"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=WAIT)
-    assert done.returncode == 2
-    assert "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs" in (
-        done.stderr
-    )
+def test_without_tf2_msgs_the_sentence_names_the_package(start_node, monkeypatch):
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
+    words = "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs"
+    with pytest.raises(InputError, match=words):
+        start_node("-p", "pose_source:=tf")
 
 
 def test_the_doctor_finds_a_publisher_that_the_node_cannot_hear(start_node, tmp_path):
     """The node asks for reliable poses, as a user may; the arm publishes them best effort. And no twist comes."""
-    rft = start_node()
-    rft.get("mesh.file")
+    rft = start_node("-p", "qos_overrides./node0/rft/pose.subscription.reliability:=reliable")
     qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     arm = rft.node.create_publisher(PoseStamped, f"{rft.name}/pose", qos)
     rft.node.destroy_publisher(rft.pose)

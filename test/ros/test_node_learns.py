@@ -25,9 +25,10 @@ def press(rft, start, poses, stiffness):
     return start + poses * STEP
 
 
-def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_node, tmp_path):
+def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_node, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
     arguments = ("-p", "learning.mode:=apply", "-p", "mesh.file:=plate", "-p", "medium.zeta:=0.3")
-    rft = start_node(*arguments, environment={"ROS_HOME": str(tmp_path / "home")})
+    rft = start_node(*arguments)
     learned = []
     rft.node.create_subscription(JointState, f"{rft.name}/medium_learned", learned.append, 1000)
     rft.wait_ready()

@@ -18,8 +18,9 @@ def script(rft, word):
 
 
 def test_the_script_sets_a_parameter(rft):
-    said = subprocess.run(script(rft, "SetParameters"), capture_output=True, text=True, check=True)
-    assert "successful=True" in said.stdout
+    caller = subprocess.Popen(script(rft, "SetParameters"), stdout=subprocess.PIPE, text=True)
+    rft.until(lambda: caller.poll() is not None)
+    assert "successful=True" in caller.communicate()[0]
     assert rft.get("medium.zeta").double_value == 0.33
 
 
