@@ -118,7 +118,7 @@ def test_the_doctor_finds_a_publisher_that_the_node_cannot_hear(start_node, tmp_
     file.write_text("/**:\n  ros__parameters:\n    surface_height: 0.0\n")
     remaps = [f"--remap=~/{t}:={rft.name}/{t}" for t in ("pose", "twist", "wrench_measured")]
     doctor = subprocess.Popen(
-        [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--seconds", "8", *remaps],
+        [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--node", rft.name, "--seconds", "5", *remaps],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -137,7 +137,7 @@ def test_the_doctor_finds_a_publisher_that_the_node_cannot_hear(start_node, tmp_
     finally:
         doctor.kill()
     assert doctor.returncode == 1
-    assert "OK  node: rft runs" in said
+    assert f"OK  node: {rft.name} runs" in said
     assert f"FIX pose: peer publishes {rft.name}/pose so that rft cannot receive it" in said
     assert f"FIX twist: nothing on {rft.name}/twist; set twist_source: pose_difference" in said
     assert f"OK  wrench: 1 publishers on {rft.name}/wrench_measured, QoS compatible" in said
