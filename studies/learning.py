@@ -106,10 +106,16 @@ class Series:
     zeta_error: float = 0.0
 
     @property
+    def steps(self) -> Array:
+        """Path of the fastest point since the sample before [m], shape [n]."""
+        return np.concatenate([[0.0], 0.5 * (self.speeds[1:] + self.speeds[:-1]) * np.diff(self.stamps) * 1e-9])
+
+    @property
     def path(self) -> Array:
         """Path of the fastest point in the grains [m], shape [n]."""
-        steps = 0.5 * (self.speeds[1:] + self.speeds[:-1]) * np.diff(self.stamps) * 1e-9
-        return np.concatenate([[0.0], np.cumsum(steps * (self.rows[1:, 6] > 0.0))])
+        wet = self.rows[:, 6] > 0.0
+        wet[0] = False
+        return np.cumsum(self.steps * wet)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -130,9 +136,10 @@ def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learn
     learning = Learning(lag=lag, reach=series.reach)
     measured = series.forces if forces is None else forces
     out, surprise = np.empty((len(series.stamps), 12)), np.zeros(len(series.stamps), dtype=np.int64)
+    steps = series.steps
     for k, stamp in enumerate(series.stamps.tolist()):
-        row, speed, passing = series.rows[k], float(series.speeds[k]), bool(series.passing[k])
-        out[k] = learning.predict(stamp, row, speed=speed, passing=passing)
+        row, step, passing = series.rows[k], float(steps[k]), bool(series.passing[k])
+        out[k] = learning.predict(stamp, row, step=step, passing=passing)
         learning.learn(stamp, measured[k])
         surprise[k] = learning.surprise
     return Learned(out=out, surprise=surprise, learning=learning)

@@ -1,0 +1,246 @@
+"""The filter: a belief of four numbers θ = (s_v, s_h, ρ, δ) that corrects the model's force, and what a force tells it.
+
+s_v and s_h scale the vertical and the horizontal part of the model's force F (any law, rule or memory; world axes, z
+up), ρ turns the horizontal part about the vertical, and δ [m] moves the surface:
+
+    F' = [ s_h (Fx, Fy) + ρ (-Fy, Fx);  s_v Fz ] + δ dF/dh  =  H θ                                  (L1)
+
+F' is linear in θ, so the torque follows from the same θ and the sums Σ r_j f_l over the plates. The path of the tool's
+fastest point takes the place of time. Equation numbers are those of docs/learning.md, which has the data behind the
+constants: lengths are path [m], deviations are standard deviations.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft.compilation import inlined
+
+__all__ = ["FILTER", "GAUSSIAN", "absorb", "begin", "begin_again", "copy", "correct", "design", "dot", "grow"]
+
+_PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
+_PRIOR_SURFACE = 0.003  # deviation of δ [m]
+_NOISE = 0.093  # deviation over the predicted force
+_NOISE_FLOOR = 0.025  # deviation [N]
+_NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
+_GATE = 3.0  # a larger innovation, in deviations, is reduced to this
+_LEVER = 0.07  # deviation of the point where the force acts, over the tool's reach
+_STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
+_SURFACE_MOST = 0.03  # of |δ| [m]
+_VARIANCE_MOST = 1.0  # of s_v, s_h and ρ
+_SURFACE_VARIANCE_MOST = 1e-4  # of δ [m²]
+_SCALE_RISE, _SCALE_FALL = 0.0025, 0.005  # of the mean of the squared errors, while it grows and while it falls
+_SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
+
+
+def _covariance(common: float, each: float, surface: float) -> NDArray[np.float64]:
+    p = np.diag([each**2, each**2, each**2, surface**2])
+    p[:2, :2] += common**2
+    return p
+
+
+_GROWTH = _covariance(0.153, 0.23, 0.00126) / 0.01  # of P over a metre of path: G of (L2)
+
+GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
+"""Mean and covariance of θ."""
+
+FILTER = [
+    ("latest", GAUSSIAN),  # after the last record taken
+    ("push", GAUSSIAN),  # the same, without what withdrawals and fast motion taught
+    ("prior", GAUSSIAN),
+    ("learned", float),  # path of the last record that taught
+    ("scale", float, 3),  # c of (L6) by component; x and y are equal
+    ("fitted", float, 3),  # work space
+    ("s", float, (3, 3)),
+    ("gain", float, 4),
+    ("a", float, (4, 4)),
+]
+"""Fields of a state that the functions below use."""
+
+
+def begin(state, strength_error: float) -> None:  # type: ignore[no-untyped-def]
+    """Set a state to the calibration, whose ζ has this relative standard error."""
+    state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
+    state["prior"]["p"] = _covariance(strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
+    state["latest"] = state["push"] = state["prior"]
+    state["scale"] = 1.0
+
+
+@inlined
+def dot(a, b):  # type: ignore[no-untyped-def]
+    """Σ a_i b_i."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * b[i]
+    return total
+
+
+@inlined
+def _form(a, m, b):  # type: ignore[no-untyped-def]
+    """aᵀ M b."""
+    total = 0.0
+    for i in range(a.shape[0]):
+        total += a[i] * dot(m[i], b)
+    return total
+
+
+@inlined
+def _mahalanobis(s, y, predicted):  # type: ignore[no-untyped-def]
+    """eᵀ S⁻¹ e of e = y - predicted, by the Cholesky factor of S, shape [3, 3]; finite if S is nearly singular."""
+    l00 = math.sqrt(s[0, 0])
+    l10, l20 = s[1, 0] / l00, s[2, 0] / l00
+    l11 = math.sqrt(max(s[1, 1] - l10 * l10, 1e-12 * s[1, 1]))
+    l21 = (s[2, 1] - l20 * l10) / l11
+    l22 = math.sqrt(max(s[2, 2] - l20 * l20 - l21 * l21, 1e-12 * s[2, 2]))
+    u = (y[0] - predicted[0]) / l00
+    v = (y[1] - predicted[1] - l10 * u) / l11
+    w = (y[2] - predicted[2] - l20 * u - l21 * v) / l22
+    return u * u + v * v + w * w
+
+
+@inlined
+def copy(target, source):  # type: ignore[no-untyped-def]
+    """Copy a belief."""
+    for i in range(4):  # assigning arrays compiles numba's error for shapes that differ: 4 s each
+        target.theta[i] = source.theta[i]
+        for j in range(4):
+            target.p[i, j] = source.p[i, j]
+
+
+@inlined
+def design(h, row):  # type: ignore[no-untyped-def]
+    """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
+    f, g, m = row[0:3], row[7:10], row[10:19]  # F, dF/dh, and Σ r_j f_l row by row
+    square = dot(f, f)
+    per_force = dot(f, g) / square if square > 0.0 else 0.0
+    h[0, 0], h[0, 1], h[0, 2], h[0, 3] = 0.0, f[0], -f[1], g[0]
+    h[1, 0], h[1, 1], h[1, 2], h[1, 3] = 0.0, f[1], f[0], g[1]
+    h[2, 0], h[2, 1], h[2, 2], h[2, 3] = f[2], 0.0, 0.0, g[2]
+    h[3, 0], h[3, 1], h[3, 2] = m[5], -m[7], -m[6]
+    h[4, 0], h[4, 1], h[4, 2] = -m[2], m[6], -m[7]
+    h[5, 0], h[5, 1], h[5, 2] = 0.0, m[1] - m[3], m[0] + m[4]
+    for i in range(3, 6):
+        h[i, 3] = per_force * (h[i, 0] + h[i, 1])
+
+
+@inlined
+def _bound(belief):  # type: ignore[no-untyped-def]
+    """Keep θ where the model has a meaning, P symmetric, and the variances of what is not observed finite."""
+    theta, p = belief.theta, belief.p
+    for i in range(2):
+        theta[i] = min(max(theta[i], _STRENGTH_LEAST), _STRENGTH_MOST)
+    theta[2] = min(max(theta[2], -theta[1]), theta[1])
+    theta[3] = min(max(theta[3], -_SURFACE_MOST), _SURFACE_MOST)
+    for i in range(4):
+        most = _VARIANCE_MOST if i < 3 else _SURFACE_VARIANCE_MOST
+        if p[i, i] > most:
+            share = math.sqrt(most / p[i, i])
+            for j in range(4):
+                p[i, j] *= share
+                p[j, i] *= share
+    for i in range(4):
+        for j in range(i):
+            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
+
+
+@inlined
+def grow(belief, path):  # type: ignore[no-untyped-def]
+    """P of (L2) after a path [m]."""
+    for i in range(4):
+        for j in range(4):
+            belief.p[i, j] += path * _GROWTH[i, j]
+    _bound(belief)
+
+
+@inlined
+def begin_again(belief, push, prior, elsewhere):  # type: ignore[no-untyped-def]
+    """The belief of the last push; `elsewhere`: after air, where surface and turn are those of the prior."""
+    copy(belief, push)
+    for i in range(2 if elsewhere else 4, 4):
+        belief.theta[i] = prior.theta[i]
+        for j in range(4):
+            belief.p[i, j] = prior.p[i, j]
+            belief.p[j, i] = prior.p[j, i]
+
+
+@inlined
+def _innovate(s, h, belief, r):  # type: ignore[no-untyped-def]
+    """S = H P Hᵀ + r I of the force."""
+    for i in range(3):
+        for j in range(3):
+            s[i, j] = _form(h[i], belief.p, h[j]) + (r if i == j else 0.0)
+
+
+@inlined
+def correct(now, scale, record, row, out, reach, apply):  # type: ignore[no-untyped-def]
+    """(L1), (L3) and (L4): write H, F', S and r to the record, wrench and deviations to `out`."""
+    h = record.h
+    design(h, row)
+    for i in range(3):
+        record.force[i] = row[i]
+        record.predicted[i] = dot(h[i], now.theta)
+    square = dot(record.predicted, record.predicted)
+    record.r = _NOISE**2 * square + _NOISE_FLOOR**2
+    _innovate(record.s, h, now, record.r)
+    for i in range(6):
+        model, learned = h[i, 0] + h[i, 1], dot(h[i], now.theta)
+        if i < 3:
+            variance = scale[i] * record.s[i, i]
+        else:
+            variance = max(scale[0], scale[2]) * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
+            variance += (_LEVER * reach) ** 2 * square
+        out[i] = learned if apply else model
+        out[6 + i] = math.sqrt(variance + (learned - out[i]) ** 2)  # without the correction its size is an error too
+
+
+@inlined
+def _adapt(scale, record, step):  # type: ignore[no-untyped-def]
+    """c of (L6) from the error of a prediction as it was made."""
+    y, predicted, s = record.y, record.predicted, record.s
+    flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
+    vertical = (y[2] - predicted[2]) ** 2 / s[2, 2]
+    for i in range(3):
+        square = min(vertical if i == 2 else flat, _SQUARE_MOST)
+        length = _SCALE_RISE if square > scale[i] else _SCALE_FALL
+        scale[i] = max(scale[i] + (1.0 - math.exp(-step / length)) * (square - scale[i]), 1e-6)  # else σ could vanish
+
+
+@inlined
+def _update(state, belief, h, y, variance):  # type: ignore[no-untyped-def]
+    """One component of the force into the belief, in Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ."""
+    gain, a = state.gain, state.a
+    for i in range(4):
+        gain[i] = dot(belief.p[i], h)
+    s = dot(h, gain) + variance
+    innovation = y - dot(h, belief.theta)
+    for i in range(4):
+        for j in range(4):
+            a[i, j] = belief.p[i, j] - gain[i] * gain[j] / s
+    for i in range(4):
+        gain[i] /= s
+        belief.theta[i] += gain[i] * innovation
+    for i in range(4):
+        ah = dot(a[i], h)
+        for j in range(4):
+            belief.p[i, j] = a[i, j] - ah * gain[j] + variance * gain[i] * gain[j]
+
+
+@inlined
+def absorb(state, record):  # type: ignore[no-untyped-def]
+    """A measured force into the belief: c, growth (L2), and an update with the noise of (L3), limited by the gate."""
+    belief, h, step = state.latest, record.h, record.path - state.learned
+    state.learned = record.path
+    _adapt(state.scale, record, step)
+    grow(belief, step)
+    for i in range(3):
+        state.fitted[i] = dot(h[i], belief.theta)
+    _innovate(state.s, h, belief, record.r)
+    distance = math.sqrt(_mahalanobis(state.s, record.y, state.fitted))
+    share = min(1.0, _GATE / max(distance, 1e-300))
+    variance = record.r * max(1.0, _NOISE_LENGTH / step)
+    for i in range(3):
+        _update(state, belief, h[i], state.fitted[i] + share * (record.y[i] - state.fitted[i]), variance)
+    _bound(belief)
+    if not record.passing:
+        copy(state.push, belief)

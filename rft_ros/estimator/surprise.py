@@ -1,0 +1,187 @@
+"""Whether the grains are as believed, and whether the load cell or the model cannot be right."""
+
+import math
+from enum import Enum, IntEnum
+
+from rft_ros.estimator.medium_filter import dot
+from rft_ros.rft.compilation import inlined
+
+__all__ = ["JUDGE", "BeliefIssue", "Surprise"]
+__all__ += ["FAULT", "STUCK", "compare", "feel_air", "find_issues", "judge", "offset_in_air", "watch_reading"]
+
+_ENTRY = 0.008  # not judged over this path [m] after entering, while δ is being learned
+_SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
+_SURPRISE_ON, _SURPRISE_OFF = 1.93, 1.0  # mean normalised error
+_SCORE_MOST = 4.0  # a larger normalised error counts as this
+_SHARE_MOST = 0.34  # of one sample in that mean: two spikes in a row are no surprise
+_SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
+_OPPOSING = 0.05  # [N]; below this the direction of a force is chance
+_RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
+_STUCK_LENGTH = 0.0005  # path [m] over which a cell that resolves the force does not repeat itself
+_STUCK_SAMPLES = 3
+_FELT = 0.2  # [N] in the air; a tared cell reads less
+_AIR_SAMPLES = 64.0  # of the mean in the air
+
+JUDGE = [
+    ("entered", float),  # path at which the tool last entered
+    ("felt", float),  # path of the last record with too small a force to compare
+    ("judged", float),  # path of the last record that was judged
+    ("score", float),  # means over _SURPRISE_LENGTH: normalised error, error [N], force [N]
+    ("excess", float),
+    ("size", float),
+    ("surprise", int),
+    ("along", float),  # means over _SUM_LENGTH: y·F, F·F, and dot, cross product and square of horizontal parts
+    ("square", float),
+    ("flat_along", float),
+    ("flat_cross", float),
+    ("flat_square", float),
+    ("repeated_path", float),  # of the reading that repeats, how often, and F' when it began
+    ("repeats", int),
+    ("repeated_from", float, 3),
+    ("last", float, 3),  # the last reading
+    ("quantum", float),  # least change of the reading that was seen [N]; 0 before any
+    ("air", float, 3),  # mean reading in the air [N]
+    ("air_samples", float),
+    ("issues", int),  # bits in the order of `BeliefIssue`
+    ("doubts", int),  # issues under which was learned
+]
+"""Fields of a state that the functions below use."""
+
+STUCK, _OPPOSED, _WEAK, _STRONG, _TURNED, _OFFSET, FAULT = 1, 2, 4, 8, 16, 32, 64
+"""Bits of issues in the order of `BeliefIssue`; `FAULT`: the force lies outside of what θ can be and must not teach."""
+
+
+class Surprise(IntEnum):
+    """Whether the grains are as believed."""
+
+    SOFTER = -1
+    NONE = 0
+    HARDER = 1
+
+
+class BeliefIssue(str, Enum):
+    """Why the load cell or the model cannot be right, whatever the grains; the value is a sentence."""
+
+    STUCK = "the load cell repeats the same reading while the tool moves: check its driver"
+    OPPOSED = "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh"
+    WEAK = "the measured force is below a fifth of the model's: check medium.zeta, surface_height and the mesh"
+    STRONG = "the measured force is over five times the model's: check medium.zeta, mesh.scale and surface_height"
+    TURNED = "the measured force is turned by over 45 degrees from the model's: check sensor.quaternion and the frames"
+    OFFSET = "the load cell reads a force in the air: call ~/tare there, or check sensor.bias and sensor.mass"
+
+    __str__ = str.__str__
+
+
+@inlined
+def _toward(mean, value, step, length):  # type: ignore[no-untyped-def]
+    """Exponential mean over `length` of path."""
+    return mean + (1.0 - math.exp(-step / length)) * (value - mean)
+
+
+@inlined
+def feel_air(state, y):  # type: ignore[no-untyped-def]
+    """A reading in the air, where a tared cell shows nothing."""
+    state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
+    for i in range(3):
+        state.air[i] += (y[i] - state.air[i]) / state.air_samples
+
+
+@inlined
+def watch_reading(state, record, y, step, repeated):  # type: ignore[no-untyped-def]
+    """Follow a reading that repeats itself, and the least change between two."""
+    if repeated:
+        state.repeated_path += step
+        state.repeats += 1
+        return
+    change = 0.0
+    for i in range(3):
+        change += (y[i] - state.last[i]) ** 2
+        state.last[i] = y[i]
+        state.repeated_from[i] = record.predicted[i]
+    change = math.sqrt(change)
+    state.quantum = min(change, 2.0 * state.quantum) if state.quantum > 0.0 else change
+    state.repeated_path, state.repeats = 0.0, 0
+
+
+@inlined
+def _is_stuck(state, record):  # type: ignore[no-untyped-def]
+    """Whether the reading repeats although it must have changed, or for longer than steps of the cell explain."""
+    if state.repeats < _STUCK_SAMPLES or state.repeated_path <= _STUCK_LENGTH:
+        return False
+    change = 0.0
+    for i in range(3):
+        change += (record.predicted[i] - state.repeated_from[i]) ** 2
+    size = math.sqrt(dot(record.predicted, record.predicted))
+    known = state.quantum > 0.0
+    moved = math.sqrt(change) > 2.0 * state.quantum + 0.25 * size
+    return (known and moved) or (state.repeated_path > _SUM_LENGTH and (moved or state.quantum < 0.1 * size))
+
+
+@inlined
+def compare(state, record, y, step):  # type: ignore[no-untyped-def]
+    """Means of the measured against the model's force."""
+    if record.passing:
+        return
+    f = record.force
+    flat, square = f[0] * f[0] + f[1] * f[1], dot(f, f)
+    if square < _OPPOSING**2:
+        state.felt = record.path
+    share = min(1.0, (_RATIO_MOST * math.sqrt(square) + _OPPOSING) / max(math.sqrt(dot(y, y)), 1e-300))
+    state.along = _toward(state.along, share * dot(y, f), step, _SUM_LENGTH)
+    state.square = _toward(state.square, square, step, _SUM_LENGTH)
+    state.flat_along = _toward(state.flat_along, share * (y[0] * f[0] + y[1] * f[1]), step, _SUM_LENGTH)
+    state.flat_cross = _toward(state.flat_cross, share * (y[1] * f[0] - y[0] * f[1]), step, _SUM_LENGTH)
+    state.flat_square = _toward(state.flat_square, flat, step, _SUM_LENGTH)
+
+
+@inlined
+def offset_in_air(state):  # type: ignore[no-untyped-def]
+    """What the cell read in the air [N]; 0 before enough of it."""
+    return math.sqrt(dot(state.air, state.air)) if 2.0 * state.air_samples >= _AIR_SAMPLES else 0.0
+
+
+@inlined
+def find_issues(state, record, wet):  # type: ignore[no-untyped-def]
+    """Set the issues. The model is judged from `_ENTRY` after the tool entered and after its force was felt."""
+    issues, square = 0 if wet else state.issues & STUCK, state.square
+    if offset_in_air(state) > max(_FELT, 0.1 * math.sqrt(square)):
+        issues |= _OFFSET
+    if wet and _is_stuck(state, record):
+        issues |= STUCK
+    if state.along < -(_OPPOSING**2):
+        issues |= FAULT
+    if square > 0.0 and state.judged - max(state.entered, state.felt) >= _ENTRY:
+        if state.along < 0.0:
+            issues |= _OPPOSED | FAULT
+        elif state.along < 0.2 * square:
+            issues |= _WEAK | (FAULT if state.along < 0.1 * square else 0)
+        elif state.along > 5.0 * square:
+            issues |= _STRONG
+        sideways = state.flat_square > 0.05 * square
+        if state.along >= 0.0 and sideways and abs(state.flat_cross) > state.flat_along:
+            issues |= _TURNED | FAULT
+    state.issues = issues
+
+
+@inlined
+def judge(state, record, y, step):  # type: ignore[no-untyped-def]
+    """The mean error along the predicted force, in its deviations by (L4), and whether it is a surprise."""
+    predicted = record.predicted
+    size = math.sqrt(dot(predicted, predicted))
+    if record.passing or record.path - state.entered < _ENTRY or not size > 0.0:
+        state.score = state.excess = state.size = 0.0
+    else:
+        error = dot(predicted, y) / size - size
+        variance = 0.0
+        for i in range(3):
+            variance += predicted[i] * dot(record.s[i], predicted)
+        variance *= max(1.0, state.scale[0], state.scale[2])
+        normalised = min(max(error * size / math.sqrt(variance), -_SCORE_MOST), _SCORE_MOST)
+        share = min(1.0 - math.exp(-step / _SURPRISE_LENGTH), _SHARE_MOST)
+        state.score += share * (normalised - state.score)
+        state.excess += share * (error - state.excess)
+        state.size += share * (size - state.size)
+    if abs(state.score) > _SURPRISE_ON:
+        state.surprise = 1 if state.score > 0.0 else -1
+    elif abs(state.score) < _SURPRISE_OFF:
+        state.surprise = 0
