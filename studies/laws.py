@@ -118,10 +118,11 @@ def _learned(run: DemRun, model: Law, length: float) -> Array:
         rows = wrenches(plates, model, states, sensitivities=True)
     learning = Learning(lag=LAG, reach=plates.reach)
     out = np.empty((len(states), 3))
+    speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
     for k, time in enumerate(run.times):
         stamp = round(1e9 * (1.0 + time - run.times[0]))
-        speed = float(np.linalg.norm(states[k, 7:10]) + plates.reach * np.linalg.norm(states[k, 10:13]))
-        out[k] = learning.predict(stamp, rows[k], speed=speed)[:3]
+        step = 0.5 * (speeds[k] + speeds[k - 1]) * (time - run.times[k - 1]) if k else 0.0
+        out[k] = learning.predict(stamp, rows[k], step=step)[:3]
         learning.learn(stamp, run.forces[k])
     return out
 

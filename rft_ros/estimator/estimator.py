@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Tare
-from rft_ros.estimator.quality import SURPRISE, QualityMonitor, inertial_speed, write_prior_sigma
+from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, write_prior_sigma
 from rft_ros.estimator.samples import (
     ABSURD,
     TIME_JUMP,
@@ -43,7 +43,6 @@ from rft_ros.rft import (
 
 __all__ = ["Estimator"]
 
-_WITHDRAWS = 0.5  # upward velocity over the speed of the fastest point
 _OF_SURFACE = ("surface_height", "world_frame", "tool_frame")  # settings that void what was learned of the surface
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
@@ -92,7 +91,8 @@ class Estimator:
         self._comparison = Comparison(self._wrenches, self.counts, self._learn)
         self._tare = Tare()
         self._memory: Memory | None = None
-        self._remembered = 0  # stamp [ns] of the memory's last state
+        self._before: tuple[PoseSample, float] | None = None  # the last pose that was evaluated, and its speed
+        self._withdrawal = Withdrawal()
         self._quality = QualityMonitor(model.tool)
         self.model = model
         self._background = background
@@ -195,11 +195,11 @@ class Estimator:
             if settings.sensor_frame != self.settings.sensor_frame:
                 self.finish()
                 self._wrenches.clear()
+            if settings.load_cell != self.settings.load_cell and self.learning is not None:
+                self.learning.forget_air()
             if (settings.world_frame, settings.tool_frame) != (self.settings.world_frame, self.settings.tool_frame):
-                for samples in (self._twists, self._places, self._clouds):
-                    samples.clear()
-                self._difference.reset()
-                self._quality = QualityMonitor(self.model.tool)
+                self._twists.clear()
+                self._leave()
             self.settings = settings
             self._apply(settings)
         self._keep_or_begin_learning(*old)
@@ -259,7 +259,7 @@ class Estimator:
 
     def _begin_memory(self, model: Model) -> None:
         self._memory = Memory(model.tool.plates) if model.mobilization_length > 0.0 else None
-        self._remembered = 0
+        self._before = None
 
     # --- transforms, twists and load cell
 
@@ -416,13 +416,14 @@ class Estimator:
             self._tare.disturb(pose.stamp, f"the tool's velocity was unknown ({no_velocity.value})")
             return no_velocity
         speed = self._speed()
-        area = self._evaluate(pose.stamp, speed)
+        path, duration = self._moved(pose, speed)
+        area = self._evaluate(duration, speed)
         in_grains = area > 0.0
         if in_grains:
             self._tare.disturb(pose.stamp, "the tool was in the grains")
         else:
             self._tare.hang(pose)
-        self._correct(pose.stamp, speed)
+        self._correct(pose.stamp, path, speed)
         if in_grains and speed < self.settings.rest_speed and self._memory is None:
             self._state, self._candidate = self._candidate, self._state
             return Reason.AT_REST
@@ -430,7 +431,7 @@ class Estimator:
         if not math.hypot(*numbers[:12]) < ABSURD:
             return Reason.ESTIMATE_NOT_FINITE
         self._state, self._candidate = self._candidate, self._state
-        self._comparison.add(pose.stamp, numbers[:12], self._frame, pose.quaternion)
+        self._comparison.add(pose.stamp, numbers[:12], self._frame, pose.quaternion, in_air=not in_grains)
         quality_flags = self._quality.flags(
             self._state[0],
             speed=speed,
@@ -439,9 +440,9 @@ class Estimator:
             settings=self.settings,
             law=self.model.law,
             surface=self._surface,
+            withdraws=self._withdrawal.path > 0.0,
+            learning=self.learning,
         )
-        if self.learning is not None and self.learning.surprise:
-            quality_flags |= SURPRISE
         fx, fy, fz, tx, ty, tz = numbers[:6]
         sx, sy, sz, ux, uy, uz = numbers[12:]
         wrench, sigma = (fx, fy, fz, tx, ty, tz), (sx, sy, sz, ux, uy, uz)
@@ -479,20 +480,26 @@ class Estimator:
         """Start a new run at `stamp` after a time jump: drop the samples of the run before."""
         self.counts[Reason.TIME_JUMP.value] += 1
         self._due = 0
-        self._tare = Tare()
-        self._quality = QualityMonitor(self.model.tool)
-        self._difference.reset()
-        self._begin_memory(self.model)
         self.finish()
-        self._places.clear()
-        self._last_cloud = 0
-        self.level_ground()
-        if self.learning is not None:
-            self.learning.leave()
+        self._leave()
         if self._twists and self._twists[-1].stamp - stamp >= TIME_JUMP:
             self._twists.clear()
         if self._wrenches and self._wrenches[-1].stamp - stamp >= TIME_JUMP:
             self._wrenches.clear()
+
+    def _leave(self) -> None:
+        """Drop what is told in world axes or of the time before: path, memory, map of the ground, where grains lie."""
+        self._tare = Tare()
+        self._quality = QualityMonitor(self.model.tool)
+        self._withdrawal = Withdrawal()
+        self._difference.reset()
+        self._begin_memory(self.model)
+        self._places.clear()
+        self._last_cloud = 0
+        self._surface = None
+        self.level_ground()
+        if self.learning is not None:
+            self.learning.leave()
 
     def _write_state(self, pose: PoseSample) -> Reason | None:
         """Write the pose and its velocity, world axes, to the candidate state; return the reason if it has none."""
@@ -532,10 +539,27 @@ class Estimator:
         vx, vy, vz, wx, wy, wz = self._candidate[0, 7:13].tolist()
         return math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.model.tool.plates.reach
 
-    def _evaluate(self, stamp: int, speed: float) -> float:
+    def _moved(self, pose: PoseSample, speed: float) -> tuple[float, float]:
+        """Path of the fastest point since the last pose [m], and its duration [s].
+
+        After a gap over `max_input_age` the path is the poses' displacement, and the duration what it takes.
+        """
+        before, self._before = self._before, (pose, speed)
+        if before is None:
+            return 0.0, 0.0
+        last, mean = before[0], 0.5 * sum(v if v >= self.settings.rest_speed else 0.0 for v in (before[1], speed))
+        duration = (pose.stamp - last.stamp) * 1e-9
+        if pose.stamp - last.stamp <= self._max_age or mean == 0.0:
+            return mean * duration, duration
+        cosine = abs(sum(a * b for a, b in zip(pose.quaternion, last.quaternion, strict=True)))
+        turn = 2.0 * math.acos(min(cosine, 1.0))
+        path = math.dist(pose.position, last.position) + self.model.tool.plates.reach * turn
+        return path, path / mean
+
+    def _evaluate(self, duration: float, speed: float) -> float:
         """Write the model's wrench at the candidate state to the result; returns the submerged area [m²].
 
-        With memory it also advances the memory to `stamp`, and sets the candidate's velocity to 0 at rest.
+        With memory it also advances the memory by `duration` [s], and sets the candidate's velocity to 0 at rest.
         """
         height, slope = self.settings.surface_height, LEVEL
         if self._ground is not None:
@@ -547,37 +571,36 @@ class Estimator:
             return float(self._result[0, 6])
         if speed < self.settings.rest_speed:  # noise at rest must not add to the path
             self._candidate[0, 7:13] = 0.0
-        self._duration[0] = (stamp - self._remembered) * 1e-9 if self._remembered > 0 else 0.0
-        self._remembered = stamp
+        self._duration[0] = duration
         wrenches_in_time(
             *scene, self._duration, self._memory, mobilization_length=self.model.mobilization_length,
             surface_height=height, slope=slope, out=self._result,
         )  # fmt: skip
         return float(self._result[0, 6])
 
-    def _correct(self, stamp: int, speed: float) -> None:
+    def _correct(self, stamp: int, path: float, speed: float) -> None:
         """Write the wrench, corrected in mode apply, and its standard deviations to the answer."""
         result, answer, reach = self._result[0], self._answer, self.model.tool.plates.reach
-        if self.learning is None or not math.hypot(*result.tolist()) < ABSURD:
+        velocity = self._candidate[0, 7:10].tolist()
+        if not math.hypot(*result.tolist()) < ABSURD:
+            answer[:6] = result[:6]
+            return
+        rises = speed >= self.settings.rest_speed and self._withdrawal.rises(velocity[2], speed, result)
+        if self.learning is None:
             answer[:6] = result[:6]
             write_prior_sigma(answer, zeta_error=self.settings.zeta_error, reach=reach)
-            return
-        vx, vy, vz = self._candidate[0, 7:10].tolist()
-        apply = self.settings.learning_mode == "apply"
-        answer[:] = self.learning.predict(
-            stamp,
-            result,
-            speed=speed if speed >= self.settings.rest_speed else 0.0,
-            passing=vz > _WITHDRAWS * speed or math.hypot(vx, vy, vz) > inertial_speed(self.model.law),
-            apply=apply,
-        )
-        if not apply:
-            answer[:6] = result[:6]
+        else:
+            fast = math.hypot(*velocity) > inertial_speed(self.model.law)
+            apply = self.settings.learning_mode == "apply"
+            answer[:] = self.learning.predict(stamp, result, step=path, passing=rises or fast, apply=apply)
+            if not apply:
+                answer[:6] = result[:6]
+        self._withdrawal.widen(answer, path, rises=rises, wet=bool(result[6] > 0.0))
 
-    def _learn(self, stamp: int, force: NDArray[np.float64] | None, repeated: bool) -> None:
+    def _learn(self, stamp: int, force: NDArray[np.float64] | None, repeated: bool, in_air: bool) -> None:
         """Take a final comparison: the compensated force in world axes, shape [3], or None."""
         if self.learning is not None:
-            self.learning.learn(stamp, force, repeated=repeated)
+            self.learning.learn(stamp, force, repeated=repeated, in_air=in_air)
 
 
 def _same(a: object, b: object) -> bool:

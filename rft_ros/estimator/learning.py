@@ -362,6 +362,11 @@ class Learning:
         weights /= weights.sum()
         return float(weights @ mean[:2]), math.sqrt(float(weights @ covariance @ weights))
 
+    @property
+    def disagrees(self) -> bool:
+        """Whether there are `issues`."""
+        return bool(self._state["issues"])
+
     def issues(self) -> list[BeliefIssue]:
         """Why the load cell or the model cannot be right."""
         return _issues(self._state["issues"])

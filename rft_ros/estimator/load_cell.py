@@ -104,6 +104,7 @@ class _Pending(NamedTuple):
     numbers: list[float]
     frame: LoadCellFrame
     quaternion: tuple[float, float, float, float]
+    in_air: bool
 
 
 class Comparison:
@@ -112,15 +113,15 @@ class Comparison:
     The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns].
     Without a sample after the stamp, the last one before it counts; that is decided once another input carries a stamp
     later by 1 s, or by `max_age` if that is longer. `samples`: the load cell's, in the order of their stamps; `counts`
-    gets the reasons. `learn` gets each final comparison: stamp, compensated force in world axes [N] or None, and
-    whether the raw reading repeats the one before.
+    gets the reasons. `learn` gets each final comparison: stamp, compensated force in world axes [N] or None, whether
+    the raw reading repeats the one before, and whether the tool was in the air.
     """
 
     def __init__(
         self,
         samples: deque[WrenchSample],
         counts: Counter[str],
-        learn: Callable[[int, NDArray[np.float64] | None, bool], None],
+        learn: Callable[[int, NDArray[np.float64] | None, bool, bool], None],
     ) -> None:
         self._samples = samples
         self._counts = counts
@@ -130,12 +131,18 @@ class Comparison:
         self.max_age = 0
 
     def add(
-        self, stamp: int, numbers: list[float], frame: LoadCellFrame, quaternion: tuple[float, float, float, float]
+        self,
+        stamp: int,
+        numbers: list[float],
+        frame: LoadCellFrame,
+        quaternion: tuple[float, float, float, float],
+        *,
+        in_air: bool,
     ) -> None:
         """Add an estimate: its stamp [ns], the prediction and the weight in the sensor frame, the tool's quaternion."""
         if len(self._pending) >= _MOST_PENDING:
             self._final.append(self._measured(self._pending.popleft()))
-        self._pending.append(_Pending(stamp, numbers, frame, quaternion))
+        self._pending.append(_Pending(stamp, numbers, frame, quaternion, in_air))
         self.settle(stamp)
 
     def settle(self, now: float) -> None:
@@ -154,7 +161,7 @@ class Comparison:
         return final
 
     def _measured(self, pending: _Pending) -> Measurement:
-        stamp, numbers, frame, quaternion = pending
+        stamp, numbers, frame, quaternion, in_air = pending
         before = after = None
         newest_first = reversed(self._samples)
         for sample in newest_first:
@@ -165,7 +172,7 @@ class Comparison:
         if before is None or stamp - before.stamp > self.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason.value] += 1
-            self._learn(stamp, None, False)
+            self._learn(stamp, None, False, in_air)
             return Measurement(stamp, None, None, reason)
         neighbour = next(newest_first, None)  # the sample before `before`; a repeated reading equals it
         # written out by component: loops take twice as long. a, d: force and torque, as measured, then compensated;
@@ -183,7 +190,7 @@ class Comparison:
         ax, ay, az = sign * (ax - bx) - wx, sign * (ay - by) - wy, sign * (az - bz) - wz
         dx, dy, dz = sign * (dx - ex) - ux, sign * (dy - ey) - uy, sign * (dz - ez) - uz
         repeated = neighbour is not None and neighbour.wrench == before.wrench
-        self._learn(stamp, frame.into_world(quaternion, (ax, ay, az)), repeated)
+        self._learn(stamp, frame.into_world(quaternion, (ax, ay, az)), repeated, in_air)
         residual = (ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz)
         return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 

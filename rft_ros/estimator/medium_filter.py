@@ -113,7 +113,7 @@ def design(h, row):  # type: ignore[no-untyped-def]
     """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
     f, g, m = row[0:3], row[7:10], row[10:19]  # F, dF/dh, and Σ r_j f_l row by row
     square = dot(f, f)
-    per_force = dot(f, g) / square if square > 0.0 else 0.0
+    per_force = dot(f, g) / square if square > 1e-200 else 0.0  # whose square does not lose its digits
     h[0, 0], h[0, 1], h[0, 2], h[0, 3] = 0.0, f[0], -f[1], g[0]
     h[1, 0], h[1, 1], h[1, 2], h[1, 3] = 0.0, f[1], f[0], g[1]
     h[2, 0], h[2, 1], h[2, 2], h[2, 3] = f[2], 0.0, 0.0, g[2]

@@ -7,6 +7,7 @@ from enum import Enum, IntFlag
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.estimator.learning import Learning
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import Law, Plates, edge_shares, rotation_matrix
@@ -31,10 +32,10 @@ class QualityFlag(IntFlag):
     """The tool crosses its own path, where the grains are looser."""
     CONCAVE = 16
     """Facets of the tool face each other; shadowed facets count in full."""
-    NEAR_FLAT = 32
-    """Published rule: much of the wet area is near-horizontal, where the direction e2 jumps."""
+    WITHDRAWAL = 32
+    """The tool rises: the law pulls it down, where grains let go within a millimetre."""
     KNIFE_EDGE = 64
-    """Published rule: much of the wet area moves nearly parallel to itself; rounding decides whether it leads."""
+    """Much of the wet area moves nearly parallel to itself: a degree decides how much of it leads."""
     DEEP = 128
     """More than 2 % deeper than `medium.calibrated_depth`."""
     SURPRISE = 256
@@ -43,6 +44,10 @@ class QualityFlag(IntFlag):
     """The ground around the tool is tilted by over 15°."""
     UNEVEN = 1024
     """The ground departs from a plane by over a quarter of the depth, as at a crest narrower than the tool."""
+    DISAGREEMENT = 2048
+    """The load cell and the model disagree by more than grains explain: one of the issues of learning."""
+    MESH = 4096
+    """The mesh is open, or has repeated or inverted facets; or its facets are too long for the published rule."""
 
 
 class Trust(str, Enum):
@@ -53,29 +58,27 @@ class Trust(str, Enum):
     NO = "NO"
 
 
-_DISTRUST = QualityFlag.INERTIAL | QualityFlag.KNIFE_EDGE
-
-
 def trust(quality_flags: int) -> Trust:
     """The trust in an estimate with these flags, a bitwise or of `QualityFlag`."""
-    if quality_flags & _DISTRUST:
+    if quality_flags & QualityFlag.INERTIAL:
         return Trust.NO
     return Trust.CAUTION if quality_flags else Trust.OK
 
 
-_INTEGRATION = "the published rule jumps there (integration: refined does not)"
 _SENTENCES = {
     QualityFlag.FAST: "faster than the model was checked (0.025 m/s; with medium.density 1 m/s)",
     QualityFlag.INERTIAL: "so fast that inertia matters (0.2 m/s; with medium.density unchecked over 1 m/s)",
     QualityFlag.NEAR_REST: "so slow that noise decides the direction",
     QualityFlag.WAKE: "in its own wake, where grains are looser",
     QualityFlag.CONCAVE: "a hollow tool, whose shadowed facets count in full",
-    QualityFlag.NEAR_FLAT: f"nearly horizontal faces: {_INTEGRATION}",
-    QualityFlag.KNIFE_EDGE: f"faces moving along themselves: {_INTEGRATION}",
+    QualityFlag.WITHDRAWAL: "rising, where grains let go sooner than the law says",
+    QualityFlag.KNIFE_EDGE: "faces moving along themselves, where a degree changes much of the force",
     QualityFlag.DEEP: "deeper than the calibration",
     QualityFlag.SURPRISE: "grains harder or softer than learned",
     QualityFlag.STEEP: "ground tilted by over 15 degrees",
     QualityFlag.UNEVEN: "ground uneven over the width of the tool",
+    QualityFlag.DISAGREEMENT: "load cell and model disagree beyond what grains explain",
+    QualityFlag.MESH: "a mesh with faults, which count in the force",
 }
 
 
@@ -120,14 +123,13 @@ def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: 
 
 
 # plain integers, in the order of `_SENTENCES`: an operation on IntFlag takes a microsecond
-_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _NEAR_FLAT, _KNIFE_EDGE, _DEEP, SURPRISE, _STEEP, _UNEVEN = map(
-    int, _SENTENCES
-)
+_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _WITHDRAWAL, _KNIFE_EDGE, _DEEP = map(int, list(_SENTENCES)[:8])
+_SURPRISE, _STEEP, _UNEVEN, _DISAGREEMENT, _MESH = map(int, list(_SENTENCES)[8:])
 
 _FAST_SPEED = 0.025  # m/s
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
-_FLAT_SHARE = 0.1  # of the wet area
-_EDGE_SHARE = 0.4  # more than the narrow sides of a plate that moves straight down
+_HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
+_EDGE_SHARE = 0.4  # of the wet area; more than the narrow sides of a plate that moves straight down
 _DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
 _STEEP_SLOPE = math.tan(math.radians(15.0))
 _UNEVEN_SHARE = 0.25  # of the depth
@@ -139,13 +141,54 @@ def inertial_speed(law: Law) -> float:
     return 0.2 if law.inertia == 0.0 else 1.0
 
 
+class Withdrawal:
+    """Whether a tool rises in the grains, and the standard deviation there.
+
+    On the way up the law pulls the tool down, by a tenth to a quarter of the last push, where grains at first still
+    push, let go within a millimetre, and then resist by next to nothing. So σ covers what lies between.
+    """
+
+    _LETS_GO = 0.001  # m
+    _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
+
+    def __init__(self) -> None:
+        self.path = 0.0
+        """Path since the last push [m]; 0 while the tool pushes or is in the air."""
+        self._pushed = np.zeros(12)
+
+    def rises(self, upward: float, speed: float, result: NDArray[np.float64]) -> bool:
+        """Whether a tool that moves is withdrawn: by its velocities [m/s], or because the model pulls it down."""
+        pulled = result[2] < -0.5 * math.sqrt(result[0] ** 2 + result[1] ** 2 + result[2] ** 2)
+        return bool(result[6] > 0.0 and (upward > self._UPWARDS * speed or pulled))
+
+    def widen(self, answer: NDArray[np.float64], path: float, *, rises: bool, wet: bool) -> None:
+        """Add what the grains may still do to the deviations of an answer, shape [12]; `path` since the last one [m].
+
+        A tool that pauses on its way up goes on to be withdrawn.
+        """
+        if not wet or not (rises or (path == 0.0 < self.path)):
+            self.path = 0.0
+            self._pushed[:] = answer if wet else 0.0
+            return
+        self.path += max(path, 1e-9)
+        _widen(answer, self._pushed, math.exp(-self.path / self._LETS_GO))
+
+
+@compiled
+def _widen(answer, pushed, left):  # type: ignore[no-untyped-def]
+    for i in range(6):
+        held = left * (abs(pushed[i] - answer[i]) + pushed[6 + i])
+        answer[6 + i] = math.sqrt(answer[6 + i] ** 2 + held * held + answer[i] * answer[i])
+
+
 class QualityMonitor:
     """Sets the quality flags of one tool's successive estimates."""
 
     def __init__(self, tool: Tool) -> None:
         self._plates: Plates = tool.plates
         self._path = _Path(tool)
-        self._tool_flags = _CONCAVE if any(issue.kind == "concave" for issue in tool.issues) else 0
+        kinds = {issue.kind for issue in tool.issues}
+        self._tool_flags = (_CONCAVE if "concave" in kinds else 0) | (_MESH if kinds - _HARMLESS else 0)
         self._countdown = 0
         self._slow_flags = 0
 
@@ -159,22 +202,27 @@ class QualityMonitor:
         settings: Settings,
         law: Law,
         surface: LocalSurface | None = None,
+        withdraws: bool = False,
+        learning: Learning | None = None,
     ) -> int:
         """Flags of the next estimate, at a state, shape [13], columns `rft_ros.rft.STATE`: bitwise or of `QualityFlag`.
 
         `speed`: as in `Estimate` [m/s]. `depth`: returns the depth of the lowest point [m]; called only if needed.
-        `surface`: around the tool, if the ground is a map.
+        `surface`: around the tool, if the ground is a map. `withdraws`: by `Withdrawal`.
         """
+        flags = 0
+        if learning is not None:
+            flags = (_SURPRISE if learning.surprise else 0) | (_DISAGREEMENT if learning.disagrees else 0)
         if not submerged:
             self._path.clear()
             self._countdown = 0
-            return 0
-        flags = 0
+            return flags
+        flags |= _WITHDRAWAL if withdraws else 0
         limit = inertial_speed(law)
         if speed > (_FAST_SPEED if law.inertia == 0.0 else limit):
-            flags = _FAST if speed <= limit else _FAST | _INERTIAL
+            flags |= _FAST if speed <= limit else _FAST | _INERTIAL
         elif speed < _NEAR_REST_FACTOR * settings.rest_speed:
-            flags = _NEAR_REST
+            flags |= _NEAR_REST
         if self._countdown == 0:
             self._countdown = _EVERY
             height = settings.surface_height
@@ -196,9 +244,8 @@ class QualityMonitor:
             flags |= _WAKE
         if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
             flags |= _DEEP
-        if self._plates.integration == "centroid":  # the refined rule does not jump
-            flat, edge = edge_shares(self._plates, state, surface_height=height)
-            flags |= (_NEAR_FLAT if flat > _FLAT_SHARE else 0) | (_KNIFE_EDGE if edge > _EDGE_SHARE else 0)
+        if edge_shares(self._plates, state, surface_height=height)[1] > _EDGE_SHARE:
+            flags |= _KNIFE_EDGE
         return flags
 
 

@@ -22,8 +22,10 @@ _OFF = "learning.mode is off"
 
 def surprise_sentence(learning: Learning) -> str:
     """A sentence: the grains are harder or softer than learned, and by how much."""
-    kind = "harder" if learning.surprise is Surprise.HARDER else "softer"
-    return f"grains {kind} than learned: force {100.0 * learning.belief().excess:+.0f} %"
+    kind, sign = ("harder", 1.0) if learning.surprise is Surprise.HARDER else ("softer", -1.0)
+    percent = 100.0 * learning.belief().excess
+    by = f": force {percent:+.0f} %" if percent * sign >= 1.0 else ""  # it is held until the error has settled
+    return f"grains {kind} than learned{by}"
 
 
 def saved(response: Trigger.Response, name: str, write: Callable[[Path], None]) -> Trigger.Response:
@@ -94,11 +96,15 @@ class LearnedMedium:
         """Answer the service: write a parameter file with the learned ζ and its error; the message has its path."""
         learning = self._estimator.learning
         learned = learning.strength() if learning is not None else None
-        if learned is None:
+        if learning is None or learned is None:
             response.message = f"not saved: {_OFF if learning is None else 'nothing was learned yet'}"
             return response
         strength, error = learned
         zeta = float(values["medium.zeta"]) * strength  # type: ignore[arg-type]
         new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
-        comment = "rft_node: medium.zeta learned from the load cell"
-        return saved(response, "rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment))
+        comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *map(str, learning.doubts())])
+        saved(response, "rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment))
+        if response.success and learning.doubts():
+            doubts = "; ".join(map(str, learning.doubts()))
+            response.message += f" (doubtful, it was learned while {doubts}; then call ~/forget and learn again)"
+        return response

@@ -1,5 +1,6 @@
 """Points of the ground in the estimator: when they count, what they change, and what refuses them."""
 
+import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -177,3 +178,22 @@ def test_without_a_thread_the_map_of_a_cloud_is_made_when_it_comes_and_not_on_th
     ground.advance(10**12)
     ground.level()
     assert len(made) == 1
+
+
+def test_a_new_world_frame_leaves_behind_all_that_is_told_in_the_old_axes():
+    """Memory and map: forces are those of an estimator that begins in the new frame."""
+    model = replace(plate_model(), mobilization_length=0.003)
+
+    def pushed(e, start):
+        found = []
+        for k in range(100):
+            stamp = start + 10 * k * MS
+            e.push_twist(twist(stamp, (0.01, 0.0, -0.01), frame="new"))
+            found.append(e.push_pose(pose(stamp, (1e-4 * k, 0.0, -1e-4 * k - 0.02), frame="new")).predicted)
+        return found
+
+    moved = on_map(model=model)
+    forces(moved, [cloud(START + 100 * MS, 0.005)])
+    moved.use(settings=replace(moved.settings, world_frame="new"))
+    assert math.isnan(moved.surface.depth)
+    assert pushed(moved, START + 10 * SECOND) == pushed(on_map(model=model, world_frame="new"), START + 10 * SECOND)

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, twist, wrench
 
 from rft_ros.estimator import Estimate, LoadCell
-from rft_ros.estimator.quality import QualityFlag
+from rft_ros.estimator.learning import BeliefIssue
+from rft_ros.estimator.quality import QualityFlag, Trust, trust
 from rft_ros.parameters import defaults, read_parameter_file, settings_of, write_parameter_file
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
@@ -78,6 +79,68 @@ def test_a_load_cell_that_repeats_itself_soon_teaches_no_more():
     before = press.estimator.learning.belief().vertical
     press.push(200, reading=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     assert press.estimator.learning.belief().vertical == pytest.approx(before, abs=0.2)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05])
+def test_a_load_cell_dead_from_the_start_is_named_and_leaves_the_model_as_it_is(noise):
+    """Zeros, and zeros with noise, in grains 1.6 times as strong as the model's."""
+    rng = np.random.default_rng(1)
+    press, fixed = Press(), Press("off")
+    issues = set()
+    for _ in range(500):
+        press.push(1, reading=[*rng.normal(0.0, noise, 6).tolist()])
+        issues.update(press.estimator.learning.issues())
+        fixed.push(1, 1.6)
+    true = np.array([r.wrench[2] for r in fixed.readings])
+    learned, told = (np.array([a.predicted[2] for a in p.answers]) for p in (press, fixed))
+    assert (BeliefIssue.WEAK if noise else BeliefIssue.STUCK) in issues
+    assert np.sqrt(np.mean((learned - true) ** 2)) < 2.0 * np.sqrt(np.mean((told - true) ** 2))
+    assert learned[-1] == pytest.approx(told[-1], rel=0.05)
+
+
+def test_a_coarse_cell_is_not_called_stuck_and_teaches():
+    """Steps of 1 N, no noise: a reading repeats over 1 to 2 mm."""
+    press, issues = Press(), set()
+    while press.depth < 0.05:
+        true = 1.6 * press.estimator.model.zeta * 400.0 * (press.depth + 1e-4)
+        press.push(1, reading=[0.0, 0.0, float(round(true)) or 1e-9, 0.0, 0.0, 0.0])
+        issues.update(press.estimator.learning.issues())
+    assert not issues
+    assert press.answers[-1].predicted[2] == pytest.approx(true, rel=0.1)
+
+
+def test_spikes_in_the_load_cell_are_no_surprise():
+    rng, press, turns = np.random.default_rng(4), Press(), 0
+    for _ in range(800):
+        before = press.estimator.learning.surprise
+        press.push(1, 1.0 + 100.0 * rng.normal() * (rng.random() < 0.03))
+        turns += press.estimator.learning.surprise is not before
+    assert turns <= 2
+
+
+def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust():
+    """It reads 2.4 N in the air."""
+    press = Press()
+    press.depth = -0.01
+    for k in range(300):
+        told = max(4.0 * 100.0 * (press.depth + 1e-4), 0.0)
+        press.push(1, reading=[0.0, 0.0, told + 2.4, 0.0, 0.0, 0.0])
+        if k == 99:
+            assert press.estimator.learning.issues() == [BeliefIssue.OFFSET]
+    assert "tare" in BeliefIssue.OFFSET
+    assert press.estimator.learning.doubts() == [BeliefIssue.OFFSET]
+    assert trust(press.answers[-1].quality_flags) is Trust.CAUTION
+    assert press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
+    assert press.estimator.learning.strength()[0] == pytest.approx(1.0, abs=0.4)
+    press.estimator.use(settings=replace(press.estimator.settings, load_cell=LoadCell(bias=(0, 0, 2.4, 0, 0, 0))))
+    press.push(1, reading=[0.0, 0.0, told + 2.4, 0.0, 0.0, 0.0])
+    assert not press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
+
+
+def test_a_silent_gap_at_rest_does_not_widen_sigma():
+    quick, slow = Press().push(300), Press().push(300)
+    slow.stamp += 100 * SECOND
+    assert slow.push(1).answers[-1].sigma[2] == pytest.approx(quick.push(1).answers[-1].sigma[2], rel=0.02)
 
 
 def test_withdrawal_does_not_change_the_strength_of_the_bed():

@@ -3,7 +3,17 @@
 import numpy as np
 import pytest
 
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, PoseSample, Reason, Settings, TransformSample
+from rft_ros.estimator import (
+    Estimate,
+    Estimator,
+    Model,
+    NoEstimate,
+    PoseSample,
+    Reason,
+    Settings,
+    TransformSample,
+    TwistSample,
+)
 from rft_ros.rft import MEDIA, Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
 from rft_ros.tool import load_tool
 
@@ -99,6 +109,31 @@ def test_a_time_jump_begins_a_new_memory():
     arm.stamp -= 3_000_000_000
     answers = [a for a in arm.move(0.0, 0.5) if isinstance(a, Estimate)]
     assert vertical(answers[-1]) == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_silent_gap_at_rest_changes_nothing_and_a_path_over_it_is_what_the_poses_say():
+    """A driver that publishes only in motion: rest for a second, then 0.1 mm up."""
+
+    def raised(silent):
+        e, stamp = Estimator(Settings(), model(0.003)), 0
+
+        def told(height, speed):
+            e.push_twist(TwistSample(stamp, "world", (0.0, 0.0, speed), (0.0, 0.0, 0.0)))
+            return vertical(e.push_pose(PoseSample(stamp, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0))))
+
+        for k in range(500):
+            stamp += PERIOD
+            told(0.005 - 8e-5 * k, -0.01)
+        for _ in range(125):
+            stamp += PERIOD
+            if not silent:
+                told(0.005 - 8e-5 * 499, 0.0)
+        for k in range(1, 6):
+            stamp += PERIOD
+            force = told(0.005 - 8e-5 * 499 + 2e-5 * k, 0.0025)
+        return force
+
+    assert raised(silent=True) == pytest.approx(raised(silent=False), rel=0.03)
 
 
 def test_leaving_the_grains_begins_a_new_memory():

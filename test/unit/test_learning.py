@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 SPEED = 0.01  # m/s
 LAG = 0.002  # m
 START = 10_000_000_000  # ns
+STEP = SPEED / 200.0  # m, at 200 Hz
 LEVER = np.array([0.01, 0.002, -0.02])
 
 
@@ -29,9 +30,12 @@ class Series:
     forces: Array
 
     @property
+    def steps(self) -> Array:
+        return np.concatenate([[0.0], 0.5 * (self.speeds[1:] + self.speeds[:-1]) * np.diff(self.stamps) * 1e-9])
+
+    @property
     def path(self) -> Array:
-        steps = 0.5 * (self.speeds[1:] + self.speeds[:-1]) * np.diff(self.stamps) * 1e-9
-        return np.concatenate([[0.0], np.cumsum(steps)])
+        return np.cumsum(self.steps)
 
 
 def row(force: Array, per_height: Array) -> Array:
@@ -58,7 +62,7 @@ def run(series: Series, learning: Learning, *, delay: int = 0, repeated: Array |
     n = len(series.stamps)
     for k in range(n + delay):
         if k < n:
-            out.append(learning.predict(int(series.stamps[k]), series.rows[k], speed=float(series.speeds[k])).copy())
+            out.append(learning.predict(int(series.stamps[k]), series.rows[k], step=float(series.steps[k])).copy())
         if k >= delay:
             j = k - delay
             learning.learn(int(series.stamps[j]), series.forces[j], repeated=repeated is not None and bool(repeated[j]))
@@ -81,7 +85,7 @@ def turned(series: Series, angle: float) -> Series:
 
 
 def test_before_any_measurement_the_prediction_is_the_models_and_its_error_the_priors() -> None:
-    out = learner(strength_error=0.4).predict(START, plunge().rows[-1], speed=SPEED)
+    out = learner(strength_error=0.4).predict(START, plunge().rows[-1], step=STEP)
     assert out[:6] == pytest.approx(plunge().rows[-1][:6], rel=1e-12)
     assert out[8] == pytest.approx(math.hypot(0.4, 0.3) * out[2], rel=0.1)
 
@@ -113,20 +117,19 @@ def test_a_world_turned_about_the_vertical_gives_turned_predictions_and_the_same
 @given(
     steps=st.lists(st.integers(1, 10_000_000_000), min_size=1, max_size=50),
     factor=st.floats(-10.0, 10.0),
-    speed=st.sampled_from([0.0, math.nan, -1.0]),
+    length=st.sampled_from([0.0, math.nan, -1.0]),
 )
 @settings(max_examples=20, deadline=None)
-def test_rest_changes_nothing(steps: list[int], factor: float, speed: float) -> None:
-    """For any duration [ns] and any force; a speed that is not one counts as rest."""
+def test_rest_changes_nothing(steps: list[int], factor: float, length: float) -> None:
+    """For any duration [ns] and any force; a path that is not one counts as none."""
     series = plunge(seed=1, depth=0.02)
     learning = learner()
     run(series, learning)
     stamp = int(series.stamps[-1]) + 1_000_000
-    learning.predict(stamp, series.rows[-1], speed=0.0)  # the step from motion to rest is still a path
     before = learning.theta.tobytes(), learning.covariance.tobytes()
     for step in steps:
         stamp += step
-        learning.predict(stamp, series.rows[-1], speed=speed)
+        learning.predict(stamp, series.rows[-1], step=length)
         learning.learn(stamp, factor * series.forces[-1])
     assert (learning.theta.tobytes(), learning.covariance.tobytes()) == before
 
@@ -177,8 +180,7 @@ _FORCE = st.one_of(st.none(), st.lists(st.floats(), min_size=3, max_size=3))
             st.integers(-5, 60),  # step of the stamp [ms]
             st.lists(_NUMBER, min_size=18, max_size=18),
             st.sampled_from([0.0, 1e-3]),  # submerged area
-            st.floats(),  # speed
-            st.booleans(),
+            st.floats(),  # path
             st.booleans(),
             _FORCE,
             st.integers(-1, 3),  # samples learned, or another stamp
@@ -187,15 +189,15 @@ _FORCE = st.one_of(st.none(), st.lists(st.floats(), min_size=3, max_size=3))
     )
 )
 @settings(max_examples=100, deadline=None)
-@example(calls=[(1, [0.0] * 18, 1e-3, 0.1, False, True, [1e300, 1e300, 1e300], 1)] * 5)
-@example(calls=[(10, [0.0] * 18, 1e-3, 1e3, False, True, [0.0, 0.0, 0.0], 1)] * 30)
+@example(calls=[(1, [0.0] * 18, 1e-3, 0.1, False, [1e300, 1e300, 1e300], 1)] * 5)
+@example(calls=[(10, [0.0] * 18, 1e-3, 1e3, False, [0.0, 0.0, 0.0], 1)] * 30)
 def test_for_any_input_the_covariance_is_symmetric_positive_definite_and_all_is_finite(calls: list) -> None:  # type: ignore[type-arg]
     learning = learner()
     stamp = START
-    for milliseconds, numbers, area, speed, passing, teaches, force, count in calls:
+    for milliseconds, numbers, area, step, passing, force, count in calls:
         stamp += milliseconds * 1_000_000
         rows = np.array([*numbers[:6], area, *numbers[6:]])
-        out = learning.predict(stamp, rows, speed=speed, passing=passing, teaches=teaches)
+        out = learning.predict(stamp, rows, step=step, passing=passing)
         assert np.isfinite(out).all()
         assert (out[6:9] > 0.0).all()
         for _ in range(count):
@@ -216,7 +218,7 @@ def test_a_sample_teaches_at_most_once() -> None:
     once, twice = learner(), learner()
     run(series, once)
     for k, stamp in enumerate(series.stamps):
-        twice.predict(int(stamp), series.rows[k], speed=SPEED)
+        twice.predict(int(stamp), series.rows[k], step=float(series.steps[k]))
         twice.learn(int(stamp), series.forces[k])
         twice.learn(int(stamp), 5.0 * series.forces[k])
     assert once.theta.tobytes() == twice.theta.tobytes()
@@ -229,7 +231,7 @@ def test_a_layer_that_doubles_the_force_within_2_mm_is_reported_within_3_mm(firs
     layer = 1.0 + (factor - 1.0) * np.clip((series.path - first) / 0.002, 0.0, 1.0)
     learning = learner()
     for k, stamp in enumerate(series.stamps):
-        learning.predict(int(stamp), series.rows[k], speed=SPEED)
+        learning.predict(int(stamp), series.rows[k], step=STEP)
         learning.learn(int(stamp), layer[k] * series.forces[k])
         if series.path[k] < first:
             assert learning.surprise is Surprise.NONE
@@ -245,25 +247,10 @@ def test_a_hole_is_softer() -> None:
     learning = learner()
     found = set()
     for k, stamp in enumerate(series.stamps):
-        learning.predict(int(stamp), series.rows[k], speed=SPEED)
+        learning.predict(int(stamp), series.rows[k], step=STEP)
         learning.learn(int(stamp), series.forces[k] * (0.2 if series.path[k] > 0.03 else 1.0))
         found.add(learning.surprise)
     assert found == {Surprise.NONE, Surprise.SOFTER}
-
-
-def test_strength_that_grows_slowly_is_reported_by_its_drift() -> None:
-    """An e-fold in 33 mm is no jump: predictions 2 mm old are 6 % off."""
-    series = plunge(seed=8, depth=0.1)
-    growing = np.exp(np.clip(series.path - 0.02, 0.0, None) / 0.033)
-    learning = learner()
-    for k, stamp in enumerate(series.stamps):
-        learning.predict(int(stamp), series.rows[k], speed=SPEED)
-        learning.learn(int(stamp), growing[k] * series.forces[k])
-        if learning.surprise is not Surprise.NONE:
-            break
-    assert learning.surprise is Surprise.HARDER
-    assert learning.belief().drift > 3.0
-    assert abs(learning.belief().surprise) < 2.4
 
 
 FAULTS = {
@@ -292,7 +279,7 @@ def test_a_load_cell_that_fails_for_10_mm_does_no_lasting_harm_and_is_named(
     learning, healthy = learner(), learner()
     issues = set()
     for k, stamp in enumerate(series.stamps):
-        learning.predict(int(stamp), series.rows[k], speed=SPEED)
+        learning.predict(int(stamp), series.rows[k], step=STEP)
         learning.learn(int(stamp), forces[k], repeated=bool(repeated[k]))
         if bad[k]:
             issues.update(learning.issues())
@@ -310,7 +297,7 @@ def test_a_thin_tip_that_enters_first_does_not_let_noise_question_the_load_cell(
     forces = rows[:, :3] + np.random.default_rng(3).normal(0.0, noise, (len(rows), 3))
     learning = learner()
     for k, stamp in enumerate(series.stamps):
-        learning.predict(int(stamp), rows[k], speed=SPEED)
+        learning.predict(int(stamp), rows[k], step=STEP)
         learning.learn(int(stamp), forces[k])
         assert not learning.issues(), k
 
@@ -352,13 +339,13 @@ def test_the_strength_survives_a_withdrawal_in_which_the_grains_let_go() -> None
         stamp += 5_000_000
         back = -0.2 * down.rows[-1 - k]
         back[6] = 1e-3
-        learning.predict(stamp, back, speed=SPEED, passing=True)
+        learning.predict(stamp, back, step=STEP, passing=True)
         learning.learn(stamp, np.array([0.0, 0.0, 0.01 * k]))
     assert learning.theta[0] < 0.5
     for _ in range(200):
         stamp += 5_000_000
-        learning.predict(stamp, np.zeros(19), speed=SPEED)
-    out = learning.predict(stamp + 5_000_000, down.rows[200], speed=SPEED)
+        learning.predict(stamp, np.zeros(19), step=STEP)
+    out = learning.predict(stamp + 5_000_000, down.rows[200], step=STEP)
     assert out[2] / down.rows[200][2] == pytest.approx(pushed, rel=0.05)
     assert learning.surprise is Surprise.NONE
 
@@ -367,11 +354,11 @@ def test_a_jump_back_in_time_keeps_the_strength_and_no_record() -> None:
     series = plunge(strength=1.8, seed=12)
     learning = learner()
     run(series, learning)
-    out = learning.predict(int(series.stamps[0]), series.rows[-1], speed=SPEED)
+    out = learning.predict(int(series.stamps[0]), series.rows[-1], step=STEP)
     assert out[2] / series.rows[-1][2] == pytest.approx(1.8, rel=0.1)
     learning.learn(int(series.stamps[5]), 5.0 * series.forces[5])
     for stamp in series.stamps[1:]:
-        learning.predict(int(stamp), series.rows[-1], speed=SPEED)
+        learning.predict(int(stamp), series.rows[-1], step=STEP)
     assert learning.theta[0] == pytest.approx(1.8, rel=0.1)
 
 
@@ -379,7 +366,7 @@ def test_without_measurements_it_answers_for_ever() -> None:
     series = plunge()
     learning = learner()
     for k in range(5000):
-        out = learning.predict(START + k * 5_000_000, series.rows[500], speed=0.3)
+        out = learning.predict(START + k * 5_000_000, series.rows[500], step=1.5e-3)
     assert out[:3] == pytest.approx(series.rows[500][:3])
 
 
@@ -390,15 +377,6 @@ def test_a_narrow_prior_is_left_slowly_and_a_wide_one_within_2_cm() -> None:
     late = series.path > 0.02
     error = np.linalg.norm(out[late, :3] - series.forces[late], axis=1) / np.linalg.norm(series.forces[late], axis=1)
     assert np.median(error) < 0.1
-
-
-def test_what_must_not_be_learned_changes_nothing() -> None:
-    series = plunge(strength=3.0)
-    learning = learner()
-    for k, stamp in enumerate(series.stamps):
-        learning.predict(int(stamp), series.rows[k], speed=SPEED, teaches=False)
-        learning.learn(int(stamp), series.forces[k])
-    assert learning.theta.tolist() == [1.0, 1.0, 0.0, 0.0]
 
 
 @pytest.mark.parametrize("column", [0, 2, 5, 8, 15])
@@ -418,8 +396,8 @@ def test_observing_leaves_the_wrench_and_widens_its_error_by_the_correction() ->
     series = plunge(strength=1.5, seed=14)
     observing, applying = learner(), learner()
     for k, stamp in enumerate(series.stamps):
-        a = observing.predict(int(stamp), series.rows[k], speed=SPEED, apply=False)
-        b = applying.predict(int(stamp), series.rows[k], speed=SPEED)
+        a = observing.predict(int(stamp), series.rows[k], step=STEP, apply=False)
+        b = applying.predict(int(stamp), series.rows[k], step=STEP)
         observing.learn(int(stamp), series.forces[k])
         applying.learn(int(stamp), series.forces[k])
     assert a[:6] == pytest.approx(series.rows[-1][:6], rel=1e-9)
