@@ -30,7 +30,7 @@ _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
 _SURFACE_MOST = 0.03  # of |δ| [m]
 _VARIANCE_MOST = 1.0  # of s_v, s_h and ρ
 _SURFACE_VARIANCE_MOST = 1e-4  # of δ [m²]
-_SCALE_RISE, _SCALE_FALL = 0.0025, 0.005  # of the mean of the squared errors, while it grows and while it falls
+_SCALE_RISE, _SCALE_FALL = 0.0025, 0.004  # of the mean of the squared errors, while it grows and while it falls
 _SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
 
 

@@ -20,7 +20,7 @@ def replays(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     bag = write_ros2(folder / "plunge", plunge(noise=3e-5))
     outs = [folder / "one", folder / "two"]
-    params = values(integration="centroid", learning__mode="observe")  # centroid flags a horizontal plate
+    params = values(integration="centroid", learning__mode="observe")
     summaries = [replay(bag, out, params, report=True, figures=True) for out in outs]
     return summaries[0], outs
 
@@ -118,9 +118,7 @@ def test_quality_flags_are_in_the_table_the_summary_and_the_page(replays, page):
     assert any(counted.values())
     assert all(not r["quality_flags"] for r in rows if r["reason"])
     assert summary.trust["OK"] == sum(not r["quality_flags"] and not r["reason"] for r in rows)
-    assert summary.trust["NO"] == sum(
-        "knife_edge" in r["quality_flags"] or "inertial" in r["quality_flags"] for r in rows
-    )
+    assert summary.trust["NO"] == sum("inertial" in r["quality_flags"] for r in rows)
     for name, count in counted.items():
         assert (f"<td>{name}</td><td>{count:,}</td>" in page) == (count > 0)
 
