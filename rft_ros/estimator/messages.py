@@ -37,6 +37,7 @@ TYPES: dict[Role, str] = {
 UNREADABLE = (ValueError, struct.error)
 """What a decoder raises for bytes that are not a message of its type."""
 
+_LONGEST_FRAME = 257  # bytes, with the NUL
 _Content = tuple[int, str, Any]  # stamp [ns], frame_id, tuple of doubles
 _Layout = tuple[struct.Struct, dict[int, struct.Struct]]
 
@@ -61,6 +62,8 @@ def _from_cdr(data: bytes, count: int) -> _Content:
         raise ValueError(f"encoding {data[:2].hex() or 'missing'} is not plain CDR")
     head, doubles = layout
     seconds, nanoseconds, length = head.unpack_from(data, 4)
+    if length > _LONGEST_FRAME:
+        raise ValueError("the frame's name is too long")
     frame = data[16 : 15 + length].decode()  # the length counts a final NUL
     aligned = 4 + (12 + length + 7) // 8 * 8
     return _stamp(seconds, nanoseconds), frame, doubles[count].unpack_from(data, aligned)
@@ -91,6 +94,8 @@ class _Fields:
 
     def text(self) -> str:
         (length,) = self.numbers("I")
+        if length > _LONGEST_FRAME:
+            raise ValueError("a name is too long")
         raw = self._data[self.at : self.at + length]
         self.at += length
         return raw.rstrip(b"\x00").decode()

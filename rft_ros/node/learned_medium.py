@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Estimate, Estimator
 from rft_ros.estimator.learning import BeliefIssue, Learning, Surprise
 from rft_ros.parameters import Values, write_parameter_file
@@ -18,6 +18,7 @@ from rft_ros.parameters import Values, write_parameter_file
 _PERIOD = 20_000_000  # ns, of the topic
 _NAMES = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
 _OFF = "learning.mode is off"
+_MOST_FILES = 100
 
 
 def surprise_sentence(learning: Learning) -> str:
@@ -29,11 +30,19 @@ def surprise_sentence(learning: Learning) -> str:
 
 
 def saved(response: Trigger.Response, name: str, write: Callable[[Path], None]) -> Trigger.Response:
-    """Answer a service that writes a file to $ROS_HOME or ~/.ros; {} in `name` becomes the time."""
+    """Answer a service that writes a file to $ROS_HOME or ~/.ros; {} in `name` becomes the time.
+
+    Anyone on the network may call it, so that the folder takes a hundred files of a name.
+    """
     # Not ROS time: simulated time begins at 1970 each time and would repeat names.
     moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
-    file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / name.format(moment)
+    folder = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
+    file = folder / name.format(moment)
     try:
+        with file_errors(f"folder '{folder}'", "written"):
+            folder.mkdir(parents=True, exist_ok=True)
+            if len([*folder.glob(name.format("*"))]) >= _MOST_FILES:
+                raise InputError(f"not saved: folder '{folder}' has {_MOST_FILES} such files; move them away")
         write(file)
     except InputError as error:
         response.message = str(error)

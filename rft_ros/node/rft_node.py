@@ -1,7 +1,7 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -22,7 +22,7 @@ from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSampl
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
 from rft_ros.estimator.tool_poses import ToolPoses, push
 from rft_ros.files import checked_file
-from rft_ros.ground import write_height_map
+from rft_ros.ground import HeightMap, write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.learned_medium import LearnedMedium, saved
@@ -65,6 +65,8 @@ class RftNode(Node):
         values = self._table.values
         # One thread: numba's loops release the GIL, so that a tick does not wait for a cloud.
         self._background = ThreadPoolExecutor(1)
+        self._saved: Future[None] = Future()
+        self._saved.set_result(None)
         files = model_files(values)
         parts = worker.load_now(files)  # trimesh stays out of this process
         model = model_of(values, **parts._asdict())
@@ -280,4 +282,17 @@ class RftNode(Node):
         if ground is None or np.isnan(ground.heights).all():
             response.message = f"not saved: {_NO_GROUND if ground is None else 'no height is known yet'}"
             return response
-        return saved(response, "rft_ground_{}.npz", lambda file: write_height_map(file, ground))
+        if not self._saved.done():
+            response.message = "not saved: the map before it is still being saved"
+            return response
+        return saved(response, "rft_ground_{}.npz", lambda file: self._save(file, ground))
+
+    def _save(self, file: Path, ground: HeightMap) -> None:
+        """Write a map in the background; the file appears when it is whole."""
+
+        def log(saved: Future[None]) -> None:
+            if error := saved.exception():
+                self.get_logger().error(f"map of the ground not saved: {error}")
+
+        self._saved = self._background.submit(write_height_map, file, ground)
+        self._saved.add_done_callback(log)

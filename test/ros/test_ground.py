@@ -87,7 +87,15 @@ def test_services_level_and_save_the_ground(start_node, tmp_path):
     assert rft.call(Trigger, "level_ground", Trigger.Request()).success
     saved = rft.call(Trigger, "save_ground", Trigger.Request())
     assert saved.success
+    rft.until(Path(saved.message).exists)  # it appears when it is whole
     assert np.array_equal(*(read_height_map(Path(name), CELL).points() for name in (file, saved.message)))
+
+
+def test_services_that_save_do_not_fill_the_disk(tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    answers = [saved(Trigger.Response(), "rft_ground_{}.npz", Path.touch) for _ in range(101)]
+    assert all(a.success for a in answers[:100])
+    assert not answers[100].success and "has 100 such files" in answers[100].message
 
 
 def test_on_a_level_plane_the_services_say_so(start_node):
