@@ -27,6 +27,7 @@ __all__ = [
     "read_yaml",
     "refuse_overwriting",
     "whole",
+    "whole_folder",
 ]
 
 MAX_BYTES = 256 * 2**20
@@ -141,6 +142,27 @@ def whole(file: Path, what: str = "output") -> Iterator[Path]:
             part.replace(place)
         finally:
             part.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
+    """A new folder inside `folder`, whose content takes the place of the files and folders `names` at the end.
+
+    After an exception, they stay. Raises InputError where something cannot be written.
+    """
+    with file_errors(f"output folder '{folder}'", "written"):
+        part = folder / f".{os.getpid()}.part"
+        part.mkdir(parents=True)
+        try:
+            yield part
+            for old in (folder / name for name in names):
+                if old.is_dir():
+                    shutil.rmtree(old)
+                old.unlink(missing_ok=True)
+            for new in part.iterdir():
+                new.replace(folder / new.name)
+        finally:
+            shutil.rmtree(part)
 
 
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:

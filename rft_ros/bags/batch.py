@@ -7,7 +7,8 @@ from typing import Any
 
 from rft_ros.bags.reading import bag_name
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_line, metrics
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
+from rft_ros.files import whole
 
 __all__ = ["comparison_lines", "folder_names", "replay_each"]
 
@@ -52,6 +53,5 @@ def replay_each(
         else:
             content["bags"][name] = outcome.content()
         yield name, outcome
-    with file_errors(f"output folder '{out}'", "written"):
-        out.mkdir(parents=True, exist_ok=True)
-        (out / "summary.json").write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    with whole(out / "summary.json") as part:
+        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")

@@ -17,7 +17,7 @@ from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.statistics import Group, count_flags, statistics
 from rft_ros.bags.summary import Summary
 from rft_ros.bags.writing import BagWriter, check_replaceable
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
 from rft_ros.estimator import (
     Estimate,
     Estimator,
@@ -31,18 +31,24 @@ from rft_ros.estimator import (
 )
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.warm_up import warm_up
+from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
-from rft_ros.parameters import Values, model_of, settings_of
+from rft_ros.parameters import Values, model_of, named_files, settings_of
 
-__all__ = ["GROUND", "replay", "replay_model"]
+__all__ = ["GROUND", "replay", "replay_model", "results"]
 
 GROUND = "ground.csv"
 """The ground at the end, for `ground.file`."""
 
 # what a replay may write beside estimates/
 _FIGURES = ("force_over_time", "torque_over_time", "force_over_depth", "torque_over_depth", "learned", "residual")
-_FILES = ("estimates.csv", "summary.json", "wall.json", "report.html", GROUND)
 _PICTURES = tuple(f"{name}.png" for name in (*_FIGURES, "ground", "tool"))
+_FILES = ("estimates.csv", "summary.json", "wall.json", "report.html", GROUND, *_PICTURES)
+
+
+def results(out: Path) -> list[Path]:
+    """What a replay may write to the folder `out`."""
+    return [out / name for name in ("estimates", *_FILES)]
 
 
 def replay_model(values: Values) -> Model:
@@ -71,19 +77,14 @@ def replay(
     Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with a map
     of the ground `GROUND`, with `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters
     and versions give the same bytes, except in wall.json. Rows and messages are in the order in which the poses
-    arrived; each message has its pose's stamp. An earlier replay in `out` is removed once the bag is open.
+    arrived; each message has its pose's stamp. An earlier replay in `out` is replaced as a whole, at the end.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
     for a tare that is refused.
     """
     options = options or ReplayOptions()
     topics = topics_of(values, options.remap)
-    estimates, ground = out / "estimates", str(values["ground.file"])
-    place = bag.resolve()
-    if place == out.resolve() or estimates.resolve() in (place, place.parent):
-        raise InputError(f"bag '{bag}' is where the results would be written; choose another output folder")
-    if ground and Path(ground).expanduser().resolve() == (out / GROUND).resolve():
-        raise InputError(f"ground.file '{ground}' would be overwritten by the ground at the end; choose another folder")
+    refuse_overwriting(results(out), [bag, *named_files(values)])
     model = model or replay_model(values)
 
     began = time.perf_counter()
@@ -93,22 +94,18 @@ def replay(
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     motion = LowestPoint(estimator)
-    with file_errors(f"output folder '{out}'", "written"), ExitStack() as traces:
-        out.mkdir(parents=True, exist_ok=True)
-        trace = traces.enter_context(Trace(out))
-        learning_errors = LearningErrors(settings, model, traces, out)
+    check_replaceable(out / "estimates")
+    with whole_folder(out, ("estimates", *_FILES)) as part, ExitStack() as traces:
+        trace = traces.enter_context(Trace(part))
+        learning_errors = LearningErrors(settings, model, traces, part)
         with Recording(bag, topics, start=options.start, end=options.end) as recording:
-            if estimates.exists():  # of an earlier replay; its files must not stay beside those of this one
-                check_replaceable(estimates)
-                for name in (*_FILES, *_PICTURES):
-                    (out / name).unlink(missing_ok=True)
-            _write_estimates(recording, estimator, motion, trace, out, label or bag_name(bag), learning_errors)
+            _write_estimates(recording, estimator, motion, trace, part, label or bag_name(bag), learning_errors)
         if not recording.counts["pose"]:
             why = f" ({recording.damage})" if recording.damage else ""
             what = f"message on {topics['pose']}" if "pose" in topics else unposed(estimator)
             raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{why}")
         if estimator.ground is not None:
-            write_height_map(out / GROUND, estimator.ground)
+            write_height_map(part / GROUND, estimator.ground)
         whole, phases = statistics(trace)
         quality_flags, trust = count_flags(trace)
         estimator.counts.pop("estimates", 0)
@@ -129,9 +126,9 @@ def replay(
             phases=phases,
             seconds=time.perf_counter() - began,
         )
-        (out / "summary.json").write_text(summary.json(), encoding="utf-8")
+        (part / "summary.json").write_text(summary.json(), encoding="utf-8")
         wall = {"seconds": summary.seconds, "real_time_factor": summary.real_time_factor}
-        (out / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
+        (part / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
         if report or figures:
             from rft_ros.bags.replay_report import draw
 
@@ -139,7 +136,7 @@ def replay(
                 summary,
                 trace,
                 model,
-                out,
+                part,
                 vertical=motion.vertical_axis(),
                 page=report,
                 pictures=figures,

@@ -8,7 +8,15 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
+from rft_ros.commands.options import (
+    BAG,
+    number_option,
+    output_option,
+    recording,
+    recording_options,
+    refuse_inputs,
+    warn_of,
+)
 from rft_ros.errors import InputError, reason_of
 from rft_ros.progress import busy
 
@@ -60,7 +68,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.calibration.calibrate import PARTS, calibrate
     from rft_ros.calibration.calibrated_file import alpha_y_table, write_calibrated
     from rft_ros.calibration.track import read_track
-    from rft_ros.parameters import FILES
+    from rft_ros.parameters import named_files
 
     parts = tuple(arguments.fit or PARTS)
     for part in parts:
@@ -70,11 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
     if figure and figure.suffix.lower() != ".png":
         raise InputError(f"--figure '{figure}' does not end in .png")
     values, options = recording(arguments)
-    files = (arguments.params, *arguments.bags, *(Path(str(values[name])).expanduser() for name in FILES))
-    inputs = {file.resolve() for file in files} - {Path.cwd()}  # a parameter that is empty
-    for file in filter(None, (output, alpha_y_table(output), figure)):
-        if inputs & {file.resolve(), file.resolve().parent}:
-            raise InputError(f"'{file}' would overwrite an input or lie inside one; choose another output")
+    refuse_inputs(arguments, *filter(None, (output, alpha_y_table(output), figure)), also=named_files(values))
     values = mounted(arguments.bags[0], values, options)
     meshes = _meshes(arguments.mesh, [bag_name(bag) for bag in arguments.bags])
     tracks = [

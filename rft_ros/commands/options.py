@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from rft_ros.bags.playback import ReplayOptions
     from rft_ros.parameters import Values
     from rft_ros.rft import Law
@@ -117,6 +119,19 @@ def law_of(arguments: argparse.Namespace) -> "Law":
         return law_named(arguments.law, medium, alpha_y_model(name, medium, table), **numbers)
     except ValueError as error:
         raise InputError(str(error)) from None
+
+
+def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: "Iterable[Path]" = ()) -> None:
+    """Raise InputError where an output would overwrite an input: `also`, and each file that another argument names."""
+    from rft_ros.files import refuse_overwriting
+    from rft_ros.tool import locate_mesh
+
+    given = [value for name, value in vars(arguments).items() if name not in ("command", "output", "figure")]
+    words = [word for value in given for word in (value if isinstance(value, list) else [value])]
+    files = (Path(str(word).rpartition("=")[2]) for word in words if isinstance(word, str | Path))
+    mesh = getattr(arguments, "mesh", None)
+    meshes = [locate_mesh(mesh)] if isinstance(mesh, str) else []
+    refuse_overwriting(outputs, [*(file for file in files if file.exists()), *meshes, *also])
 
 
 def warn_of(tool: "Tool") -> None:

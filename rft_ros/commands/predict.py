@@ -14,6 +14,7 @@ from rft_ros.commands.options import (
     mesh_options,
     number_option,
     output_option,
+    refuse_inputs,
     surface_option,
     warn_of,
 )
@@ -51,6 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.states_file import read_states, wrenches_along, write_wrenches
     from rft_ros.tool import load_tool
 
+    refuse_inputs(arguments, arguments.output)
     times, states = read_states(arguments.states)
     tool = load_tool(
         arguments.mesh,

@@ -7,7 +7,15 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import MESH, integration_option, mesh_options, number_option, output_option, recording
+from rft_ros.commands.options import (
+    MESH,
+    integration_option,
+    mesh_options,
+    number_option,
+    output_option,
+    recording,
+    refuse_inputs,
+)
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -54,6 +62,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
     if arguments.output.suffix.lower() != SUFFIX:
         raise InputError(f"output '{arguments.output}' must end in {SUFFIX}, the suffix of reduced tools")
+    refuse_inputs(arguments, arguments.output)
     tool = load_tool(arguments.mesh, scale=arguments.scale, origin=arguments.origin, integration=arguments.integration)
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")

@@ -9,7 +9,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import BAG, number_option, output_option, recording, recording_options, warn_of
+from rft_ros.commands.options import (
+    BAG,
+    number_option,
+    output_option,
+    recording,
+    recording_options,
+    refuse_inputs,
+    warn_of,
+)
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -32,12 +40,16 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from rft_ros.bags.batch import comparison_lines, replay_each
+    from rft_ros.bags.batch import comparison_lines, folder_names, replay_each
     from rft_ros.bags.limits import read_limits
-    from rft_ros.bags.replay import replay, replay_model
+    from rft_ros.bags.replay import replay, replay_model, results
+    from rft_ros.parameters import named_files
 
     limits = read_limits(arguments.check) if arguments.check else []
     values, options = recording(arguments)
+    folders = [arguments.output / name for name in folder_names(arguments.bag)]
+    for folder in folders if len(folders) > 1 else [arguments.output]:
+        refuse_inputs(arguments, *results(folder), also=named_files(values))
     with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
     warn_of(model.tool)

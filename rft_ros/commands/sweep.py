@@ -6,7 +6,7 @@ rft sweep config/sweep_example.yaml -o out/sweep
 import argparse
 from pathlib import Path
 
-from rft_ros.commands.options import output_option
+from rft_ros.commands.options import output_option, refuse_inputs
 from rft_ros.errors import InputError
 
 
@@ -29,9 +29,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     if arguments.workers is not None and arguments.workers < 1:
         raise InputError(f"--workers is {arguments.workers}; it must be at least 1")
+    design, out = read_design(arguments.study), arguments.output
+    written = (out / name for name in ("study.json", "chunks", f"results.{arguments.format}"))
+    refuse_inputs(arguments, *written, also=design.files())
     report = sweep(
-        read_design(arguments.study),
-        arguments.output,
+        design,
+        out,
         scheduler=arguments.scheduler,
         workers=arguments.workers,
         form=arguments.format,

@@ -17,6 +17,7 @@ from rft_ros.commands.options import (
     output_option,
     recording,
     recording_options,
+    refuse_inputs,
     surface_option,
 )
 from rft_ros.errors import InputError
@@ -49,6 +50,7 @@ def run(arguments: argparse.Namespace) -> int:
     for option in next(g for g in arguments.own._action_groups if g.title == other)._group_actions:
         if getattr(arguments, option.dest) != option.default:
             raise InputError(f"{option.option_strings[0]} is {other}, not for '{arguments.source}'")
+    refuse_inputs(arguments, arguments.output)
     scene = _of_states(arguments) if of_states else _of_bag(arguments)
     with busy("drawing"):
         (write_animation_page if suffix == ".html" else write_film)(scene, arguments.output)
@@ -71,10 +73,11 @@ def _of_states(arguments: argparse.Namespace) -> "Animation":
 
 def _of_bag(arguments: argparse.Namespace) -> "Animation":
     from rft_ros.bags.playback import states_of
-    from rft_ros.parameters import model_of, settings_of
+    from rft_ros.parameters import model_of, named_files, settings_of
     from rft_ros.report.animation import animate_evenly
 
     values, options = recording(arguments)
+    refuse_inputs(arguments, arguments.output, also=named_files(values))
     model = model_of(values)
     times, states, ground = states_of(arguments.source, values, model, options)
     remembers = model.mobilization_length > 0.0

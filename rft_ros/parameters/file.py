@@ -9,13 +9,14 @@ import yaml
 from rft_ros.errors import InputError
 from rft_ros.files import read_yaml, whole
 from rft_ros.parameters.table import Value, Values, checked, defaults
-from rft_ros.tool import is_mesh_path
+from rft_ros.tool import is_mesh_path, locate_mesh
 
 __all__ = [
     "FILES",
     "NODE",
     "flat",
     "gives",
+    "named_files",
     "node_keys",
     "node_parameters",
     "parameter_tree",
@@ -108,6 +109,12 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
 
 FILES = ("mesh.file", "alpha_y.table", "ground.file")
 """Parameters that name a file, relative to the parameter file."""
+
+
+def named_files(values: Values) -> list[Path]:
+    """The files that the parameters of `FILES` name."""
+    named = {name: str(values[name]) for name in FILES if values[name]}
+    return [locate_mesh(file) if name == "mesh.file" else Path(file) for name, file in named.items()]
 
 
 def path_beside(folder: Path, name: str, path: str) -> str:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import file_errors
+from rft_ros.files import whole
 from rft_ros.report.animation import Animation, animation_figure
 from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line
 
@@ -197,6 +197,5 @@ def figure_page(figure: Any, *, title: str, name: str) -> str:
 
 def write_animation_page(scene: Animation, file: Path) -> None:
     """Write an animation as one HTML file; the same scene gives the same bytes. Raises InputError if this fails."""
-    with file_errors(f"output '{file}'", "written"):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(figure_page(animation_figure(scene), title=scene.title, name="animation"), encoding="utf-8")
+    with whole(file) as part:
+        part.write_text(figure_page(animation_figure(scene), title=scene.title, name="animation"), encoding="utf-8")

@@ -49,6 +49,11 @@ class Design:
     def __len__(self) -> int:
         return len(self.picked) if self.picked is not None else len(self.tools) * len(self.motions) * len(self.media)
 
+    def files(self) -> list[Path]:
+        """Its meshes and states files."""
+        states = (Path(entry["states_file"]) for entry in self.motions if "states_file" in entry)
+        return [*(locate_mesh(entry["mesh"]) for entry in self.tools), *states]
+
     def variant(self, index: int) -> Variant:
         """Variant number `index`, from 0."""
         k = self.picked[index] if self.picked is not None else index

@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
 _CELLS = 4096  # k-means groups at most this many; a finer tool is first divided into cells
+_CANCELLED = 1e-6  # length of a mean normal below which it has no direction, as of the two sides of a plate
 _ROUNDS = 6  # of k-means; more change the error less than its scatter
 
 
@@ -87,11 +88,13 @@ def _united(rows: Array, groups: Labels) -> Array:
     """One plate for each group, rows as `Plates.rows`; a group of one plate is that plate."""
     area = _totals(groups, rows[6])
     out = np.vstack([_means(groups, rows[6], rows[:6].T).T, area[None]])
+    alone, first = np.unique(groups, return_index=True)[1], np.bincount(groups) == 1
+    cancelled = np.linalg.norm(out[3:6], axis=0) < _CANCELLED
+    out[3:6, cancelled] = rows[3:6, alone[cancelled]]
     out[3:6] /= np.linalg.norm(out[3:6], axis=0)
     if len(rows) > 7:
         cosine = np.clip((rows[3:6] * out[3:6, groups]).sum(axis=0), -1.0, 1.0)
         out = np.vstack([out, _triangles(rows, groups, out), _fade(rows, groups, np.arccos(cosine))])
-    alone, first = np.unique(groups, return_index=True)[1], np.bincount(groups) == 1
     out[:, first] = rows[:, alone[first]]
     return out
 

@@ -14,6 +14,7 @@ from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, started
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.ground import read_height_map
+from rft_ros.node.learned_medium import saved
 
 CELL = 0.002
 START = 1_700_000_000_000_000_000

@@ -215,7 +215,7 @@ def test_a_whole_recording_without_metadata_is_not_replaced(tmp_path):
 def test_a_bag_in_the_output_is_not_replaced(tmp_path):
     replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
     file = tmp_path / "out" / "estimates" / "estimates.mcap"
-    with pytest.raises(InputError, match="is where the results would be written"):
+    with pytest.raises(InputError, match="would overwrite the input"):
         replay(file, tmp_path / "out", values())
     assert file.exists()
 

@@ -9,6 +9,7 @@ import zipfile
 import numpy as np
 import pytest
 
+from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.files import read_yaml, refuse_overwriting, whole
 from rft_ros.ground import read_height_map
@@ -129,3 +130,41 @@ def test_an_output_may_not_be_an_input_nor_lie_in_one_nor_hold_one(tmp_path):
         with pytest.raises(InputError, match="would overwrite the input"):
             refuse_overwriting([output], [given])
     refuse_overwriting([tmp_path / "bag.csv"], [bag])
+
+
+STATES = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.01,0,0,0,1,0,0,-0.01,0,0,0\n"
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "predict states.csv --mesh tool.stl -o states.csv",
+        "predict states.csv --mesh tool.stl -o tool.stl",
+        "predict states.csv --mesh tool.stl --alpha-y table.csv -o table.csv",
+        "predict states.csv --mesh file://{folder}/tool.stl -o tool.stl",
+        "view states.csv --mesh tool.stl -o link.html",
+        "reduce tool.npz -o tool.npz",
+        "reduce tool.stl --scene states.npz -o states.npz",
+        "replay bag --params cell.yaml -o .",
+        "replay bag --check out/summary.json -o out",
+        "replay bag --params out/report.html -o out",
+        "calibrate bag --params cell.yaml -o tool.stl",
+        "calibrate bag --params cell.yaml --mesh bag=fits.png --figure fits.png -o new.yaml",
+        "sweep study.yaml -o out",
+    ],
+)
+def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command):
+    monkeypatch.chdir(tmp_path)
+    for name in ("bag", "out"):
+        (tmp_path / name).mkdir()
+    cell = "/**: {ros__parameters: {mesh.file: tool.stl, alpha_y.table: estimates.csv}}\n"
+    contents = {"states.csv": STATES, "states.npz": "", "cell.yaml": cell, "out/report.html": cell, "tool.stl": ""}
+    contents |= {"table.csv": "0,0.1\n90,0.2\n", "tool.npz": "", "fits.png": "", "estimates.csv": "0,0.1\n90,0.2\n"}
+    contents |= {"out/summary.json": "estimates: {min: 1}", "out/results.csv": STATES}
+    contents["study.yaml"] = "{tools: [{mesh: plate}], motions: [{states_file: out/results.csv}], media: [{zeta: 1.0}]}"
+    for name, content in contents.items():
+        (tmp_path / name).write_text(content)
+    (tmp_path / "link.html").symlink_to("states.csv")
+    assert main(command.format(folder=tmp_path).split()) == 2
+    assert "would overwrite the input" in capsys.readouterr().err
+    assert {name: (tmp_path / name).read_text() for name in contents} == contents

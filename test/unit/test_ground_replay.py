@@ -85,7 +85,7 @@ def test_the_ground_of_one_replay_begins_the_next(bag, tmp_path):
 def test_the_ground_at_the_start_is_not_overwritten(bag, tmp_path):
     replay(bag, tmp_path / "a", values(ground__cell=CELL))
     before = (tmp_path / "a" / "ground.csv").read_bytes()
-    with pytest.raises(InputError, match="would be overwritten"):
+    with pytest.raises(InputError, match="would overwrite the input"):
         replay(bag, tmp_path / "a", values(ground__cell=CELL, ground__file=str(tmp_path / "a" / "ground.csv")))
     assert (tmp_path / "a" / "ground.csv").read_bytes() == before
 

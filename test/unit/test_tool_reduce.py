@@ -135,3 +135,8 @@ def test_a_scene_without_force_is_refused_with_a_sentence(count, height, message
 def test_a_single_facet_can_be_asked_to_be_reduced(tmp_path, rule):
     trimesh.Trimesh([[0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]]).export(tmp_path / "one.stl")
     assert len(load_tool(str(tmp_path / "one.stl"), integration=rule, tolerance=0.025).plates) == 1
+
+
+def test_a_thin_plate_may_become_one_plate():
+    """Normals that cancel have no mean."""
+    assert np.isfinite(load_tool("plate", tolerance=1.0).plates.rows).all()
