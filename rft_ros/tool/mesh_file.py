@@ -5,9 +5,9 @@ import logging
 import math
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
@@ -32,6 +32,8 @@ _SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
 # trimesh starts another mesh at these lines, which reorders the facets and drops those with NaN.
 _SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n]*"}
 
+_PLY_CORNERS = ("vertex_indices", "vertex_index")
+_FLAT = 1e-6  # of a polygon's largest triangle: the area of an inverted one that rounding may explain
 _TOO_BIG = 1e60  # beyond this, squared areas overflow
 
 _SCHEMES = "package://", "file://"
@@ -101,7 +103,46 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
         raise InputError(f"mesh file '{path}' has vertices with {loaded.vertices.shape[1]} coordinates instead of 3")
     if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
         raise InputError(f"mesh file '{path}' has facets with vertices that are not in it")
+    if overlapping := sum(map(_overlapping_fans, _polygons(data, path, loaded))):
+        raise InputError(
+            f"mesh file '{path}' has {overlapping:,} concave polygons, which would become facets that overlap;"
+            " export it with triangles only"
+        )
     return _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
+
+
+def _polygons(data: bytes, path: Path, loaded: "trimesh.Trimesh") -> Iterator[NDArray[np.float64]]:
+    """Corners of the polygons with n corners that a file has, for each n over 3; shape [k, n, 3], any unit."""
+    groups: list[tuple[Any, Any]] = []  # points and indices
+    suffix = path.suffix.lower()
+    if suffix == ".obj":
+        text = data.replace(b"\\\n", b"")
+        lines = re.findall(rb"(?m)^\s*f((?:[ \t]+[^\s#]+){4,})", text)
+        rows = re.findall(rb"(?m)^\s*v\s+(\S+\s+\S+\s+\S+)", text) if lines else []
+        points = np.array(b" ".join(rows).split(), dtype=np.float64).reshape(-1, 3)
+        groups = [(points, [[int(corner.split(b"/")[0]) - 1 for corner in line.split()] for line in lines])]
+    elif suffix == ".ply":
+        face = loaded.metadata["_ply_raw"]["face"]["data"]
+        name = next(name for name in _PLY_CORNERS if name in (face if isinstance(face, dict) else face.dtype.names))
+        groups = [(loaded.vertices, face[name] if isinstance(face, dict) else face[name]["f1"])]
+    elif suffix == ".dae" and re.search(b"<(polylist|polygons)[ >]", data):
+        import collada  # type: ignore[import-untyped]
+
+        meshes = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError]).geometries
+        lists = [p for mesh in meshes for p in mesh.primitives if isinstance(p, collada.polylist.Polylist) and len(p)]
+        groups = [(p.vertex, np.split(p.vertex_index, p.polystarts[1:])) for p in lists]
+    for points, polygons in groups:
+        sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
+        for n in np.unique(sizes[sizes > 3]):
+            yield points[np.array([polygons[k] for k in np.flatnonzero(sizes == n)], dtype=np.int64)]
+
+
+def _overlapping_fans(corners: NDArray[np.float64]) -> int:
+    """How many polygons are concave so that a fan from their first corner overlaps; corners: shape [k, n, 3]."""
+    spokes = corners[:, 1:] - corners[:, :1]
+    doubled = np.cross(spokes[:, :-1], spokes[:, 1:])
+    along = np.einsum("kni,ki->kn", doubled, doubled.sum(axis=1))
+    return int((along.min(axis=1) < -_FLAT * np.abs(along).max(axis=1)).sum())
 
 
 def _check_placement(scale: float, origin: Sequence[float]) -> None:

@@ -1,5 +1,6 @@
 """Reading mesh files: every format, placed and scaled; and the sentence for each file that cannot be used."""
 
+import re
 import sys
 
 import numpy as np
@@ -75,6 +76,45 @@ def test_squares_become_triangles(tmp_path):
     mesh = read_mesh(tmp_path / "square.obj", scale=1.0, origin=ORIGIN)
     assert len(mesh.faces) == 2
     assert mesh.area == pytest.approx(1.0)
+
+
+U = np.array([(0, 0), (30, 0), (30, 40), (20, 40), (20, 10), (10, 10), (10, 40), (0, 40)], dtype=float)
+L = np.array([(10, 10), (10, 30), (0, 30), (0, 0), (30, 0), (30, 10)], dtype=float)  # its first corner sees all others
+DART = np.array([(0, 0), (-3, 10), (0, 30), (-10, 10)], dtype=float)
+POSITIONS = '<input offset="0" semantic="VERTEX" source="#verts-array-vertices" />'
+
+
+def prism(folder, outline, suffix):
+    """A prism of 20 mm whose caps are one polygon each."""
+    n = len(outline)
+    points = [(x, y, z) for z in (0.0, 20.0) for x, y in outline]
+    faces = [[0, *range(1, n)[::-1]], [*range(n, 2 * n)], *([i, (i + 1) % n, n + (i + 1) % n, n + i] for i in range(n))]
+    lines = [" ".join(map(str, p)) for p in points]
+    path = folder / f"prism.{suffix}"
+    if suffix == "obj":
+        text = "".join(f"v {line}\n" for line in lines)
+        text += "".join("f " + " ".join(f"{i + 1}//1" for i in f) + "\n" for f in faces)
+    elif suffix == "ply":
+        text = f"ply\nformat ascii 1.0\nelement vertex {2 * n}\nproperty float x\nproperty float y\nproperty float z\n"
+        text += f"element face {n + 2}\nproperty list uchar int vertex_indices\nend_header\n" + "\n".join(lines) + "\n"
+        text += "".join(f"{len(f)} {' '.join(map(str, f))}\n" for f in faces)
+    else:
+        text = trimesh.creation.box().export(file_type="dae").decode()
+        text = re.sub(r'count="24"( id="verts[^>]*>)[^<]*', rf'count="{6 * n}"\g<1>{" ".join(lines)}', text)
+        text = text.replace('<accessor count="8" source="#verts', f'<accessor count="{2 * n}" source="#verts')
+        corners = "".join(f"<p>{' '.join(map(str, f))}</p>" for f in faces)
+        polygons = f'<polygons count="{n + 2}">{POSITIONS}{corners}</polygons>'
+        text = re.sub(r"(?s)<triangles.*</triangles>", polygons, text)
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize("suffix", ["obj", "ply", "dae"])
+def test_concave_polygons_that_readers_divide_wrongly_are_refused(tmp_path, suffix):
+    for outline in (U, DART):
+        assert "has 2 concave polygons" in refused(prism(tmp_path, outline, suffix))
+    mesh = read_mesh(prism(tmp_path, L, suffix), scale=1.0, origin=ORIGIN)
+    assert mesh.area == pytest.approx(2 * 500.0 + 20.0 * 120.0)
 
 
 @pytest.mark.parametrize("suffix", ["glb", "dae"])
