@@ -74,6 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
     save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
     print(f"{tool.name} for {reduction.motions}, {plates.integration}: {reduction} -> {arguments.output}")
+    origin = " ".join(f"{v:g}" for v in arguments.origin)
+    print(f"its lengths are the mesh's: use it with the same scale, {arguments.scale:g}, and origin, {origin}")
     return 0
 
 

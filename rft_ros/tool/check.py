@@ -24,7 +24,11 @@ _COARSE_SHARE = 0.5  # of the area
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 
 
-_Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
+_Surface = Literal[
+    "not_closed", "crowded", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"
+]
+    "not_closed", "crowded", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,11 +82,12 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     joined.update_faces((a != b) & (b != c) & (c != a))
     facets = np.bincount(joined.edges_unique_inverse)
     open_edges, crowded = int((facets == 1).sum()), int((facets > 2).sum())
-    if open_edges or crowded:
-        yield MeshIssue(
-            "not_closed",
-            f"the surface is not closed (open edges: {open_edges:,}; edges of three or more facets: {crowded:,})",
-        )
+    several = f"edges of three or more facets: {crowded:,}"
+    if open_edges:
+        tail = f"; {several}" if crowded else ""
+        yield MeshIssue("not_closed", f"the surface is not closed (open edges: {open_edges:,}{tail})")
+    elif crowded:
+        yield MeshIssue("crowded", f"parts of the surface touch ({several})")
 
     # consistently wound facets traverse their common edge in opposite directions
     direction = np.where(joined.edges[:, 0] == joined.edges_sorted[:, 0], 1.0, -1.0)
@@ -128,7 +133,8 @@ def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     if share > _CONCAVE_SHARE:
         yield MeshIssue(
             "concave",
-            f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it",
+            f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it;"
+            " if grains fill them, use the convex hull (docs/where-it-fails.md)",
         )
 
 

@@ -171,8 +171,11 @@ def describe_tool(tool: Tool) -> list[str]:
         lines.append(f"reduced for {tool.reduction.motions}: {tool.reduction}")
     for axis, low, high in zip("xyz", used.min(axis=0), used.max(axis=0), strict=True):
         lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
+    below = -1e3 * tool.lowest_point(np.eye(3))
+    side = "below" if below >= 0.0 else "above"
+    lines.append(f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)")
     lines.append(f"area: {tool.facets.area * 1e6:.1f} mm²")
-    if not {"not_closed", "inconsistent_winding"} & {f.kind for f in tool.issues}:
+    if not {"not_closed", "crowded", "inconsistent_winding"} & {f.kind for f in tool.issues}:
         volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
         lines.append(f"volume: {volume * 1e9:.1f} mm³")
     return lines + [f"warning: {f.message}" for f in tool.issues]

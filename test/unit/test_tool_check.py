@@ -46,7 +46,7 @@ def test_check_leaves_the_mesh_alone():
 def test_a_hole_is_not_closed():
     mesh = ball()
     holed = of(mesh.vertices, mesh.faces[1:])
-    assert found(holed) == {"not_closed": "the surface is not closed (open edges: 3; edges of three or more facets: 0)"}
+    assert found(holed) == {"not_closed": "the surface is not closed (open edges: 3)"}
 
 
 def test_an_edge_of_three_facets_is_not_closed():
@@ -55,6 +55,19 @@ def test_an_edge_of_three_facets_is_not_closed():
     a, b = mesh.faces[0, :2]
     message = found(of(vertices, np.vstack([mesh.faces, [a, b, len(vertices) - 1]])))["not_closed"]
     assert message == "the surface is not closed (open edges: 2; edges of three or more facets: 1)"
+
+
+def test_closed_parts_that_share_an_edge_are_not_called_open():
+    block = trimesh.creation.box(extents=(0.02, 0.02, 0.02))
+    beside = block.vertices + np.array([0.02, 0.02, 0.0])
+    both = of(np.vstack([block.vertices, beside]), np.vstack([block.faces, block.faces + 8]))
+    assert found(both)["crowded"] == "parts of the surface touch (edges of three or more facets: 1)"
+    assert "not_closed" not in found(both)
+
+
+def test_hollows_point_to_the_advice_on_hulls():
+    bowl = trimesh.creation.annulus(r_min=0.018, r_max=0.02, height=0.02)
+    assert "use the convex hull (docs/where-it-fails.md)" in found(bowl)["concave"]
 
 
 def test_a_turned_facet_has_inconsistent_winding():
