@@ -27,8 +27,6 @@ _SAMPLED = 2000  # facets, and points, in the check for hollows
 _Surface = Literal[
     "not_closed", "crowded", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"
 ]
-    "not_closed", "crowded", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"
-]
 
 
 @dataclass(frozen=True, slots=True)
