@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import fields
@@ -15,7 +15,7 @@ from rft_ros.bags.phases import LowestPoint, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of, unposed
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.statistics import Group, count_flags, statistics
-from rft_ros.bags.summary import Summary
+from rft_ros.bags.summary import Summary, warnings_of
 from rft_ros.bags.writing import BagWriter, check_replaceable
 from rft_ros.errors import InputError
 from rft_ros.estimator import (
@@ -99,7 +99,8 @@ def replay(
         trace = traces.enter_context(Trace(part))
         learning_errors = LearningErrors(settings, model, traces, part)
         with Recording(bag, topics, start=options.start, end=options.end) as recording:
-            _write_estimates(recording, estimator, motion, trace, part, label or bag_name(bag), learning_errors)
+            label = label or bag_name(bag)
+            issues = _write_estimates(recording, estimator, motion, trace, part, label, learning_errors)
         if not recording.counts["pose"]:
             why = f" ({recording.damage})" if recording.damage else ""
             what = f"message on {topics['pose']}" if "pose" in topics else unposed(estimator)
@@ -122,6 +123,7 @@ def replay(
             trust=trust,
             duration=(recording.time - recording.first) * 1e-9,
             damage=recording.damage,
+            warnings=warnings_of(whole, phases, issues),
             learning=learning_errors.finish(),
             phases=phases,
             seconds=time.perf_counter() - began,
@@ -162,8 +164,12 @@ def _write_estimates(
     out: Path,
     label: str,
     learning_errors: LearningErrors,
-) -> None:
-    """Play the recording; write each pose to table, bag and trace once its phase and measurement are known."""
+) -> Counter[str]:
+    """Play the recording; write each pose to table, bag and trace once its phase and measurement are known.
+
+    Returns at how many poses learning had each of its issues.
+    """
+    issues: Counter[str] = Counter()
     phases: Phases[_Row] = Phases(estimator.settings.rest_speed)
     waiting: deque[tuple[_Row, Phase | None]] = deque()
     measurements: deque[Measurement] = deque()
@@ -190,10 +196,12 @@ def _write_estimates(
             if answer is not None:
                 depth, moment = motion.after(answer)
                 learned = learned_numbers(estimator.learning.belief()) if estimator.learning else ()
+                issues.update(map(str, estimator.learning.issues()) if estimator.learning else ())
                 waiting.extend(phases.push(_Row(answer, depth, estimator.state.tobytes(), learned), moment))
                 write_complete_rows()
         waiting.extend(phases.finish())
         write_complete_rows()
+    return issues
 
 
 def _write(writer: BagWriter, frame: str, estimate: Estimate, measurement: Measurement) -> None:

@@ -118,7 +118,7 @@ def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool
         f" granular Resistive Force Theory, at {summary.estimates:,} of {summary.messages['pose']:,} poses in"
         f" {f'{minutes:.0f} min ' if minutes else ''}{seconds:.1f} s of recording. Both are on the tool by the grains,"
         " in the axes and about the origin of the sensor frame.",
-        warning=f"Reading stopped early: {summary.damage}." if summary.damage else None,
+        warnings=[*([f"reading stopped early: {summary.damage}"] if summary.damage else []), *summary.warnings],
         tables=_tables(summary),
         charts=charts,
         tool=tool,

@@ -1,6 +1,8 @@
 """The summary of a replay: messages read, estimates, reasons for missing ones, magnitudes of forces and residuals."""
 
 import json
+import math
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field, fields
 from typing import Any
@@ -10,7 +12,10 @@ from rft_ros.bags.statistics import Group, PhaseGroup
 from rft_ros.estimator.messages import Role
 from rft_ros.parameters import Value
 
-__all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics"]
+__all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics", "warnings_of"]
+
+_OFFSET, _OFFSET_SHARE = 0.2, 0.05  # N, and share of the recording's peak: a mean force in the air that is no noise
+_WRONG = 0.5  # median error over which the set-up is the likely cause
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -20,7 +25,8 @@ class Summary(Group):
     `topics`: topic of each role. `messages`: number read for each role. `reasons`: number of samples not used and of
     estimates without residual, by reason. `unknown_frames`: by such a reason, a sentence on the unexpected frame_id.
     `quality_flags`: number of estimates by name of `QualityFlag`. `trust`: number of estimates by `Trust`. `duration`:
-    receive time covered [s]. `damage`: where and why reading stopped early. `learning`: where the medium is learned,
+    receive time covered [s]. `damage`: where and why reading stopped early. `warnings`: what the numbers say about the
+    set-up, such as a missing tare, and what learning found wrong, as sentences. `learning`: where the medium is learned,
     the error without learning ("off") and by lag. `phases`: statistics of each phase, by name. `seconds`: wall time of
     the replay, without its report.
     """
@@ -36,6 +42,7 @@ class Summary(Group):
     trust: dict[str, int]
     duration: float
     damage: str | None
+    warnings: list[str]
     learning: dict[str, dict[str, float | None]]
     phases: dict[str, PhaseGroup]
     seconds: float = field(compare=False)
@@ -57,8 +64,8 @@ class Summary(Group):
             text.append(
                 f"  quality flags: {named}; trust: " + ", ".join(f"{name} {n}" for name, n in self.trust.items())
             )
-        if self.damage:
-            text.append(f"  reading stopped early: {self.damage}")
+        text += [f"  reading stopped early: {self.damage}"] if self.damage else []
+        text += [f"  warning: {sentence}" for sentence in self.warnings]
         for name, errors in self.learning.items():
             rms, median, one, two = ("-" if v is None else f"{100.0 * v:.1f} %" for v in errors.values())
             text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
@@ -76,6 +83,20 @@ class Summary(Group):
     def json(self) -> str:
         """The text of summary.json."""
         return json.dumps(self.content(), indent=2, allow_nan=False) + "\n"
+
+
+def warnings_of(whole: Group, phases: dict[str, PhaseGroup], issues: Counter[str]) -> list[str]:
+    """Sentences on what is wrong with the set-up; `issues`: at how many poses learning had each sentence."""
+    found = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()]
+    air = [phases[Phase.APPROACH].wrench[axis].measured.mean or 0.0 for axis in ("fx", "fy", "fz")]
+    peak = whole.wrench["force"].measured.peak or 0.0
+    if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):
+        found.append(
+            f"the load cell reads {load:.2f} N in the air: replay with --tare, or calibrate sensor.bias and sensor.mass"
+        )
+    if (error := whole.median_relative_error) is not None and error > _WRONG:
+        found.append(f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG")
+    return found
 
 
 METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", "median err.")

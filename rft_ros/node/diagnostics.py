@@ -41,6 +41,7 @@ class Diagnostics:
         self._newest_estimate: Estimate | None = None
         self._fastest = 0.0
         self._quality_flags = 0
+        self._idle = True  # no pose came before the last report
         self._ongoing: dict[str, tuple[int, int]] = {}  # by reason: count, reports since the last occurrence
 
     def received(self, role: Role, stamp: int) -> None:
@@ -57,16 +58,18 @@ class Diagnostics:
         self._fastest = max(self._fastest, estimate.speed)
 
     def status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer the service: whether the last swap succeeded; the tool, the swap, and reasons that last."""
+        """Answer the service: the tool in force, the swap, and what is wrong: then without success."""
         model = self._estimator.model
         message = f"generation {model.generation}: tool {model.tool.name} in force"
         if self._swap.preparing:
             message += f"; preparing {self._swap.preparing}"
-        if self._swap.last_failure:
-            message += f"; the last swap failed: {self._swap.last_failure}"
+        problems = [f"the last swap failed: {self._swap.last_failure}"] if self._swap.last_failure else []
+        problems += ["no poses come"] if self._idle else []
         if lasting := [self._named(reason) for reason in sorted(self._ongoing) if reason not in _NORMAL]:
-            message += f"; not all inputs can be used: {', '.join(lasting)}"
-        response.success, response.message = not self._swap.last_failure, message
+            problems.append(f"not all inputs can be used: {', '.join(lasting)}")
+        if self._estimator.learning is not None and (medium := self._medium(self._estimator.learning)).level:
+            problems.append(f"medium: {medium.message}")
+        response.success, response.message = not problems, "; ".join([message, *problems])
         return response
 
     def publish(self) -> None:
@@ -83,6 +86,7 @@ class Diagnostics:
         if self._estimator.learning is not None:
             array.status.append(self._medium(self._estimator.learning))
         self._publisher.publish(array)
+        self._idle = not self._received["pose"]
         self._received.clear()
         self._latencies.clear()
         self._fastest = 0.0

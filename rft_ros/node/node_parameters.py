@@ -3,7 +3,7 @@
 import itertools
 import sys
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -20,7 +20,9 @@ from rft_ros.parameters import (
     Value,
     Values,
     checked,
+    flat,
     gives,
+    parameter_tree,
     path_beside,
 )
 
@@ -68,6 +70,10 @@ class NodeParameters:
                 value = _resolved(p.name, str(value))
             self._values[p.name] = value
             node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
+        for file in parameter_files():
+            if not _for_this_node(file, overrides):
+                name = node.get_fully_qualified_name()
+                node.get_logger().warning(f"no section of {file} is for {name}: ROS takes nothing from it")
         for name in overrides:
             if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
                 node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
@@ -122,6 +128,15 @@ class NodeParameters:
             self._node.get_logger().info(f"parameters set: {changes}" + (f" ({self._why})" if self._why else ""))
             self._values = merged
             self._apply(merged, changed)
+
+
+def _for_this_node(file: Path, overrides: Container[str]) -> bool:
+    """Whether ROS took a section of a parameter file: then all its names are among the node's overrides."""
+    sections: dict[str, list[str]] = {}
+    for key, _ in flat(parameter_tree(file)):
+        node, _, name = key.partition(".ros__parameters.")
+        sections.setdefault(node, []).append(name)
+    return not sections or any(all(name in overrides for name in names) for names in sections.values())
 
 
 def _plain(value: Any) -> Any:

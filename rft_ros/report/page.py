@@ -50,7 +50,7 @@ def write_page(
     *,
     title: str,
     sentence: str,
-    warning: str | None,
+    warnings: Sequence[str],
     tables: Mapping[str, Table],
     charts: Sequence[Chart],
     tool: Animation | None,
@@ -68,7 +68,7 @@ def write_page(
         f"<title>{escape(title)}</title><style>{_STYLE}</style>",
         f'<link rel="icon" href="data:,"><script>{get_plotlyjs()}</script></head><body>',
         f"<h1>{escape(title)}</h1><p>{escape(sentence)}</p>",
-        f'<p class="warning">{escape(warning)}</p>' if warning else "",
+        *(f'<p class="warning">{escape(warning[:1].upper() + warning[1:])}.</p>' for warning in warnings),
         _table(tables["metrics"]),
     ]
     for name, heading, text, figure in figures:

@@ -2,15 +2,14 @@
 
 import importlib.util
 import math
-import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, WrenchStamped
-from harness import WAIT, set_stamp
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from geometry_msgs.msg import WrenchStamped
+from harness import set_stamp
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
 from test_live_equals_replay import TOPICS, assert_equal
@@ -105,39 +104,3 @@ def test_without_tf2_msgs_the_sentence_names_the_package(start_node, monkeypatch
     words = "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs"
     with pytest.raises(InputError, match=words):
         start_node("-p", "pose_source:=tf")
-
-
-def test_the_doctor_finds_a_publisher_that_the_node_cannot_hear(start_node, tmp_path):
-    """The node asks for reliable poses, as a user may; the arm publishes them best effort. And no twist comes."""
-    rft = start_node("-p", "qos_overrides./node0/rft/pose.subscription.reliability:=reliable")
-    qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    arm = rft.node.create_publisher(PoseStamped, f"{rft.name}/pose", qos)
-    rft.node.destroy_publisher(rft.pose)
-    rft.node.destroy_publisher(rft.twist)
-    file = tmp_path / "my_cell.yaml"
-    file.write_text("/**:\n  ros__parameters:\n    surface_height: 0.0\n")
-    remaps = [f"--remap=~/{t}:={rft.name}/{t}" for t in ("pose", "twist", "wrench_measured")]
-    doctor = subprocess.Popen(
-        [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--node", rft.name, "--seconds", "5", *remaps],
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    try:
-        k = 0
-        while doctor.poll() is None:
-            k += 1
-            pose, wrench = PoseStamped(), WrenchStamped()
-            pose.header.frame_id, wrench.header.frame_id = "world", "ft_sensor"
-            for message in (pose, wrench):
-                message.header.stamp = rft.node.get_clock().now().to_msg()
-            arm.publish(pose)
-            rft.wrench.publish(wrench)
-            rft.spin(0.05)
-        said = doctor.communicate(timeout=WAIT)[0]
-    finally:
-        doctor.kill()
-    assert doctor.returncode == 1
-    assert f"OK  node: {rft.name} runs" in said
-    assert f"FIX pose: peer publishes {rft.name}/pose so that rft cannot receive it" in said
-    assert f"FIX twist: nothing on {rft.name}/twist; set twist_source: pose_difference" in said
-    assert f"OK  wrench: 1 publishers on {rft.name}/wrench_measured, QoS compatible" in said

@@ -146,16 +146,20 @@ def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(rft):
 
 
 def test_the_status_service_says_what_is_in_force(rft, tmp_path):
-    successful, message = rft.status()
-    assert successful and "tool plate in force" in message
+    rft.until_status(lambda good, said: not good and "tool plate in force; no poses come" in said)
+
+    def with_poses(condition):
+        rft.until_status(lambda good, said: condition(good, said) or rft.send(rft.moment()))
+
+    with_poses(lambda good, said: good and said.endswith("tool plate in force"))
     rft.send(rft.moment(), frame="camera")
-    rft.until_status(lambda _, said: "used: pose_frame_unknown" in said and "'camera'" in said)
+    rft.until_status(lambda good, said: not good and "used: pose_frame_unknown" in said and "'camera'" in said)
     broken = tmp_path / "broken.stl"
     broken.write_text("no mesh")
     assert rft.set(mesh__file=str(broken))[0]
-    rft.until_status(lambda good, said: not good and "broken.stl" in said)
+    rft.until_status(lambda good, said: not good and "the last swap failed: mesh file" in said)
     assert rft.set(mesh__scale=0.002)[0]
-    rft.until_status(lambda good, said: good and "preparing" not in said)
+    with_poses(lambda good, said: good and "preparing" not in said)
     assert rft.set(mesh__scale=0.001)[0]
     rft.until(lambda: rft.diagnostic("model")[2]["preparing"] == "")
 

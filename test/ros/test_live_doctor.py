@@ -1,0 +1,123 @@
+"""`rft doctor` beside a running node: a right cell is green, with topics and with TF; faults that only exist live."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from harness import WAIT, Harness, set_stamp
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from test_live_transforms import transform, transform_publishers
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
+from cells import MOUNT, PARAMETERS, loads, motion
+
+_RATE = 100.0
+_HASTE = 4  # the recorded motion takes 10 s
+
+
+def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
+    """What the doctor says of a node, while `send(state, load, time)` is called at 100 Hz; but for the compilation."""
+    states = motion(_RATE / _HASTE)
+    states[:, 7:10] *= _HASTE
+    sent = list(zip(states.tolist(), loads(states).tolist(), strict=True))
+    file = tmp_path / "doctor.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
+    command = [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--node", rft.name, "--seconds", "6"]
+    command += [f"--remap=~/pose:={rft.name}/pose"]  # what it is anyway: rcl must not take it for its own
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # tf2_msgs or its stand-in
+    doctor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    try:
+        k = 0
+        while doctor.poll() is None:
+            send(*sent[k % len(sent)], rft.node.get_clock().now().nanoseconds)
+            k += 1
+            rft.spin(1.0 / _RATE)
+        said, errors = doctor.communicate(timeout=WAIT)
+    finally:
+        doctor.kill()
+    assert "deprecat" not in errors.lower()
+    assert said, errors
+    return [line for line in said.splitlines() if "compiled" not in line]
+
+
+def faults(lines):
+    return [line for line in lines if line.startswith("FIX")]
+
+
+def stamped(kind, stamp, frame, numbers):
+    message = kind()
+    message.header.frame_id = frame
+    set_stamp(message, stamp)
+    if kind is PoseStamped:
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers
+    else:
+        a, b = (message.twist.linear, message.twist.angular) if kind is TwistStamped else (
+            message.wrench.force, message.wrench.torque)  # fmt: skip
+        a.x, a.y, a.z, b.x, b.y, b.z = numbers
+    return message
+
+
+def test_a_right_cell_needs_nothing_with_topics(start_node, tmp_path):
+    file = tmp_path / "my_cell.yaml"
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS}}))
+    rft = start_node("--params-file", str(file)).wait_ready()
+
+    def send(state, load, now):
+        rft.wrench.publish(stamped(WrenchStamped, now, "ft_sensor", load))
+        rft.twist.publish(stamped(TwistStamped, now, "world", state[7:]))
+        rft.pose.publish(stamped(PoseStamped, now, "world", state[:7]))
+
+    lines = examined(rft, tmp_path, send, PARAMETERS)
+    assert faults(lines) == []
+    assert lines[0].startswith(f"OK  node: {rft.name} runs with the parameters of ")
+    assert "no section of" not in rft.said()
+
+
+def test_a_right_cell_needs_nothing_with_tf(start_node, tmp_path):
+    file = tmp_path / "my_cell.yaml"
+    tf = {"pose_source": "tf", "sensor.frame_source": "tf", "twist_source": "pose_difference"}
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS | tf}}))
+    rft = start_node("--params-file", str(file))
+    rft.get("mesh.file")
+    publishers = transform_publishers(rft.node)
+    publishers["tf_static"].publish(transform(1, "tool", "ft_sensor", MOUNT.position, MOUNT.quaternion))
+
+    def send(state, load, now):
+        publishers["tf"].publish(transform(now, "world", "tool", state[:3]))
+        rft.wrench.publish(stamped(WrenchStamped, now, "ft_sensor", load))
+
+    assert faults(examined(rft, tmp_path, send, PARAMETERS | tf)) == []
+
+
+def test_what_is_wrong_only_in_a_running_cell_is_named(start_node, tmp_path):
+    """A section for another name, poses that a node which asks for reliable ones cannot hear, no twist, a type."""
+    file = tmp_path / "my_cell.yaml"
+    file.write_text(yaml.safe_dump({"/rft": {"ros__parameters": PARAMETERS}}))
+    rft = start_node(
+        "--params-file", str(file), "-p", "qos_overrides./node0/rft/pose.subscription.reliability:=reliable"
+    )
+    rft.get("mesh.file")
+    assert f"no section of {file} is for {rft.name}: ROS takes nothing from it" in rft.said()
+    rft.close_inputs()
+    arm = rft.node.create_publisher(
+        PoseStamped, f"{rft.name}/pose", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+    )
+    cell = rft.node.create_publisher(PoseStamped, f"{rft.name}/wrench_measured", 10)
+
+    def send(state, _, now):
+        for publisher in (arm, cell):
+            publisher.publish(stamped(PoseStamped, now, "world", state[:7]))
+
+    found = faults(examined(rft, tmp_path, send, PARAMETERS))
+    for sentence in (
+        f"FIX node: {rft.name} runs with mesh.file plate (file: ellipsoid), medium.zeta 1.0 (file: 0.4), surface_he",
+        f"FIX pose: peer publishes {rft.name}/pose so that rft cannot receive it",
+        f"FIX twist: nothing on {rft.name}/twist; set twist_source: pose_difference",
+        f"FIX wrench: {rft.name}/wrench_measured is geometry_msgs/msg/PoseStamped; it must be geometry_msgs/msg/Wren",
+    ):
+        assert any(line.startswith(sentence) for line in found), found
+    assert any(line.startswith(f"FIX wrench: nothing on {rft.name}/wrench_measured") for line in found)
