@@ -26,9 +26,9 @@ class Summary(Group):
     estimates without residual, by reason. `unknown_frames`: by such a reason, a sentence on the unexpected frame_id.
     `quality_flags`: number of estimates by name of `QualityFlag`. `trust`: number of estimates by `Trust`. `duration`:
     receive time covered [s]. `damage`: where and why reading stopped early. `warnings`: what the numbers say about the
-    set-up, such as a missing tare, and what learning found wrong, as sentences. `learning`: where the medium is learned,
-    the error without learning ("off") and by lag. `phases`: statistics of each phase, by name. `seconds`: wall time of
-    the replay, without its report.
+    set-up, and what learning found wrong, as sentences. `learning`: where the medium is learned, the error without
+    learning ("off") and by lag. `phases`: statistics of each phase, by name. `seconds`: wall time of the replay,
+    without its report.
     """
 
     bag: str

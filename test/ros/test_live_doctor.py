@@ -93,13 +93,11 @@ def test_a_right_cell_needs_nothing_with_tf(start_node, tmp_path):
     assert faults(examined(rft, tmp_path, send, PARAMETERS | tf)) == []
 
 
-def test_what_is_wrong_only_in_a_running_cell_is_named(start_node, tmp_path):
+def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
     """A section for another name, poses that a node which asks for reliable ones cannot hear, no twist, a type."""
     file = tmp_path / "my_cell.yaml"
     file.write_text(yaml.safe_dump({"/rft": {"ros__parameters": PARAMETERS}}))
-    rft = start_node(
-        "--params-file", str(file), "-p", "qos_overrides./node0/rft/pose.subscription.reliability:=reliable"
-    )
+    rft = start_process("--params-file", str(file))
     rft.get("mesh.file")
     assert f"no section of {file} is for {rft.name}: ROS takes nothing from it" in rft.said()
     rft.close_inputs()

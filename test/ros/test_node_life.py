@@ -149,7 +149,7 @@ def test_the_status_service_says_what_is_in_force(rft, tmp_path):
     rft.until_status(lambda good, said: not good and "tool plate in force; no poses come" in said)
 
     def with_poses(condition):
-        rft.until_status(lambda good, said: condition(good, said) or rft.send(rft.moment()))
+        rft.until(lambda: rft.send(rft.moment()) or condition(*rft.status()))
 
     with_poses(lambda good, said: good and said.endswith("tool plate in force"))
     rft.send(rft.moment(), frame="camera")
