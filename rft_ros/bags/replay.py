@@ -228,4 +228,5 @@ def _bias(
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:
         reasons = "".join(f", {counted}" for counted in estimator.counted())
-        raise InputError(f"bag '{bag}': {error} (of the first {seconds:g} s{reasons})") from None
+        where = f"of the first {seconds:g} s, surface_height {settings.surface_height:g} m{reasons}"
+        raise InputError(f"bag '{bag}': {error} ({where})") from None

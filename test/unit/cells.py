@@ -40,35 +40,63 @@ def motion(rate: float) -> NDArray[np.float64]:
 
 
 def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.float64]:
-    """What the load cell feels [N, N m], shape [n, 6], in its own axes: the grains alone, on the published law."""
-    model = model_of({**defaults(), **PARAMETERS, "medium.zeta": zeta, "tolerance": 0.0, "integration": "refined"})
+    """What the load cell feels [N, N m], shape [n, 6], in its own axes: the grains, whose force holds at rest."""
+    model = model_of({**defaults(), **PARAMETERS, "medium.zeta": zeta, "tolerance": 0.0})
     world = wrenches(model.tool.plates, model.law, states, surface_height=SURFACE)[:, :6].copy()
-    world[(states[:, 7:13] == 0.0).all(axis=1), :] = 0.0
+    for k in np.flatnonzero((states[1:, 7:] == 0.0).all(axis=1)) + 1:
+        world[k] = world[k - 1]
     to_cell = MOUNT.inverse()
     return np.array([to_cell.wrench(tuple(row)) for row in world])
+
+
+class CellBag:
+    """A bag of poses, twists and readings, whose messages arrive 1 ms after their stamps."""
+
+    def __init__(self, bag: BagWriter) -> None:
+        self._bag = bag
+
+    def write(self, topic: str, kind: str, stamp: int, values: object, frame: str, *, stamped: bool = True) -> None:
+        role = {POSE: "pose", TWIST: "twist", WRENCH: "wrench"}[kind]
+        data = ROS2.serialize_cdr(message(ROS2, role, stamp if stamped else 0, values, frame), kind)
+        self._bag.write_raw(topic, kind, stamp + 1_000_000, bytes(data))
+
+    def transforms(self, topic: str, stamp: int, *transforms: TransformSample) -> None:
+        self._bag.write_raw(topic, TF, stamp + 1_000_000, transforms_cdr(*transforms))
 
 
 def record(path: Path, *, rate: float = 100.0) -> Path:
     """Topics of a right cell, /tf and /tf_static that say the same, and the cell without stamps, and untouched."""
     states, random = motion(rate), np.random.default_rng(3)
     readings = 1.1 * loads(states) + 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
-    with BagWriter(path) as bag:
-
-        def write(topic: str, role: str, kind: str, time: int, stamp: int, values: object, frame: str) -> None:
-            bag.write_raw(topic, kind, time, bytes(ROS2.serialize_cdr(message(ROS2, role, stamp, values, frame), kind)))
-
-        mount = TransformSample(START, "tool", "ft_sensor", *MOUNT)
-        arm = TransformSample(START, "world", "base", (0.4, 0.1, 0.0), (0.0, 0.0, 0.0, 1.0))
+    mount = TransformSample(START, "tool", "ft_sensor", *MOUNT)
+    arm = TransformSample(START, "world", "base", (0.4, 0.1, 0.0), (0.0, 0.0, 0.0, 1.0))
+    with BagWriter(path) as writer:
+        bag = CellBag(writer)
         for k, (state, reading) in enumerate(zip(states.tolist(), readings.tolist(), strict=True)):
             stamp = START + k * round(1e9 / rate)
-            now = stamp + 1_000_000
-            write("/rft/wrench_measured", "wrench", WRENCH, now, stamp, reading, "ft_sensor")
-            write("/unstamped", "wrench", WRENCH, now, 0, reading, "ft_sensor")
-            write("/still", "wrench", WRENCH, now, stamp, [0.01 * (k % 3)] * 6, "ft_sensor")
-            write("/rft/twist", "twist", TWIST, now, stamp, state[7:], "world")
-            write("/rft/pose", "pose", POSE, now, stamp, state[:7], "world")
+            bag.write("/rft/wrench_measured", WRENCH, stamp, reading, "ft_sensor")
+            bag.write("/unstamped", WRENCH, stamp, reading, "ft_sensor", stamped=False)
+            bag.write("/still", WRENCH, stamp, [0.01 * (k % 3)] * 6, "ft_sensor")
+            bag.write("/rft/twist", TWIST, stamp, state[7:], "world")
+            bag.write("/rft/pose", POSE, stamp, state[:7], "world")
             place = TransformSample(stamp, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[3:7],))
-            bag.write_raw("/tf", TF, now, transforms_cdr(place))
+            bag.transforms("/tf", stamp, place)
             if k == round(0.08 * rate):  # as publishers are found one after the other
-                bag.write_raw("/tf_static", TF, now, transforms_cdr(mount, arm))
+                bag.transforms("/tf_static", stamp, mount, arm)
+    return path
+
+
+def record_of_a_newcomer(path: Path, *, offset: tuple[float, ...]) -> Path:
+    """Poses at 250 Hz with 3 um of noise and no twists, a load cell at 100 Hz with an offset, grains 30 % stronger."""
+    random = np.random.default_rng(5)
+    poses, states = motion(250.0), motion(100.0)
+    poses[:, :3] += 3e-6 * random.standard_normal((len(poses), 3))
+    readings = loads(states, zeta=1.3 * ZETA) + offset
+    readings += 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
+    messages = [(k * 4_000_000, "/tcp", POSE, row[:7], "base") for k, row in enumerate(poses.tolist())]
+    messages += [(k * 10_000_000 + 7, "/ft", WRENCH, row, "ft_sensor") for k, row in enumerate(readings.tolist())]
+    with BagWriter(path) as writer:
+        bag = CellBag(writer)
+        for time, topic, kind, values, frame in sorted(messages, key=lambda m: m[0]):
+            bag.write(topic, kind, START + time, values, frame)
     return path

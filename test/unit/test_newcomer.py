@@ -1,0 +1,85 @@
+"""A newcomer's bag goes through tare, replay, calibrate, doctor and learning to right numbers; each fault is named.
+
+Poses at 250 Hz with noise, no twists, a load cell with an offset that is mounted turned by 90 degrees, a surface at
+120 mm, and grains 30 % stronger than the file says.
+"""
+
+import json
+
+import pytest
+import yaml
+from cells import PARAMETERS, SURFACE, ZETA, record_of_a_newcomer
+
+from rft_ros.cli import main
+from rft_ros.parameters import read_parameter_file
+
+OFFSET = (1.5, -0.8, 2.2, 0.01, 0.02, -0.03)
+CELL = PARAMETERS | {"world_frame": "base", "twist_source": "pose_difference"}
+REMAP = {"remap": ["~/pose:=/tcp", "~/wrench_measured:=/ft"]}
+
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return str(record_of_a_newcomer(tmp_path_factory.mktemp("cell") / "my_bag", offset=OFFSET))
+
+
+@pytest.fixture
+def rft(bag, tmp_path, capsys):
+    """Run a command on the bag with these parameters: exit status, and what it said."""
+
+    def run(command, *arguments, parameters=CELL):
+        file = tmp_path / "my_cell.yaml"
+        sections = {"/**": {"ros__parameters": parameters}, "rft_replay": {"ros__parameters": REMAP}}
+        file.write_text(yaml.safe_dump(sections))
+        where = [str(file), "--bag", bag] if command == "doctor" else [bag, "--params", str(file)]
+        status = main([command, *where, *arguments])
+        said = capsys.readouterr()
+        return status, said.out + said.err
+
+    return run
+
+
+def test_the_newcomers_way_leads_to_right_numbers(bag, rft, tmp_path, capsys):
+    out, calibrated = tmp_path / "replay", tmp_path / "calibrated.yaml"
+    status, said = rft("replay", "--tare", "1", "--no-report", "-o", str(out))
+    assert status == 0 and "warning" not in said, said
+    assert json.loads((out / "summary.json").read_text())["bias"] == pytest.approx(OFFSET, abs=0.02)
+    status, said = rft("calibrate", "-o", str(calibrated))
+    values = read_parameter_file(calibrated)
+    assert values["medium.zeta"] == pytest.approx(1.3 * ZETA, rel=0.065), said  # its standard error
+    assert values["surface_height"] == pytest.approx(SURFACE, abs=1e-3)
+    assert values["sensor.bias"] == pytest.approx(OFFSET, abs=0.02)
+    main(["doctor", str(calibrated), "--bag", bag])
+    said = capsys.readouterr().out
+    assert [line for line in said.splitlines() if line.startswith("FIX") and "compiled" not in line] == []
+    learning = CELL | {"learning.mode": "apply", "medium.zeta_error": 0.3}
+    status, said = rft("replay", "--tare", "1", "--no-report", "-o", str(out), parameters=learning)
+    learned = json.loads((out / "summary.json").read_text())["learning"]
+    assert status == 0 and "warning" not in said, said
+    assert learned["off"]["median_relative_error"] == pytest.approx(0.3 / 1.3, abs=0.03)
+    assert learned["2 mm"]["median_relative_error"] < 0.05
+
+
+TARED = ("--tare", "1")
+LEARNING = {"learning.mode": "observe"}
+FAULTS = {
+    "frame": (CELL | {"world_frame": "world"}, TARED, "pose frame_id 'base' is not world_frame 'world'"),
+    "no twist": (CELL | {"twist_source": "topic"}, TARED, "no twist topic '/rft/twist' (use twist_source: pose_diff"),
+    "no tare": (CELL, (), "the load cell reads 2.78 N in the air: replay with --tare, or calibrate sensor.bias and"),
+    "no tare, learning": (CELL | LEARNING, (), "the load cell reads a force in the air: call ~/tare there"),
+    "sign": (CELL | {"sensor.sign": -1.0}, TARED, "the median error is 177 %: check the set-up with rft doctor"),
+    "sign, learning": (CELL | {"sensor.sign": -1.0} | LEARNING, TARED, "the measured force points against the model"),
+    "turned, learning": (CELL | {"sensor.quaternion": [0.0, 0.0, 0.0, 1.0]} | LEARNING, TARED, "turned by over 45"),
+    "surface": (
+        CELL | {"surface_height": SURFACE + 0.1},
+        TARED,
+        "in the grains (of the first 1 s, surface_height 0.22 m",
+    ),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_replay_names_the_fault(rft, tmp_path, fault):
+    parameters, arguments, sentence = FAULTS[fault]
+    _, said = rft("replay", "--no-report", "-o", str(tmp_path / "out"), *arguments, parameters=parameters)
+    assert sentence in said
