@@ -12,7 +12,7 @@ import numpy as np
 from rft_ros.rft.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 from rft_ros.rft.inertia import inertia_force
-from rft_ros.rft.memory import DEPTH, approach, fraction_left, is_faded, set_to_zero
+from rft_ros.rft.memory import GAPS, LOADED, advance, displacement, forget, is_empty, open_gaps
 from rft_ros.rft.plates import BLOCK, INTEGRATIONS, ROUNDING
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, traction_per_depth
 
@@ -26,7 +26,6 @@ plates of blocks from `_PLAIN` on are evaluated one by one."""
 _COLUMNS = 19  # of a result: `COLUMNS` and `SENSITIVITIES` of `rft_ros.rft.wrench`
 _LEVEL = cos(radians(FLAT_BLEND))
 _ALONG = sin(radians(1.0)) ** 2
-_LEAST_SHARE = 1e-100  # keeps a trailing plate's memory from fading into denormal numbers, which are slow
 
 
 @inlined
@@ -98,7 +97,7 @@ def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def
     lead += _middle(bounds, b, 1, angular) + _spread(bounds, b, 1, angular)
     if wet and lead + (bounds[b, 19] + ROUNDING) * fastest <= 0.0:
         if past is not None:
-            return _FADING if past[3][b] else _SKIP_WET
+            return _FADING if past[3][b] == LOADED else _SKIP_WET
         return _SKIP_WET
     tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
     if tilt >= (_LEVEL if refined else FLAT):
@@ -185,8 +184,7 @@ def _plate(rows, i, axes, twist, below, rise, refined, careful):  # type: ignore
 def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: ignore[no-untyped-def]
     """Sums over consecutive plates: force, torque, submerged area, dF/dh and the moments r_j f_l.
 
-    `step`: None, or for plates with memory: their tractions, DEPTH² Δs / λ at a scaled speed of 1, and how much deeper
-    the tool frame was half a step before [m].
+    `step`: None, or for plates with memory: their tractions, `displacement` in world axes, mobilization length [m].
     """
     axes, twist, law, below, rise, slope = scene
     fx = fy = fz = submerged = 0.0
@@ -202,16 +200,19 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: 
             load = load * share if refined else (load if share > 0.0 else 0.0)
             loaded = area * share
         else:
-            tractions, per_length, sunk = step
-            share = max(share, _LEAST_SHARE)
-            leads = share > _LEAST_SHARE
-            # computed before the law, which does not depend on it: their latencies overlap
-            depth = below - z + slope[0] * x + slope[1] * y + sunk
-            left = fraction_left(velocity, depth, leads, per_length)
+            tractions, shift, turn, length = step
+            ex = shift[0] + turn[0] * x + turn[1] * y + turn[2] * z
+            ey = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
+            ez = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
+            # half a step before
+            depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
             ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
-            ax, ay, az = approach(tractions, i, (ax * share, ay * share, az * share), left, leads)
+            asked = ax * share, ay * share, az * share
+            ax, ay, az = advance(tractions, i, normal, (ex, ey, ez), asked, share > 0.0, depth, length)
             if careful:
                 ax, ay, az = (ax if load > 0.0 else 0.0), (ay if load > 0.0 else 0.0), (az if load > 0.0 else 0.0)
+                for c in range(3, 8):
+                    tractions[c, i] = tractions[c, i] if load > 0.0 else 0.0
             tractions[0, i], tractions[1, i], tractions[2, i] = ax, ay, az
         dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
@@ -274,17 +275,11 @@ def _sums_of_states(refined: bool) -> Any:
                 durations, length, tractions, _, last = past
                 if scale > 0.0:
                     for c in range(6):
-                        last[1 + c] = twist[c]
-                # at rest the path is 0, and the law takes the last direction of motion
-                twist = last[1], last[2], last[3], last[4], last[5], last[6]
+                        last[c] = twist[c]
+                twist = last[0], last[1], last[2], last[3], last[4], last[5]
                 seen = _seen_from_tool(axes, twist, reach, rise)
-                # path [m] per unit of scaled speed, at the mean speed of the step's ends; bounded: inf * 0 is NaN
-                now = seen[2] / scale if scale > 0.0 else 0.0
-                before = last[0] if last[0] >= 0.0 else now
-                path = min(0.5 * (now + before) / seen[2] * durations[k], 1e100) if now > 0.0 else 0.0
-                last[0] = now
-                sinking = twist[2] - slope[0] * twist[0] - slope[1] * twist[1]
-                step = tractions, path * min(DEPTH * DEPTH / length, 1e100), 0.5 * path * sinking
+                moved, shift, turn, turn_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
+                step = tractions, shift, turn, length
             for c in range(_COLUMNS):
                 out[k, c] = 0.0
             # unsigned: numba adds code for negative indices otherwise
@@ -296,10 +291,12 @@ def _sums_of_states(refined: bool) -> Any:
                 while b < blocks and (kind == run or (past is not None and kind == _PLAIN and previous == _CUT)):
                     previous = kind
                     if past is not None:  # a separate if, which numba drops where there is no memory
-                        forget = kind == _SKIP_DRY and past[3][b]
-                        if forget:
-                            set_to_zero(past[2], b)
+                        if kind == _SKIP_DRY and past[3][b]:
+                            forget(past[2], b)
                             past[3][b] = 0
+                        if kind == _SKIP_WET and moved:
+                            open_gaps(past[2], rows, b, into_frame(axes, *shift), turn_in_tool)
+                            past[3][b] = GAPS
                     out[k, 6] += bounds[b, 18] if kind == _SKIP_WET else 0.0
                     b += np.uint64(1)
                     if b < blocks:
@@ -321,10 +318,7 @@ def _sums_of_states(refined: bool) -> Any:
                         _add_inertia(rows, i, j, scene, squared, refined, True, out[k])
                     if past is not None:
                         for c in range(first, b):
-                            past[3][c] = 1
-                            if run == _FADING and is_faded(past[2], c, law.stiffness):
-                                set_to_zero(past[2], c)
-                                past[3][c] = 0
+                            past[3][c] = GAPS if run == _FADING and is_empty(past[2], c) else LOADED
 
     return _made(sums, refined)
 

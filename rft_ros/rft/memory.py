@@ -1,9 +1,4 @@
-"""Memory: grains must be sheared over a distance before they resist fully.
-
-Each plate keeps its traction per depth τ, which approaches the law's t along the plate's own path, Eq. (10):
-dτ/ds = (t - τ) / λ. At rest the traction stays. The paper reports the lag but does not model it; docs/accuracy.md has
-the measurements behind the form below.
-"""
+"""Memory: grains must be sheared over a distance before they resist fully."""
 
 from dataclasses import dataclass, field
 from math import sqrt
@@ -12,38 +7,43 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.compilation import inlined
+from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.plates import BLOCK, Plates
 
-__all__ = ["DEPTH", "TRAILING", "Memory", "approach", "fraction_left", "is_faded", "set_to_zero"]
+__all__ = ["DEPTH", "GAPS", "LOADED", "Memory", "advance", "displacement", "forget", "is_empty", "open_gaps"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
 
-TRAILING = 0.04
-"""λ of a trailing plate relative to that of a leading one."""
+DEEPEST = 0.045
+SHORTEST = 0.0005
+ELASTIC = 0.04
+SHORTEST_ELASTIC = 100e-6
+YIELD_FADES = 0.3
+OPEN = 0.2
+WIDEST = 0.005
+_TINY = 1e-290
 
-_FADED = 1e-9  # a trailing block with tractions below this times the law's stiffness counts as empty
+_FADED = 1e-3  # of the law's traction when a plate last yielded: less than this is none
+_FAR = 1e30  # bounds displacements, so that no product overflows
+
+GAPS, LOADED = 1, 2
+"""Values of `Memory.active`: the block's plates have no more than gaps behind them; they have tractions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """The memory of the plates of one tool, in the order of their blocks; ``Memory(plates)`` is empty.
-
-    `tractions`: shape [6, m]: traction per depth [N/m³], world axes, and the law's value at the last state. `active`:
-    shape [m / BLOCK], 1 for a block with any traction. `motion`: shape [7]: speed of the last state [m/s], -1 before
-    the first, and the last twist that was not zero, scaled to order one.
-    """
-
     plates: Plates
+    slack: float = 0.0
     tractions: NDArray[np.float64] = field(init=False)
     active: NDArray[np.uint8] = field(init=False)
     motion: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
         m = self.plates.blocks.rows.shape[1]
-        object.__setattr__(self, "tractions", np.zeros((6, m)))
+        object.__setattr__(self, "tractions", np.zeros((8, m)))
         object.__setattr__(self, "active", np.zeros(m // BLOCK, dtype=np.uint8))
-        object.__setattr__(self, "motion", np.array([-1.0, *np.zeros(6)]))
+        object.__setattr__(self, "motion", np.array([*np.zeros(7), self.slack, *np.zeros(12)]))
 
 
 @inlined
@@ -61,43 +61,129 @@ def _exp_minus(x):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def fraction_left(velocity, depth, leads, per_length):  # type: ignore[no-untyped-def]
-    """Fraction of a traction that remains after a step: exp(-Δs/λ), Eq. (10).
+def displacement(motion, state, axes, reach, counts):  # type: ignore[no-untyped-def]
+    """What the tool moved since the pose in `motion`, which follows: whether, origin [m], matrices.
 
-    `velocity`: scaled; its length times `per_length` is Δs / λ at a depth of 1 m.
+    A point at x from the tool frame's origin moved by origin + matrix x; the first matrix takes x in world axes, the
+    second in tool axes, and gives world and tool axes.
     """
-    ux, uy, uz = velocity
-    squared = ux * ux + uy * uy + uz * uz
-    ratio = per_length if leads else per_length / TRAILING
-    return _exp_minus(ratio * squared / (sqrt(max(squared, 1e-290)) * (depth * depth + 1e-30)))
+    slack = motion[7]
+    one = 1.0 if counts & (motion[6] > 0.0) else 0.0
+    px, py, pz = (
+        one * min(max(state[0] - motion[8], -_FAR), _FAR),
+        one * min(max(state[1] - motion[9], -_FAR), _FAR),
+        one * min(max(state[2] - motion[10], -_FAR), _FAR),
+    )
+    a, b, c, d, e, f, g, h, i = axes
+    a, b, c = one * (a - motion[11]), one * (b - motion[12]), one * (c - motion[13])
+    d, e, f = one * (d - motion[14]), one * (e - motion[15]), one * (f - motion[16])
+    g, h, i = one * (g - motion[17]), one * (h - motion[18]), one * (i - motion[19])
+    size = sqrt(px * px + py * py + pz * pz)
+    size += reach * sqrt(0.5 * (a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i))
+    part = 1.0 if slack <= 0.0 else (1.0 - slack / size if size > slack else 0.0)
+    rest = one * (1.0 - part)
+    motion[6] = 1.0
+    for j in range(3):
+        motion[8 + j] = state[j]
+    for j in range(9):
+        motion[11 + j] = axes[j]
+    if rest > 0.0:  # the slack trails behind
+        for j, v in enumerate((px, py, pz, a, b, c, d, e, f, g, h, i)):
+            motion[8 + j] -= rest * v
+    px, py, pz = part * px, part * py, part * pz
+    a, b, c, d, e, f, g, h, i = (
+        part * a, part * b, part * c, part * d, part * e, part * f, part * g, part * h, part * i
+    )
+    turn = (*from_frame(axes, a, b, c), *from_frame(axes, d, e, f), *from_frame(axes, g, h, i))
+    p, q, r = into_frame(axes, a, d, g), into_frame(axes, b, e, h), into_frame(axes, c, f, i)
+    inner = p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]
+    return size * part > 0.0, (px, py, pz), turn, inner
 
 
 @inlined
-def approach(tractions, i, asked, left, leads):  # type: ignore[no-untyped-def]
-    """Move a plate's traction towards the law's value, `asked`, over one step; returns the traction."""
+def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: ignore[no-untyped-def]
+    """Advance a plate's traction over one step; returns it.
+
+    `moved`: its displacement [m]; `asked`: the law's traction per depth, 0 if it trails.
+    """
+    nx, ny, nz = normal
+    dx, dy, dz = moved
     ax, ay, az = asked
     mx, my, mz = tractions[0, i], tractions[1, i], tractions[2, i]
     bx, by, bz = tractions[3, i], tractions[4, i], tractions[5, i]
-    tractions[3, i], tractions[4, i], tractions[5, i] = ax, ay, az
-    # the mean of the law's values at both ends of the step makes it second-order accurate
-    gx, gy, gz = 0.5 * (ax + bx) - mx, 0.5 * (ay + by) - my, 0.5 * (az + bz) - mz
-    # λ is half as long for a decreasing traction: twice the exponent
-    w = 1.0 - (left * left if (gx * mx + gy * my + gz * mz < 0.0) & leads else left)
-    return mx + w * gx, my + w * gy, mz + w * gz
+    limit, gap = tractions[6, i], tractions[7, i]
+    mm = mx * mx + my * my + mz * mz
+    bb = bx * bx + by * by + bz * bz
+
+    dn = dx * nx + dy * ny + dz * nz
+    way = sqrt(dx * dx + dy * dy + dz * dz)
+    shut = gap - max(dn, 0.0)
+    tractions[7, i] = min(max(shut, 0.0) + (OPEN * max(-dn, 0.0) if mm == 0.0 else 0.0), WIDEST)
+    # what counts is the part of the displacement after the gap has closed
+    used = 1.0 if gap == 0.0 else max(-shut, 0.0) / max(dn, _TINY)
+    s = used * way
+
+    ratio = min(depth, DEEPEST) * (1.0 / DEPTH)
+    span = max(length * ratio * ratio, SHORTEST)
+    k = used * max(sqrt(bb), limit) / max(ELASTIC * span, SHORTEST_ELASTIC)
+    kx, ky, kz = k * dx, k * dy, k * dz
+    full = k * way
+
+    # leading: elastic up to the yield surface, then towards the law
+    q = kx * mx + ky * my + kz * mz
+    elastic = min((q + sqrt(q * q + full * full * max(limit * limit - mm, 0.0))) / max(full * full, _TINY), 1.0)
+    lx, ly, lz = mx - elastic * kx, my - elastic * ky, mz - elastic * kz
+    # trailing: elastic, perfectly plastic, and never pulled
+    tx, ty, tz = mx - kx, my - ky, mz - kz
+    trial = sqrt(tx * tx + ty * ty + tz * tz)
+    back = limit / trial if trial > limit else 1.0
+    presses = tx * nx + ty * ny + tz * nz < 0.0
+    back = back if presses else 0.0
+    tx, ty, tz = back * tx, back * ty, back * tz
+    fades = way if (not presses) | (trial < 0.5 * limit) else min((trial - limit) / max(k, _TINY), s)
+
+    slid = s * (1.0 - elastic) if leads else max(fades, 0.0) * (1.0 / YIELD_FADES)
+    left = _exp_minus(slid / span)
+    yields = leads & (slid > 0.0)
+    first = bb == 0.0
+    gx = 0.5 * (ax + (ax if first else bx)) - lx
+    gy = 0.5 * (ay + (ay if first else by)) - ly
+    gz = 0.5 * (az + (az if first else bz)) - lz
+    w = 1.0 - (left * left if gx * lx + gy * ly + gz * lz < 0.0 else left)
+    lx, ly, lz = lx + w * gx, ly + w * gy, lz + w * gz
+    bx, by, bz = (ax if yields else bx), (ay if yields else by), (az if yields else bz)
+    limit = (sqrt(lx * lx + ly * ly + lz * lz) if yields else limit) if leads else limit * left
+    none = limit * limit <= _FADED * _FADED * bb
+    tractions[3, i], tractions[4, i], tractions[5, i] = (0.0 if none else bx), (0.0 if none else by), (0.0 if none else bz)
+    tractions[6, i] = 0.0 if none else limit
+    mx, my, mz = (lx if leads else tx), (ly if leads else ty), (lz if leads else tz)
+    return (0.0 if none else mx), (0.0 if none else my), (0.0 if none else mz)
 
 
 @inlined
-def is_faded(tractions, b, stiffness):  # type: ignore[no-untyped-def]
-    """Whether the tractions of a block are negligible."""
+def open_gaps(tractions, rows, b, shift, turn):  # type: ignore[no-untyped-def]
+    """Follow the gaps behind a block of plates that trail and have no traction; `shift`, `turn`: in tool axes."""
+    for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
+        x, y, z = rows[0, i], rows[1, i], rows[2, i]
+        dx = shift[0] + turn[0] * x + turn[1] * y + turn[2] * z
+        dy = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
+        dz = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
+        dn = dx * rows[3, i] + dy * rows[4, i] + dz * rows[5, i]
+        tractions[7, i] = min(max(tractions[7, i] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
+
+
+@inlined
+def is_empty(tractions, b):  # type: ignore[no-untyped-def]
+    """Whether the plates of a block remember no more than a gap."""
     largest = 0.0
     for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
-        largest = max(largest, abs(tractions[0, i]), abs(tractions[1, i]), abs(tractions[2, i]))
-    return largest < _FADED * stiffness
+        largest = max(largest, tractions[6, i])
+    return largest == 0.0
 
 
 @inlined
-def set_to_zero(tractions, b):  # type: ignore[no-untyped-def]
+def forget(tractions, b):  # type: ignore[no-untyped-def]
     """Clear the memory of a block."""
     for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
-        for k in range(6):
+        for k in range(8):
             tractions[k, i] = 0.0
