@@ -1,6 +1,30 @@
-"""Memory: grains must be sheared over a distance before they resist fully."""
+"""Memory: grains must be sheared over a distance before they resist fully, and let go over a shorter one, Eq. (10).
 
-from dataclasses import dataclass, field
+Each plate keeps its traction per depth τ, in world axes; the radius y of its elastic zone; the law's traction t when it
+last yielded; and the gap g behind it. A step moves it by D, of which D_n = D·n along its normal:
+
+- A retreat of a plate without traction leaves a fifth of it open: g grows by -0.2 D_n. On the way back the gap closes
+  before anything else happens.
+- Inside its elastic zone, abs(τ) <= y, a plate is a spring: τ falls by k D, k = max(abs(t), y) / l(d). Nothing is
+  counted there, so noise at rest teaches it nothing.
+- Beyond it, a plate that leads yields: τ approaches the law's t over λ(d), or half of it where it falls, along the
+  path that remains, and y = abs(τ).
+- A plate that trails keeps abs(τ) <= y and is never pulled: τ·n < 0, or τ = 0. While it slips, or has lost half of y, y
+  fades over 3 λ(d).
+
+λ(d) is the mobilization length times (d / `DEPTH`)², and l(d) the elastic share of it, within the bounds below.
+
+Energy. Per depth and area a plate stores abs(τ)² / 2k <= abs(τ) l / 2, and at constant depth it gives back no more
+than that: a spring gives what it took, a plate that yields or slips has τ·D <= 0 (if the law has), and one that lets
+go loses what it stored. So no closed path at constant depth yields work. With a change of depth the force follows the
+load at constant τ, and closed paths within the elastic zone can yield up to (l / d) of the energy stored.
+
+Constants. λ's square and its halving were chosen on ten simulated runs at 0 to 45 mm, hence `GREATEST`. The elastic share was
+chosen on the withdrawal of the ABB plate; the gap, the fading of y and `LEAST_ELASTIC` on two simulated runs of small
+retreats (docs/accuracy.md).
+"""
+
+from dataclasses import KW_ONLY, dataclass, field
 from math import sqrt
 
 import numpy as np
@@ -15,25 +39,41 @@ __all__ = ["DEPTH", "GAPS", "LOADED", "Memory", "advance", "displacement", "forg
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
 
-DEEPEST = 0.045
-SHORTEST = 0.0005
-ELASTIC = 0.04
-SHORTEST_ELASTIC = 100e-6
-YIELD_FADES = 0.3
-OPEN = 0.2
-WIDEST = 0.005
-_TINY = 1e-290
+LEAST, GREATEST = 1.0 / 6.0, 2.25
+"""The least and the greatest λ(d), over the mobilization length: those of 12 and 45 mm of depth."""
 
-_FADED = 1e-3  # of the law's traction when a plate last yielded: less than this is none
-_FAR = 1e30  # bounds displacements, so that no product overflows
+ELASTIC, LEAST_ELASTIC = 0.08, 1.0 / 30.0
+"""The elastic length l(d), over λ(d); the least one, over the mobilization length."""
+
+YIELD_FADES = 3.0
+"""Path over which y fades, over λ(d)."""
+
+OPEN = 0.2
+"""Growth of the gap over the retreat."""
+
+WIDEST = 5e-3
+"""The widest gap [m]."""
 
 GAPS, LOADED = 1, 2
 """Values of `Memory.active`: the block's plates have no more than gaps behind them; they have tractions."""
 
+_FADED = 1e-3  # a trailing plate whose y has fallen to this share of abs(t) remembers nothing
+_FAR = 1e30  # bounds displacements [m], so that no product overflows
+_TINY = 1e-290  # avoids 0 / 0
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
+    """The memory of the plates of one tool, in the order of their blocks; ``Memory(plates)`` is empty.
+
+    `slack` [m]: so far the tool moves before its plates do, and so far it must turn back before they do, for poses with
+    noise; a simulator needs none. `tractions`: shape [8, m]: τ and t [N/m³], world axes; y [N/m³]; g [m]. `active`:
+    shape [m / BLOCK], 0, `GAPS` or `LOADED`. `motion`: shape [20]: the last twist that was not zero, scaled to order
+    one; 1 after the first state; slack; the pose that the plates have followed to: position [m] and rotation matrix.
+    """
+
     plates: Plates
+    _: KW_ONLY
     slack: float = 0.0
     tractions: NDArray[np.float64] = field(init=False)
     active: NDArray[np.uint8] = field(init=False)
@@ -44,6 +84,12 @@ class Memory:
         object.__setattr__(self, "tractions", np.zeros((8, m)))
         object.__setattr__(self, "active", np.zeros(m // BLOCK, dtype=np.uint8))
         object.__setattr__(self, "motion", np.array([*np.zeros(7), self.slack, *np.zeros(12)]))
+
+    def copy_from(self, other: "Memory") -> None:
+        """Take over what a memory of the same plates holds, into the same arrays."""
+        np.copyto(self.tractions, other.tractions)
+        np.copyto(self.active, other.active)
+        np.copyto(self.motion, other.motion)
 
 
 @inlined
@@ -113,19 +159,20 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     bx, by, bz = tractions[3, i], tractions[4, i], tractions[5, i]
     limit, gap = tractions[6, i], tractions[7, i]
     mm = mx * mx + my * my + mz * mz
+    size = sqrt(mm)
     bb = bx * bx + by * by + bz * bz
 
     dn = dx * nx + dy * ny + dz * nz
     way = sqrt(dx * dx + dy * dy + dz * dz)
     shut = gap - max(dn, 0.0)
-    tractions[7, i] = min(max(shut, 0.0) + (OPEN * max(-dn, 0.0) if mm == 0.0 else 0.0), WIDEST)
-    # what counts is the part of the displacement after the gap has closed
-    used = 1.0 if gap == 0.0 else max(-shut, 0.0) / max(dn, _TINY)
+    tractions[7, i] = min(max(shut, 0.0) + (0.0 if leads | (mm > 0.0) else OPEN * max(-dn, 0.0)), WIDEST)
+    # what counts is the part of the displacement after the gap has closed; a grazing plate, which leads, has none
+    used = 1.0 if (gap == 0.0) | (leads & (dn <= 0.0)) else max(-shut, 0.0) / max(dn, _TINY)
     s = used * way
 
-    ratio = min(depth, DEEPEST) * (1.0 / DEPTH)
-    span = max(length * ratio * ratio, SHORTEST)
-    k = used * max(sqrt(bb), limit) / max(ELASTIC * span, SHORTEST_ELASTIC)
+    ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
+    span = length * ratio
+    k = used * max(sqrt(bb), limit) / (length * max(ELASTIC * ratio, LEAST_ELASTIC))
     kx, ky, kz = k * dx, k * dy, k * dz
     full = k * way
 
@@ -133,13 +180,13 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     q = kx * mx + ky * my + kz * mz
     elastic = min((q + sqrt(q * q + full * full * max(limit * limit - mm, 0.0))) / max(full * full, _TINY), 1.0)
     lx, ly, lz = mx - elastic * kx, my - elastic * ky, mz - elastic * kz
-    # trailing: elastic, perfectly plastic, and never pulled
+    # trailing: elastic and perfectly plastic; what does not press lets go over l(d) of retreat
     tx, ty, tz = mx - kx, my - ky, mz - kz
     trial = sqrt(tx * tx + ty * ty + tz * tz)
+    presses = (tx * nx + ty * ny + tz * nz < 0.0) | (dn >= 0.0)
     back = limit / trial if trial > limit else 1.0
-    presses = tx * nx + ty * ny + tz * nz < 0.0
-    back = back if presses else 0.0
-    tx, ty, tz = back * tx, back * ty, back * tz
+    loose = max(1.0 + k * dn / max(size, _TINY), 0.0)
+    tx, ty, tz = (back * tx if presses else loose * mx), (back * ty if presses else loose * my), (back * tz if presses else loose * mz)
     fades = way if (not presses) | (trial < 0.5 * limit) else min((trial - limit) / max(k, _TINY), s)
 
     slid = s * (1.0 - elastic) if leads else max(fades, 0.0) * (1.0 / YIELD_FADES)
@@ -153,7 +200,7 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     lx, ly, lz = lx + w * gx, ly + w * gy, lz + w * gz
     bx, by, bz = (ax if yields else bx), (ay if yields else by), (az if yields else bz)
     limit = (sqrt(lx * lx + ly * ly + lz * lz) if yields else limit) if leads else limit * left
-    none = limit * limit <= _FADED * _FADED * bb
+    none = (not leads) & (limit * limit <= _FADED * _FADED * bb)
     tractions[3, i], tractions[4, i], tractions[5, i] = (0.0 if none else bx), (0.0 if none else by), (0.0 if none else bz)
     tractions[6, i] = 0.0 if none else limit
     mx, my, mz = (lx if leads else tx), (ly if leads else ty), (lz if leads else tz)
