@@ -22,7 +22,7 @@ from rft_ros.calibration.fitting import (
 from rft_ros.calibration.segments import Turn, turns_in_grains
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Track
-from rft_ros.rft import Law, Memory, wrenches_in_time
+from rft_ros.rft import SLACK, Law, Memory, wrenches_in_time
 
 __all__ = ["fit_memory_length", "forces_in_time"]
 
@@ -48,16 +48,14 @@ def forces_in_time(
 
     `length`: mobilization length λ [m]. The memory is empty at `first`.
     """
-    states = track.states[first : last + 1].copy()
-    turning = np.linalg.norm(states[:, 10:13], axis=1) * track.tool.plates.reach
-    states[np.linalg.norm(states[:, 7:10], axis=1) + turning < track.rest_speed, 7:13] = 0.0
+    states = track.states[first : last + 1]
     durations = np.diff(track.time[first : last + 1], prepend=track.time[first])
     return wrenches_in_time(
         track.tool.plates,
         law,
         states,
         durations,
-        Memory(track.tool.plates),
+        Memory(track.tool.plates, slack=SLACK),
         mobilization_length=length,
         surface_height=surface,
     )[:, :3]

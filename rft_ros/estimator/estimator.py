@@ -33,6 +33,7 @@ from rft_ros.rft import (
     COLUMNS,
     LEVEL,
     SENSITIVITIES,
+    SLACK,
     STATE,
     Memory,
     rotation_matrix,
@@ -258,7 +259,7 @@ class Estimator:
         self._places: deque[PoseSample] = deque(maxlen=_PLACES)  # where the tool was when a cloud was seen
 
     def _begin_memory(self, model: Model) -> None:
-        self._memory = Memory(model.tool.plates) if model.mobilization_length > 0.0 else None
+        self._memory = Memory(model.tool.plates, slack=SLACK) if model.mobilization_length > 0.0 else None
         self._before = None
 
     # --- transforms, twists and load cell
@@ -417,7 +418,7 @@ class Estimator:
             return no_velocity
         speed = self._speed()
         path, duration = self._moved(pose, speed)
-        area = self._evaluate(duration, speed)
+        area = self._evaluate(duration)
         in_grains = area > 0.0
         if in_grains:
             self._tare.disturb(pose.stamp, "the tool was in the grains")
@@ -556,10 +557,10 @@ class Estimator:
         path = math.dist(pose.position, last.position) + self.model.tool.plates.reach * turn
         return path, path / mean
 
-    def _evaluate(self, duration: float, speed: float) -> float:
+    def _evaluate(self, duration: float) -> float:
         """Write the model's wrench at the candidate state to the result; returns the submerged area [m²].
 
-        With memory it also advances the memory by `duration` [s], and sets the candidate's velocity to 0 at rest.
+        With memory it also advances the memory; `duration` [s]: since the last pose, 0 if it does not follow it.
         """
         height, slope = self.settings.surface_height, LEVEL
         if self._ground is not None:
@@ -569,8 +570,6 @@ class Estimator:
         if self._memory is None:
             wrenches(*scene, surface_height=height, slope=slope, threads=1, out=self._result)
             return float(self._result[0, 6])
-        if speed < self.settings.rest_speed:  # noise at rest must not add to the path
-            self._candidate[0, 7:13] = 0.0
         self._duration[0] = duration
         wrenches_in_time(
             *scene, self._duration, self._memory, mobilization_length=self.model.mobilization_length,

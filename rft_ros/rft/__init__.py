@@ -87,7 +87,7 @@ from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table,
 from rft_ros.rft.frames import STATE, checked_states, rotation_matrix, unit_quaternion
 from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
-from rft_ros.rft.memory import Memory
+from rft_ros.rft.memory import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import LAWS, Law, Treers2021, law_named, traction_per_depth, treers2021
 from rft_ros.rft.wrench import COLUMNS, LEVEL, SENSITIVITIES, edge_shares, plate_forces, wrenches, wrenches_in_time
@@ -101,6 +101,7 @@ __all__ = [
     "LEVEL",
     "MEDIA",
     "SENSITIVITIES",
+    "SLACK",
     "STATE",
     "SURFACE_FRICTION",
     "Agarwal2023",

@@ -34,7 +34,8 @@ from rft_ros.rft.compilation import inlined
 from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.plates import BLOCK, Plates
 
-__all__ = ["DEPTH", "GAPS", "LOADED", "Memory", "advance", "displacement", "forget", "is_empty", "open_gaps"]
+__all__ = ["DEPTH", "GAPS", "LOADED", "SLACK", "Memory"]
+__all__ += ["advance", "displacement", "forget", "is_empty", "open_gaps"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
@@ -53,6 +54,9 @@ OPEN = 0.2
 
 WIDEST = 5e-3
 """The widest gap [m]."""
+
+SLACK = 10e-6
+"""`Memory.slack` [m] for measured poses: five standard deviations of encoders of 2 µm."""
 
 GAPS, LOADED = 1, 2
 """Values of `Memory.active`: the block's plates have no more than gaps behind them; they have tractions."""
@@ -138,7 +142,15 @@ def displacement(motion, state, axes, reach, counts):  # type: ignore[no-untyped
             motion[8 + j] -= rest * v
     px, py, pz = part * px, part * py, part * pz
     a, b, c, d, e, f, g, h, i = (
-        part * a, part * b, part * c, part * d, part * e, part * f, part * g, part * h, part * i
+        part * a,
+        part * b,
+        part * c,
+        part * d,
+        part * e,
+        part * f,
+        part * g,
+        part * h,
+        part * i,
     )
     turn = (*from_frame(axes, a, b, c), *from_frame(axes, d, e, f), *from_frame(axes, g, h, i))
     p, q, r = into_frame(axes, a, d, g), into_frame(axes, b, e, h), into_frame(axes, c, f, i)
@@ -186,7 +198,11 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     presses = (tx * nx + ty * ny + tz * nz < 0.0) | (dn >= 0.0)
     back = limit / trial if trial > limit else 1.0
     loose = max(1.0 + k * dn / max(size, _TINY), 0.0)
-    tx, ty, tz = (back * tx if presses else loose * mx), (back * ty if presses else loose * my), (back * tz if presses else loose * mz)
+    tx, ty, tz = (
+        (back * tx if presses else loose * mx),
+        (back * ty if presses else loose * my),
+        (back * tz if presses else loose * mz),
+    )
     fades = way if (not presses) | (trial < 0.5 * limit) else min((trial - limit) / max(k, _TINY), s)
 
     slid = s * (1.0 - elastic) if leads else max(fades, 0.0) * (1.0 / YIELD_FADES)
@@ -201,7 +217,11 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     bx, by, bz = (ax if yields else bx), (ay if yields else by), (az if yields else bz)
     limit = (sqrt(lx * lx + ly * ly + lz * lz) if yields else limit) if leads else limit * left
     none = (not leads) & (limit * limit <= _FADED * _FADED * bb)
-    tractions[3, i], tractions[4, i], tractions[5, i] = (0.0 if none else bx), (0.0 if none else by), (0.0 if none else bz)
+    tractions[3, i], tractions[4, i], tractions[5, i] = (
+        (0.0 if none else bx),
+        (0.0 if none else by),
+        (0.0 if none else bz),
+    )
     tractions[6, i] = 0.0 if none else limit
     mx, my, mz = (lx if leads else tx), (ly if leads else ty), (lz if leads else tz)
     return (0.0 if none else mx), (0.0 if none else my), (0.0 if none else mz)

@@ -215,7 +215,9 @@ def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, al
 def test_within_the_elastic_zone_the_force_depends_on_the_pose_alone(seed):
     """Any trembling in six directions that returns brings the force back: nothing is counted, whatever the twist."""
     memory, rng = Memory(DOWN), np.random.default_rng(seed)
-    states, durations = along(np.append(np.linspace(0.0, 0.02, 50), 0.0199), (0.0, 0.0, -0.01), start=(0.0, 0.0, -DEPTH))
+    states, durations = along(
+        np.append(np.linspace(0.0, 0.02, 50), 0.0199), (0.0, 0.0, -0.01), start=(0.0, 0.0, -DEPTH)
+    )
     durations[-1] = 0.01
     remembered(states, durations, plates=DOWN, memory=memory)
     tremble = np.repeat(states[-1:], 500, axis=0)
