@@ -19,9 +19,9 @@ than that: a spring gives what it took, a plate that yields or slips has τ·D <
 go loses what it stored. So no closed path at constant depth yields work. With a change of depth the force follows the
 load at constant τ, and closed paths within the elastic zone can yield up to (l / d) of the energy stored.
 
-Constants. λ's square and its halving were chosen on ten simulated runs at 0 to 45 mm, hence `GREATEST`. The elastic share was
-chosen on the withdrawal of the ABB plate; the gap, the fading of y and `LEAST_ELASTIC` on two simulated runs of small
-retreats (docs/accuracy.md).
+Constants. λ's square and its halving were chosen on ten simulated runs at 0 to 45 mm, hence `GREATEST`. The elastic
+share was chosen on the withdrawal of the ABB plate; the gap, the fading of y and `LEAST_ELASTIC` on two simulated runs
+of small retreats (docs/accuracy.md).
 """
 
 from dataclasses import KW_ONLY, dataclass, field
