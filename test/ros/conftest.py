@@ -27,10 +27,7 @@ def ros() -> Iterator[None]:
 def start_node() -> Iterator[Callable[..., Harness]]:
     """Start a node in this process, with arguments that follow ``--ros-args``."""
     with contextlib.ExitStack() as started:
-        namespaces = (f"/node{k}" for k in itertools.count())
-        yield lambda *arguments: started.enter_context(
-            contextlib.closing(Harness(*arguments, namespace=next(namespaces)))
-        )
+        yield lambda *arguments, **options: started.enter_context(contextlib.closing(Harness(*arguments, **options)))
 
 
 @pytest.fixture
@@ -39,7 +36,7 @@ def start_process(tmp_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     with contextlib.ExitStack() as started:
         logs = (tmp_path / f"node{k}.log" for k in itertools.count())
         yield lambda *arguments, **options: started.enter_context(
-            contextlib.closing(NodeProcess(*arguments, log=(log := next(logs)), namespace=f"/{log.stem}", **options))
+            contextlib.closing(NodeProcess(*arguments, log=next(logs), **options))
         )
 
 

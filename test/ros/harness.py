@@ -2,6 +2,7 @@
 
 import ctypes
 import fcntl
+import itertools
 import os
 import signal
 import subprocess
@@ -33,6 +34,7 @@ from rft_ros.tool import Tool, ToolRequest
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
 NODE = (sys.executable, "-m", "rft_ros.node.main", "--ros-args")
 WAIT = 600.0  # s: other work may keep every core busy, and a first start compiles
+_NUMBERS = itertools.count()
 _LOCKS: list[IO[str]] = []  # held as long as the process lives
 
 
@@ -60,21 +62,28 @@ class InlineWorker:
 class Harness:
     """A node, and a peer that feeds it and collects its answers: here both in this process.
 
-    The node's diagnostics come ten times a second, so that no test waits for them.
+    The node's diagnostics come ten times a second, so that no test waits for them. `reliable`: its inputs' QoS is, as a
+    user may set it. No two nodes of a process have one name: /rosout would lose one's log when the other ends.
     """
 
-    def __init__(self, *arguments: str, namespace: str = "") -> None:
-        self.name = f"{namespace}/rft"
+    def __init__(self, *arguments: str, reliable: bool = False) -> None:
+        arguments = self._named(arguments, reliable)
         argv = mock.patch.object(sys, "argv", ["rft_node", *arguments])  # where it looks for its parameter files
         with argv, mock.patch.object(rft_node, "DIAGNOSTICS_PERIOD", 0.1):
-            self._rft = rft_node.RftNode(
-                InlineWorker(), arguments=["--ros-args", "-r", f"__ns:={namespace or '/'}", *arguments]
-            )
+            self._rft = rft_node.RftNode(InlineWorker(), arguments=["--ros-args", *arguments])
         self._open(main._executor(self._rft))
         self.executor.add_node(self._rft)
         self._log: list[str] = []
         latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self.node.create_subscription(Log, "/rosout", self._on_log, latched)
+
+    def _named(self, arguments: tuple[str, ...], reliable: bool) -> list[str]:
+        """Chooses the node's name; the arguments that give it, before those of the test."""
+        namespace = f"/node{next(_NUMBERS)}"
+        self.name = f"{namespace}/rft"
+        topics = (f"{self.name}/{topic}" for topic in ("pose", "twist", "wrench_measured") if reliable)
+        qos = [w for t in topics for w in ("-p", f"qos_overrides.{t}.subscription.reliability:=reliable")]
+        return ["-r", f"__ns:={namespace}", *qos, *arguments]
 
     def _open(self, executor: Executor) -> None:
         """The peer, its inputs and the outputs that it receives."""
@@ -266,19 +275,16 @@ class Harness:
 
 
 class NodeProcess(Harness):
-    """As `Harness`, with the node in a process of its own.
+    """As `Harness`, with the node in a process of its own; `environment`: more variables for it.
 
-    Its inputs' QoS is reliable, as a user may set it, so that a busy machine loses no message. `environment`: variables
-    for the node.
+    Its inputs' QoS is reliable, so that a busy machine loses no message.
     """
 
-    def __init__(self, *arguments: str, log: Path, namespace: str = "", environment: Mapping[str, str] = {}) -> None:
-        self.name, self.log = f"{namespace}/rft", log
-        topics = (f"{self.name}/{topic}" for topic in ("pose", "twist", "wrench_measured"))
-        reliable = [w for t in topics for w in ("-p", f"qos_overrides.{t}.subscription.reliability:=reliable")]
+    def __init__(self, *arguments: str, log: Path, environment: Mapping[str, str] = {}) -> None:
+        self.log = log
         with log.open("wb") as file:
             self.process = subprocess.Popen(
-                [*NODE, "-r", f"__ns:={namespace or '/'}", *reliable, *arguments],
+                [*NODE, *self._named(arguments, reliable=True)],
                 stderr=file,
                 stdout=file,
                 env={**os.environ, **environment},

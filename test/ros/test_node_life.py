@@ -113,7 +113,7 @@ def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_a
     rft.close_inputs()
     rft.open_inputs(best_effort)
     rft.ask(rft.moment())
-    reliable = start_node("-p", "qos_overrides./node1/rft/pose.subscription.reliability:=reliable").wait_ready()
+    reliable = start_node("-p", "mesh.file:=plate", reliable=True).wait_ready()
     reliable.close_inputs()
     reliable.open_inputs(best_effort)
     reliable.until(lambda: "'~/pose', offering incompatible QoS" in reliable.said())
