@@ -170,13 +170,6 @@ def _parameters(names: Collection[str] = ()) -> str:
     return _table(*rows)
 
 
-def _topics() -> str:
-    """The README's table of topics."""
-    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
-    rows = lines[lines.index("| topic | type | meaning |") :]
-    return _table(*rows[: rows.index("")]).replace("](docs/node.md#", "](#").replace("](docs/", "](")
-
-
 def _with_tables(file: Path, tables: dict[str, str]) -> str:
     """The file's text with each table written between the marks that carry its name."""
     page = file.read_text(encoding="utf-8")
@@ -193,9 +186,8 @@ def readme() -> str:
 
 
 def node_page() -> str:
-    """docs/node.md with its tables of topics, parameters, reasons and quality flags."""
+    """docs/node.md with its tables of parameters, reasons and quality flags."""
     tables = {
-        "topics": _topics(),
         "parameters": _parameters(),
         "reasons": _table("| reason | when |", "|---|---|", *(f"| `{r.value}` | {_REASONS[r]} |" for r in Reason)),
         "quality flags": _table(
