@@ -2,16 +2,23 @@
 
 import os
 import re
+import sqlite3
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, closing, suppress
+from functools import partial
 from pathlib import Path
+from typing import BinaryIO
+from urllib.parse import quote
 
+from mcap.exceptions import EndOfFile
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
-from rft_ros.bags.damaged import DamagedFile
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import TransformSample
 from rft_ros.estimator.messages import TYPES, Role, Sample, Stamped, decoder
@@ -24,6 +31,7 @@ _LATEST = 100_000_000
 """Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
 
 _TOGETHER = 256  # messages sorted at a time
+_CHUNK_HEAD = 49  # bytes before the records of an uncompressed chunk (https://mcap.dev/spec)
 _SUFFIXES = (".mcap", ".db3", ".bag")
 
 
@@ -33,7 +41,7 @@ def bag_name(bag: Path) -> str:
 
 
 class _Indexed:
-    """A bag or one file of it that rosbags can open, with the interface of `DamagedFile`."""
+    """A bag or one file of it that rosbags can open: its topics with types, message count, first and last time [ns]."""
 
     def __init__(self, path: Path) -> None:
         self.name = path.name
@@ -52,6 +60,74 @@ class _Indexed:
 
     def close(self) -> None:
         self._reader.close()
+
+
+class _Damaged:
+    """One .mcap or .db3 file that rosbags cannot open, read from its start to the damage; as `_Indexed`."""
+
+    def __init__(self, file: Path) -> None:
+        self.name = file.name
+        self._all = partial(_sqlite3 if file.suffix == ".db3" else _mcap, file)
+        self.topics: set[tuple[str, str]] = set()
+        self.count, self.first, self.last = 0, 2**63 - 1, 0
+        with suppress(Exception):  # `messages` raises it again
+            for time, topic, msgtype, _ in self._all():
+                self.topics.add((topic, msgtype))
+                self.count += 1
+                self.first, self.last = min(self.first, time), max(self.last, time)
+
+    def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
+        for time, topic, _, data in self._all():
+            if topic in topics and start <= time < stop:
+                yield time, topic, data
+
+    def close(self) -> None:
+        """Do nothing: no file stays open."""
+
+
+def _mcap(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
+    """Receive time [ns], topic, type and content of each message up to the damage."""
+    types: dict[int, str] = {}
+    channels: dict[int, tuple[str, str]] = {}
+    with file.open("rb") as stream:
+        for record in _records(stream):
+            if isinstance(record, Schema):
+                types[record.id] = record.name
+            elif isinstance(record, Channel):
+                kind, encoding = types.get(record.schema_id, "unknown type"), record.message_encoding
+                channels[record.id] = record.topic, kind if encoding == "cdr" else f"{kind} as {encoding}"
+            elif isinstance(record, Message):
+                yield record.log_time, *channels[record.channel_id], record.data
+            elif isinstance(record, DataEnd):
+                return
+
+
+def _records(stream: BinaryIO) -> Iterator[McapRecord]:
+    """The records of an MCAP file, also those in chunks; of a truncated one, if not compressed, those before the cut."""
+    at = stream.tell()
+    try:
+        try:
+            for record in StreamReader(stream, emit_chunks=True).records:
+                yield from breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,)
+                at = stream.tell()
+        except EndOfFile:
+            stream.seek(at)
+            head = stream.read(_CHUNK_HEAD)
+            if head[:1] != bytes([Opcode.CHUNK]) or any(head[37:41]):  # length of the compression's name
+                raise
+            yield from StreamReader(stream, skip_magic=True).records
+    except EndOfFile:
+        raise ValueError("the file ends inside a record") from None
+
+
+def _sqlite3(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
+    """As `_mcap`, a message at a time."""
+    with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as database:
+        # otherwise sqlite refuses a file that is shorter than its header says
+        database.execute("PRAGMA writable_schema = ON")
+        topics = {key: (name, msgtype) for key, name, msgtype in database.execute("SELECT id, name, type FROM topics")}
+        for key, time, data in database.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED"):
+            yield time, *topics[key], data
 
 
 class Recording:
@@ -88,7 +164,7 @@ class Recording:
         self._topics = dict(topics)
         self._offsets = (start, end)
         self._optional = optional
-        self._parts: list[_Indexed | DamagedFile] = []
+        self._parts: list[_Indexed | _Damaged] = []
         self._why = ""
 
     def __enter__(self) -> "Recording":
@@ -198,7 +274,7 @@ class Recording:
                 if file.suffix == ".bag":
                     raise InputError(f"bag '{bag}' cannot be read ({reason_of(error)}); try 'rosbag reindex'") from None
                 self._why = f"{file.name} is damaged: {reason_of(error)}"
-                self._parts.append(DamagedFile(file))
+                self._parts.append(_Damaged(file))
                 return
 
     def _close(self) -> None:

@@ -122,4 +122,4 @@ def third_party_imports() -> set[str]:
                 found |= {alias.name.partition(".")[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.module and not node.level:
                 found.add(node.module.partition(".")[0])
-    return found - sys.stdlib_module_names - {"rft_ros", "compression"}  # compression: Python 3.14's backports.zstd
+    return found - sys.stdlib_module_names - {"rft_ros"}
