@@ -13,6 +13,7 @@ MANIFEST = ElementTree.parse(Path(__file__).resolve().parent / "package.xml")
 NAME = MANIFEST.findtext("name", "")
 
 SWEEP = ["dask[distributed]>=2024.1", "pyarrow>=14"]
+STUDIES = ["matplotlib>=3.6.3"]
 DOCS = ["mkdocs-material>=9.5", "latex2mathml>=3.77"]
 
 setup(
@@ -45,7 +46,6 @@ setup(
         "mcap>=1.1",
         "PyYAML>=6.0",
         "rich>=13.0",
-        "matplotlib>=3.6.3",
         "plotly>=5.15",
         "fast-simplification>=0.1.7",
     ],
@@ -53,6 +53,7 @@ setup(
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
         "sweep": SWEEP,
         "docs": DOCS,
+        "studies": STUDIES,
         "test": [
             "pytest>=8",
             "pytest-xdist>=3.5",
@@ -62,6 +63,7 @@ setup(
             "catkin_pkg>=1.0",
             *SWEEP,
             *DOCS,
+            *STUDIES,
         ],
         "dev": ["mpmath>=1.3", "mypy>=1.10", "ruff>=0.6", "types-PyYAML", "scipy-stubs; python_version >= '3.11'"],
     },

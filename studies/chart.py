@@ -17,13 +17,13 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.report.pictures import legend_below
 from rft_ros.rft import INTEGRATIONS, MEDIA, Law, Plates, wrenches
 from rft_ros.tool.cubature import chosen_plates
 from rft_ros.tool.merge import Merger
 from studies import numpy_rft
 from studies.chart_scenes import Scene, scenes
 from studies.paper import ALPHA_Y, ZETA, law
+from studies.pictures import legend_below
 from studies.result import BLACK, BLUE, GREY, ORANGE, StudyResult, TextTable, interactive_page, label_axes, new_figure
 
 __all__ = ["CHOSEN", "FULL", "MERGED", "NUMPY", "Point", "front", "median_seconds", "points", "study"]

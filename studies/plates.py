@@ -10,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.report.pictures import legend_below
 from rft_ros.rft import Plates, wrenches
 from rft_ros.sweeps.motions import PlateDrag
 from studies.dem import CALIBRATION, RUNS, DemRun, fitted_zeta, median_error, read_run, smoothed
@@ -25,6 +24,7 @@ from studies.paper import (
     leading_face,
     plate,
 )
+from studies.pictures import legend_below
 from studies.result import BLUE, GREEN, VERMILION, StudyResult, label_axes, new_figure, published_against_ours
 
 __all__ = ["BETAS", "PHIS", "PSI", "Point", "gamma_deg", "simulated_points", "stresses", "study"]

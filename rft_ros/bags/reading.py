@@ -103,7 +103,7 @@ def _mcap(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
 
 
 def _records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file, also those in chunks; of a truncated one, if not compressed, those before the cut."""
+    """The records of an MCAP file, those in chunks too; of a cut one that is not compressed, those before the cut."""
     at = stream.tell()
     try:
         try:

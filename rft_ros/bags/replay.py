@@ -41,9 +41,7 @@ GROUND = "ground.csv"
 """The ground at the end, for `ground.file`."""
 
 # what a replay may write beside estimates/
-_FIGURES = ("force_over_time", "torque_over_time", "force_over_depth", "torque_over_depth", "learned", "residual")
-_PICTURES = tuple(f"{name}.png" for name in (*_FIGURES, "ground", "tool"))
-_FILES = ("estimates.csv", "summary.json", "wall.json", "report.html", GROUND, *_PICTURES)
+_FILES = ("estimates.csv", "summary.json", "wall.json", "report.html", GROUND)
 
 
 def results(out: Path) -> list[Path]:
@@ -66,7 +64,6 @@ def replay(
     *,
     model: Model | None = None,
     report: bool = False,
-    figures: bool = False,
     label: str | None = None,
 ) -> Summary:
     """Play a bag through the estimator and write the results to the folder `out`.
@@ -75,9 +72,9 @@ def replay(
     `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
 
     Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with a map
-    of the ground `GROUND`, with `report` ``report.html``, with `figures` its figures as PNG. The same bag, parameters
-    and versions give the same bytes, except in wall.json. Rows and messages are in the order in which the poses
-    arrived; each message has its pose's stamp. An earlier replay in `out` is replaced as a whole, at the end.
+    of the ground `GROUND`, with `report` ``report.html``. The same bag, parameters and versions give the same bytes,
+    except in wall.json. Rows and messages are in the order in which the poses arrived; each message has its pose's
+    stamp. An earlier replay in `out` is replaced as a whole, at the end.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
     for a tare that is refused.
@@ -131,19 +128,11 @@ def replay(
         (part / "summary.json").write_text(summary.json(), encoding="utf-8")
         wall = {"seconds": summary.seconds, "real_time_factor": summary.real_time_factor}
         (part / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
-        if report or figures:
+        if report:
             from rft_ros.bags.replay_report import draw
 
-            draw(
-                summary,
-                trace,
-                model,
-                part,
-                vertical=motion.vertical_axis(),
-                page=report,
-                pictures=figures,
-                ground=estimator.ground,
-            )
+            vertical = motion.vertical_axis()
+            draw(summary, trace, model, part / "report.html", vertical=vertical, ground=estimator.ground)
     return summary
 
 

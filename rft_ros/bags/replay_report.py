@@ -19,7 +19,6 @@ from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import Animation, animate
 from rft_ros.report.charts import Chart, Line, Panel
 from rft_ros.report.page import Table, write_page
-from rft_ros.report.pictures import draw_chart, draw_tool
 from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
 
 __all__ = ["decimated", "draw"]
@@ -36,14 +35,12 @@ def draw(
     summary: Summary,
     trace: Trace,
     model: Model,
-    out: Path,
+    file: Path,
     *,
     vertical: tuple[str, str],
-    page: bool,
-    pictures: bool,
     ground: HeightMap | None = None,
 ) -> None:
-    """Write ``report.html`` (`page`) and the same figures as PNG (`pictures`) to the folder `out`.
+    """Write the report.
 
     `ground`: at the end, if it is a map. `vertical`: the sensor axis nearest to vertical, and where it points ("up" or
     "down").
@@ -68,12 +65,7 @@ def draw(
     surface = summary.parameters["surface_height"]
     assert isinstance(surface, float)
     tool = _tool_animation(rows, model, surface_height=surface, ground=ground)
-    if page:
-        _write_page(summary, out / "report.html", charts=charts, tool=tool)
-    for chart in charts if pictures else ():
-        draw_chart(chart, out / f"{chart.name}.png", title=summary.bag)
-    if pictures and tool is not None:
-        draw_tool(tool, out / "tool.png", title=summary.bag)
+    _write_page(summary, file, charts=charts, tool=tool)
 
 
 def decimated(trace: Trace) -> NDArray[np.void]:

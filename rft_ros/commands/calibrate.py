@@ -1,6 +1,6 @@
 """Fit load cell, surface, ζ, memory and α_y to recorded bags.
 
-rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.png -o calibrated.yaml
+rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.html -o calibrated.yaml
 """
 
 import argparse
@@ -17,7 +17,7 @@ from rft_ros.commands.options import (
     refuse_inputs,
     warn_of,
 )
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
         help="mesh of the tool in the bag of that name, if not the parameter file's; may be repeated",
     )
     command.add_argument(
-        "--figure", type=Path, metavar="FILE.png", help="draw the penetrations to this file (default: no figure)"
+        "--figure", type=Path, metavar="FILE.html", help="draw the penetrations to this file (default: no figure)"
     )
     tare = "zero each bag's load cell over its first S seconds; 0: none (default: the parameter file's, else none)"
     number_option(command, "--tare", "S", tare)
@@ -75,8 +75,8 @@ def run(arguments: argparse.Namespace) -> int:
         if part not in PARTS:
             raise InputError(f"--fit '{part}' is not one of {', '.join(PARTS)}")
     figure, output = arguments.figure, arguments.output
-    if figure and figure.suffix.lower() != ".png":
-        raise InputError(f"--figure '{figure}' does not end in .png")
+    if figure and figure.suffix != ".html":
+        raise InputError(f"--figure '{figure}' does not end in .html")
     values, options = recording(arguments)
     refuse_inputs(arguments, *filter(None, (output, alpha_y_table(output), figure)), also=named_files(values))
     values = mounted(arguments.bags[0], values, options)
@@ -143,9 +143,9 @@ def _with_error(value: float, error: float) -> str:
 
 
 def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
-    """Draw measured and predicted force over depth to a PNG, one panel for each penetration."""
+    """Draw measured and predicted force over depth on a page, one panel for each penetration."""
     from rft_ros.report.charts import Chart, Line, Panel
-    from rft_ros.report.pictures import draw_chart
+    from rft_ros.report.page import chart_figure, write_figure
 
     rows = []
     for number, p in enumerate(fit.penetrations):
@@ -166,9 +166,6 @@ def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
         )
         rows.append((panel,))
     panels, height = tuple(rows), 330 * len(rows)
-    chart = Chart(name="penetrations", title="Vertical penetration", panels=panels, same_x=False, height=height)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        draw_chart(chart, file, title=f"ζ = {fit.zeta:.3f} ± {fit.error:.3f}")
-    except (OSError, ValueError) as error:  # ValueError: too many penetrations for one PNG
-        raise InputError(f"figure '{file}' cannot be written: {reason_of(error)}") from None
+    title = f"Vertical penetration: ζ = {fit.zeta:.3f} ± {fit.error:.3f}"
+    chart = Chart(name="penetrations", title=title, panels=panels, same_x=False, height=height)
+    write_figure(file, chart_figure(chart), title=title)

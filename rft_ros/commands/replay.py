@@ -35,7 +35,6 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--check", type=Path, metavar="LIMITS.yaml", help="exit with 1 if a metric of a bag's summary exceeds a limit"
     )
-    command.add_argument("--figures", action="store_true", help="write the report's figures as PNG too")
     command.add_argument("--no-report", action="store_true", help="write no report.html")
 
 
@@ -54,9 +53,7 @@ def run(arguments: argparse.Namespace) -> int:
         model = replay_model(values)
     warn_of(model.tool)
 
-    one = partial(
-        replay, values=values, options=options, model=model, report=not arguments.no_report, figures=arguments.figures
-    )
+    one = partial(replay, values=values, options=options, model=model, report=not arguments.no_report)
     if len(arguments.bag) == 1:
         summary = one(arguments.bag[0], arguments.output)
         print("\n".join(summary.lines()), flush=True)

@@ -1,7 +1,7 @@
-"""Draw a tool moving through the grains: an animated page, or a film.
+"""Draw a tool moving through the grains: an animated page.
 
 rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
-rft view out/demo/bag --params config/demo.yaml -o tool.gif
+rft view out/demo/bag --params config/demo.yaml -o tool.html
 """
 
 import argparse
@@ -35,16 +35,15 @@ def add_options(command: argparse.ArgumentParser) -> None:
     law_options(states)
     surface_option(states)
     recording_options(command.add_argument_group("for a bag"))
-    output_option(command, "OUT", "OUT.html, OUT.gif or OUT.mp4 (needs ffmpeg)")
+    output_option(command, "OUT.html", "page to write")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from rft_ros.report.animation import FILMS, write_film
-    from rft_ros.report.page import write_animation_page
+    from rft_ros.report.animation import animation_figure
+    from rft_ros.report.page import write_figure
 
-    suffix = arguments.output.suffix
-    if suffix not in (".html", *FILMS):
-        raise InputError(f"'{arguments.output}' must end in .html, {' or '.join(FILMS)}")
+    if arguments.output.suffix != ".html":
+        raise InputError(f"'{arguments.output}' must end in .html")
     of_states = arguments.source.suffix == ".csv"
     other = "for a bag" if of_states else "for states"
     for option in next(g for g in arguments.own._action_groups if g.title == other)._group_actions:
@@ -53,7 +52,7 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_inputs(arguments, arguments.output)
     scene = _of_states(arguments) if of_states else _of_bag(arguments)
     with busy("drawing"):
-        (write_animation_page if suffix == ".html" else write_film)(scene, arguments.output)
+        write_figure(arguments.output, animation_figure(scene), title=scene.title)
     print(f"{len(scene.labels)} moments of {scene.title} -> {arguments.output}")
     return 0
 

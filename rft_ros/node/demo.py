@@ -32,7 +32,7 @@ from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Wrench, WrenchSample
 from rft_ros.estimator.messages import decoder
-from rft_ros.installation import program, share_directory
+from rft_ros.installation import program
 from rft_ros.node.virtual_arm import PAUSE
 
 _SHOWN = ("predicted", "sigma", "compensated", "residual")
@@ -43,7 +43,7 @@ _NODE, _ARM = "the node", "the virtual arm"
 class Watcher:
     """Records and shows topics and calls services, as `ros2 bag record`, `topic echo` and `service call` would.
 
-    `wrenches`: by name of the node's topic; `surprise`: in standard deviations; each with its stamp [ns].
+    `wrenches`: the newest by name of the node's topic.
     """
 
     def __init__(self, bag: BagWriter) -> None:
@@ -52,8 +52,7 @@ class Watcher:
         self._decode = decoder("wrench", ros1=False)
         self.children: dict[str, subprocess.Popen[bytes]] = {}
         self.counts: dict[str, int] = {}
-        self.wrenches: dict[str, list[tuple[int, Wrench]]] = {name: [] for name in _SHOWN}
-        self.surprise: list[tuple[int, float]] = []
+        self.wrenches: dict[str, Wrench] = {}
         self.learned = "nothing yet"
         self._subscribe(PoseStamped, "pose")
         self._subscribe(TwistStamped, "twist")
@@ -62,7 +61,7 @@ class Watcher:
             self._subscribe(WrenchStamped, f"wrench_{name}", partial(self._on_wrench, name))
         self._subscribe(JointState, "medium_learned", self._on_learned)
 
-    def _subscribe(self, message: type, name: str, show: Callable[[int, bytes], None] | None = None) -> None:
+    def _subscribe(self, message: type, name: str, show: Callable[[bytes], None] | None = None) -> None:
         topic, type_name = f"/rft/{name}", f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
         self.counts[topic] = 0
 
@@ -73,18 +72,17 @@ class Watcher:
             self._bag.write_raw(topic, type_name, stamp + (name == "pose"), data)
             self.counts[topic] += 1
             if show is not None:
-                show(stamp, data)
+                show(data)
 
         self.node.create_subscription(message, topic, record, QoSProfile(depth=500), raw=True)
 
-    def _on_wrench(self, name: str, stamp: int, data: bytes) -> None:
+    def _on_wrench(self, name: str, data: bytes) -> None:
         if isinstance(sample := self._decode(data), WrenchSample):
-            self.wrenches[name].append((stamp, sample.wrench))
+            self.wrenches[name] = sample.wrench
 
-    def _on_learned(self, stamp: int, data: bytes) -> None:
+    def _on_learned(self, data: bytes) -> None:
         message = deserialize_message(data, JointState)
         values, errors = message.position, message.effort
-        self.surprise.append((stamp, values[4]))
         self.learned = f"vertical {values[0]:.2f} ± {errors[0]:.2f}, horizontal {values[1]:.2f} ± {errors[1]:.2f}"
 
     def spin(self, seconds: float) -> None:
@@ -147,8 +145,8 @@ def _table(watcher: Watcher, elapsed: float) -> Table:
     for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
         table.add_column(column, justify="right", min_width=6)
     for name in _SHOWN:
-        rows = watcher.wrenches[name]
-        table.add_row(name, *([f"{v:.3f}" for v in rows[-1][1]] if rows else ["-"] * 6))
+        wrench = watcher.wrenches.get(name)
+        table.add_row(name, *([f"{v:.3f}" for v in wrench] if wrench else ["-"] * 6))
     return table
 
 
@@ -163,15 +161,14 @@ def _by_hand(parameters: Path, seconds: float) -> list[str]:
     return found
 
 
-def demo(output: Path, *, seconds: float) -> Watcher | None:
-    """Run the demo for `seconds` of arm motion and record it to ``bag`` in `output`; None if no estimate came."""
+def demo(bag: Path, parameters: Path, *, seconds: float) -> bool:
+    """Run the demo for `seconds` of arm motion and record it to `bag`; whether estimates came."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     console = Console()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    with file_errors(f"output folder '{output}'", "written"):
-        output.mkdir(parents=True, exist_ok=True)
-    parameters = share_directory("rft_ros") / "config" / "demo.yaml"
+    with file_errors(f"output folder '{bag.parent}'", "written"):
+        bag.parent.mkdir(parents=True, exist_ok=True)
     console.print(
         "[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains that are stronger than the"
         " model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and weight off the"
@@ -184,8 +181,8 @@ def demo(output: Path, *, seconds: float) -> Watcher | None:
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the children
     rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way
     try:
-        with BagWriter(output / "bag") as bag:
-            watcher = Watcher(bag)
+        with BagWriter(bag) as writer:
+            watcher = Watcher(writer)
             with _process("rft_ros.node.main", "--ros-args", "--params-file", str(parameters)) as node:
                 watcher.children[_NODE] = node
                 console.print("waiting for the node, which may have to compile first ...")
@@ -197,15 +194,13 @@ def demo(output: Path, *, seconds: float) -> Watcher | None:
             watcher.node.destroy_node()
     finally:
         rclpy.try_shutdown()
-    if not watcher.wrenches["residual"]:
+    if "residual" not in watcher.wrenches:
         console.print("[red]no estimates came[/red]; see the node's messages above")
-        return None
+        return False
     for topic, count in watcher.counts.items():
         console.print(f"recorded {count:5d} {topic}", highlight=False)
-    console.print(f"-> {output / 'bag'} (rosbag2, MCAP)", soft_wrap=True, highlight=False)
-    again = f"{program('rft')} replay {output / 'bag'} --params {parameters} --tare 2 -o {output / 'replay'}"
-    console.print(f"the same offline: {again}", soft_wrap=True, highlight=False)
-    return watcher
+    console.print(f"-> {bag} (rosbag2, MCAP)", soft_wrap=True, highlight=False)
+    return True
 
 
 def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]") -> None:
@@ -231,6 +226,6 @@ def _watch(watcher: Watcher, console: Console, arm: "subprocess.Popen[bytes]") -
                 live.update(_table(watcher, elapsed))
             elif elapsed - said >= 1.0:
                 said = elapsed
-                text = "  ".join(f"{name} {rows[-1][1][2]:6.3f}" for name, rows in watcher.wrenches.items() if rows)
+                text = "  ".join(f"{name} {wrench[2]:6.3f}" for name, wrench in watcher.wrenches.items())
                 console.print(f"t = {elapsed:4.1f} s  fz [N]: {text}", highlight=False)
     watcher.check_children()

@@ -1,27 +1,22 @@
-"""A tool that moves through the grains, coloured by traction: as a plotly figure, a film or a picture."""
+"""A tool that moves through the grains, coloured by traction, as a plotly figure."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors
 from rft_ros.ground import HeightMap, LocalSurface, Support
 from rft_ros.rft import LEVEL, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool, drawable
 
-__all__ = ["FILMS", "Animation", "animate", "animate_evenly", "animation_figure", "draw_moment", "write_film"]
+__all__ = ["TRACTION", "Animation", "animate", "animate_evenly", "animation_figure"]
 
 Array = NDArray[np.float64]
 
-FILMS = (".gif", ".mp4")
-"""Suffixes of films. A .mp4 needs the program ffmpeg."""
-
-_SURFACE, _SURFACE_EDGE, _FORCE, _PATH = "#C2A878", "#7a6640", "#0072B2", "#555555"
-_TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
+_SURFACE, _FORCE, _PATH = "#C2A878", "#0072B2", "#555555"
+TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
 """Colour scale of the traction, relative to the greatest."""
 
 _FRAMES_A_SECOND = 12
@@ -154,7 +149,7 @@ def animation_figure(scene: Animation) -> Any:
         return [
             go.Mesh3d(
                 x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
-                colorscale=[list(c) for c in _TRACTION], cmin=0.0, cmax=strongest / 1e3, name="tool",
+                colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=strongest / 1e3, name="tool",
                 intensity=(scene.traction[n] / 1e3).astype(np.float32), intensitymode="cell",
                 colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
             ),
@@ -208,88 +203,3 @@ def animation_figure(scene: Animation) -> Any:
         height=760,
     )
     return figure
-
-
-def write_film(scene: Animation, file: Path) -> None:
-    """Write a .gif or .mp4. Raises InputError if it cannot be written, or ffmpeg is missing for .mp4."""
-    from matplotlib import animation
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    if file.suffix == ".mp4" and not animation.writers.is_available("ffmpeg"):
-        raise InputError(f"'{file}' needs the program ffmpeg (apt install ffmpeg), or write a .gif")
-    writer = animation.writers["ffmpeg" if file.suffix == ".mp4" else "pillow"](fps=_FRAMES_A_SECOND)
-    figure = Figure(figsize=(7.6, 6.0), dpi=90)
-    FigureCanvasAgg(figure)
-    with file_errors(f"output '{file}'", "written"):
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with writer.saving(figure, str(file), dpi=90):
-            for n, label in enumerate(scene.labels):
-                figure.clear()
-                axes = figure.add_subplot(projection="3d", computed_zorder=False)
-                draw_moment(figure, axes, replace(scene, first=n), elevation=14.0, whole=True)
-                figure.suptitle(f"{scene.title}   {label}")
-                writer.grab_frame()
-
-
-def draw_moment(figure: Any, axes: Any, scene: Animation, *, elevation: float = 7.0, whole: bool = False) -> None:
-    """Draw the scene's first moment into matplotlib's 3D axes, with a colour bar and the force in numbers.
-
-    `elevation`: of the viewpoint [deg]. A nearly level one shows both the surface and loaded faces that point down or
-    forwards. `whole`: the axes, the colours and the arrow are scaled to all moments, and the path is drawn.
-    """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
-    from matplotlib.ticker import MaxNLocator
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
-    scene = scene.in_millimetres()
-    n, points, level = scene.first, scene.placed[scene.first], scene.surface_height
-    kilopascals, force = 1e-3 * scene.traction, scene.forces[n]
-    size = float(np.linalg.norm(force))
-    if whole:
-        low, high = scene.box()
-        starts, ends = scene.arrows()
-        arrow = ends[n] - starts[n]
-        axes.plot(*starts[: n + 1].T, color=_PATH, lw=1.0, zorder=5)
-    else:
-        kilopascals = kilopascals[[n]]
-        low, high = points.min(axis=0), points.max(axis=0)
-        around = 0.45 * float((high - low).max())
-        low, high = low - around, high + around
-        low[2], high[2] = min(low[2] + 0.4 * around, level), max(high[2], level + around)
-        arrow = 0.62 * float((high - low)[2]) * force / (size or 1.0)
-
-    (x0, y0, z0), (x1, y1, _) = low, high
-    walls = [
-        [(x0, y1, z0), (x1, y1, z0), (x1, y1, level), (x0, y1, level)],
-        [(x0, y0, z0), (x0, y1, z0), (x0, y1, level), (x0, y0, level)],
-    ]
-    surface = [[(x0, y0, level), (x1, y0, level), (x1, y1, level), (x0, y1, level)]]
-    grains = {"facecolors": _SURFACE, "linewidths": 1.0}
-    axes.add_collection3d(Poly3DCollection(walls, **grains, edgecolors="none", alpha=0.3, zorder=1))
-    axes.add_collection3d(Poly3DCollection(surface, **grains, edgecolors=_SURFACE_EDGE, alpha=0.35, zorder=3))
-    axes.text(x0 + 1.0, y0, level - 0.06 * (high - low)[2], "grains", color=_SURFACE_EDGE, fontsize=10, zorder=6)
-
-    triangles = points[scene.faces]
-    colours = LinearSegmentedColormap.from_list("traction", _TRACTION)
-    scale = Normalize(0.0, float(kilopascals.max(initial=0.0)) or 1.0)
-    above = triangles[:, :, 2].mean(axis=1) > level
-    for shown, order in ((~above, 2), (above, 4)):  # the surface is drawn between them and veils only what is below
-        if shown.any():
-            edges = {"edgecolors": (0.0, 0.0, 0.0, 0.12), "linewidths": 0.25}
-            shades = colours(scale(1e-3 * scene.traction[n, shown]))
-            axes.add_collection3d(Poly3DCollection(triangles[shown], facecolors=shades, **edges, zorder=order))
-    if size > 0.0:
-        axes.quiver(*points.mean(axis=0), *arrow, color=_FORCE, lw=3.0, arrow_length_ratio=0.16, zorder=5)
-    axes.set(xlim=(x0, x1), ylim=(y0, y1), zlim=(z0, high[2]), xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_major_locator(MaxNLocator(4))
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-    axes.grid(visible=False)
-    axes.set_box_aspect(high - low, zoom=1.0)
-    axes.view_init(elev=elevation, azim=-62.0)
-    x, y, z = (f"{v:.2f}".replace("-0.00", "0.00") for v in force)
-    text = f"net force on the tool (x, y, z) = ({x}, {y}, {z}) N"
-    axes.text2D(0.5, 0.98, text, transform=axes.transAxes, color=_FORCE, ha="center", va="top", size=11, weight="bold")
-    figure.colorbar(ScalarMappable(scale, colours), ax=axes, label="Traction [kPa]", shrink=0.6, pad=0.02, aspect=20)

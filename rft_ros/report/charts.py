@@ -1,4 +1,4 @@
-"""A chart as data, which `page` draws on a web page and `pictures` as PNG."""
+"""A chart as data, which `page` draws."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -19,6 +19,7 @@ COLOURS = {
     "horizontal": "#0072B2",
     "turn": "#333333",
     "surface": "#333333",
+    "surprise": "#333333",
     "approach": "#999999",
     "penetration": "#0072B2",
     "ploughing": "#CC79A7",

@@ -13,7 +13,7 @@ from rft_ros.files import whole
 from rft_ros.report.animation import Animation, animation_figure
 from rft_ros.report.charts import BAND, COLOURS, SHADE, Chart, Line
 
-__all__ = ["Table", "chart_figure", "figure_page", "write_animation_page", "write_page"]
+__all__ = ["Table", "chart_figure", "figure_page", "write_figure", "write_page"]
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1.2em; }
@@ -195,7 +195,7 @@ def figure_page(figure: Any, *, title: str, name: str) -> str:
     return page.replace("<html>", '<html lang="en">', 1).replace("<head>", head, 1)
 
 
-def write_animation_page(scene: Animation, file: Path) -> None:
-    """Write an animation as one HTML file; the same scene gives the same bytes. Raises InputError if this fails."""
+def write_figure(file: Path, figure: Any, *, title: str) -> None:
+    """Write a `figure_page`. Raises InputError if this fails."""
     with whole(file) as part:
-        part.write_text(figure_page(animation_figure(scene), title=scene.title, name="animation"), encoding="utf-8")
+        part.write_text(figure_page(figure, title=title, name="figure"), encoding="utf-8")

@@ -37,7 +37,7 @@ class ReplaySeries:
     none. `measured` (less bias and tool weight), `predicted`: wrench on the tool in sensor axes [N, N m], shape [n, 6],
     NaN if missing. `deviation`: standard deviation of each predicted component, shape [n, 6]. `quality_flags`: those
     that occur. `vertical`: the sensor axis nearest to vertical, and "up" or "down" for where it points.
-    `learned`: s_v, s_h, ρ [rad], δ [m], then their standard errors, shape [n, 8] or more; NaN without learning.
+    `learned`: s_v, s_h, ρ [rad], δ [m], their standard errors, and the surprise, shape [n, 9]; NaN without learning.
     """
 
     time: _Numbers
@@ -176,14 +176,17 @@ def _learned(series: ReplaySeries, spans: tuple[Span, ...]) -> Chart:
         ("Strength", 1.0, {0: "vertical", 1: "horizontal"}),
         ("Turn [deg]", math.degrees(1.0), {2: "turn"}),
         ("Surface [mm]", 1e3, {3: "surface"}),
+        ("Surprise [std. deviations]", 1.0, {8: "surprise"}),
     ):
         panels = []
         for x_label, x in ((_TIME, series.time), (_DEPTH, depth)):
             lines = []
             for column, name in columns.items():
-                value, error = unit * series.learned[:, column], unit * series.learned[:, column + 4]
-                y = np.stack([value - error, value + error])
-                lines.append(Line(label="± standard error", colour=name, x=x, y=y, kind="band"))
+                value = unit * series.learned[:, column]
+                if column < 4:
+                    error = unit * series.learned[:, column + 4]
+                    y = np.stack([value - error, value + error])
+                    lines.append(Line(label="± standard error", colour=name, x=x, y=y, kind="band"))
                 lines.append(Line(label=name, colour=name, x=x, y=value))
             panels.append(Panel(x_label=x_label, y_label=label, lines=tuple(lines)))
         rows.append(tuple(panels))
@@ -191,8 +194,8 @@ def _learned(series: ReplaySeries, spans: tuple[Span, ...]) -> Chart:
         name="learned",
         title="What is learned of the grains",
         sentence="Strength of the vertical and of the horizontal force over the model's, turn of the horizontal force"
-        " about the vertical, and height of the surface above surface_height, each with its standard error: over time,"
-        " and over the depth of the lowest point on the way in.",
+        " about the vertical, and height of the surface above surface_height, each with its standard error, and how"
+        " surprising the force was: over time, and over the depth of the lowest point on the way in.",
         panels=tuple(rows),
         spans=spans,
     )

@@ -85,7 +85,7 @@ def test_names_that_are_not_utf_8_are_escaped(tmp_path, capsys):
     bag = write_ros2(tmp_path / os.fsdecode(b"on\xe9"), moments())
     (bag / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
     (bag / "cell.yaml").write_text("rft: {ros__parameters: {mesh.file: tool.stl, tolerance: 0.0}}")
-    given = ["--params", str(bag / "cell.yaml"), "-o", str(tmp_path / "out"), "--figures"]
+    given = ["--params", str(bag / "cell.yaml"), "-o", str(tmp_path / "out")]
     assert main(["replay", str(bag), str(bag), *given]) == 0
     assert json.loads((tmp_path / "out" / "on\\xe9" / "summary.json").read_text())["bag"] == "on\\xe9"
     capsys.readouterr().out.encode()

@@ -128,7 +128,7 @@ def test_a_bag_without_any_estimate_writes_its_output_and_fails(tmp_path, capsys
 
 def test_stamps_all_zero_give_reasons_and_a_report_without_estimates(tmp_path):
     rows = [(role, time, 0, v) for role, time, _, v in moments()]
-    summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values(), report=True, figures=True)
+    summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values(), report=True)
     assert summary.estimates == 0
     assert summary.reasons == {
         "pose_stamp_zero": 60, "twist_stamp_zero": 60, "wrench_stamp_zero": 60

@@ -196,7 +196,7 @@ def test_nothing_identifiable_writes_no_file(cell, tmp_path):
         (("--mesh", "elsewhere=plate"), "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags pressed"),
         (("--tare", "-1"), "tare is -1.0 s"),
         (("--start", "1e6"), "pressed"),
-        (("--figure", "fits.foo"), "--figure 'fits.foo' does not end in .png"),
+        (("--figure", "fits.foo"), "--figure 'fits.foo' does not end in .html"),
     ],
 )
 def test_wrong_options_are_a_sentence(cell, tmp_path, capsys, more, sentence):
@@ -273,9 +273,9 @@ def test_a_new_users_bag_is_tared_replayed_calibrated_and_approved(tmp_path, cap
 
 
 def test_the_penetrations_are_drawn_to_a_figure(cell, tmp_path):
-    figure = tmp_path / "figures" / "penetrations.png"
+    figure = tmp_path / "figures" / "penetrations.html"
     assert calibrate(cell, ("pressed",), tmp_path / "out.yaml", "--figure", str(figure)) == 0
-    assert figure.read_bytes().startswith(b"\x89PNG")
+    assert "measured, less bias and tool weight" in figure.read_text()
 
 
 @pytest.mark.parametrize(

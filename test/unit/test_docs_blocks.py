@@ -26,7 +26,7 @@ def test_the_blocks_of_the_readme_work_in_its_order(tmp_path):
     skip_without_ros()
     project = prepared(tmp_path)
     assert try_page(README, project) > 0
-    assert (project / "out" / "demo" / "force_over_depth.png").is_file()
+    assert (project / "out" / "demo" / "replay" / "report.html").is_file()
 
 
 def test_blocks_that_are_not_run_give_a_reason():

@@ -149,7 +149,7 @@ STATES = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.01,0,0,0,1,0,0,-0.0
         "replay bag --check out/summary.json -o out",
         "replay bag --params out/report.html -o out",
         "calibrate bag --params cell.yaml -o tool.stl",
-        "calibrate bag --params cell.yaml --mesh bag=fits.png --figure fits.png -o new.yaml",
+        "calibrate bag --params cell.yaml --mesh bag=fits.html --figure fits.html -o new.yaml",
         "sweep study.yaml -o out",
     ],
 )
@@ -159,7 +159,7 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
         (tmp_path / name).mkdir()
     cell = "/**: {ros__parameters: {mesh.file: tool.stl, alpha_y.table: estimates.csv}}\n"
     contents = {"states.csv": STATES, "states.npz": "", "cell.yaml": cell, "out/report.html": cell, "tool.stl": ""}
-    contents |= {"table.csv": "0,0.1\n90,0.2\n", "tool.npz": "", "fits.png": "", "estimates.csv": "0,0.1\n90,0.2\n"}
+    contents |= {"table.csv": "0,0.1\n90,0.2\n", "tool.npz": "", "fits.html": "", "estimates.csv": "0,0.1\n90,0.2\n"}
     contents |= {"out/summary.json": "estimates: {min: 1}", "out/results.csv": STATES}
     contents["study.yaml"] = "{tools: [{mesh: plate}], motions: [{states_file: out/results.csv}], media: [{zeta: 1.0}]}"
     for name, content in contents.items():

@@ -13,14 +13,12 @@ from distribution import ROOT, manifest, third_party_imports
 MODULES = {
     "python3-numpy": "numpy",
     "python3-scipy": "scipy",
-    "python3-matplotlib": "matplotlib",
     "python3-yaml": "yaml",
     "python3-rich": "rich",
     "python3-trimesh-pip": "trimesh",
     "python3-rosbags-pip": "rosbags",
     "python3-collada": "collada",
 }
-COMES_WITH = {"mpl_toolkits": "matplotlib"}
 NO_KEY_ON_NOBLE = {"numba", "mcap", "plotly", "fast_simplification"}
 EXTRA_SWEEP = {"distributed", "pyarrow"}
 
@@ -45,7 +43,7 @@ def test_the_manifests_elements_are_in_the_order_of_its_schema():
 def test_each_dependency_is_imported_and_each_import_is_a_dependency():
     package, _ = manifest()
     keys = {d.name for d in package.exec_depends}
-    imported = {COMES_WITH.get(name, name) for name in third_party_imports()}
+    imported = third_party_imports()
     assert {MODULES.get(key, key) for key in keys} == imported - NO_KEY_ON_NOBLE - EXTRA_SWEEP
 
 

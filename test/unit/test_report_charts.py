@@ -29,7 +29,7 @@ def series(quality_flags=(), learned=math.nan):
         deviation=0.15 * np.abs(predicted) + 0.1,
         quality_flags=tuple(quality_flags),
         vertical=("z", "up"),
-        learned=np.broadcast_to(learned, (10, 8)),
+        learned=np.broadcast_to(learned, (10, 9)),
     )
 
 
@@ -71,9 +71,9 @@ def test_each_quality_flag_is_a_bar_while_it_lasts_below_the_forces_only():
 
 def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
     assert [c.name for c in replay_charts(series())] == [c.name for c in replay_charts(series()) if c.name != "learned"]
-    learned = np.tile([1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001], (10, 1))
+    learned = np.tile([1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0], (10, 1))
     chart = next(c for c in replay_charts(series(learned=learned)) if c.name == "learned")
-    for row, expected in zip(chart.panels, ([1.3, 0.6], [5.0], [2.0]), strict=True):
+    for row, expected in zip(chart.panels, ([1.3, 0.6], [5.0], [2.0], [4.0]), strict=True):
         for panel in row:
             assert [line.y[0] for line in panel.lines if line.kind == "line"] == pytest.approx(expected)
     turn, over_depth = (panel.lines[0] for panel in chart.panels[1])

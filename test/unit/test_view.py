@@ -1,10 +1,8 @@
-"""`rft view`: a tool on its way, as a page that needs nothing beside it, or a film."""
+"""`rft view`: a tool on its way, as a page that needs nothing beside it."""
 
 import re
 
-import numpy as np
 import pytest
-from PIL import Image
 from test_cli import HEADER, refused, rft
 
 STATES = "\n".join([HEADER, *(f"{k / 4},0,0,{-0.004 * k},0,0,0,1,0.002,0,-0.016,0,0,0" for k in range(12))]) + "\n"
@@ -28,19 +26,8 @@ def test_the_page_is_self_contained_and_has_the_same_bytes_each_time(tmp_path):
     assert "2.75" in page  # the last moment, at the slider
 
 
-def test_a_film_has_a_picture_for_each_moment_and_shows_the_tool(tmp_path):
-    done = view(tmp_path, "film.gif")
-    assert done.returncode == 0, done.stderr
-    with Image.open(tmp_path / "film.gif") as film:
-        assert film.n_frames == 12
-        first = np.asarray(film.convert("RGB")).astype(int)
-        film.seek(11)
-        last = np.asarray(film.convert("RGB")).astype(int)
-    assert np.abs(first - last).max() > 50
-
-
 def test_what_cannot_be_drawn_is_a_sentence(tmp_path):
-    refused(view(tmp_path, "film.avi"), "film.avi", ".html")
+    refused(view(tmp_path, "film.gif"), "film.gif", ".html")
     (tmp_path / "states.csv").write_text(STATES)
     refused(rft("view", "states.csv", "-o", "o.html", cwd=tmp_path), "--mesh")
     refused(rft("view", "gone.csv", "--mesh", "plate", "-o", "o.html", cwd=tmp_path), "gone.csv")
