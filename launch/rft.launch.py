@@ -10,6 +10,15 @@ from launch_ros.actions import Node
 from launch_ros.substitutions import FindPackageShare
 
 _BOOLEANS = ["true", "false", "True", "False"]
+_INPUTS = {
+    "pose": ("pose", "the tool's pose (geometry_msgs/PoseStamped)"),
+    "twist": ("twist", "the tool's twist (geometry_msgs/TwistStamped)"),
+    "wrench": ("wrench_measured", "the load cell (geometry_msgs/WrenchStamped)"),
+    "surface_points": (
+        "surface_points",
+        "the ground's heights (sensor_msgs/PointCloud2), with ground.cell over 0",
+    ),
+}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -19,21 +28,9 @@ def generate_launch_description() -> LaunchDescription:
         [
             DeclareLaunchArgument("params_file", default_value=default, description="Parameter file of the node."),
             DeclareLaunchArgument("namespace", default_value="", description="Namespace of the node."),
-            DeclareLaunchArgument(
-                "pose", default_value="~/pose", description="Topic of the tool's pose (geometry_msgs/PoseStamped)."
-            ),
-            DeclareLaunchArgument(
-                "twist", default_value="~/twist", description="Topic of the tool's twist (geometry_msgs/TwistStamped)."
-            ),
-            DeclareLaunchArgument(
-                "wrench",
-                default_value="~/wrench_measured",
-                description="Topic of the load cell (geometry_msgs/WrenchStamped).",
-            ),
-            DeclareLaunchArgument(
-                "surface_points",
-                default_value="~/surface_points",
-                description="Topic of the ground's heights (sensor_msgs/PointCloud2), used with ground.cell over 0.",
+            *(
+                DeclareLaunchArgument(name, default_value=f"~/{topic}", description=f"Topic of {what}.")
+                for name, (topic, what) in _INPUTS.items()
             ),
             DeclareLaunchArgument(
                 "use_sim_time",
@@ -66,12 +63,7 @@ def _nodes(context: LaunchContext) -> list[Node]:
             name="rft",
             namespace=LaunchConfiguration("namespace"),
             parameters=[str(file), *([{"use_sim_time": time.lower() == "true"}] if time else [])],
-            remappings=[
-                ("~/pose", LaunchConfiguration("pose")),
-                ("~/twist", LaunchConfiguration("twist")),
-                ("~/wrench_measured", LaunchConfiguration("wrench")),
-                ("~/surface_points", LaunchConfiguration("surface_points")),
-            ],
+            remappings=[(f"~/{topic}", LaunchConfiguration(name)) for name, (topic, _) in _INPUTS.items()],
             output="screen",
         )
     ]

@@ -25,7 +25,7 @@ _CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
 _BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the grains
 _CONTACT = 0.005, 0.1  # m, and share of the descent: greatest error of surface_height
 _STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
-_UNITS = {0.102: "kgf", 0.225: "lbf", 1000.0: "mN", 9.81: "N, counted as kgf"}  # what a driver may report in place of N
+_UNITS = {0.102: "kgf", 0.225: "lbf"}  # what a driver may report in place of N
 _RARE = 0.01  # share of poses
 _START = 1_000_000_000  # ns in which the first transforms and twists may be missing
 _EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
@@ -139,11 +139,11 @@ class Checkup:
         self._compare()
         table = np.array(self._rows).reshape(-1, 9)
         forces = _Forces(table[:, 0], table[:, 1] > 0.0, table[:, 2] > 0.0, table[:, 3:6], table[:, 6:])
-        tool = self._estimator.model.tool
-        error = None if any(issue.kind == "size" for issue in tool.issues) else _error_of_surface(forces)
-        found = [self._of_tool(forces), self._of_surface(error), *self._of_inputs(), *self._of_frames()]
-        found += [finding for finding in (self._of_mount(),) if finding]
-        if len(table) and (error is None or abs(error.metres) <= error.allowed):
+        mesh = self._of_tool(forces)
+        error = _error_of_surface(forces) if mesh.ok else None
+        surface = self._of_surface(error)
+        found = [mesh, surface, *self._of_inputs(), *self._of_frames(), *self._of_mount()]
+        if len(table) and mesh.ok and (error is None or surface.ok):  # else the forces are of another depth
             found += self._of_load_cell(forces)
         return [*found, *self._of_reasons()]
 
@@ -205,19 +205,20 @@ class Checkup:
         if frames := self._estimator.transforms.frames():
             yield Finding(True, f"frames: {', '.join(frames)}")
 
-    def _of_mount(self) -> Finding | None:
+    def _of_mount(self) -> Iterator[Finding]:
         """The sensor's place in the parameters and on /tf_static, if both have it."""
         s, cell = self._estimator.settings, self._estimator.settings.load_cell
         place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame)
         if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
-            return None
+            return
         turn = (Rotation.from_quat(cell.quaternion).inv() * Rotation.from_quat(place.quaternion)).magnitude()
         moved = float(np.linalg.norm(np.subtract(cell.position, place.position)))
         there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
         if turn < np.radians(1.0) and moved < 1e-3:
-            return Finding(True, f"sensor: the parameters and /tf_static agree: {there}")
+            yield Finding(True, f"sensor: the parameters and /tf_static agree: {there}")
+            return
         off = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
-        return Finding(False, f"sensor: {off} ({there}); set sensor.frame_source: tf, or mend one of the two")
+        yield Finding(False, f"sensor: {off} ({there}); set sensor.frame_source: tf, or mend one of the two")
 
     def _of_load_cell(self, forces: _Forces) -> Iterator[Finding]:
         dry = forces.measured[~forces.wet]

@@ -1,6 +1,5 @@
 """Replay a recording through the estimator: estimates as a bag and a table, a summary, a report."""
 
-import json
 import time
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -41,7 +40,7 @@ GROUND = "ground.csv"
 """The ground at the end, for `ground.file`."""
 
 # what a replay may write beside estimates/
-_FILES = ("estimates.csv", "summary.json", "wall.json", "report.html", GROUND)
+_FILES = ("estimates.csv", "summary.json", "report.html", GROUND)
 
 
 def results(out: Path) -> list[Path]:
@@ -71,9 +70,9 @@ def replay(
     `values`: the node's parameters (`read_parameter_file`). `options`: None for the whole bag without tare. `model`:
     `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
 
-    Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`), ``summary.json`` and ``wall.json``; with a map
-    of the ground `GROUND`, with `report` ``report.html``. The same bag, parameters and versions give the same bytes,
-    except in wall.json. Rows and messages are in the order in which the poses arrived; each message has its pose's
+    Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`) and ``summary.json``; with a map
+    of the ground `GROUND`, with `report` ``report.html``. The same bag, parameters and versions give the same bytes.
+    Rows and messages are in the order in which the poses arrived; each message has its pose's
     stamp. An earlier replay in `out` is replaced as a whole, at the end.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
@@ -126,8 +125,6 @@ def replay(
             seconds=time.perf_counter() - began,
         )
         (part / "summary.json").write_text(summary.json(), encoding="utf-8")
-        wall = {"seconds": summary.seconds, "real_time_factor": summary.real_time_factor}
-        (part / "wall.json").write_text(json.dumps(wall, indent=2) + "\n", encoding="utf-8")
         if report:
             from rft_ros.bags.replay_report import draw
 

@@ -94,7 +94,7 @@ def test_nothing_stays_of_an_earlier_replay(bag, tmp_path):
     replay(bag, tmp_path / "a", learning, report=True)
     (tmp_path / "a" / "notes.txt").touch()
     replay(bag, tmp_path / "a", values())
-    left = ["estimates", "estimates.csv", "notes.txt", "summary.json", "wall.json"]
+    left = ["estimates", "estimates.csv", "notes.txt", "summary.json"]
     assert sorted(path.name for path in (tmp_path / "a").iterdir()) == left
     with pytest.raises(InputError, match="does not exist"):
         replay(tmp_path / "gone", tmp_path / "a", values())
