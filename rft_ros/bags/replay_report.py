@@ -2,7 +2,7 @@
 
 import math
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
@@ -11,15 +11,14 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import PHASES, ROW, Trace
 from rft_ros.bags.phases import Phase
+from rft_ros.bags.replay_charts import Figure, ground_chart, replay_charts
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Model
 from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.ground import HeightMap
 from rft_ros.parameters import PARAMETERS
-from rft_ros.report.animation import Animation, animate
-from rft_ros.report.charts import Chart, Line, Panel
+from rft_ros.report.animation import Animation, animate, animation_figure
 from rft_ros.report.page import Table, write_page
-from rft_ros.report.replay_charts import FlaggedRows, ReplaySeries, replay_charts
 
 __all__ = ["decimated", "draw"]
 
@@ -27,7 +26,10 @@ _BUCKETS = 1500
 _BLOCK = 4096
 _FRACTIONS = (0.25, 0.5, 0.75)
 _MOST_FACES = 4000
-_MAP_CELLS = 150
+_TOOL = (
+    "The tool coloured by the predicted traction on its leading faces, in world axes (x and y from the tool's origin),"
+    " the surface of the grains, and the predicted force as an arrow. The slider selects a moment of the recording."
+)
 _PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
 
 
@@ -46,26 +48,15 @@ def draw(
     "down").
     """
     rows = decimated(trace)
-    first = int(rows["stamp"].min()) if len(rows) else 0
-    series = ReplaySeries(
-        time=(rows["stamp"] - first) * 1e-9,
-        depth=rows["depth"],
-        phase=rows["phase"],
-        phases=tuple(phase.value for phase in PHASES),
-        measured=rows["compensated"],
-        predicted=rows["predicted"],
-        deviation=rows["sigma"],
-        quality_flags=tuple(_flagged(rows["quality_flags"])),
-        vertical=vertical,
-        learned=rows["learned"],
-    )
-    charts = replay_charts(series)
+    figures = replay_charts(rows, vertical)
     if ground is not None and model.ground is not None:
-        charts += (_ground_chart(model.ground, ground),)
+        figures.append(ground_chart(model.ground, ground))
     surface = summary.parameters["surface_height"]
     assert isinstance(surface, float)
     tool = _tool_animation(rows, model, surface_height=surface, ground=ground)
-    _write_page(summary, file, charts=charts, tool=tool)
+    if tool is not None:
+        figures.append(Figure("tool", tool.title, _TOOL, animation_figure(tool)))
+    _write_page(summary, file, figures)
 
 
 def decimated(trace: Trace) -> NDArray[np.void]:
@@ -94,14 +85,7 @@ def decimated(trace: Trace) -> NDArray[np.void]:
     return np.concatenate(parts)
 
 
-def _flagged(quality_flags: NDArray[np.int64]) -> Iterator[FlaggedRows]:
-    for flag in QualityFlag:
-        rows = (quality_flags & int(flag)) != 0
-        if rows.any():
-            yield FlaggedRows(name=flag_names(flag)[0], trust=trust(flag).value, rows=rows)
-
-
-def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool: Animation | None) -> None:
+def _write_page(summary: Summary, file: Path, figures: list[Figure]) -> None:
     minutes, seconds = divmod(summary.duration, 60.0)
     write_page(
         file,
@@ -112,8 +96,7 @@ def _write_page(summary: Summary, file: Path, *, charts: tuple[Chart, ...], tool
         " in the axes and about the origin of the sensor frame.",
         warnings=[*([f"reading stopped early: {summary.damage}"] if summary.damage else []), *summary.warnings],
         tables=_tables(summary),
-        charts=charts,
-        tool=tool,
+        figures=figures,
     )
 
 
@@ -180,27 +163,6 @@ def _version(package: str) -> str:
         return version(package)
     except PackageNotFoundError:  # run from a source folder
         return "not installed"
-
-
-def _ground_chart(start: HeightMap, end: HeightMap) -> Chart:
-    panels = []
-    for ground, when in ((start, "at the start"), (end, "at the end")):
-        k = 1 + max(ground.heights.shape) // _MAP_CELLS
-        heights = 1e3 * ground.heights[::k, ::k].astype(np.float64)
-        x, y = (
-            1e3 * ground.cell * (first + 0.5 + k * np.arange(n))
-            for first, n in zip(ground.corner, heights.shape, strict=True)
-        )
-        line = Line(label="Height [mm]", colour="z", x=x, y=y, values=heights, kind="map")
-        panels.append(Panel(x_label=f"x [mm], {when}", y_label="y [mm]", lines=(line,)))
-    return Chart(
-        name="ground",
-        title="Ground",
-        sentence="Height of the ground in world axes; blank where nothing is known.",
-        panels=(tuple(panels),),
-        same_x=False,
-        height=460,
-    )
 
 
 def _tool_animation(

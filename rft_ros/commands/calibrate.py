@@ -144,28 +144,20 @@ def _with_error(value: float, error: float) -> str:
 
 def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
     """Draw measured and predicted force over depth on a page, one panel for each penetration."""
-    from rft_ros.report.charts import Chart, Line, Panel
-    from rft_ros.report.page import chart_figure, write_figure
+    from rft_ros.report.charts import Panels
+    from rft_ros.report.page import write_figure
 
-    rows = []
+    panels = Panels(len(fit.penetrations), same_x=False, height=330 * len(fit.penetrations))
     for number, p in enumerate(fit.penetrations):
-        lines = {
-            "measured, less bias and tool weight": ("measured", p.measured),
-            "RFT with its own ζ": ("z", p.zeta * p.predicted),
-        }
-        name = f"{p.bag}: own ζ {p.zeta:.2f}"
+        at, x, name = (number + 1, 1), 1e3 * p.depth, f"{p.bag}: own ζ {p.zeta:.2f}"
+        panels.line(at, "measured, less bias and tool weight", x, p.measured, colour="measured")
+        panels.line(at, "RFT with its own ζ", x, p.zeta * p.predicted, colour="z")
         if len(fit.penetrations) > 1:
             others = fit.zeta_of_others(number)
-            lines["RFT with the mean ζ of the others"] = ("predicted", others * p.predicted)
-            lines["residual of that"] = ("residual", p.measured - others * p.predicted)
+            panels.line(at, "RFT with the mean ζ of the others", x, others * p.predicted, colour="predicted")
+            panels.line(at, "residual of that", x, p.measured - others * p.predicted, colour="residual")
             name += f", ζ of the others {others:.2f} (RMS {100 * p.misfit(others):.1f} % of the peak)"
-        panel = Panel(
-            x_label=f"Depth of the lowest point [mm]; {name}",
-            y_label="Vertical force [N]",
-            lines=tuple(Line(label=k, colour=c, x=1e3 * p.depth, y=y) for k, (c, y) in lines.items()),
-        )
-        rows.append((panel,))
-    panels, height = tuple(rows), 330 * len(rows)
+        panels.label(at, x=f"Depth of the lowest point [mm]; {name}", y="Vertical force [N]")
     title = f"Vertical penetration: ζ = {fit.zeta:.3f} ± {fit.error:.3f}"
-    chart = Chart(name="penetrations", title=title, panels=panels, same_x=False, height=height)
-    write_figure(file, chart_figure(chart), title=title)
+    panels.figure.update_layout(title=title)
+    write_figure(file, panels.figure, title=title)

@@ -1,12 +1,12 @@
-"""A chart as data, which `page` draws."""
+"""Panels of lines, bands, bars and maps as a plotly figure."""
 
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BAND", "COLOURS", "SHADE", "Chart", "Line", "Panel", "Span"]
+__all__ = ["COLOURS", "Panels"]
 
 COLOURS = {
     "measured": "#333333",
@@ -30,61 +30,110 @@ COLOURS = {
 }
 """Okabe and Ito's palette, distinguishable with any kind of colour vision."""
 
-SHADE, BAND = 0.13, 0.22
-"""Opacity of spans and of bands."""
+_SHADE, _BAND = 0.13, 0.22  # opacity
+
+Place = tuple[int, int]
+"""Row and column of a panel, from 1."""
 
 _Numbers = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Line:
-    """`y` over `x`, shape [n], NaN for a gap; of the kind "map" `values` over `x` and `y`, shape [n, m]. Any units.
+class Panels:
+    """Panels in rows and columns; `figure` is the plotly Figure. Lines with the same name share a legend entry.
 
-    `kind`: "line"; "band" from y[0] to y[1], `y` of shape [2, n]; "bars" with heights `y` between the edges `x`, shape
-    [n + 1]. `colour`: a key of `COLOURS`. Lines with the same label share a legend entry.
+    `heights`: relative heights of the rows. `same_x`: the panels of a column share their x axis. `height` [px].
     """
 
-    label: str
-    colour: str
-    x: _Numbers
-    y: _Numbers
-    kind: Literal["line", "band", "bars", "map"] = "line"
-    width: float = 1.5
-    values: _Numbers | None = None
+    def __init__(
+        self, rows: int, columns: int = 1, *, height: int = 640, heights: Sequence[float] = (), same_x: bool = True
+    ) -> None:
+        from plotly.subplots import make_subplots
+
+        self.figure: Any = make_subplots(
+            rows=rows,
+            cols=columns,
+            row_heights=list(heights) or None,
+            shared_xaxes="columns" if same_x else False,
+            vertical_spacing=0.04 if same_x else min(0.14, 0.5 / rows),
+            horizontal_spacing=0.09,
+        )
+        self.figure.update_layout(
+            template="plotly_white",
+            font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
+            height=height,
+            margin={"l": 70, "r": 20, "t": 80, "b": 55},
+            legend={"orientation": "h", "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
+            barmode="overlay",
+            bargap=0.0,
+            coloraxis={"colorscale": "Viridis"},
+        )
+        self._columns = columns
+
+    def _add(self, at: Place, trace: Any, name: str) -> None:
+        new = all(other.name != name for other in self.figure.data)
+        trace.update(name=name, legendgroup=name, showlegend=new)
+        self.figure.add_trace(trace, row=at[0], col=at[1])
+
+    def label(self, at: Place, *, x: str = "", y: str = "") -> None:
+        """Label the axes of a panel."""
+        self.figure.update_xaxes(title_text=x, row=at[0], col=at[1])
+        self.figure.update_yaxes(title_text=y, row=at[0], col=at[1])
+
+    def line(self, at: Place, name: str, x: _Numbers, y: _Numbers, *, colour: str = "", width: float = 1.5) -> None:
+        """A line, shape [n] each, any unit; NaN for a gap. `colour`: a key of `COLOURS`, else the name."""
+        import plotly.graph_objects as go
+
+        style = {"color": COLOURS[colour or name], "width": width}
+        self._add(at, go.Scatter(x=_short(x), y=_short(y), mode="lines", line=style, connectgaps=False), name)
+
+    def band(self, at: Place, name: str, x: _Numbers, y: _Numbers, deviation: _Numbers, *, colour: str) -> None:
+        """A band from y - deviation to y + deviation, shape [n] each, any unit; NaN for a gap."""
+        import plotly.graph_objects as go
+        from plotly.colors import hex_to_rgb
+
+        rows = np.flatnonzero(~np.isnan(x + y + deviation))
+        outline = [np.empty((2, 0))]
+        for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):  # closed around each unbroken segment
+            there, back = (x[part], y[part] - deviation[part]), (x[part[::-1]], (y + deviation)[part[::-1]])
+            outline += [np.array(there), np.array(back), np.full((2, 1), np.nan)]
+        across, up = np.hstack(outline)
+        fill = {"fill": "toself", "fillcolor": f"rgba{(*hex_to_rgb(COLOURS[colour]), _BAND)}", "hoverinfo": "skip"}
+        self._add(at, go.Scatter(x=_short(across), y=_short(up), mode="lines", line_width=0, **fill), name)
+
+    def bars(self, at: Place, name: str, edges: _Numbers, heights: _Numbers) -> None:
+        """Bars with heights, shape [n], between edges, shape [n + 1], any unit."""
+        import plotly.graph_objects as go
+
+        middle = 0.5 * (edges[:-1] + edges[1:])
+        style = {"marker_color": COLOURS[name], "opacity": 0.5, "marker_line_width": 0}
+        self._add(at, go.Bar(x=_short(middle), y=_short(heights), **style), name)
+
+    def map(self, at: Place, x: _Numbers, y: _Numbers, values: _Numbers) -> None:
+        """Values, shape [n, m], over x, shape [n], and y, shape [m], any unit; NaN for nothing."""
+        import plotly.graph_objects as go
+
+        self.figure.add_trace(
+            go.Heatmap(x=_short(x), y=_short(y), z=_short(values.T), coloraxis="coloraxis"), row=at[0], col=at[1]
+        )
+
+    def shade(self, rows: Iterable[int], spans: Iterable[tuple[str, float, float]]) -> None:
+        """Shade spans of the x axis, each a key of `COLOURS`, its begin and end, in the first panel of some rows."""
+        import plotly.graph_objects as go
+
+        spans = list(spans)
+        shapes = []  # plotly's `add_vrect` gets slower with each
+        for row in rows:
+            panel = (row - 1) * self._columns + 1
+            number = "" if panel == 1 else str(panel)
+            axes = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1, "type": "rect"}
+            look = {"opacity": _SHADE, "line": {"width": 0}, "layer": "below"}
+            shapes += [{**axes, **look, "x0": a, "x1": b, "fillcolor": COLOURS[name]} for name, a, b in spans]
+        self.figure.update_layout(shapes=shapes)
+        for name in dict.fromkeys(name for name, _, _ in spans):
+            marker = {"symbol": "square", "size": 13, "color": COLOURS[name], "opacity": 2.5 * _SHADE}
+            self.figure.add_trace(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Panel:
-    """One pair of axes. `names`: tick labels of y = 0, 1, 2 ..., from the top down."""
-
-    x_label: str
-    y_label: str
-    lines: tuple[Line, ...]
-    names: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True, slots=True)
-class Span:
-    """A shaded part of the x axis from `begin` to `end`; `name`: a key of `COLOURS`."""
-
-    name: str
-    begin: float
-    end: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Chart:
-    """Panels in rows, with a title and one sentence on what they show.
-
-    `name`: for files and links. `panels`: rows of equal length. `spans`: shaded in the panels of the first column.
-    `same_x`: the panels of a column share their x axis. `height` [px]; `heights`: relative heights of the rows.
-    """
-
-    name: str
-    title: str
-    sentence: str = ""
-    panels: tuple[tuple[Panel, ...], ...]
-    spans: tuple[Span, ...] = ()
-    same_x: bool = True
-    height: int = 640
-    heights: tuple[float, ...] = ()
+def _short(values: _Numbers) -> NDArray[np.float32]:
+    """Single precision: it halves the file and resolves more than a screen shows."""
+    return values.astype(np.float32)
