@@ -245,10 +245,10 @@ class Learning:
         self._states = np.zeros(1, _STATE)
         self._state: Any = self._states[0]
         self._records = np.zeros(_RECORDS, _RECORD)
-        self._row, self._y, self._out = np.zeros(19), np.zeros(3), np.zeros(12)
+        self._row, self._y, out = np.zeros(19), np.zeros(3), np.zeros(12)
         self.reach = reach
         arrays = self._states, self._records
-        self._predict = machine_code(_predict, (*arrays, self._row, self._out, 0, 0.0, False, True, 0.0, 0.0))
+        self._predict = machine_code(_predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
         self._learn: Any = machine_code(_learn, (*arrays, self._y, 0, True, False, False))
         self.forget()
 
@@ -286,7 +286,7 @@ class Learning:
         self._state["air_samples"] = 0.0
 
     def predict(self, stamp: int, row: Array, *, step: float, passing: bool = False, apply: bool = True) -> Array:
-        """Corrected wrench and its standard deviations at a pose, world axes; overwritten by the next call.
+        """Corrected wrench and its standard deviations at a pose, world axes.
 
         `stamp` [ns], increasing (an earlier one calls `leave`). `row`, shape [19]: the model at the pose: force F [N],
         torque [N m], submerged area [m²], dF/dh [N/m], and Σ r_j f_l [N m] row by row; finite. `step`: path of the
@@ -298,13 +298,13 @@ class Learning:
         if stamp <= self._last:
             self.leave()
         self._last = stamp
-        self._row[:] = row
+        self._row[:], out = row, np.empty(12)
         self._predict(
-            self._states, self._records, self._row, self._out, int(stamp),
+            self._states, self._records, self._row, out, int(stamp),
             min(float(step), _STEP_MOST) if step > 0.0 else 0.0, bool(passing), bool(apply),
             float(self.lag), float(self.reach),
         )  # fmt: skip
-        return self._out
+        return out
 
     def learn(self, stamp: int, force: Array | None, *, repeated: bool = False, in_air: bool = False) -> None:
         """Take the compensated force [N] at a pose, world axes, shape [3]; None if there is none.

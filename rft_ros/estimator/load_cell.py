@@ -9,18 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
+from rft_ros.estimator.intake import HISTORY
 from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 
-__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Tare", "drift"]
+__all__ = ["GRAVITY", "Comparison", "LoadCellFrame", "Tare", "drift"]
+
+Array = NDArray[np.float64]
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²] (ISO 80000-3)."""
-
-HISTORY = 8192
-"""Load-cell samples kept: 8 s of a 1 kHz stream. A pose older than all of them counts as without any."""
 
 _MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
 _PATIENCE = 1_000_000_000  # ns of other topics' stamps to wait for the load cell: a process may stall by less
@@ -81,29 +81,28 @@ class LoadCellFrame:
         self._out = np.zeros(18)
         self._force = np.zeros(3)
 
-    def into_sensor(self, quaternion: NDArray[np.float64], answer: NDArray[np.float64]) -> list[float]:
-        """Six numbers each, in the sensor frame: the wrench, the weight's wrench, the wrench's standard deviations.
+    def into_sensor(self, quaternion: Array, belief: Array) -> tuple[Wrench, Wrench, Wrench]:
+        """In the sensor frame: the wrench, the weight's wrench, one standard deviation of the wrench.
 
-        `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
+        `belief`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
         """
-        if answer.shape != (12,) or quaternion.shape != (4,):
-            raise ValueError(f"answer has shape {answer.shape} and quaternion {quaternion.shape}; need (12,) and (4,)")
-        _into_sensor(self._mount, quaternion, answer, self._out)
-        return self._out.tolist()
+        _into_sensor(self._mount, quaternion, belief, self._out)
+        a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q, r, s = self._out.tolist()
+        return (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s)
 
-    def into_world(self, quaternion: tuple[float, float, float, float], force: Vector) -> NDArray[np.float64]:
+    def into_world(self, quaternion: tuple[float, float, float, float], force: Vector) -> Array:
         """A force [N] given in sensor axes, in world axes, shape [3]; overwritten by the next call."""
         _into_world(self._mount, quaternion, *force, self._force)
         return self._force
 
 
 class _Pending(NamedTuple):
-    """An estimate that waits for load-cell samples: prediction and weight in the sensor frame, 12 numbers."""
+    """An estimate that waits for load-cell samples: prediction and weight in the sensor frame."""
 
-    stamp: int
-    numbers: list[float]
-    frame: LoadCellFrame
-    quaternion: tuple[float, float, float, float]
+    pose: PoseSample
+    wrench: Wrench
+    weight: Wrench
+    cell: LoadCellFrame
     in_air: bool
 
 
@@ -121,7 +120,7 @@ class Comparison:
         self,
         samples: deque[WrenchSample],
         counts: Counter[str],
-        learn: Callable[[int, NDArray[np.float64] | None, bool, bool], None],
+        learn: Callable[[int, Array | None, bool, bool], None],
     ) -> None:
         self._samples = samples
         self._counts = counts
@@ -130,27 +129,19 @@ class Comparison:
         self._final: list[Measurement] = []
         self.max_age = 0
 
-    def add(
-        self,
-        stamp: int,
-        numbers: list[float],
-        frame: LoadCellFrame,
-        quaternion: tuple[float, float, float, float],
-        *,
-        in_air: bool,
-    ) -> None:
-        """Add an estimate: its stamp [ns], the prediction and the weight in the sensor frame, the tool's quaternion."""
+    def add(self, pose: PoseSample, wrench: Wrench, weight: Wrench, cell: LoadCellFrame, *, in_air: bool) -> None:
+        """Add an estimate: the prediction and the weight in the sensor frame at a pose."""
         if len(self._pending) >= _MOST_PENDING:
             self._final.append(self._measured(self._pending.popleft()))
-        self._pending.append(_Pending(stamp, numbers, frame, quaternion, in_air))
-        self.settle(stamp)
+        self._pending.append(_Pending(pose, wrench, weight, cell, in_air))
+        self.settle(pose.stamp)
 
     def settle(self, now: float) -> None:
         """Compare what can be compared; `now` [ns]: the stamp of the sample of any kind that has just come."""
         newest = self._samples[-1].stamp if self._samples else 0
         patience = max(self.max_age, _PATIENCE)
         pending = self._pending
-        while pending and (pending[0].stamp <= newest or now > pending[0].stamp + patience):
+        while pending and (pending[0].pose.stamp <= newest or now > pending[0].pose.stamp + patience):
             self._final.append(self._measured(pending.popleft()))
 
     def take(self) -> list[Measurement]:
@@ -161,7 +152,7 @@ class Comparison:
         return final
 
     def _measured(self, pending: _Pending) -> Measurement:
-        stamp, numbers, frame, quaternion, in_air = pending
+        (stamp, _, _, quaternion), predicted, weight, cell, in_air = pending
         before = after = None
         newest_first = reversed(self._samples)
         for sample in newest_first:
@@ -184,18 +175,19 @@ class Comparison:
             bx, by, bz, ex, ey, ez = after.wrench
             ax, ay, az = ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
             dx, dy, dz = dx + share * (ex - dx), dy + share * (ey - dy), dz + share * (ez - dz)
-        sign = frame.sign
-        bx, by, bz, ex, ey, ez = frame.bias
-        fx, fy, fz, tx, ty, tz, wx, wy, wz, ux, uy, uz = numbers
+        sign = cell.sign
+        bx, by, bz, ex, ey, ez = cell.bias
+        fx, fy, fz, tx, ty, tz = predicted
+        wx, wy, wz, ux, uy, uz = weight
         ax, ay, az = sign * (ax - bx) - wx, sign * (ay - by) - wy, sign * (az - bz) - wz
         dx, dy, dz = sign * (dx - ex) - ux, sign * (dy - ey) - uy, sign * (dz - ez) - uz
         repeated = neighbour is not None and neighbour.wrench == before.wrench
-        self._learn(stamp, frame.into_world(quaternion, (ax, ay, az)), repeated, in_air)
+        self._learn(stamp, cell.into_world(quaternion, (ax, ay, az)), repeated, in_air)
         residual = (ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz)
         return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 
 
-def drift(time: NDArray[np.float64], places: NDArray[np.float64], reach: float) -> float:
+def drift(time: Array, places: Array, reach: float) -> float:
     """Greatest speed [m/s] between the means of neighbouring quarters of a second: the noise of poses is no motion.
 
     `time` [s], shape [n], n at least 2; `places`: position and quaternion, shape [n, 7]; `reach` of the plates [m].
@@ -220,9 +212,12 @@ class Tare:
         """Note that a tare would be wrong at `stamp` [ns], and why."""
         self._disturbed, self._disturbance = stamp, what
 
-    def hang(self, pose: PoseSample) -> None:
-        """Note where the tool is in the air."""
-        self._poses.append(pose)
+    def watch(self, pose: PoseSample, *, in_grains: bool) -> None:
+        """Note where the tool is in the air, or that it is not."""
+        if in_grains:
+            self.disturb(pose.stamp, "the tool was in the grains")
+        else:
+            self._poses.append(pose)
 
     def mean(self, samples: deque[WrenchSample], window: float, *, rest_speed: float, reach: float) -> Wrench:
         """Mean of the raw samples over the last `window` [s]; InputError says why a tare would be wrong now.

@@ -8,14 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.motion import Motion
+from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import Law, Plates, edge_shares, rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
 
+Array = NDArray[np.float64]
+
 __all__ = ["QualityFlag", "QualityMonitor", "Trust"]
-__all__ += ["flag_names", "inertial_speed", "sentences", "trust", "write_prior_sigma"]
+__all__ += ["flag_names", "inertial_speed", "is_withdrawn", "prior_belief", "sentences", "trust"]
 
 
 class QualityFlag(IntFlag):
@@ -100,7 +104,9 @@ _LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
 @compiled
-def _write_prior_sigma(zeta_error, reach, answer):  # type: ignore[no-untyped-def]
+def _prior_belief(zeta_error, reach, model, answer):  # type: ignore[no-untyped-def]
+    for i in range(6):
+        answer[i] = model[i]
     fx, fy, fz = answer[0], answer[1], answer[2]
     flat, full = fx * fx + fy * fy, fx * fx + fy * fy + fz * fz
     horizontal = zeta_error * zeta_error + _HORIZONTAL_ERROR * _HORIZONTAL_ERROR
@@ -113,13 +119,15 @@ def _write_prior_sigma(zeta_error, reach, answer):  # type: ignore[no-untyped-de
         answer[6 + i] = math.sqrt((horizontal + _NOISE * _NOISE) * answer[i] * answer[i] + lever)
 
 
-def write_prior_sigma(answer: NDArray[np.float64], *, zeta_error: float, reach: float) -> None:
-    """Write the standard deviations of a prediction without learning behind the wrench, docs/learning.md.
+def prior_belief(model: Array, *, zeta_error: float, reach: float) -> Array:
+    """A prediction without learning, (L7), shape [12]: force [N], torque [N m], world axes, a deviation of each.
 
-    `answer`, shape [12]: force [N] and torque [N m] in world axes, then one standard deviation of each. `zeta_error`:
-    relative standard error of ζ, 0 if unknown. `reach` of the tool [m].
+    `model`: begins with force and torque. `zeta_error`: relative standard error of ζ, 0 if unknown. `reach` of the tool
+    [m].
     """
-    _write_prior_sigma(zeta_error or _STRENGTH_ERROR, reach, answer)
+    answer = np.empty(12)
+    _prior_belief(zeta_error or _STRENGTH_ERROR, reach, model, answer)
+    return answer
 
 
 # plain integers, in the order of `_SENTENCES`: an operation on IntFlag takes a microsecond
@@ -141,37 +149,40 @@ def inertial_speed(law: Law) -> float:
     return 0.2 if law.inertia == 0.0 else 1.0
 
 
+_UPWARDS = 0.5  # upward velocity over the speed of the fastest point
+
+
+def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
+    """Whether a tool in the grains is withdrawn: by its velocities [m/s], or because the model [N] pulls it down."""
+    return upward > _UPWARDS * speed or force[2] < -0.5 * math.hypot(*force)
+
+
 class Withdrawal:
-    """Whether a tool rises in the grains, and the standard deviation there.
+    """The standard deviation of a tool that is withdrawn.
 
     On the way up the law pulls the tool down, by a tenth to a quarter of the last push, where grains at first still
     push, let go within a millimetre, and then resist by next to nothing. So σ covers what lies between.
     """
 
     _LETS_GO = 0.001  # m
-    _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
 
     def __init__(self) -> None:
         self.path = 0.0
         """Path since the last push [m]; 0 while the tool pushes or is in the air."""
         self._pushed = np.zeros(12)
 
-    def rises(self, upward: float, speed: float, result: NDArray[np.float64]) -> bool:
-        """Whether a tool that moves is withdrawn: by its velocities [m/s], or because the model pulls it down."""
-        pulled = result[2] < -0.5 * math.sqrt(result[0] ** 2 + result[1] ** 2 + result[2] ** 2)
-        return bool(result[6] > 0.0 and (upward > self._UPWARDS * speed or pulled))
+    def widened(self, answer: Array, path: float, *, rises: bool, in_grains: bool) -> Array:
+        """An answer, shape [12], with the deviations that cover what the grains may still do.
 
-    def widen(self, answer: NDArray[np.float64], path: float, *, rises: bool, wet: bool) -> None:
-        """Add what the grains may still do to the deviations of an answer, shape [12]; `path` since the last one [m].
-
-        A tool that pauses on its way up goes on to be withdrawn.
+        `path` since the answer before [m]. A tool that pauses on its way up goes on to be withdrawn.
         """
-        if not wet or not (rises or (path == 0.0 < self.path)):
+        if not in_grains or not (rises or (path == 0.0 < self.path)):
             self.path = 0.0
-            self._pushed[:] = answer if wet else 0.0
-            return
-        self.path += max(path, 1e-9)
-        _widen(answer, self._pushed, math.exp(-self.path / self._LETS_GO))
+            self._pushed = answer
+        else:
+            self.path += max(path, 1e-9)
+            _widen(answer, self._pushed, math.exp(-self.path / self._LETS_GO))
+        return answer
 
 
 @compiled
@@ -194,21 +205,19 @@ class QualityMonitor:
 
     def flags(
         self,
-        state: NDArray[np.float64],
-        *,
-        speed: float,
-        submerged: bool,
-        depth: Callable[[], float],
+        motion: Motion,
+        surface: LocalSurface,
         settings: Settings,
         law: Law,
-        surface: LocalSurface | None = None,
-        withdraws: bool = False,
-        learning: Learning | None = None,
+        *,
+        submerged: bool,
+        depth: Callable[[], float],
+        withdraws: bool,
+        learning: Learning | None,
     ) -> int:
-        """Flags of the next estimate, at a state, shape [13], columns `rft_ros.rft.STATE`: bitwise or of `QualityFlag`.
+        """Flags of the next estimate: bitwise or of `QualityFlag`.
 
-        `speed`: as in `Estimate` [m/s]. `depth`: returns the depth of the lowest point [m]; called only if needed.
-        `surface`: around the tool, if the ground is a map. `withdraws`: by `Withdrawal`.
+        `depth`: returns the depth of the lowest point [m]; called only if needed. `withdraws`: by `Withdrawal`.
         """
         flags = 0
         if learning is not None:
@@ -219,24 +228,21 @@ class QualityMonitor:
             return flags
         flags |= _WITHDRAWAL if withdraws else 0
         limit = inertial_speed(law)
-        if speed > (_FAST_SPEED if law.inertia == 0.0 else limit):
-            flags |= _FAST if speed <= limit else _FAST | _INERTIAL
-        elif speed < _NEAR_REST_FACTOR * settings.rest_speed:
+        if motion.speed > (_FAST_SPEED if law.inertia == 0.0 else limit):
+            flags |= _FAST if motion.speed <= limit else _FAST | _INERTIAL
+        elif motion.speed < _NEAR_REST_FACTOR * settings.rest_speed:
             flags |= _NEAR_REST
         if self._countdown == 0:
             self._countdown = _EVERY
-            height = settings.surface_height
-            if surface is not None:
-                height = surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1]
-            self._slow_flags = self._evaluate_slow_flags(state, depth, settings, float(height))
+            self._slow_flags = self._evaluate_slow_flags(motion.state[0], depth, settings, surface)
         self._countdown -= 1
-        if surface is not None:
+        if surface.depth == surface.depth:  # of a map
             flags |= _STEEP if math.hypot(*surface.slope) > _STEEP_SLOPE else 0
             flags |= _UNEVEN if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
         return flags | self._slow_flags
 
     def _evaluate_slow_flags(
-        self, state: NDArray[np.float64], depth: Callable[[], float], settings: Settings, height: float
+        self, state: Array, depth: Callable[[], float], settings: Settings, surface: LocalSurface
     ) -> int:
         """The flags that are expensive to evaluate and change slowly."""
         flags = self._tool_flags
@@ -244,6 +250,7 @@ class QualityMonitor:
             flags |= _WAKE
         if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
             flags |= _DEEP
+        height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
         if edge_shares(self._plates, state, surface_height=height)[1] > _EDGE_SHARE:
             flags |= _KNIFE_EDGE
         return flags
@@ -274,7 +281,7 @@ class _Path:
         """Clear the path: the tool has left the grains, and they refill it."""
         self._count, self._length, self._crosses = 0, 0.0, False
 
-    def add(self, state: NDArray[np.float64]) -> bool:
+    def add(self, state: Array) -> bool:
         """Add the next state, shape [13]; returns whether the tool crosses its earlier path."""
         place = state[:3] + rotation_matrix(state[3:7]) @ self._centre
         if self._count:

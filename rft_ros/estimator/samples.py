@@ -11,6 +11,7 @@ __all__ = [
     "NoEstimate",
     "PoseSample",
     "Reason",
+    "RefusedError",
     "TransformSample",
     "TwistSample",
     "Vector",
@@ -114,6 +115,14 @@ class Reason(str, Enum):
     SURFACE_RATE_LIMITED = "surface_rate_limited"
 
     __str__ = str.__str__
+
+
+class RefusedError(Exception):
+    """A sample or a pose cannot be used; only the estimator catches it, and counts the reason."""
+
+    def __init__(self, reason: Reason) -> None:
+        super().__init__(reason.value)
+        self.reason = reason
 
 
 class Estimate(NamedTuple):

@@ -172,10 +172,11 @@ def test_a_new_run_drops_the_clouds_of_the_run_before():
 def test_without_a_thread_the_map_of_a_cloud_is_made_when_it_comes_and_not_on_the_path_of_a_pose(monkeypatch):
     made = []
     monkeypatch.setattr(HeightMap, "with_points", lambda self, *_: made.append(self) or self)
-    ground = Ground(HeightMap.unknown(0.01))
-    ground.add(Cloud(0, "world", *np.zeros((3, 1))), None)
+    ground = Ground(HeightMap.unknown(0.01), plate_model().tool.corners)
+    ground.see(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    ground.add(Cloud(1, "world", *np.zeros((3, 1))), None)
     assert len(made) == 1
-    ground.advance(10**12)
+    ground.see(10**12, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     ground.level()
     assert len(made) == 1
 
