@@ -117,7 +117,7 @@ class Intake:
         return self._kept(self.wrenches, sample, Reason.WRENCH_OUT_OF_ORDER)
 
     def cloud(self, cloud: Cloud, ground: Ground) -> tuple[Array, Array] | None:
-        """Position [m], shape [3], and rotation to world, shape [3, 3], of the cloud's frame; None if it is the world."""
+        """Position [m], shape [3], and rotation to world, shape [3, 3], of the cloud's frame; None if it is that."""
         world, since = self._settings.world_frame, cloud.stamp - ground.last_cloud
         if ground.map is None:
             raise RefusedError(Reason.SURFACE_OFF)
