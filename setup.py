@@ -14,6 +14,7 @@ NAME = MANIFEST.findtext("name", "")
 
 SWEEP = ["dask[distributed]>=2024.1", "pyarrow>=14"]
 STUDIES = ["matplotlib>=3.6.3"]
+MUJOCO = ["mujoco>=3.3"]
 DOCS = ["mkdocs-material>=9.5", "latex2mathml>=3.77"]
 
 setup(
@@ -52,6 +53,7 @@ setup(
     extras_require={
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
         "sweep": SWEEP,
+        "mujoco": MUJOCO,
         "docs": DOCS,
         "studies": STUDIES,
         "test": [
@@ -62,6 +64,7 @@ setup(
             "colcon-common-extensions",
             "catkin_pkg>=1.0",
             *SWEEP,
+            *MUJOCO,
             *DOCS,
             *STUDIES,
         ],

@@ -82,10 +82,10 @@ def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def]
+def _kind(bounds, b, seen, below, refined, past, active):  # type: ignore[no-untyped-def]
     """The kind of a block; where the bounds leave two, the one with the longer loop.
 
-    `bounds`: from `Blocks`. `past`: as in `sums`; past[3] is the memory's `active`.
+    `bounds`: from `Blocks`. `past`: as in `sums`; `active`: of the one body's memory.
     """
     linear, angular, fastest, up, reach, rise = seen
     depth, spread = below - _middle(bounds, b, 2, rise), _spread(bounds, b, 2, rise) + ROUNDING * (reach + abs(below))
@@ -97,7 +97,7 @@ def _kind(bounds, b, seen, below, refined, past):  # type: ignore[no-untyped-def
     lead += _middle(bounds, b, 1, angular) + _spread(bounds, b, 1, angular)
     if wet and lead + (bounds[b, 19] + ROUNDING) * fastest <= 0.0:
         if past is not None:
-            return _FADING if past[3][b] == LOADED else _SKIP_WET
+            return _FADING if active[b] == LOADED else _SKIP_WET
         return _SKIP_WET
     tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
     if tilt >= (_LEVEL if refined else FLAT):
@@ -184,11 +184,13 @@ def _plate(rows, i, axes, twist, below, rise, refined, careful):  # type: ignore
 def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: ignore[no-untyped-def]
     """Sums over consecutive plates: force, torque, submerged area, dF/dh and the moments r_j f_l.
 
-    `step`: None, or for plates with memory: their tractions, `displacement` in world axes, mobilization length [m].
+    `step`: None, or for plates with memory: their tractions, `displacement` in world axes, mobilization length [m];
+    then also the sums of `Memory.stiffness`.
     """
     axes, twist, law, below, rise, slope = scene
     fx = fy = fz = submerged = 0.0
     hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
+    k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
     for i in range(first, last):
         plate = _plate(rows, i, axes, twist, below, rise, refined, careful)
         (x, y, z), normal, velocity, load, share, area = plate
@@ -208,11 +210,23 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: 
             depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
             ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
             asked = ax * share, ay * share, az * share
-            ax, ay, az = advance(tractions, i, normal, (ex, ey, ez), asked, share > 0.0, depth, length)
+            ax, ay, az, stiff = advance(tractions, i, normal, (ex, ey, ez), asked, share > 0.0, depth, length)
             if careful:
                 ax, ay, az = (ax if load > 0.0 else 0.0), (ay if load > 0.0 else 0.0), (az if load > 0.0 else 0.0)
+                stiff = stiff if load > 0.0 else 0.0
                 for c in range(3, 8):
                     tractions[c, i] = tractions[c, i] if load > 0.0 else 0.0
+            stiff *= load
+            k += stiff
+            kx += stiff * x
+            ky += stiff * y
+            kz += stiff * z
+            kxx += stiff * x * x
+            kyy += stiff * y * y
+            kzz += stiff * z * z
+            kxy += stiff * x * y
+            kxz += stiff * x * z
+            kyz += stiff * y * z
             tractions[0, i], tractions[1, i], tractions[2, i] = ax, ay, az
         dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
@@ -231,7 +245,8 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: 
         zx += z * dx
         zy += z * dy
         zz += z * dz
-    return fx, fy, fz, yz - zy, zx - xz, xy - yx, submerged, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+    stiffness = k, kx, ky, kz, kxx, kyy, kzz, kxy, kxz, kyz
+    return fx, fy, fz, yz - zy, zx - xz, xy - yx, submerged, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz, *stiffness
 
 
 @inlined
@@ -264,15 +279,25 @@ def _sums_of_states(refined: bool) -> Any:
     flatness = BLENDED if refined else SWITCHED
 
     def sums(rows, bounds, reach, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
-        """`past`: None, or with memory: durations, mobilization length, the memory's tractions, active and motion."""
+        """`past`: None, or with memory: durations, mobilization length, the memory's arrays."""
         for k in range(states.shape[0]):
             axes, twist, scale, squared = _motion(states[k], reach)
             below, rise = _surface(height, slope, states[k], axes)
             if past is None:
                 step = None
+                active: Any = None
                 seen = _seen_from_tool(axes, twist, reach, rise)
             else:
-                durations, length, tractions, _, last = past
+                durations, length, all_tractions, all_active, motions, all_stiffness = past
+                body = k if len(motions) > 1 else 0
+                tractions, active, last, stiffness = (
+                    all_tractions[body],
+                    all_active[body],
+                    motions[body],
+                    all_stiffness[body],
+                )
+                for c in range(10):
+                    stiffness[c] = 0.0
                 if scale > 0.0:
                     for c in range(6):
                         last[c] = twist[c]
@@ -284,23 +309,23 @@ def _sums_of_states(refined: bool) -> Any:
                 out[k, c] = 0.0
             # unsigned: numba adds code for negative indices otherwise
             b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
-            kind = _kind(bounds, b, seen, below, refined, past)
+            kind = _kind(bounds, b, seen, below, refined, past, active)
             while b < blocks:
                 # with memory a submerged block joins a run of cut ones: starting a run costs more
                 first, run, previous = b, kind, kind
                 while b < blocks and (kind == run or (past is not None and kind == _PLAIN and previous == _CUT)):
                     previous = kind
                     if past is not None:  # a separate if, which numba drops where there is no memory
-                        if kind == _SKIP_DRY and past[3][b]:
-                            forget(past[2], b)
-                            past[3][b] = 0
+                        if kind == _SKIP_DRY and active[b]:
+                            forget(tractions, b)
+                            active[b] = 0
                         if kind == _SKIP_WET and moved:
-                            open_gaps(past[2], rows, b, into_frame(axes, *shift), turn_in_tool)
-                            past[3][b] = GAPS
+                            open_gaps(tractions, rows, b, into_frame(axes, *shift), turn_in_tool)
+                            active[b] = GAPS
                     out[k, 6] += bounds[b, 18] if kind == _SKIP_WET else 0.0
                     b += np.uint64(1)
                     if b < blocks:
-                        kind = _kind(bounds, b, seen, below, refined, past)
+                        kind = _kind(bounds, b, seen, below, refined, past, active)
                 if run >= _PLAIN:
                     i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
                     scene = axes, twist, law, below, rise, slope
@@ -317,8 +342,10 @@ def _sums_of_states(refined: bool) -> Any:
                     elif law.inertia > 0.0:
                         _add_inertia(rows, i, j, scene, squared, refined, True, out[k])
                     if past is not None:
+                        for c in range(10):
+                            stiffness[c] += part[_COLUMNS + c]
                         for c in range(first, b):
-                            past[3][c] = GAPS if run == _FADING and is_empty(past[2], c) else LOADED
+                            active[c] = GAPS if run == _FADING and is_empty(tractions, c) else LOADED
 
     return _made(sums, refined)
 

@@ -74,26 +74,44 @@ class Memory:
     noise; a simulator needs none. `tractions`: shape [8, m]: τ and t [N/m³], world axes; y [N/m³]; g [m]. `active`:
     shape [m / BLOCK], 0, `GAPS` or `LOADED`. `motion`: shape [20]: the last twist that was not zero, scaled to order
     one; 1 after the first state; slack; the pose that the plates have followed to: position [m] and rotation matrix.
+    `stiffness`: shape [10], at the last state: Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz) over plates at x
+    from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴], abs(t) / λ(d) where it yields.
+    Of many `bodies` of these plates, state i is of body i, and the arrays have a row for each.
     """
 
     plates: Plates
     _: KW_ONLY
     slack: float = 0.0
+    bodies: int = 1
     tractions: NDArray[np.float64] = field(init=False)
     active: NDArray[np.uint8] = field(init=False)
     motion: NDArray[np.float64] = field(init=False)
+    stiffness: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
-        m = self.plates.blocks.rows.shape[1]
-        object.__setattr__(self, "tractions", np.zeros((8, m)))
-        object.__setattr__(self, "active", np.zeros(m // BLOCK, dtype=np.uint8))
-        object.__setattr__(self, "motion", np.array([*np.zeros(7), self.slack, *np.zeros(12)]))
+        n, m = self.bodies, self.plates.blocks.rows.shape[1]
+        object.__setattr__(self, "tractions", np.zeros((n, 8, m)))
+        object.__setattr__(self, "active", np.zeros((n, m // BLOCK), dtype=np.uint8))
+        object.__setattr__(self, "motion", np.tile([*np.zeros(7), self.slack, *np.zeros(12)], (n, 1)))
+        object.__setattr__(self, "stiffness", np.zeros((n, 10)))
+
+    @property
+    def arrays(self) -> dict[str, NDArray[np.float64] | NDArray[np.uint8]]:
+        """What it remembers, by name: the fields above, in their units, shape [bodies, ...]."""
+        return {name: getattr(self, name) for name in ("tractions", "active", "motion", "stiffness")}
 
     def copy_from(self, other: "Memory") -> None:
-        """Take over what a memory of the same plates holds, into the same arrays."""
-        np.copyto(self.tractions, other.tractions)
-        np.copyto(self.active, other.active)
-        np.copyto(self.motion, other.motion)
+        """Take over what a memory of the same plates and number of bodies holds, into the same arrays."""
+        for mine, theirs in zip(self.arrays.values(), other.arrays.values(), strict=True):
+            np.copyto(mine, theirs)
+
+    def part(self, first: int, last: int) -> "Memory":
+        """The memory of bodies `first` to `last` - 1, which shares its arrays with this one."""
+        made = Memory(self.plates, slack=self.slack)
+        object.__setattr__(made, "bodies", last - first)
+        for name, array in self.arrays.items():
+            object.__setattr__(made, name, array[first:last])
+        return made
 
 
 @inlined
@@ -160,7 +178,7 @@ def displacement(motion, state, axes, reach, counts):  # type: ignore[no-untyped
 
 @inlined
 def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: ignore[no-untyped-def]
-    """Advance a plate's traction over one step; returns it.
+    """Advance a plate's traction over one step; returns it and the modulus by which it falls with motion [N/m⁴].
 
     `moved`: its displacement [m]; `asked`: the law's traction per depth, 0 if it trails.
     """
@@ -224,7 +242,9 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     )
     tractions[6, i] = 0.0 if none else limit
     mx, my, mz = (lx if leads else tx), (ly if leads else ty), (lz if leads else tz)
-    return (0.0 if none else mx), (0.0 if none else my), (0.0 if none else mz)
+    carries = (not none) & (leads | (mx * mx + my * my + mz * mz > 0.0))
+    stiff = sqrt(bx * bx + by * by + bz * bz) / span if yields else k
+    return (0.0 if none else mx), (0.0 if none else my), (0.0 if none else mz), (stiff if carries else 0.0)
 
 
 @inlined

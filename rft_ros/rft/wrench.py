@@ -107,7 +107,8 @@ def wrenches_in_time(
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
     `durations`: shape [n], time since the previous state [s]; 0 for the very first. `memory`: of these plates, updated
-    in place. `mobilization_length`: λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive.
+    in place; of many bodies, row i is of body i. `mobilization_length`: λ at the depth `rft_ros.rft.memory.DEPTH` [m],
+    positive.
     """
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
@@ -122,7 +123,9 @@ def wrenches_in_time(
     if not (durations[0] if n == 1 else durations.min(initial=0.0)) >= 0.0:
         raise ValueError("durations has a value that is negative or NaN; states must be in chronological order")
     length = number("mobilization_length", mobilization_length, positive=True)
-    past = durations, length, memory.tractions, memory.active, memory.motion
+    if memory.bodies not in (1, n):
+        raise ValueError(f"memory is of {memory.bodies} bodies; states has {n} rows")
+    past = durations, length, memory.tractions, memory.active, memory.motion, memory.stiffness
     result = _result(out, n)
     entry(blocks.rows, blocks.bounds, plates.reach, law, height, incline, states, past, result)
     return result if sensitivities else result[:, : len(COLUMNS)]
@@ -185,7 +188,7 @@ def _compiled(plates: Plates, law: Law, loop: Memory | Literal["forces"] | None)
     if loop == "forces":
         one = plates.reach, law, 0.0, LEVEL, state[0], blocks.order, out
         return machine_code(PLATE_FORCES[plates.integration], (blocks.rows, *one))
-    past = loop and (np.zeros(1), 1.0, loop.tractions, loop.active, loop.motion)
+    past = loop and (np.zeros(1), 1.0, *loop.arrays.values())
     scene = blocks.rows, blocks.bounds, plates.reach, law, 0.0, LEVEL
     return machine_code(SUMS[plates.integration], (*scene, state, past, out))
 

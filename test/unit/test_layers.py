@@ -15,6 +15,7 @@ ALLOWED = {
     "ground": {"files", "rft", "errors"},
     "parameters": {"ground", "tool", "rft", "errors", "files"},
     "estimator": {"parameters", "ground", "tool", "rft", "child_process", "errors"},
+    "simulation": {"ground", "tool", "rft", "errors", "installation"},
     "report": {"files", "ground", "tool", "rft", "errors"},
     "files": {"errors"},
     "progress": set(),

@@ -1,0 +1,190 @@
+"""Grains that a simulator steps: a body's pose and twist in, the wrench to hold over the step out."""
+
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rft_ros.ground import HeightMap, Support
+from rft_ros.rft import LEVEL, Law, Memory, checked_states, wrenches_in_time
+from rft_ros.rft.arguments import number
+from rft_ros.simulation.coupling import stiffness_matrix
+from rft_ros.tool import Tool
+
+__all__ = ["Grains", "GrainsBatch", "GrainsState"]
+
+Array = NDArray[np.float64]
+
+
+GrainsState = dict[str, NDArray[np.float64] | NDArray[np.uint8]]
+"""What grains remember of their bodies: arrays with a row for each."""
+
+
+class GrainsBatch:
+    """Many bodies of one shape, each in a bed of its own, as in a simulator's parallel environments.
+
+    `tool`: the shape, in the body frame (`load_tool`). `law`: of the grains (`treers2021`, `agarwal2023`); with its
+    inertia. `mobilization_length`: λ at 30 mm depth [m]. `surface_height` [m]: where `ground`, a map of the ground's
+    height, knows nothing. `threads`: over bodies; a result does not depend on it. Raises ValueError or TypeError that
+    names the argument that cannot be used.
+    """
+
+    def __init__(
+        self,
+        tool: Tool,
+        law: Law,
+        *,
+        bodies: int,
+        mobilization_length: float,
+        surface_height: float = 0.0,
+        ground: HeightMap | None = None,
+        threads: int = 1,
+    ) -> None:
+        if not isinstance(tool, Tool):
+            raise TypeError(f"tool is {tool!r}; load one with rft_ros.tool.load_tool")
+        if not number("bodies", bodies) >= 1.0 or not number("threads", threads) >= 1.0:
+            raise ValueError(f"bodies is {bodies}, threads {threads}; both must be at least 1")
+        self.surface_height = number("surface_height", surface_height)
+        self._length = number("mobilization_length", mobilization_length, positive=True)
+        self._plates, self._law, self._ground = tool.plates, law, ground
+        self._support = None if ground is None else Support(tool.corners)
+        n = int(bodies)
+        self._memory = Memory(tool.plates, bodies=n)
+        self._start = {name: array.copy() for name, array in self._memory.arrays.items()}
+        self._durations, self._rows = np.zeros(n), np.zeros((n, 19))
+        self.sums = self._memory.stiffness
+        # with a map each body has a surface of its own, so it is a call of its own
+        parts = n if ground is not None else min(int(threads), n)
+        edges = np.linspace(0, n, parts + 1).astype(int)
+        self._parts = [(slice(a, b), self._memory.part(a, b)) for a, b in itertools.pairwise(edges)]
+        self._pool = ThreadPoolExecutor(int(threads)) if threads > 1 and len(self._parts) > 1 else None
+        self.advance(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 0.0)  # compiles
+        self.reset()
+
+    def step(self, states: ArrayLike, dt: float) -> Array:
+        """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
+
+        `states`: shape [n, 13], columns `rft_ros.rft.STATE`: pose of the body frame and twist of its origin now.
+        Torques are about the body frames' origins. The grains remember the poses of the last call. Raises ValueError
+        for states that are not finite and for another number of bodies; what the grains remember is then as before.
+        """
+        checked = _checked(states)
+        if len(checked) != len(self._rows):
+            raise ValueError(f"states has {len(checked)} rows; there are {len(self._rows)} bodies")
+        return self.advance(checked, number("dt", dt, positive=True))[:, :6].copy()
+
+    def advance(self, states: Array, dt: float) -> Array:
+        """`step` for checked states; returns the rows of `wrenches_in_time`, shape [n, 19], not copied."""
+        self._durations.fill(dt)
+        if self._pool is None:
+            for part, memory in self._parts:
+                self._run(part, memory, states[part])
+        else:
+            list(self._pool.map(lambda job: self._run(job[0], job[1], states[job[0]]), self._parts))
+        return self._rows
+
+    def _run(self, part: slice, memory: Memory, states: Array) -> None:
+        height, slope = self.surface_height, LEVEL
+        if self._support is not None and self._ground is not None:
+            surface = self._support.local_surface(self._ground, states[0], level=height)
+            height, slope = surface.height, surface.slope
+        wrenches_in_time(
+            self._plates,
+            self._law,
+            states,
+            self._durations[part],
+            memory,
+            mobilization_length=self._length,
+            surface_height=height,
+            slope=slope,
+            out=self._rows[part],
+        )
+
+    @property
+    def stiffness(self) -> Array:
+        """B at the last step, shape [n, 6, 6]: a body that moves a little feels its wrench change by -B times that.
+
+        Displacement and rotation vector of the body frame, world axes; units N/m, N and N m.
+        """
+        out: Array = np.empty((len(self._rows), 6, 6))
+        for sums, matrix in zip(self.sums, out, strict=True):
+            stiffness_matrix(sums, matrix)
+        return out
+
+    def reset(self, bodies: ArrayLike | None = None) -> None:
+        """Level beds that remember nothing: those of all bodies, or of these indices."""
+        chosen = slice(None) if bodies is None else np.asarray(bodies)
+        for name, array in self._memory.arrays.items():
+            array[chosen] = self._start[name][chosen]
+
+    def copy_from(self, other: "GrainsBatch") -> None:
+        """Remember what other grains of the same tool and number of bodies remember."""
+        self._memory.copy_from(other._memory)
+
+    def state(self) -> GrainsState:
+        """A copy of what the grains remember, by name; picklable."""
+        return {name: array.copy() for name, array in self._memory.arrays.items()}
+
+    def restore(self, state: GrainsState) -> None:
+        """Go back to a state of these grains, or of others of the same tool and number of bodies."""
+        arrays = self._memory.arrays
+        if {n: a.shape for n, a in arrays.items()} != {n: a.shape for n, a in state.items()}:
+            raise ValueError("state is of other bodies; restore what state() of grains like these returned")
+        for name, array in state.items():
+            np.copyto(arrays[name], array)
+
+
+class Grains:
+    """One body in one bed; arguments as for `GrainsBatch`.
+
+    >>> from rft_ros.rft import MEDIA, alpha_y_model, treers2021
+    >>> from rft_ros.tool import load_tool
+    >>> law = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=0.33)
+    >>> grains = Grains(load_tool("plate", tolerance=0.025), law, mobilization_length=0.003)
+    >>> for k in range(1001):
+    ...     wrench = grains.step([0, 0, -1e-5 * k], [0, 0, 0, 1], twist=[0, 0, -0.01, 0, 0, 0], dt=0.001)
+    >>> round(float(wrench[2]))  # pressed down by 10 mm, fz [N]
+    8
+    """
+
+    def __init__(
+        self,
+        tool: Tool,
+        law: Law,
+        *,
+        mobilization_length: float,
+        surface_height: float = 0.0,
+        ground: HeightMap | None = None,
+    ) -> None:
+        self._one = GrainsBatch(
+            tool,
+            law,
+            bodies=1,
+            mobilization_length=mobilization_length,
+            surface_height=surface_height,
+            ground=ground,
+        )
+        self.reset, self.state, self.restore = self._one.reset, self._one.state, self._one.restore
+
+    def step(self, position: ArrayLike, quaternion: ArrayLike, twist: ArrayLike, dt: float) -> Array:
+        """The wrench to hold over the next `dt` [s]: force [N] and torque [N m], shape [6], world axes.
+
+        Pose of the body frame [m], quaternion xyzw, and twist of its origin now, shape [6]: linear [m/s] and angular
+        [rad/s], world axes. The torque is about the origin. Raises ValueError as `GrainsBatch.step`.
+        """
+        wrench: Array = self._one.step(np.hstack([position, quaternion, twist]), dt)[0]
+        return wrench
+
+    @property
+    def stiffness(self) -> Array:
+        """`GrainsBatch.stiffness` of the one body, shape [6, 6]."""
+        stiffness: Array = self._one.stiffness[0]
+        return stiffness
+
+
+def _checked(states: ArrayLike) -> Array:
+    """States as the kernel takes them, not changed where `checked_states` would only round a quaternion's length."""
+    given = np.array(states, dtype=np.float64, ndmin=2)
+    checked = checked_states(given)
+    return given if np.abs(given[:, 3:7] - checked[:, 3:7]).max(initial=0.0) < 1e-9 else checked

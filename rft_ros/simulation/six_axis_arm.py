@@ -1,0 +1,89 @@
+"""A six-axis arm under joint impedance in MuJoCo, for the examples, the demo and the study: config/six_axis_arm.xml."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.installation import share_directory
+from rft_ros.simulation.mujoco_grains import MujocoGrains, import_mujoco
+from rft_ros.tool import locate_mesh
+
+__all__ = ["SixAxisArm"]
+
+Array = NDArray[np.float64]
+
+_START = (0.0, 0.4, 0.5, 0.0, -0.9, 0.0)  # near the bed, elbow up, tool down
+_ROUNDS = 100
+_CLOSE = 1e-9  # m and rad
+
+
+class SixAxisArm:
+    """The arm with a tool; `model` and `data` are MuJoCo's, the tool frame is the body ``tool``.
+
+    `mesh`: a shipped mesh or a file in millimetres, in the tool frame, z up at the arm's rest. `stiffness`: factor of
+    all joints' stiffnesses; 1 is about 10 kN/m at the tool. `timestep` [s]. Raises InputError without MuJoCo.
+    """
+
+    def __init__(self, mesh: str = "plate", *, stiffness: float = 1.0, timestep: float = 0.001) -> None:
+        self._mujoco = import_mujoco()
+        text = (share_directory("rft_ros") / "config" / "six_axis_arm.xml").read_text(encoding="utf-8")
+        spec = self._mujoco.MjSpec.from_string(text, assets={"tool.stl": locate_mesh(mesh).read_bytes()})
+        for actuator in spec.actuators:
+            actuator.gainprm[0] *= stiffness
+            actuator.biasprm[1] *= stiffness
+        self.model: Any = spec.compile()
+        self.model.opt.timestep = timestep
+        self.data: Any = self._mujoco.MjData(self.model)
+        self._scratch = self._mujoco.MjData(self.model)
+        self.body = int(self.model.body("tool").id)
+        self._joints = np.array(_START)
+
+    def grains(self, **options: Any) -> MujocoGrains:
+        """Grains around the tool; options as for `MujocoGrains`."""
+        return MujocoGrains(self.model, body="tool", **options)
+
+    def joints(self, position: ArrayLike, quaternion: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> Array:
+        """Joint angles [rad], shape [6], that bring the tool frame to a pose [m], xyzw, near those of the last call.
+
+        Raises InputError for a pose that the arm does not reach.
+        """
+        mujoco, model, data = self._mujoco, self.model, self._scratch
+        goal, turn = np.asarray(position, dtype=np.float64), np.roll(np.asarray(quaternion, dtype=np.float64), 1)
+        jacobian, error = np.zeros((6, 6)), np.zeros(6)
+        data.qpos[:] = self._joints
+        for _ in range(_ROUNDS):
+            mujoco.mj_kinematics(model, data)
+            mujoco.mj_comPos(model, data)
+            error[:3] = goal - data.xpos[self.body]
+            inverse, between = np.zeros(4), np.zeros(4)
+            mujoco.mju_negQuat(inverse, data.xquat[self.body])
+            mujoco.mju_mulQuat(between, turn, inverse)
+            mujoco.mju_quat2Vel(error[3:], between, 1.0)
+            if np.abs(error).max() < _CLOSE:
+                self._joints = data.qpos.copy()
+                return self._joints.copy()
+            mujoco.mj_jacBody(model, data, jacobian[:3], jacobian[3:], self.body)
+            step = np.linalg.solve(jacobian.T @ jacobian + 1e-8 * np.eye(6), jacobian.T @ error)
+            data.qpos += step * min(1.0, 0.5 / max(float(np.abs(step).max()), 1e-12))
+        raise InputError(f"the arm does not reach the position {goal.tolist()} m")
+
+    def start(self, position: ArrayLike, quaternion: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> None:
+        """Place the arm at rest with its tool frame at a pose, and hold it there."""
+        self._mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = self.data.ctrl[:] = self.joints(position, quaternion)
+        self._mujoco.mj_forward(self.model, self.data)
+
+    def step(self) -> None:
+        """`mj_step`."""
+        self._mujoco.mj_step(self.model, self.data)
+
+    def state(self) -> Array:
+        """State of the tool frame now, shape [13], columns `rft_ros.rft.STATE`."""
+        mujoco, data = self._mujoco, self.data
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        jacobian = np.zeros((6, 6))
+        mujoco.mj_jacBody(self.model, data, jacobian[:3], jacobian[3:], self.body)
+        return np.concatenate([data.xpos[self.body], np.roll(data.xquat[self.body], -1), jacobian @ data.qvel])

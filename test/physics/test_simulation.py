@@ -1,0 +1,190 @@
+"""Grains for a simulator: the kernel's wrench with memory, its stiffness, many bodies, states that come back."""
+
+import pickle
+
+import numpy as np
+import pytest
+
+from rft_ros.ground import HeightMap
+from rft_ros.rft import MEDIA, Memory, alpha_y_model, treers2021, wrenches_in_time
+from rft_ros.simulation import Grains, GrainsBatch
+from rft_ros.tool import load_tool
+
+LENGTH = 0.003
+LAW = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=0.33)
+
+
+@pytest.fixture(scope="module")
+def plate():
+    return load_tool("plate", tolerance=0.025)
+
+
+def pressed(n=120, depth=0.015, drag=0.005, turn=0.1):
+    """States of a tool that goes down, then sideways while it turns; shape [n, 13], 10 ms apart."""
+    s = np.linspace(0.0, 2.0, n)
+    down, along = np.minimum(s, 1.0), np.maximum(s - 1.0, 0.0)
+    states = np.zeros((n, 13))
+    states[:, 2], states[:, 0] = 0.002 - depth * down, drag * along
+    states[:, 5], states[:, 6] = np.sin(0.5 * turn * along), np.cos(0.5 * turn * along)
+    states[:, 7:] = np.gradient(np.column_stack([states[:, :3], 0 * s, 0 * s, turn * along]), 0.01, axis=0)
+    return states
+
+
+def stepped(grains, states, dt=0.01):
+    return np.array([grains.step(s[:3], s[3:7], s[7:], dt) for s in states])
+
+
+def test_a_step_gives_the_bytes_of_wrenches_in_time(plate):
+    states = pressed()
+    whole = wrenches_in_time(
+        plate.plates, LAW, states, np.full(len(states), 0.01), Memory(plate.plates), mobilization_length=LENGTH
+    )
+    assert stepped(Grains(plate, LAW, mobilization_length=LENGTH), states).tobytes() == whole[:, :6].tobytes()
+
+
+def test_the_law_s_inertia_counts(plate):
+    fast = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=0.33, density=1500.0)
+    states = pressed()
+    states[:, 7:] *= 100.0
+    slow, quick = (stepped(Grains(plate, law, mobilization_length=LENGTH), states) for law in (LAW, fast))
+    assert quick[40, 2] > 1.5 * slow[40, 2]
+
+
+def test_bodies_in_one_call_are_as_bodies_alone_over_any_number_of_threads(plate):
+    paths = np.stack([pressed(depth=d, drag=g) for d, g in ((0.01, 0.0), (0.015, 0.004), (0.02, -0.004))])
+    alone = [stepped(Grains(plate, LAW, mobilization_length=LENGTH), path) for path in paths]
+    for threads in (1, 2, 3):
+        batch = GrainsBatch(plate, LAW, bodies=3, mobilization_length=LENGTH, threads=threads)
+        together = np.array([batch.step(states, 0.01) for states in paths.swapaxes(0, 1)])
+        assert together.swapaxes(0, 1).tobytes() == np.array(alone).tobytes()
+
+
+def test_the_stiffness_is_what_a_small_motion_changes(plate):
+    grains = Grains(plate, LAW, mobilization_length=LENGTH)
+    states = np.vstack([pressed(), pressed()[-1:]])
+    states[-1, :3] += [-2e-5, 0.0, 1e-5]  # off the yield surface, or loading would flow
+    states[-1, 7:] = [-2e-3, 0.0, 1e-3, 0.0, 0.0, 0.0]
+    before, state, stiffness = stepped(grains, states)[-1], grains.state(), grains.stiffness
+    assert np.allclose(stiffness, stiffness.T)
+    for axis, size in enumerate([1e-7] * 3 + [2e-6] * 3):
+        step = np.zeros(6)
+        step[axis] = size
+        moved = states[-1].copy()
+        moved[:3] += step[:3]
+        x, y, z, w = moved[3:7]
+        a, b, c = 0.5 * step[3:]
+        moved[3:7] = x + w * a + b * z - c * y, y + w * b + c * x - a * z, z + w * c + a * y - b * x, w - c * z
+        moved[3:7] /= np.linalg.norm(moved[3:7])
+        grains.restore(state)
+        grains.step(*np.split(states[-1], [3, 7]), 0.01)  # the pose from which it moves
+        change = grains.step(*np.split(moved, [3, 7]), 0.01) - before
+        # a plate that begins to lead adds to it, one that lets go takes from it
+        assert 0.6 < -(change @ step) / (step @ stiffness @ step) < 1.6, axis
+
+
+def test_a_state_comes_back_from_a_pickle_and_a_reset_bed_is_new(plate):
+    states = pressed()
+    grains = Grains(plate, LAW, mobilization_length=LENGTH)
+    first = stepped(grains, states[:80])
+    kept = pickle.loads(pickle.dumps(grains.state()))
+    rest = stepped(grains, states[80:])
+    other = Grains(plate, LAW, mobilization_length=LENGTH)
+    other.restore(kept)
+    assert stepped(other, states[80:]).tobytes() == rest.tobytes()
+    grains.reset()
+    assert stepped(grains, states[:80]).tobytes() == first.tobytes()
+
+
+def test_one_environment_is_reset_without_the_others(plate):
+    states = pressed()[:80]
+    batch = GrainsBatch(plate, LAW, bodies=2, mobilization_length=LENGTH)
+    for state in states:
+        batch.step([state, state], 0.01)
+    batch.reset([1])
+    held, new = batch.step([states[-1], states[-1]], 0.01)
+    assert held[2] > 1.0
+    assert not new.any()
+
+
+def test_a_level_map_of_the_ground_is_a_surface_height(plate):
+    ground = HeightMap(cell=0.005, corner=(-20.0, -20.0), heights=np.full((40, 40), 0.004, dtype=np.float32))
+    states = pressed()
+    raised = Grains(plate, LAW, mobilization_length=LENGTH, surface_height=float(np.float32(0.004)))
+    mapped = Grains(plate, LAW, mobilization_length=LENGTH, ground=ground)
+    assert np.allclose(stepped(mapped, states), stepped(raised, states), rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"position": [0.0, 0.0, np.nan]}, "pz is nan"),
+        ({"quaternion": [0.0, 0.0, 0.0, 2.0]}, "norm"),
+        ({"twist": [0.0] * 5}, "columns"),
+        ({"dt": 0.0}, "dt is 0"),
+        ({"dt": np.nan}, "dt is nan"),
+    ],
+)
+def test_a_bad_step_is_refused_and_forgotten(plate, change, message):
+    grains = Grains(plate, LAW, mobilization_length=LENGTH)
+    good = {"position": [0.0, 0.0, -0.01], "quaternion": [0, 0, 0, 1], "twist": [0, 0, -0.01, 0, 0, 0], "dt": 0.01}
+    grains.step(**good)
+    before = pickle.dumps(grains.state())
+    with pytest.raises(ValueError, match=message):
+        grains.step(**{**good, **change})
+    assert pickle.dumps(grains.state()) == before
+
+
+def test_bad_grains_are_refused(plate):
+    with pytest.raises(ValueError, match="mobilization_length is 0"):
+        Grains(plate, LAW, mobilization_length=0.0)
+    with pytest.raises(TypeError, match="load_tool"):
+        Grains("plate", LAW, mobilization_length=LENGTH)
+    with pytest.raises(ValueError, match="bodies"):
+        GrainsBatch(plate, LAW, bodies=0, mobilization_length=LENGTH)
+    two, three = (GrainsBatch(plate, LAW, bodies=n, mobilization_length=LENGTH) for n in (2, 3))
+    with pytest.raises(ValueError, match="3 rows; there are 2 bodies"):
+        two.step(pressed()[:3], 0.01)
+    with pytest.raises(ValueError, match="other bodies"):
+        two.restore(three.state())
+
+
+def arm(plate, *, mass, stiffness, hold):
+    """A critically damped impedance arm with the tool fixed in orientation, explicit, wrench held over `hold` [s].
+
+    Presses 20 mm deep, drags 20 mm, goes back 10 mm, lets go by 10 mm; stays at each. Returns the forces at the holds
+    and the grains' net work over what they took.
+    """
+    grains, dt = Grains(plate, LAW, mobilization_length=LENGTH), 0.001
+    goals = np.array([[0, 0, 0.003], [0, 0, -0.0184], [0.02, 0, -0.0184], [0.01, 0, -0.0184], [0.01, 0, -0.0084]])
+    ways = np.linalg.norm(np.diff(goals, axis=0), axis=1) / 0.02
+    times = np.cumsum([0.0, *(t for way in ways for t in (way, 1.0))])
+    command = np.repeat(goals, [1, 2, 2, 2, 2], axis=0)
+    damping = 2.0 * np.sqrt(mass * stiffness)
+    x, v, force, net, took, rows = goals[0].copy(), np.zeros(3), np.zeros(3), 0.0, 0.0, []
+    every = round(hold / dt)
+    for k in range(int(times[-1] / dt)):
+        if k % every == 0:
+            force = grains.step(x, [0, 0, 0, 1], [*v, 0, 0, 0], hold)[:3]
+        goal = np.array([np.interp(k * dt, times, axis) for axis in command.T])
+        v = (v + dt / mass * (stiffness * (goal - x) + force)) / (
+            1.0 + dt * damping / mass + dt * dt * stiffness / mass
+        )
+        x = x + dt * v
+        power = force @ v * dt
+        net, took = net + power, took + max(-power, 0.0)
+        rows.append(force)
+    rows = np.array(rows)
+    holds = [rows[int((t - 0.4) / dt) : int(t / dt)] for t in times[2::2]]
+    return holds, net / took
+
+
+@pytest.mark.parametrize(
+    ("mass", "stiffness", "hold"), [(2, 2e3, 0.001), (0.2, 500, 0.001), (0.2, 2e4, 0.001), (2, 2e4, 0.008)]
+)
+def test_an_impedance_arm_holds_still_and_gets_no_work(plate, mass, stiffness, hold):
+    holds, net = arm(plate, mass=mass, stiffness=stiffness, hold=hold)
+    for forces in holds:
+        mean = np.linalg.norm(forces.mean(axis=0))
+        assert mean > 0.1
+        assert np.linalg.norm(np.ptp(forces, axis=0)) < 0.001 * mean
+    assert net < 0.0
