@@ -4,6 +4,7 @@ rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
 """
 
 import argparse
+import json
 import sys
 from functools import partial
 from pathlib import Path
@@ -39,37 +40,68 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from rft_ros.bags.batch import comparison_lines, folder_names, replay_each
     from rft_ros.bags.limits import read_limits
     from rft_ros.bags.replay import replay, replay_model, results
+    from rft_ros.files import whole
     from rft_ros.parameters import named_files
 
+    bags, out = arguments.bag, arguments.output
     limits = read_limits(arguments.check) if arguments.check else []
     values, options = recording(arguments)
-    folders = [arguments.output / name for name in folder_names(arguments.bag)]
-    for folder in folders if len(folders) > 1 else [arguments.output]:
-        refuse_inputs(arguments, *results(folder), also=named_files(values))
+    folders = [out / name for name in folder_names(bags)] if len(bags) > 1 else [out]
+    for folder in folders:
+        refuse_inputs(arguments, out / "summary.json", *results(folder), also=named_files(values))
     with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
     warn_of(model.tool)
 
     one = partial(replay, values=values, options=options, model=model, report=not arguments.no_report)
-    if len(arguments.bag) == 1:
-        summary = one(arguments.bag[0], arguments.output)
+    if len(bags) == 1:
+        summary = one(bags[0], out)
         print("\n".join(summary.lines()), flush=True)
-        print(f"-> {arguments.output / ('summary.json' if arguments.no_report else 'report.html')}")
+        print(f"-> {out / ('summary.json' if arguments.no_report else 'report.html')}")
         return max(_checked({summary.bag: summary}, limits), _empty(summary))
-    summaries = {}
-    for name, outcome in replay_each(arguments.bag, arguments.output, one):
-        if isinstance(outcome, InputError):
-            print(f"rft replay: {outcome}", file=sys.stderr, flush=True)
-        else:
-            print("\n".join(outcome.lines()), flush=True)
-            summaries[name] = outcome
-    failed = len(summaries) < len(arguments.bag)
-    print("\n".join([f"{len(summaries)} of {len(arguments.bag)} bags replayed", *comparison_lines(summaries)]))
+    summaries: dict[str, Summary] = {}
+    failures: dict[str, str] = {}
+    for number, (bag, folder) in enumerate(zip(bags, folders, strict=True), start=1):
+        try:
+            summaries[folder.name] = one(bag, folder, label=f"{number}/{len(bags)} {folder.name}")
+            print("\n".join(summaries[folder.name].lines()), flush=True)
+        except InputError as error:
+            failures[folder.name] = str(error)
+            print(f"rft replay: {error}", file=sys.stderr, flush=True)
+    content = {"bags": {name: summary.content() for name, summary in summaries.items()}, "failures": failures}
+    with whole(out / "summary.json") as part:
+        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    print("\n".join([f"{len(summaries)} of {len(bags)} bags replayed", *_comparison(summaries)]))
     empty = max(map(_empty, summaries.values()), default=0)
-    return max(_checked(summaries, limits), empty, 1 if failed else 0)
+    return max(_checked(summaries, limits), empty, 1 if failures else 0)
+
+
+def folder_names(bags: list[Path]) -> list[str]:
+    """A unique name for each bag's folder: the bag's without suffix, with a number if that is taken."""
+    from rft_ros.bags.reading import bag_name
+
+    names: list[str] = []
+    wanted = [Path(bag_name(bag)).stem if bag.is_file() else bag_name(bag) for bag in bags]
+    for name in wanted:
+        number, unique = 2, name
+        while unique in names or (number > 2 and unique in wanted):
+            unique, number = f"{name}_{number}", number + 1
+        names.append(unique)
+    return names
+
+
+def _comparison(summaries: "dict[str, Summary]") -> list[str]:
+    """A table: the metrics of each bag by its folder's name, overall and over penetration."""
+    from rft_ros.bags.summary import METRIC_HEADS, metric_line, metrics
+
+    width = max(map(len, summaries), default=0) + 14
+    text = [metric_line("force on the tool", METRIC_HEADS, width)]
+    for name, summary in summaries.items():
+        text.append(metric_line(name, metrics(summary), width))
+        text.append(metric_line("  penetration", metrics(summary.phases["penetration"]), width))
+    return text
 
 
 def _empty(summary: "Summary") -> int:

@@ -1,6 +1,5 @@
 """Parameters: their table, the files that give them, and what they stand for."""
 
-from rft_ros.parameters.alpha_y_table import read_alpha_y_table
 from rft_ros.parameters.file import (
     FILES,
     NODE,
@@ -11,6 +10,7 @@ from rft_ros.parameters.file import (
     node_parameters,
     parameter_tree,
     path_beside,
+    read_alpha_y_table,
     read_parameter_file,
     write_parameter_file,
 )

@@ -1,14 +1,16 @@
-"""Parameter files, read without ROS as ROS reads them, and written."""
+"""Files of parameters: parameter files, read without ROS as ROS reads them, and written; tables of α_y."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_yaml, whole
+from rft_ros.files import read_text, read_yaml, whole
 from rft_ros.parameters.table import Value, Values, checked, defaults
+from rft_ros.rft import Table
 from rft_ros.tool import is_mesh_path, locate_mesh
 
 __all__ = [
@@ -21,6 +23,7 @@ __all__ = [
     "node_parameters",
     "parameter_tree",
     "path_beside",
+    "read_alpha_y_table",
     "read_parameter_file",
     "write_parameter_file",
 ]
@@ -140,3 +143,59 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
         raise InputError(f"parameter file '{file}' exists; it is not overwritten")
     with whole(file, "parameter file") as part:
         part.write_text(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+
+
+_MAX_TABLE = 4 * 2**20  # 180 x 360 pairs have half of it
+
+
+def _number(cell: str) -> float | None:
+    try:
+        return float(cell)
+    except ValueError:
+        return None
+
+
+def read_alpha_y_table(file: str) -> Table:
+    """A table from a CSV file with the columns β [deg], α_y [N/cm³], or β, γ [deg], α_y on a full grid.
+
+    Lines that begin with # and a header line before the numbers are skipped.
+
+    Raises InputError that names the file and what is wrong in it.
+    """
+    rows: list[list[float]] = []
+    names_may_come = True
+    text = read_text(Path(file), "alpha_y.table", limit=_MAX_TABLE)
+    for number, line in enumerate(text.splitlines(), start=1):
+        if not line.strip() or line.lstrip().startswith("#"):
+            continue
+        cells = [_number(cell) for cell in line.split(",")]
+        numbers = [cell for cell in cells if cell is not None]
+        if len(numbers) == len(cells):
+            rows.append(numbers)
+        elif numbers or not names_may_come:
+            raise InputError(f"alpha_y.table '{file}' line {number} is not numbers")
+        names_may_come = False
+    widths = {len(row) for row in rows}
+    if widths not in ({2}, {3}):
+        raise InputError(f"alpha_y.table '{file}' needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")
+    data = np.array(rows)
+    if not np.isfinite(data).all():
+        raise InputError(f"alpha_y.table '{file}' has a value that is not finite")
+    if (data[:, -1] < 0.0).any():
+        raise InputError(
+            f"alpha_y.table '{file}' has a negative alpha_y ({data[:, -1].min():g}); it opposes the motion"
+        )
+    gammas = data[:, 1] if data.shape[1] == 3 else np.zeros(len(data))
+    beta, i = np.unique(data[:, 0], return_inverse=True)
+    gamma, j = np.unique(gammas, return_inverse=True)
+    values = np.full((len(beta), len(gamma)), np.nan)
+    values[i, j] = data[:, -1]
+    if len(data) != values.size or np.isnan(values).any():
+        raise InputError(
+            f"alpha_y.table '{file}' has {len(data)} rows; a grid of {len(beta)} beta x {len(gamma)} gamma values"
+            f" needs each pair once ({values.size} rows)"
+        )
+    table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
+    if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
+        raise InputError(f"alpha_y.table '{file}' has angles that are too close together")
+    return table

@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
-from rft_ros.parameters.alpha_y_table import read_alpha_y_table
+from rft_ros.parameters.file import read_alpha_y_table
 from rft_ros.parameters.table import Values
 from rft_ros.rft import Law, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, ToolRequest

@@ -6,8 +6,8 @@ import os
 import pytest
 from recordings import moments, plunge, write_ros2
 
-from rft_ros.bags.batch import folder_names
 from rft_ros.cli import main
+from rft_ros.commands.replay import folder_names
 from rft_ros.tool import locate_mesh
 
 

@@ -105,6 +105,7 @@ def test_at_rest_and_above_the_surface_the_wrench_is_zero(tmp_path):
     [
         ("", ("states.csv", "is empty")),
         (HEADER + "\n", ("states.csv", "no states")),
+        (HEADER + ",vx\n" + ROW + ",0.0", ("states.csv", "names a column twice")),
         (HEADER.replace(",qw", "") + "\n" + ROW[:-2], ("states.csv", "no column qw")),
         (f"{HEADER}\n{ROW}\n{ROW.replace('-0.01', 'nan', 1)}\n", ("states.csv", "line 3", "pz is nan")),
         (f"{HEADER}\n{ROW.replace('0,0,0,1', '0,0,0,0', 1)}\n", ("states.csv", "line 2", "norm 0")),

@@ -2,8 +2,13 @@
 
 import re
 
+import numpy as np
 import pytest
 from test_cli import HEADER, refused, rft
+
+from rft_ros.report.animation import animate
+from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
+from rft_ros.tool import load_tool
 
 STATES = "\n".join([HEADER, *(f"{k / 4},0,0,{-0.004 * k},0,0,0,1,0.002,0,-0.016,0,0,0" for k in range(12))]) + "\n"
 
@@ -45,3 +50,15 @@ def test_a_bag_is_drawn_from_its_estimates(shared_data, tmp_path, trial):
     done = rft("view", shared_data / "abb_plate" / trial, "--params", config, "-o", "plate.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "60 moments of abb_plate" in done.stdout
+
+
+@pytest.mark.parametrize("height", [-0.03, 0.03])
+def test_the_force_is_that_of_the_plates_and_in_the_air_there_is_none(height):
+    tool, law = load_tool("ellipsoid"), treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
+    state = np.array([[0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.01, 0.0, 0.0, 0.0]])
+    scene = animate("ellipsoid", tool, law, state, ["now"], surface_height=0.0)
+    np.testing.assert_allclose(scene.forces, wrenches(tool.plates, law, state)[:, :3], rtol=0.01, atol=0.01)
+    low = scene.placed[0][scene.faces].mean(axis=1)[:, 2]
+    loaded = scene.traction[0] > 0.0
+    assert loaded.any() == (height < 0.0)
+    assert not loaded[low > height + 0.002].any()  # the upper half trails
