@@ -1,11 +1,17 @@
 """`rft doctor` names what is wrong with a recorded cell, says what to do, and finds nothing wrong with a good one."""
 
+from pathlib import Path
+
 import pytest
 import yaml
 from cells import MOUNT, PARAMETERS, SURFACE, record
 from scipy.spatial.transform import Rotation
 
+from rft_ros.bags.checkup import Checkup
+from rft_ros.bags.playback import topics_of
+from rft_ros.bags.reading import Recording
 from rft_ros.cli import main
+from rft_ros.parameters import defaults, model_of
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
 TURNED = (Rotation.from_quat(MOUNT.quaternion) * TURN).as_quat().tolist()
@@ -93,6 +99,22 @@ def test_a_topic_of_another_type_is_refused_by_name_as_by_a_replay(examined):
     (sentence,) = examined({}, "~/wrench_measured:=/rft/pose")
     is_, must = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Wrench"))
     assert sentence.endswith(f"wrench topic '/rft/pose' is {is_}; it must be {must}")
+
+
+@pytest.mark.parametrize(
+    "parameters", [{"pose_source": "tf", "sensor.frame_source": "tf"}, {"world_frame": "base"}], ids=["TF", "base"]
+)
+def test_what_comes_before_the_first_fixed_transforms_is_no_fault(bag, parameters):
+    """Publishers are found one after the other: poses 80 ms before the transforms that their frames need."""
+    values = {**defaults(), **PARAMETERS, **parameters}
+    topics = topics_of(values)
+    checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics)
+    with Recording(Path(bag), topics) as recording:
+        for k, sample in enumerate(recording):
+            if k == 25:
+                checkup.push(recording.fixed, recording.time)
+            checkup.push(sample, recording.time)
+    assert [str(finding) for finding in checkup.findings() if not finding.ok] == []
 
 
 def test_the_dump_of_a_namespaced_nodes_parameters_is_read(examined):
