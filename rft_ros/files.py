@@ -36,24 +36,24 @@ MAX_BYTES = 256 * 2**20
 _MAX_YAML = 2**20
 
 
-def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> Path:
+def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES, pipes: bool = False) -> Path:
     """The path, with ~ as the home folder, of a regular file of at most `limit` bytes, which is not opened.
 
-    Raises InputError that calls the file `what`.
+    `pipes`: take a pipe too, as a shell makes for ``<(command)``. Raises InputError that calls the file `what`.
     """
     with file_errors(f"{what} '{file}'", "read"):
         path = file.expanduser()
         status = path.stat()
-    if not stat.S_ISREG(status.st_mode):
+    if not stat.S_ISREG(status.st_mode) and not (pipes and stat.S_ISFIFO(status.st_mode)):
         raise InputError(f"{what} '{file}' is {'a folder' if stat.S_ISDIR(status.st_mode) else 'not a regular file'}")
     if status.st_size > limit:
         raise InputError(f"{what} '{file}' has {status.st_size / 2**20:.0f} MiB; the limit is {limit / 2**20:.0f} MiB")
     return path
 
 
-def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
+def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, pipes: bool = False) -> bytes:
     """The bytes of a `checked_file`."""
-    path = checked_file(file, what, limit=limit)
+    path = checked_file(file, what, limit=limit, pipes=pipes)
     with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
         data = stream.read(limit + 1)
     if len(data) > limit:  # the system's own files, as in /proc, have no size before they are read
@@ -61,9 +61,9 @@ def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
     return data
 
 
-def read_text(file: Path, what: str, *, limit: int = MAX_BYTES) -> str:
+def read_text(file: Path, what: str, *, limit: int = MAX_BYTES, pipes: bool = False) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
-    data = read_file(file, what, limit=limit)
+    data = read_file(file, what, limit=limit, pipes=pipes)
     with file_errors(f"{what} '{file}'", "read"):
         return data.decode("utf-8-sig")
 

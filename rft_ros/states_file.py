@@ -21,7 +21,7 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Raises InputError that names the file, line and column.
     """
-    lines = read_text(file, "states file").splitlines()
+    lines = read_text(file, "states file", pipes=True).splitlines()
     if not lines or not lines[0].strip():
         raise InputError(f"states file '{file}' is empty; its first line must be {','.join(STATES_HEADER)}")
     header = [name.strip() for name in lines[0].split(",")]
