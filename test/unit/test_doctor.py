@@ -105,13 +105,13 @@ def test_a_topic_of_another_type_is_refused_by_name_as_by_a_replay(examined):
     "parameters", [{"pose_source": "tf", "sensor.frame_source": "tf"}, {"world_frame": "base"}], ids=["TF", "base"]
 )
 def test_what_comes_before_the_first_fixed_transforms_is_no_fault(bag, parameters):
-    """Publishers are found one after the other: poses 80 ms before the transforms that their frames need."""
+    """Publishers are found one after the other: poses 0.2 s before the transforms that their frames need."""
     values = {**defaults(), **PARAMETERS, **parameters}
     topics = topics_of(values)
     checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics)
     with Recording(Path(bag), topics) as recording:
         for k, sample in enumerate(recording):
-            if k == 25:
+            if k == 75:
                 checkup.push(recording.fixed, recording.time)
             checkup.push(sample, recording.time)
     assert [str(finding) for finding in checkup.findings() if not finding.ok] == []

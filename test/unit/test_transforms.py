@@ -82,6 +82,35 @@ def test_a_wrench_in_another_frame_is_the_same_wrench(force, torque, p, q):
     assert found[3:] == pytest.approx(axes.apply(torque) + np.cross(p, axes.apply(force)), abs=1e-9)
 
 
+names = st.sampled_from(["world", "base", "flange", "tool", ""])
+any_transform = st.builds(
+    TransformSample,
+    stamp=st.sampled_from([0, START, START + MS, START + 20 * MS, START - 2 * SECOND, START + 3 * SECOND]),
+    parent=names,
+    child=names,
+    position=st.tuples(numbers, numbers, st.sampled_from([0.0, math.nan])),
+    quaternion=st.sampled_from([STILL, (0.0, 0.0, 0.0, 0.0)]),
+    fixed=st.booleans(),
+)
+
+
+@given(st.lists(any_transform, max_size=25), st.booleans())
+def test_any_transforms_in_any_order_leave_a_tree_that_answers(samples, kept):
+    transforms = Transforms()
+    if kept:
+        transforms.keep("world", "tool")
+    for sample in samples:
+        transforms.push(sample)
+        for stamp in (START, START + 10 * MS):
+            found = transforms.at("world", "tool", stamp, AGE)
+            assert isinstance(found, Reason) or all(map(math.isfinite, found.position))
+        known = transforms.newest("world", "tool")
+        if known is not None and transforms.linked("world", "tool"):
+            assert transforms.at("world", "tool", known, AGE) is not Reason.TF_FRAME_UNKNOWN
+        transforms.fixed("tool", "flange")
+        assert "there are" in transforms.unlinked("tool_frame", "tool", "world")
+
+
 REFUSED = {
     "NaN": (Reason.TF_INVALID, fixed("world", "tool", (math.nan, 0.0, 0.0))),
     "quaternion of zeros": (Reason.TF_INVALID, fixed("world", "tool", quaternion=(0.0, 0.0, 0.0, 0.0))),
