@@ -75,7 +75,7 @@ class GrainsBatch:
         return self.advance(checked, number("dt", dt, positive=True))[:, :6].copy()
 
     def advance(self, states: Array, dt: float) -> Array:
-        """`step` for checked states; returns the rows of `wrenches_in_time`, shape [n, 19], not copied."""
+        """`step` for checked states; returns rows of `wrenches_in_time`, in its units, shape [n, 19], not copied."""
         self._durations.fill(dt)
         if self._pool is None:
             for part, memory in self._parts:
@@ -178,7 +178,7 @@ class Grains:
 
     @property
     def stiffness(self) -> Array:
-        """`GrainsBatch.stiffness` of the one body, shape [6, 6]."""
+        """`GrainsBatch.stiffness` of the one body, in its units, shape [6, 6]."""
         stiffness: Array = self._one.stiffness[0]
         return stiffness
 

@@ -98,7 +98,9 @@ class MujocoGrains:
         """Held over the current step: force [N], torque about the body frame's origin [N m], shape [6], world axes."""
 
     def apply(self, data: Any) -> NDArray[np.float64]:
-        """Write the grains' wrench for the next step to ``data.xfrc_applied[body]``; returns it, as `wrench`.
+        """Write the grains' wrench for the next step to ``data.xfrc_applied[body]``.
+
+        Returns `wrench`, in its units, shape [6].
 
         Call it before each `mj_step`, with any integrator. It computes the forward dynamics of `data` without the
         grains. Raises ValueError if they are not finite.
@@ -158,7 +160,7 @@ class MujocoGrains:
 
     @property
     def stiffness(self) -> NDArray[np.float64]:
-        """B of `GrainsBatch.stiffness` at the last step, shape [6, 6]."""
+        """B of `GrainsBatch.stiffness` at the last step, in its units, shape [6, 6]."""
         return np.asarray(self._grains.stiffness[0])
 
     def reset(self) -> None:

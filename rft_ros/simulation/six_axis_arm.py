@@ -80,7 +80,7 @@ class SixAxisArm:
         self._mujoco.mj_step(self.model, self.data)
 
     def state(self) -> Array:
-        """State of the tool frame now, shape [13], columns `rft_ros.rft.STATE`."""
+        """State of the tool frame now, shape [13], columns and units of `rft_ros.rft.STATE`."""
         mujoco, data = self._mujoco, self.data
         mujoco.mj_kinematics(self.model, data)
         mujoco.mj_comPos(self.model, data)

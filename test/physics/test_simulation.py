@@ -188,3 +188,25 @@ def test_an_impedance_arm_holds_still_and_gets_no_work(plate, mass, stiffness, h
         assert mean > 0.1
         assert np.linalg.norm(np.ptp(forces, axis=0)) < 0.001 * mean
     assert net < 0.0
+
+
+def test_a_sideways_load_below_the_drag_moves_nothing_and_one_above_yields_and_stops(plate):
+    """A 2 kg arm of 2 kN/m pressed 20 mm into the bed, the wrench held over 1 ms; the drag there is about 2.5 N."""
+    grains, dt, mass, stiffness, goal = Grains(plate, LAW, mobilization_length=LENGTH), 0.001, 2.0, 2e3, -0.0184
+    x, v = np.array([0.0, 0.0, 0.003]), np.zeros(3)
+    rows = []
+    for k in range(15_000):
+        t = k * dt
+        spring = np.array([0.0, 0.0, min(0.003, 0.003 - 0.02 * t) if t < 1.07 else goal])
+        load = np.array([0.0 if t < 2.0 else 1.2 if t < 12.0 else 12.0, 0.0, 0.0])
+        force = grains.step(x, [0, 0, 0, 1], [*v, 0, 0, 0], dt)[:3]
+        damping = 2.0 * np.sqrt(mass * stiffness)
+        v = (v + dt / mass * (stiffness * (spring - x) + force + load)) / (
+            1.0 + dt * damping / mass + dt * dt * stiffness / mass
+        )
+        x = x + dt * v
+        rows.append(x)
+    rows = np.array(rows)
+    assert np.abs(rows[2100:12_000] - rows[2100]).max() < 5e-5
+    assert rows[-1, 0] > 1e-3
+    assert np.abs(rows[-500:] - rows[-1]).max() < 1e-6

@@ -1,0 +1,192 @@
+"""Bodies of MuJoCo in grains: they come to rest and lie still, whatever the step, the integrator and the scene."""
+
+import pickle
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rft_ros.errors import InputError
+from rft_ros.installation import share_directory
+from rft_ros.simulation import MujocoGrains
+
+mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
+
+MESHES = share_directory("rft_ros") / "meshes"
+FLAT, TILTED = "1 0 0 0", "0.99 0.12 0.08 0"
+GRAINS = {"zeta": 0.33, "mobilization_length": 0.003}
+
+
+def falling(*bodies, timestep=0.001, integrator="Euler", more=""):
+    """A model of free bodies (mesh, mass [kg], quaternion wxyz) side by side; `more`: attributes of the geoms."""
+    names = dict.fromkeys(mesh for mesh, _, _ in bodies)
+    meshes = "".join(f'<mesh name="{n}" file="{MESHES}/{n}.stl" scale="0.001 0.001 0.001"/>' for n in names)
+    text = "".join(
+        f'<body name="body_{k}" pos="{0.3 * k} 0 0.05" quat="{quaternion}"><freejoint/>'
+        f'<geom type="mesh" mesh="{mesh}" mass="{mass}" contype="0" conaffinity="0" {more}/></body>'
+        for k, (mesh, mass, quaternion) in enumerate(bodies)
+    )
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{timestep}" integrator="{integrator}"/><asset>{meshes}</asset>'
+        f"<worldbody>{text}</worldbody></mujoco>"
+    )
+
+
+def place(model, data, grains, height=0.01):
+    """Bring the lowest point of each body to a height over the grains [m]."""
+    mujoco.mj_kinematics(model, data)
+    for k, one in enumerate(grains):
+        data.qpos[7 * k + 2] = height - one.tool.lowest_point(data.xmat[k + 1].reshape(3, 3))
+
+
+def run(model, data, grains, seconds):
+    """Poses, shape [n, nq], and twists of the first body, shape [n, 6], after each step; its grains' energy."""
+    poses, twists, took, gave = [], [], 0.0, 0.0
+    for _ in range(round(seconds / model.opt.timestep)):
+        for one in grains:
+            one.apply(data)
+        mujoco.mj_step(model, data)
+        twist = np.concatenate([data.qvel[:3], data.xmat[1].reshape(3, 3) @ data.qvel[3:6]])
+        work = model.opt.timestep * (grains[0].wrench @ twist)
+        took, gave = took + max(-work, 0.0), gave + max(work, 0.0)
+        poses.append(data.qpos.copy())
+        twists.append(twist)
+    return np.array(poses), np.array(twists), took, gave
+
+
+def dropped(mesh, mass, quaternion, timestep, seconds, **options):
+    model = falling((mesh, mass, quaternion), timestep=timestep, **options)
+    data, grains = mujoco.MjData(model), [MujocoGrains(model, body="body_0", **GRAINS)]
+    place(model, data, grains)
+    start = data.qpos[2]
+    return start - 0.01, *run(model, data, grains, seconds)
+
+
+def turned(poses):
+    """The angle of each pose from the first [degrees]."""
+    return np.degrees(2.0 * np.arccos(np.clip(np.abs(poses[:, 3:7] @ poses[0, 3:7]), 0.0, 1.0)))
+
+
+@pytest.mark.parametrize(
+    ("mesh", "mass", "quaternion", "timestep"),
+    [
+        ("plate", 0.02, TILTED, 0.005),
+        ("plate", 0.3, FLAT, 0.0005),
+        ("plate", 5.0, TILTED, 0.002),
+        ("root_tip", 0.1, TILTED, 0.005),
+        ("ellipsoid", 0.02, TILTED, 0.005),
+        ("ellipsoid", 0.3, FLAT, 0.0005),
+        ("sphere", 1.0, FLAT, 0.002),
+    ],
+)
+def test_a_body_that_fell_in_lies_still(mesh, mass, quaternion, timestep):
+    _, poses, twists, took, gave = dropped(mesh, mass, quaternion, timestep, 5.0)
+    late = slice(round(3.0 / timestep), None)
+    round_one = mesh in ("ellipsoid", "sphere")
+    assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < (5e-5 if round_one else 1e-5)
+    assert turned(poses[late]).max() < (0.2 if round_one else 0.01)
+    assert np.linalg.norm(twists[late, :3], axis=1).max() < (5e-5 if round_one else 1e-5)
+    assert gave < 0.01 * took
+
+
+@pytest.mark.parametrize(
+    ("mesh", "mass", "quaternion"), [("plate", 0.1, FLAT), ("plate", 0.3, TILTED), ("ellipsoid", 0.02, FLAT)]
+)
+def test_the_rest_depth_does_not_depend_on_the_step(mesh, mass, quaternion):
+    depths = []
+    for timestep in (0.00025, 0.001, 0.002):
+        surface, poses, *_ = dropped(mesh, mass, quaternion, timestep, 1.0)
+        depths.append(surface - poses[-1, 2])
+    assert depths[1:] == pytest.approx([depths[0]] * 2, rel=0.1)
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
+def test_any_integrator_serves(integrator):
+    _, poses, twists, *_ = dropped("plate", 0.3, TILTED, 0.002, 2.0, integrator=integrator)
+    assert np.abs(poses[-500:, :3] - poses[-1, :3]).max() < 1e-5
+    assert np.abs(twists[-500:]).max() < 1e-3
+
+
+def test_bodies_in_one_model_fall_as_each_alone():
+    cases = ("plate", 0.3, TILTED), ("ellipsoid", 0.1, FLAT)
+    model = falling(*cases)
+    data = mujoco.MjData(model)
+    grains = [MujocoGrains(model, body=f"body_{k}", **GRAINS) for k in range(2)]
+    place(model, data, grains)
+    together = run(model, data, grains, 1.0)[0][-1]
+    for k, case in enumerate(cases):
+        alone = dropped(*case, 0.001, 1.0)[1][-1]
+        assert together[7 * k + 2] == pytest.approx(alone[2], abs=1e-9)
+
+
+def test_a_reset_of_the_data_is_a_new_bed_and_a_state_comes_back():
+    model = falling(("plate", 0.3, TILTED))
+    data, grains = mujoco.MjData(model), [MujocoGrains(model, body="body_0", **GRAINS)]
+    place(model, data, grains)
+    first = run(model, data, grains, 0.3)[0]
+    kept = pickle.dumps((grains[0].state(), data.time, data.qpos.copy(), data.qvel.copy()))
+    rest = run(model, data, grains, 0.1)[0]
+    mujoco.mj_resetData(model, data)
+    place(model, data, grains)
+    assert run(model, data, grains, 0.3)[0].tobytes() == first.tobytes()
+    state, data.time, data.qpos[:], data.qvel[:] = pickle.loads(kept)
+    grains[0].restore(state)
+    assert run(model, data, grains, 0.1)[0].tobytes() == rest.tobytes()
+
+
+def test_the_wrench_acts_about_the_body_frame_whatever_its_centre_of_mass():
+    # a mesh whose middle lies away from the body frame, and turned in it
+    model = falling(("root_tip", 0.3, TILTED), more='pos="0.02 0 0.01" quat="0.9 0.3 0 0.1"')
+    data, grains = mujoco.MjData(model), MujocoGrains(model, body="body_0", **GRAINS)
+    place(model, data, [grains], height=-0.02)
+    data.qvel[2] = -0.1
+    grains.apply(data)
+    mujoco.mj_step(model, data)
+    wrench = grains.apply(data)
+    assert np.linalg.norm(wrench[3:]) > 1e-3
+    want, got = np.zeros(6), np.zeros(6)
+    mujoco.mj_applyFT(model, data, wrench[:3], wrench[3:], data.xpos[1], 1, want)
+    applied = data.xfrc_applied[1]
+    mujoco.mj_applyFT(model, data, applied[:3], applied[3:], data.xipos[1], 1, got)
+    assert got == pytest.approx(want, abs=1e-12)
+
+
+def test_the_mesh_of_the_body_is_the_mesh_of_its_file():
+    model = falling(("root_tip", 0.3, FLAT))
+    own, file = (MujocoGrains(model, body="body_0", tolerance=0.0, mesh=mesh, **GRAINS) for mesh in (None, "root_tip"))
+    assert own.tool.plates.area == pytest.approx(file.tool.plates.area, rel=1e-5)
+    assert own.tool.corners.min(axis=0) == pytest.approx(file.tool.corners.min(axis=0), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "more"), [("mujoco_drop", ["--seconds", "1"]), ("mujoco_press", ["--mesh", "sphere"])]
+)
+def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, name, more):
+    main = runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"))["main"]
+    assert main(["-o", str(tmp_path / "picture.png"), *more]) == 0
+    assert (tmp_path / "picture.png").stat().st_size > 10_000
+    printed = capsys.readouterr().out
+    assert printed.count("moved 0.00" if name == "mujoco_drop" else "e-1") >= 4, printed
+
+
+def test_what_cannot_be_used_is_named(monkeypatch):
+    model = falling(("plate", 0.3, FLAT))
+    with pytest.raises(InputError, match="body 'tool' is not in the model; it has body_0"):
+        MujocoGrains(model, body="tool", **GRAINS)
+    with pytest.raises(ValueError, match="mobilization_length is 0"):
+        MujocoGrains(model, body="body_0", mobilization_length=0.0)
+    ball = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body name="ball"><freejoint/><geom size="0.02"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(InputError, match=re.escape("body 'ball' has no mesh geoms; give its shape as mesh=FILE")):
+        MujocoGrains(ball, body="ball", **GRAINS)
+    data, grains = mujoco.MjData(model), MujocoGrains(model, body="body_0", **GRAINS)
+    data.qvel[0] = np.nan
+    with pytest.raises(ValueError, match="not finite"):
+        grains.apply(data)
+    monkeypatch.setitem(sys.modules, "mujoco", None)
+    with pytest.raises(InputError, match="run pip install mujoco"):
+        MujocoGrains(model, body="body_0", **GRAINS)
