@@ -35,10 +35,10 @@ plates' speeds [m/s]; wrenches in the sensor frame [N], [N m], and one standard 
 reason for no estimate; generation of the model; `Phase`, empty where the pose or its velocity is unknown; names of
 `QualityFlag`s, joined by +."""
 
-_BELIEF = ("s_v", "s_h", "rho", "delta")
+_BELIEF = ("vertical_strength", "horizontal_strength", "turn", "surface")
 
 LEARNED_COLUMNS = (*_BELIEF, *(f"{name}_error" for name in _BELIEF), "surprise")
-"""Further columns where the medium is learned: θ as `Belief` has it, rho [rad], delta [m]; standard errors; score."""
+"""Further columns where the medium is learned, as `Belief` has them: turn [rad], surface [m]; their errors."""
 
 _SIX = ",%.9g" * 6
 _FULL = "%d.%09d,%.9g,%.9g" + 4 * _SIX + ",,%d%s\n"
@@ -47,8 +47,7 @@ _WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + _SIX + ",,%d%s\n"
 
 def learned_numbers(b: Belief) -> tuple[float, ...]:
     """The numbers of `LEARNED_COLUMNS`."""
-    errors = (b.vertical_error, b.horizontal_error, b.turn_error, b.surface_error)
-    return (b.vertical, b.horizontal, b.turn, b.surface, *errors, b.surprise)
+    return tuple(getattr(b, name) for name in LEARNED_COLUMNS)
 
 
 def csv_row(

@@ -85,18 +85,18 @@ _STATE = np.dtype(
 class Belief:
     """What is believed of the grains after every sample that lies `lag` behind.
 
-    `vertical`, `horizontal`: strengths, no unit. `turn` [rad] of the horizontal force about the vertical. `surface`
-    [m] above `surface_height`. Then their standard errors. `path` [m] in the grains. `surprise`: measured minus
-    predicted force along the predicted one, in standard deviations, mean over 0.5 mm of path. `excess`: the same over
-    the predicted force.
+    Strengths of the vertical and the horizontal force, no unit. `turn` [rad] of the horizontal force about the
+    vertical. `surface` [m] above `surface_height`. Then their standard errors. `path` [m] in the grains. `surprise`:
+    measured minus predicted force along the predicted one, in standard deviations, mean over 0.5 mm of path. `excess`:
+    the same over the predicted force.
     """
 
-    vertical: float
-    horizontal: float
+    vertical_strength: float
+    horizontal_strength: float
     turn: float
     surface: float
-    vertical_error: float
-    horizontal_error: float
+    vertical_strength_error: float
+    horizontal_strength_error: float
     turn_error: float
     surface_error: float
     path: float
@@ -320,6 +320,14 @@ class Learning:
         """Whether the grains at the last measurement were harder or softer than believed."""
         return Surprise(int(self._state["surprise"]))
 
+    def surprise_sentence(self) -> str:
+        """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
+        kind, percent = self.surprise, 100.0 * self.belief().excess
+        if kind is Surprise.NONE:
+            return ""
+        by = f": force {percent:+.0f} %" if percent * kind >= 1.0 else ""  # it is held until the error has settled
+        return f"grains {kind.name.lower()} than learned{by}"
+
     @property
     def theta(self) -> Array:
         """s_v, s_h, ρ, δ [m], shape [4]: a copy."""
@@ -337,12 +345,12 @@ class Learning:
         dv, dh, dt, ds = np.sqrt(np.diag(self.covariance)).tolist()
         size = float(state["size"])
         return Belief(
-            vertical=v,
-            horizontal=h,
+            vertical_strength=v,
+            horizontal_strength=h,
             turn=math.atan2(turn, h),
             surface=surface,
-            vertical_error=dv,
-            horizontal_error=dh,
+            vertical_strength_error=dv,
+            horizontal_strength_error=dh,
             turn_error=dt / h,
             surface_error=ds,
             path=float(state["path"]),

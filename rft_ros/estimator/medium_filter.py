@@ -27,9 +27,6 @@ _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
 _GATE = 3.0  # a larger innovation, in deviations, is reduced to this
 _LEVER = 0.07  # deviation of the point where the force acts, over the tool's reach
 _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
-_SURFACE_MOST = 0.03  # of |δ| [m]
-_VARIANCE_MOST = 1.0  # of s_v, s_h and ρ
-_SURFACE_VARIANCE_MOST = 1e-4  # of δ [m²]
 _SCALE_RISE, _SCALE_FALL = 0.0025, 0.004  # of the mean of the squared errors, while it grows and while it falls
 _SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
 
@@ -126,19 +123,11 @@ def design(h, row):  # type: ignore[no-untyped-def]
 
 @inlined
 def _bound(belief):  # type: ignore[no-untyped-def]
-    """Keep θ where the model has a meaning, P symmetric, and the variances of what is not observed finite."""
+    """Keep θ where the model has a meaning, and P symmetric."""
     theta, p = belief.theta, belief.p
     for i in range(2):
         theta[i] = min(max(theta[i], _STRENGTH_LEAST), _STRENGTH_MOST)
     theta[2] = min(max(theta[2], -theta[1]), theta[1])
-    theta[3] = min(max(theta[3], -_SURFACE_MOST), _SURFACE_MOST)
-    for i in range(4):
-        most = _VARIANCE_MOST if i < 3 else _SURFACE_VARIANCE_MOST
-        if p[i, i] > most:
-            share = math.sqrt(most / p[i, i])
-            for j in range(4):
-                p[i, j] *= share
-                p[j, i] *= share
     for i in range(4):
         for j in range(i):
             p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])

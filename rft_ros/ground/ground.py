@@ -62,7 +62,7 @@ class Ground:
         self.use(corners)
 
     def use(self, corners: Array) -> None:
-        """Take another tool."""
+        """Take another tool, by the corners of its hull [m], shape [k, 3]."""
         self._corners = corners
         self._support = Support(corners) if self._start is not None else None
 

@@ -13,7 +13,6 @@ from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
-from rft_ros.node.learned_medium import surprise_sentence
 from rft_ros.node.tool_worker import ToolSwap
 
 DIAGNOSTICS_PERIOD = 1.0
@@ -176,5 +175,5 @@ class Diagnostics:
     def _medium(self, learning: Learning) -> DiagnosticStatus:
         issues = "; ".join(map(str, learning.issues()))
         values: dict[str, object] = {**asdict(learning.belief()), "issues": issues}
-        problem = issues or (surprise_sentence(learning) if learning.surprise else "")
+        problem = issues or learning.surprise_sentence()
         return self._component_status("medium", values, problem, "as learned")

@@ -21,14 +21,6 @@ _OFF = "learning.mode is off"
 _MOST_FILES = 100
 
 
-def surprise_sentence(learning: Learning) -> str:
-    """A sentence: the grains are harder or softer than learned, and by how much."""
-    kind, sign = ("harder", 1.0) if learning.surprise is Surprise.HARDER else ("softer", -1.0)
-    percent = 100.0 * learning.belief().excess
-    by = f": force {percent:+.0f} %" if percent * sign >= 1.0 else ""  # it is held until the error has settled
-    return f"grains {kind} than learned{by}"
-
-
 def saved(response: Trigger.Response, name: str, write: Callable[[Path], None]) -> Trigger.Response:
     """Answer a service that writes a file to $ROS_HOME or ~/.ros; {} in `name` becomes the time.
 
@@ -76,8 +68,8 @@ class LearnedMedium:
         b = learning.belief()
         message = JointState(name=_NAMES)
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(estimate.stamp, 1_000_000_000)
-        message.position = [b.vertical, b.horizontal, b.turn, b.surface, b.surprise]
-        message.effort = [b.vertical_error, b.horizontal_error, b.turn_error, b.surface_error, 1.0]
+        message.position = [getattr(b, name) for name in _NAMES]
+        message.effort = [*(getattr(b, f"{name}_error") for name in _NAMES[:4]), 1.0]
         self._publisher.publish(message)
 
     def _log(self, learning: Learning) -> None:
@@ -86,7 +78,7 @@ class LearnedMedium:
             if self._surprise is Surprise.NONE:
                 self._logger.info("grains as learned again")
             else:
-                self._logger.warning(surprise_sentence(learning))
+                self._logger.warning(learning.surprise_sentence())
         issues = learning.issues()
         for issue in issues:
             if issue not in self._issues:

@@ -241,8 +241,8 @@ def test_a_learning_replay_reports_what_it_learned_and_the_error_with_and_withou
     assert summary.learning["2 mm"]["rms_over_peak"] == summary.rms_over_peak
     assert summary.learning["2 mm"]["within_sigma"] == summary.within_sigma
     assert summary.learning["2 mm"]["median_relative_error"] < 0.5 * summary.learning["off"]["median_relative_error"]
-    assert float(rows[200]["s_v"]) != 1.0
-    assert float(rows[200]["s_v_error"]) > 0.0
+    assert float(rows[200]["vertical_strength"]) != 1.0
+    assert float(rows[200]["vertical_strength_error"]) > 0.0
 
 
 def test_without_learning_the_replay_does_not_mention_it(tmp_path):

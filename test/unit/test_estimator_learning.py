@@ -57,7 +57,7 @@ def test_observe_learns_the_same_and_predicts_as_the_model():
     for observed, unlearned in zip(seen.answers, plain.answers, strict=True):
         assert observed.predicted == pytest.approx(unlearned.predicted, rel=1e-12)
     assert seen.estimator.learning.belief() == used.estimator.learning.belief()
-    assert seen.estimator.learning.belief().vertical > 1.4
+    assert seen.estimator.learning.belief().vertical_strength > 1.4
     assert plain.estimator.learning is None
 
 
@@ -76,9 +76,9 @@ def test_readings_that_come_late_but_within_the_lag_change_no_prediction_and_no_
 
 def test_a_load_cell_that_repeats_itself_soon_teaches_no_more():
     press = Press().push(100, 1.6)
-    before = press.estimator.learning.belief().vertical
+    before = press.estimator.learning.belief().vertical_strength
     press.push(200, reading=[0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-    assert press.estimator.learning.belief().vertical == pytest.approx(before, abs=0.2)
+    assert press.estimator.learning.belief().vertical_strength == pytest.approx(before, abs=0.2)
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])

@@ -1,6 +1,7 @@
 """The filter that learns the medium: what it must hold for any input, and what it must say."""
 
 import math
+import re
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -250,6 +251,7 @@ def test_a_hole_is_softer() -> None:
         learning.predict(int(stamp), series.rows[k], step=STEP)
         learning.learn(int(stamp), series.forces[k] * (0.2 if series.path[k] > 0.03 else 1.0))
         found.add(learning.surprise)
+        assert not re.search(r"softer.*\+|[+-]0 %", learning.surprise_sentence())  # also while it is held
     assert found == {Surprise.NONE, Surprise.SOFTER}
 
 
