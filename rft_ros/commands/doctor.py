@@ -1,4 +1,4 @@
-"""Check a cell's set-up: inputs, frames, stamps, QoS, load cell, surface, mesh, and the running node's parameters.
+"""Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node.
 
 rft doctor my_cell.yaml --bag recording
 rft doctor my_cell.yaml --remap ~/pose:=/tool_pose --seconds 10
