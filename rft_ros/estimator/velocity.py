@@ -1,8 +1,7 @@
-"""Velocity from poses: the slope, at the newest pose, of curves fitted to the last ones on SE(3).
+"""Velocity from poses: the slope, at the newest pose, of a parabola fitted to the last ones on SE(3).
 
-The slope at the end of a parabola has no lag under constant acceleration, where that of a line lags by half its span.
-But a parabola over a turn of the motion overshoots. The longest parabola counts that agrees, within the noise of the
-poses, with lines through the newest of them: else the longest line that agrees with all shorter ones.
+This end derivative of Savitzky and Golay (Analytical Chemistry 36, 1964) has no lag under constant acceleration. The
+parabola spans as many poses as the noise of the poses lets look like one: over a turn of the motion it would overshoot.
 """
 
 import math
@@ -16,16 +15,13 @@ __all__ = ["PoseDifference"]
 
 _CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
-_LINES = 16
 _MISFITS = 256
-# Bounds on chi-squared with 3 degrees of freedom, at the probability of a false alarm.
-_QUANTILE, _CHI2_OF_QUANTILE = 0.7, 3.665  # a turn disturbs only three misfits
-_LINES_DIFFER = 40.0  # 1e-8: a false alarm costs a noisy slope
-_PARABOLA_DIFFERS = 16.3  # 1e-3: a false alarm costs the lag of a line
-_MOVES = 40.0  # 1e-8: noise taken for motion at rest lets the grains go
+_QUANTILE, _CHI2_OF_QUANTILE = 0.7, 3.665  # of chi-squared with 3 degrees of freedom; a turn disturbs three misfits
+_UNLIKE = 150.0  # of chi-squared with 15 degrees of freedom: noise has outliers, and a short window costs a noisy slope
+_MOVES = 40.0  # chi-squared of 1e-8: noise taken for motion at rest lets the grains go
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
-_REFRESH = 8  # misfits between two estimates of the noise, and before the first
 _THIN = 1.0 / 64.0  # of the window: poses of its older part that are closer do not count
+_REFRESH = 16  # misfits between two estimates of the noise, and before the first
 
 
 @inlined
@@ -65,119 +61,106 @@ def _misfit(t, x, g):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _end_slopes(stamps, ring, misfits, stored, noise, newest, window, gap, twist):  # type: ignore[no-untyped-def]
-    """Slopes at the newest pose; rotations as vectors from the newest pose, world axes.
+def _recent(stamps, ring, newest, window, gap, t, x):  # type: ignore[no-untyped-def]
+    """Write times [s] and places relative to the newest pose, newest first; return how many, 3 or more if there are.
 
-    `stamps`, `window`, `gap` [ns]; a stamp is 0 where there is no pose. `ring`: rows position, quaternion xyzw.
-    `misfits`: the last `_misfit`s, of position [m²] and rotation [rad²], shape [2, n]; zeros, which encoders with
-    coarse steps give, do not count. `stored`: how many there were. Updates both, and `noise`, the `_variance` or
-    infinity where too few are known; writes vx..wz to `twist`; returns the number of poses used.
+    `stamps`, `window`, `gap` [ns]; a stamp is 0 where there is no pose. `ring`: rows position, quaternion xyzw. `x`:
+    positions and rotation vectors in world axes, shape [n, 6].
     """
-    capacity, span = ring.shape[0], 1e-9 * window
     ax, ay, az, aw = -ring[newest, 3], -ring[newest, 4], -ring[newest, 5], ring[newest, 6]
-    lines, line_factors, middles = np.zeros((_LINES, 6)), np.zeros(_LINES), np.zeros(_LINES)
-    factors = np.zeros(2)  # variance of the slope in `twist`, in variances of one pose
-    straight, curved = np.ones(2, dtype=np.bool_), np.ones(2, dtype=np.bool_)
-    first_t, first_x = np.zeros(4), np.zeros((4, 6))  # the newest poses
-    x, end, bend = np.zeros(6), np.zeros(6), np.zeros(6)
-    sums = np.zeros((3, 6))
-    n = fitted = parabolas = 0
-    s1 = s2 = s3 = s4 = t = until = 0.0
-    younger = stamps[newest]
-    for back in range(capacity + 1):
-        at = (newest - back) % capacity
-        age = stamps[newest] - stamps[at]
-        ends = back == capacity or stamps[at] == 0 or younger - stamps[at] > gap or (age > window and n >= _FEWEST)
-        if n > 1 and (ends or 1e-9 * age > until):
-            spread = n * s2 - s1 * s1
-            if not spread > 0.0:
-                break
-            if fitted < _LINES and (until <= 0.25 * span or n < _FEWEST_OF_PARABOLA):
-                line_factors[fitted], middles[fitted] = n / spread, s1 / n
-                for g in range(2):
-                    for k in range(3 * g, 3 * g + 3):
-                        lines[fitted, k] = (n * sums[1, k] - s1 * sums[0, k]) / spread
-                    for line in range(fitted):
-                        apart = 0.0
-                        for k in range(3 * g, 3 * g + 3):
-                            apart += (lines[fitted, k] - lines[line, k]) ** 2
-                        if apart > _LINES_DIFFER * noise[g] * line_factors[line]:
-                            straight[g] = False
-                    if straight[g]:
-                        factors[g] = line_factors[fitted]
-                        for k in range(3 * g, 3 * g + 3):
-                            twist[k] = lines[fitted, k]
-                fitted += 1
-            if n >= _FEWEST_OF_PARABOLA and (until >= 0.5 * span or (ends and -t > 0.25 * span)):
-                c0, c1, c2, c3 = s2 * s3 - s1 * s4, n * s4 - s2 * s2, s1 * s2 - n * s3, s1 * s3 - s2 * s2
-                determinant = s1 * c0 + s2 * c1 + s3 * c2
-                for g in range(2):
-                    for k in range(3 * g, 3 * g + 3):
-                        end[k] = (c0 * sums[0, k] + c1 * sums[1, k] + c2 * sums[2, k]) / determinant
-                        bend[k] = (c3 * sums[0, k] + c2 * sums[1, k] + spread * sums[2, k]) / determinant
-                    for line in range(fitted):  # a line's slope is the parabola's at the middle of the line
-                        twice = 2.0 * middles[line]
-                        apart = 0.0
-                        for k in range(3 * g, 3 * g + 3):
-                            apart += (end[k] + twice * bend[k] - lines[line, k]) ** 2
-                        own = (c1 + twice * (2.0 * c2 + twice * spread)) / determinant
-                        if apart > _PARABOLA_DIFFERS * noise[g] * (own + line_factors[line]):
-                            curved[g] = False
-                    apart = 0.0
-                    for k in range(3 * g, 3 * g + 3):
-                        apart += (end[k] - twist[k]) ** 2
-                    if parabolas > 0 and apart > _PARABOLA_DIFFERS * noise[g] * factors[g]:
-                        curved[g] = False
-                    if curved[g]:
-                        factors[g] = c1 / determinant
-                        for k in range(3 * g, 3 * g + 3):
-                            twist[k] = end[k]
-                parabolas += 1
-                if not (curved[0] or curved[1]):
-                    break
-            if -2.0 * t < 0.25 * span:
-                until = -2.0 * t
-            else:
-                until = span * (0.25 if until < 0.25 * span else 0.5 if until < 0.5 * span else 1.0)
-        if ends:
+    younger, n = stamps[newest], 0
+    for back in range(len(stamps)):
+        at = (newest - back) % len(stamps)
+        age = stamps[newest] - stamps[at]  # of integers: independent of the epoch
+        if stamps[at] == 0 or younger - stamps[at] > gap or (age > window and n >= _FEWEST):
             break
         younger = stamps[at]
-        if until > 0.25 * span and n > _FEWEST_OF_PARABOLA and t + 1e-9 * age < _THIN * span:
+        if n > _FEWEST_OF_PARABOLA and t[n - 1] + 1e-9 * age < _THIN * 1e-9 * window:
             continue
-        t = -1e-9 * age  # from integer differences: independent of the epoch
+        t[n] = -1e-9 * age
         for k in range(3):
-            x[k] = ring[at, k] - ring[newest, k]
-        x[3], x[4], x[5] = _rotation_vector(ring[at], ax, ay, az, aw)
-        if n < 4:
-            first_t[n] = t
-            for k in range(6):  # assigning arrays compiles numba's error for shapes that differ: 4 s
-                first_x[n, k] = x[k]
+            x[n, k] = ring[at, k] - ring[newest, k]
+        x[n, 3], x[n, 4], x[n, 5] = _rotation_vector(ring[at], ax, ay, az, aw)
         n += 1
-        s1 += t
-        s2 += t * t
-        s3 += t * t * t
-        s4 += t * t * t * t
-        for k in range(6):
-            sums[0, k] += x[k]
-            sums[1, k] += t * x[k]
-            sums[2, k] += t * t * x[k]
+    return n
 
+
+@compiled
+def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
+    """Least squares of a parabola to the newest n poses: write its slopes at the newest, shape [6], to `slopes`.
+
+    Writes the sums of squared misfits of position and rotation at the newest five poses to `squares`; returns the
+    variance of a slope in variances of one pose. Of fewer than five poses it takes the line through the newest two.
+    With polynomials in time that are orthogonal over the poses: 1, u, q = u² - skew u - mean.
+    """
+    squares[:] = 0.0
+    if n < _FEWEST_OF_PARABOLA:
+        for k in range(6):
+            slopes[k] = x[1, k] / t[1]
+        return 2.0 / (t[1] * t[1])
+    middle = t[:n].mean()
+    uu = uuu = qq = 0.0
+    for i in range(n):
+        u = t[i] - middle
+        uu += u * u
+        uuu += u * u * u
+    mean, skew = uu / n, uuu / uu
+    a, b, c = np.zeros(6), np.zeros(6), np.zeros(6)
+    for i in range(n):
+        u = t[i] - middle
+        q = u * u - skew * u - mean
+        qq += q * q
+        for k in range(6):
+            a[k] += x[i, k]
+            b[k] += x[i, k] * u
+            c[k] += x[i, k] * q
+    bend = -2.0 * middle - skew  # dq/dt at the newest pose
+    for k in range(6):
+        a[k], b[k], c[k] = a[k] / n, b[k] / uu, c[k] / qq
+        slopes[k] = b[k] + c[k] * bend
+    for i in range(_FEWEST_OF_PARABOLA):
+        u = t[i] - middle
+        q = u * u - skew * u - mean
+        for k in range(6):
+            squares[k // 3] += (x[i, k] - a[k] - b[k] * u - c[k] * q) ** 2
+    return 1.0 / uu + bend * bend / qq
+
+
+@compiled
+def _fit(t, x, n, noise, twist):  # type: ignore[no-untyped-def]
+    """Write the slopes of the longest parabola whose misfit at its end the `noise` explains to `twist`.
+
+    A twist that the noise explains is zero.
+    """
+    squares, m = np.empty(2), n
+    while True:
+        factor = _end_slopes(t, x, m, twist, squares)
+        if max(squares[0] / noise[0], squares[1] / noise[1]) < _UNLIKE or m < _FEWEST_OF_PARABOLA:
+            break
+        m = 4 * m // 5
     still = True
     for g in range(2):
-        misfit = _misfit(first_t, first_x, g) if n > 3 else 0.0
+        square = twist[3 * g] ** 2 + twist[3 * g + 1] ** 2 + twist[3 * g + 2] ** 2
+        bound = _MOVES * noise[g] * factor
+        still = still and (square == 0.0 or square <= bound < np.inf)  # an attitude without noise does not move
+    if still:
+        twist[:] = 0.0
+
+
+@compiled
+def _learn_noise(t, x, misfits, stored, noise):  # type: ignore[no-untyped-def]
+    """Add the newest pose's misfits, of position [m²] and rotation [rad²], to the last ones, shape [2, n].
+
+    Zeros, which encoders with coarse steps give, do not count. `stored`: how many there were. Updates `noise`, the
+    `_variance`.
+    """
+    for g in range(2):
+        misfit = _misfit(t, x, g)
         if misfit > 0.0:
             misfits[g, stored[g] % _MISFITS] = misfit
             stored[g] += 1
             if stored[g] % _REFRESH == 0:
                 noise[g] = _variance(misfits[g, : min(stored[g], _MISFITS)])
-        square = 0.0
-        for k in range(3 * g, 3 * g + 3):
-            square += twist[k] * twist[k]
-        bound = _MOVES * noise[g] * factors[g]
-        still = still and (square == 0.0 or square <= bound < np.inf)  # an attitude without noise does not move
-    if still:
-        twist[:] = 0.0
-    return n
 
 
 class PoseDifference:
@@ -191,6 +174,7 @@ class PoseDifference:
         self._misfits = np.zeros((2, _MISFITS))
         self._stored = np.zeros(2, dtype=np.int64)
         self._noise = np.full(2, np.inf)
+        self._times, self._places = np.zeros(_CAPACITY), np.zeros((_CAPACITY, 6))
         self._newest = -1
         self.twist = np.zeros(6)
 
@@ -209,11 +193,13 @@ class PoseDifference:
         row = self._ring[self._newest]
         row[0:3] = pose.position
         row[3:7] = pose.quaternion
-        used: int = _end_slopes(
-            self._stamps, self._ring, self._misfits, self._stored, self._noise,
-            self._newest, self._window, self._gap, self.twist,
-        )  # fmt: skip
-        return used >= _FEWEST
+        t, x = self._times, self._places
+        n: int = _recent(self._stamps, self._ring, self._newest, self._window, self._gap, t, x)
+        if n > 1:
+            _fit(t, x, n, self._noise, self.twist)
+        if n > 3:
+            _learn_noise(t, x, self._misfits, self._stored, self._noise)
+        return n >= _FEWEST
 
     def reset(self) -> None:
         """Forget all poses."""
