@@ -3,7 +3,6 @@
 import math
 import struct
 import tempfile
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -99,7 +98,6 @@ _LAYOUT = struct.Struct("<3q28d")
 _CODE = {phase: code for code, phase in enumerate(PHASES)} | {None: -1}
 _NONE: Wrench = (math.nan,) * 6
 _NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
-_BLOCK = 4096
 
 
 class Trace:
@@ -115,9 +113,6 @@ class Trace:
 
     def __exit__(self, *_: object) -> None:
         self._file.close()
-
-    def __len__(self) -> int:
-        return self._rows
 
     def add(
         self,
@@ -139,8 +134,7 @@ class Trace:
         numbers = _LAYOUT.pack(answer.stamp, _CODE[phase], quality_flags, depth, *wrenches, *(learned or _NOT_LEARNED))
         self._file.write(numbers + state)
 
-    def blocks(self, rows: int = _BLOCK) -> Iterator[NDArray[np.void]]:
-        """All rows in order, in arrays of shape [n], n at most `rows`; columns and units: `ROW`."""
-        self._file.seek(0)
-        while data := self._file.read(rows * ROW.itemsize):
-            yield np.frombuffer(data, ROW)
+    def rows(self) -> NDArray[np.void]:
+        """All rows in order, shape [n], read from the file as they are used; columns and units: `ROW`."""
+        self._file.flush()
+        return np.memmap(self._file, ROW, "r") if self._rows else np.empty(0, ROW)

@@ -54,6 +54,6 @@ class LearningErrors:
         for name, (estimator, trace, waiting) in self._runs.items():
             estimator.finish()
             self._collect(estimator, trace, waiting)
-            group, _ = statistics(trace)
+            group, _ = statistics(trace.rows())
             found[name] = {metric: getattr(group, metric) for metric in _METRICS}
         return found

@@ -103,8 +103,9 @@ def replay(
             raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{why}")
         if estimator.ground is not None:
             write_height_map(part / GROUND, estimator.ground)
-        whole, phases = statistics(trace)
-        quality_flags, trust = count_flags(trace)
+        rows = trace.rows()
+        whole, phases = statistics(rows)
+        quality_flags, trust = count_flags(rows)
         estimator.counts.pop("estimates", 0)
         summary = Summary(
             **{field.name: getattr(whole, field.name) for field in fields(Group)},
@@ -129,7 +130,7 @@ def replay(
             from rft_ros.bags.replay_report import draw
 
             vertical = motion.vertical_axis()
-            draw(summary, trace, model, part / "report.html", vertical=vertical, ground=estimator.ground)
+            draw(summary, rows, model, part / "report.html", vertical=vertical, ground=estimator.ground)
     return summary
 
 

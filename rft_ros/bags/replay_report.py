@@ -1,4 +1,4 @@
-"""Report and figures of a replay, from its trace, model and summary."""
+"""Report and figures of a replay, from its rows, model and summary."""
 
 import math
 import platform
@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import PHASES, ROW, Trace
+from rft_ros.bags.estimates import PHASES
 from rft_ros.bags.phases import Phase
 from rft_ros.bags.replay_charts import Figure, ground_chart, replay_charts
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
@@ -23,7 +23,6 @@ from rft_ros.report.page import Table, write_page
 __all__ = ["decimated", "draw"]
 
 _BUCKETS = 1500
-_BLOCK = 4096
 _FRACTIONS = (0.25, 0.5, 0.75)
 _MOST_FACES = 4000
 _TOOL = (
@@ -35,19 +34,19 @@ _PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
 
 def draw(
     summary: Summary,
-    trace: Trace,
+    rows: NDArray[np.void],
     model: Model,
     file: Path,
     *,
     vertical: tuple[str, str],
     ground: HeightMap | None = None,
 ) -> None:
-    """Write the report.
+    """Write the report from the replay's rows, shape [n], columns `rft_ros.bags.estimates.ROW`.
 
     `ground`: at the end, if it is a map. `vertical`: the sensor axis nearest to vertical, and where it points ("up" or
     "down").
     """
-    rows = decimated(trace)
+    rows = decimated(rows)
     figures = replay_charts(rows, vertical)
     if ground is not None and model.ground is not None:
         figures.append(ground_chart(model.ground, ground))
@@ -59,30 +58,27 @@ def draw(
     _write_page(summary, file, figures)
 
 
-def decimated(trace: Trace) -> NDArray[np.void]:
-    """At most some thousand rows of the trace, shape [n]; columns and units: `ROW`.
+def decimated(rows: NDArray[np.void]) -> NDArray[np.void]:
+    """At most some thousand of the rows, shape [n]; columns and units: `ROW`.
 
     Of each bucket of successive rows it keeps the first and those with the greatest depth, measured force and residual
     force.
     """
-    size = math.ceil(len(trace) / _BUCKETS)
+    size = math.ceil(len(rows) / _BUCKETS)
     if size <= 4:
-        return np.concatenate([np.empty(0, ROW), *trace.blocks()])
-    parts = [np.empty(0, ROW)]
-    for block in trace.blocks(size * max(1, _BLOCK // size)):
-        starts = np.arange(0, len(block), size)
-        kept = set(starts.tolist())
-        force = block["compensated"][:, :3]
-        for values in (
-            block["depth"],
-            np.linalg.norm(force, axis=1),
-            np.linalg.norm(force - block["predicted"][:, :3], axis=1),
-        ):
-            filled = np.full(len(starts) * size, -math.inf)
-            filled[: len(block)] = np.where(np.isnan(values), -math.inf, values)
-            kept.update((starts + filled.reshape(-1, size).argmax(axis=1)).tolist())
-        parts.append(block[sorted(kept)])
-    return np.concatenate(parts)
+        return np.array(rows)
+    force = rows["compensated"][:, :3]
+    starts = np.arange(0, len(rows), size)
+    kept = set(starts.tolist())
+    for values in (
+        rows["depth"],
+        np.linalg.norm(force, axis=1),
+        np.linalg.norm(force - rows["predicted"][:, :3], axis=1),
+    ):
+        filled = np.full(len(starts) * size, -math.inf)
+        filled[: len(rows)] = np.where(np.isnan(values), -math.inf, values)
+        kept.update((starts + filled.reshape(-1, size).argmax(axis=1)).tolist())
+    return rows[sorted(kept)]
 
 
 def _write_page(summary: Summary, file: Path, figures: list[Figure]) -> None:
