@@ -16,8 +16,9 @@ __all__ = ["PoseDifference"]
 _CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
 _MISFITS = 256
-_QUANTILE, _CHI2_OF_QUANTILE = 0.7, 3.665  # of chi-squared with 3 degrees of freedom; a turn disturbs three misfits
-_UNLIKE = 150.0  # of chi-squared with 15 degrees of freedom: noise has outliers, and a short window costs a noisy slope
+# of chi-squared with 3 degrees of freedom: high, since jitter of stamps gives outliers, but turns count little
+_QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
+_UNLIKELY = 8.0  # standard deviations of chi-squared; a false alarm costs a noisy slope
 _MOVES = 40.0  # chi-squared of 1e-8: noise taken for motion at rest lets the grains go
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _THIN = 1.0 / 64.0  # of the window: poses of its older part that are closer do not count
@@ -89,9 +90,9 @@ def _recent(stamps, ring, newest, window, gap, t, x):  # type: ignore[no-untyped
 def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
     """Least squares of a parabola to the newest n poses: write its slopes at the newest, shape [6], to `slopes`.
 
-    Writes the sums of squared misfits of position and rotation at the newest five poses to `squares`; returns the
-    variance of a slope in variances of one pose. Of fewer than five poses it takes the line through the newest two.
-    With polynomials in time that are orthogonal over the poses: 1, u, q = u² - skew u - mean.
+    Writes the sums of squared misfits of position and rotation to `squares`; returns the variance of a slope in
+    variances of one pose. Of fewer than five poses it takes the line through the newest two. With polynomials in time
+    that are orthogonal over the poses: 1, u, q = u² - skew u - mean.
     """
     squares[:] = 0.0
     if n < _FEWEST_OF_PARABOLA:
@@ -118,7 +119,7 @@ def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
     for k in range(6):
         a[k], b[k], c[k] = a[k] / n, b[k] / uu, c[k] / qq
         slopes[k] = b[k] + c[k] * bend
-    for i in range(_FEWEST_OF_PARABOLA):
+    for i in range(n):
         u = t[i] - middle
         q = u * u - skew * u - mean
         for k in range(6):
@@ -128,14 +129,16 @@ def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
 
 @compiled
 def _fit(t, x, n, noise, twist):  # type: ignore[no-untyped-def]
-    """Write the slopes of the longest parabola whose misfit at its end the `noise` explains to `twist`.
+    """Write the slopes of the longest parabola whose misfit the `noise` explains to `twist`.
 
     A twist that the noise explains is zero.
     """
     squares, m = np.empty(2), n
     while True:
         factor = _end_slopes(t, x, m, twist, squares)
-        if max(squares[0] / noise[0], squares[1] / noise[1]) < _UNLIKE or m < _FEWEST_OF_PARABOLA:
+        free = 3.0 * (m - 3)
+        unlike = max(squares[0] / noise[0], squares[1] / noise[1]) > free + _UNLIKELY * math.sqrt(2.0 * free)
+        if m < _FEWEST_OF_PARABOLA or not unlike:
             break
         m = 4 * m // 5
     still = True
