@@ -132,11 +132,11 @@ def test_memory_halves_the_residual_of_the_withdrawal(held_out, trial):
 
 
 def test_mobilization_length_agrees_between_the_trials(calibrated):
-    """6.0 and 5.1 mm with errors of 2.4 and 2.0 mm, since the measured decay is straighter than the model's."""
+    """5.5 and 4.8 mm with errors of 1.3 and 1.5 mm, since the measured decay is straighter than the model's."""
     fits = {name: record(file)["fitted"]["medium_mobilization_length"] for name, file in calibrated.items()}
     lengths = {name: fit["value"][0] for name, fit in fits.items()}
     errors = {name: fit["standard_error"][0] for name, fit in fits.items()}
-    assert lengths["both"] == pytest.approx(0.0055, abs=0.0002)
+    assert lengths["both"] == pytest.approx(0.0052, abs=0.0002)
     assert abs(lengths[2] - lengths[3]) < np.hypot(errors[2], errors[3])
     assert errors["both"] < 0.0018
 
@@ -184,14 +184,14 @@ def round_plates(shared_data, tmp_path_factory):
 
 
 def test_pressure_that_depends_on_the_plate_is_noted_with_numbers(round_plates):
-    """Growth with depth, least squares through the surface, on the lower face: 1.29, 1.57, 1.84 N/cm³."""
+    """Growth with depth, least squares through the surface, on the lower face: 1.32, 1.58, 1.84 N/cm³."""
     note = next(n for n in record(round_plates)["notes"] if "size" in n)
     assert "1.32 N/cm³ under 28.3 cm²" in note
-    assert "1.57 N/cm³ under 50.2 cm²" in note
+    assert "1.58 N/cm³ under 50.2 cm²" in note
     assert "1.84 N/cm³ under 78.5 cm²" in note
 
 
 def test_one_zeta_for_three_plates_has_a_large_error(round_plates):
     zeta = record(round_plates)["fitted"]["medium_zeta"]
-    assert zeta["value"] == [pytest.approx(1.53, abs=0.01)]
+    assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1
