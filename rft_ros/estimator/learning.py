@@ -56,8 +56,6 @@ _RECORD = np.dtype(
     align=True,
 )
 
-_KEPT = np.dtype([("latest", GAUSSIAN), ("push", GAUSSIAN), ("learned", float)], align=True)
-
 _STATE = np.dtype(
     [
         *FILTER,
@@ -74,8 +72,10 @@ _STATE = np.dtype(
         ("path", float),
         ("pushing", np.bool_),  # in the grains, neither withdrawn nor fast
         ("aired", np.bool_),  # in the air since the last push
-        ("older", _KEPT),  # beliefs to go back to when a fault is found
-        ("newer", _KEPT),
+        ("older", GAUSSIAN),  # beliefs of pushes to go back to when a fault is found, and how far the tool was
+        ("newer", GAUSSIAN),
+        ("older_path", float),
+        ("newer_path", float),
     ],
     align=True,
 )
@@ -105,28 +105,19 @@ class Belief:
 
 
 @inlined
-def _keep(kept, state):  # type: ignore[no-untyped-def]
-    copy(kept.latest, state.latest)
-    copy(kept.push, state.push)
-    kept.learned = state.learned
-
-
-@inlined
 def _take(state, record):  # type: ignore[no-untyped-def]
     """One record into the belief; one with a fault undoes what was learned shortly before."""
     if record.enters > 0:
         begin_again(state.latest, state.push, state.prior, record.enters > 1)
     if record.fault:
-        copy(state.latest, state.older.latest)
-        copy(state.push, state.older.push)
-        state.learned = state.older.learned
-        _keep(state.newer, state)
+        for belief in (state.latest, state.push, state.newer):
+            copy(belief, state.older)
+        state.learned = state.newer_path = state.older_path
     elif record.measured and record.path > state.learned:
-        if state.learned - state.newer.learned > _UNDONE:
-            copy(state.older.latest, state.newer.latest)
-            copy(state.older.push, state.newer.push)
-            state.older.learned = state.newer.learned
-            _keep(state.newer, state)
+        if state.learned - state.newer_path > _UNDONE:
+            copy(state.older, state.newer)
+            copy(state.newer, state.push)
+            state.older_path, state.newer_path = state.newer_path, state.learned
         absorb(state, record)
 
 
@@ -256,9 +247,7 @@ class Learning:
         """Go back to the calibration."""
         self._states[:] = np.zeros(1, _STATE)
         begin(self._state, self._strength_error)
-        for kept in ("older", "newer"):
-            for belief in ("latest", "push"):
-                self._state[kept][belief] = self._state["prior"]
+        self._state["older"] = self._state["newer"] = self._state["prior"]
         self._state["pushing"] = True
         self._state["entry"] = -1
         self._last = 0
@@ -274,8 +263,8 @@ class Learning:
         latest["theta"][:2], latest["theta"][2:] = state["push"]["theta"][:2], prior["theta"][2:]
         latest["p"][:] = prior["p"]
         latest["p"][:2, :2] = state["push"]["p"][:2, :2]
-        for kept in ("older", "newer"):
-            state[kept]["latest"], state[kept]["push"], state[kept]["learned"] = latest, state["push"], state["path"]
+        state["older"] = state["newer"] = state["push"]
+        state["older_path"] = state["newer_path"] = state["path"]
         for name in (n for n, *_ in JUDGE if n not in ("judged", "doubts")):
             state[name] = 0
         state["pushing"], state["aired"] = False, True

@@ -12,7 +12,7 @@ from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import Law, Plates, edge_shares, rotation_matrix
+from rft_ros.rft import Law, Plates, edge_share, rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
 
@@ -251,7 +251,7 @@ class QualityMonitor:
         if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
             flags |= _DEEP
         height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
-        if edge_shares(self._plates, state, surface_height=height)[1] > _EDGE_SHARE:
+        if edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE:
             flags |= _KNIFE_EDGE
         return flags
 

@@ -48,7 +48,7 @@ Wrench (`wrenches`; by plate, `plate_forces`), a superposition of independent pl
     F = Σ t d dA  [N],   T = Σ r × t d dA  [N m]                                                 Eq. (9)
 
 Horizontal plates have no e2 from their normal and use the velocity's horizontal direction, where 2D RFT holds.
-`edge_shares` returns how much of a tool is near that switch, or near v·n = 0.
+`edge_share` returns how much of a tool is near v·n = 0.
 
 Beyond the paper. `Plates.integration` "refined" integrates d over the wet part of each triangle and makes both switches
 continuous (`Plates.from_triangles`). A result can include `SENSITIVITIES`: dF/dh, and the sums of r_j f_l. With a
@@ -90,7 +90,7 @@ from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import LAWS, Law, Treers2021, law_named, traction_per_depth, treers2021
-from rft_ros.rft.wrench import COLUMNS, LEVEL, SENSITIVITIES, edge_shares, plate_forces, wrenches, wrenches_in_time
+from rft_ros.rft.wrench import COLUMNS, LEVEL, SENSITIVITIES, edge_share, plate_forces, wrenches, wrenches_in_time
 
 __all__ = [
     "ALPHA_Y_MODELS",
@@ -118,7 +118,7 @@ __all__ = [
     "agarwal2023",
     "alpha_y_model",
     "checked_states",
-    "edge_shares",
+    "edge_share",
     "law_named",
     "medium_named",
     "plate_forces",

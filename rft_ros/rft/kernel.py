@@ -375,8 +375,8 @@ def _made(function: Any, refined: bool) -> Any:
 
 
 def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-def]
-    """Wet areas [m²]: near-horizontal and leading; moving nearly parallel to itself; total."""
-    flat = edge = wet = 0.0
+    """Wet areas [m²]: moving nearly parallel to itself; total."""
+    edge = wet = 0.0
     axes, twist, _, _ = _motion(state, reach)
     below = surface_height - state[2]
     vx, vy, vz = into_frame(axes, twist[0], twist[1], twist[2])
@@ -387,14 +387,9 @@ def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-
         area = rows[6, i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
         ux, uy, uz = vx + wy * c - wz * b, vy + wz * a - wx * c, vz + wx * b - wy * a
         lead = ux * nx + uy * ny + uz * nz
-        up = zx * nx + zy * ny + zz * nz
-        horizontal = ux * ux + uy * uy + uz * uz - (zx * ux + zy * uy + zz * uz) ** 2
         wet += area
-        # e2 jumps only in motion with a horizontal part, and only for plates that are not exactly horizontal
-        tilted = (abs(up) > _LEVEL) & (abs(up) < 1.0 - 1e-9) & (horizontal > 1e-6)
-        flat += area if tilted & (lead > 0.0) else 0.0
         edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
-    return flat, edge, wet
+    return edge, wet
 
 
 SUMS = {rule: _sums_of_states(rule == "refined") for rule in INTEGRATIONS}
@@ -404,4 +399,4 @@ PLATE_FORCES = {rule: _forces_of_plates(rule == "refined") for rule in INTEGRATI
 """The loop over the plates of one state by integration rule."""
 
 EDGE_AREAS = compiled(_edge_areas, **OPTIONS)
-"""The loop of `wrench.edge_shares`."""
+"""The loop of `wrench.edge_share`."""

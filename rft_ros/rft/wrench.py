@@ -20,7 +20,7 @@ from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import Plates
 from rft_ros.rft.traction import Law, Treers2021, checked_law
 
-__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_shares", "plate_forces", "wrenches", "wrenches_in_time"]
+__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "wrenches", "wrenches_in_time"]
 
 Array = NDArray[np.float64]
 
@@ -150,15 +150,15 @@ def plate_forces(
     return out
 
 
-def edge_shares(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0) -> tuple[float, float]:
-    """Shares of the wet area where the published rule jumps: within 5° of horizontal; moving within 1° of its plane.
+def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0) -> float:
+    """Share of the wet area that moves within 1° of its own plane, where a degree decides how much of it leads.
 
-    `state`: shape [13], columns `STATE`; `surface_height` [m]. Each lies in 0 to 1, no unit; both 0 in the air.
+    `state`: shape [13], columns `STATE`; `surface_height` [m]. In 0 to 1, no unit; 0 in the air.
     """
     _check_plates(plates)
     height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
-    flat, edge, wet = EDGE_AREAS(plates.blocks.rows, plates.reach, height, one)
-    return (flat / wet, edge / wet) if wet > 0.0 else (0.0, 0.0)
+    edge, wet = EDGE_AREAS(plates.blocks.rows, plates.reach, height, one)
+    return edge / wet if wet > 0.0 else 0.0
 
 
 def _code(plates: Plates, law: Law, loop: Memory | Literal["forces"] | None) -> _Code:

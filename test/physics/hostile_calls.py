@@ -142,7 +142,7 @@ def junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
     scene = use["plates"], use["law"], use["states"], use["durations"], use["memory"]
     in_time = refused(lambda: wrenches_in_time(*scene, mobilization_length=use["length"], **keywords))
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
-    refused(lambda: rft.edge_shares(use["plates"], use["states"], surface_height=use["height"]))
+    refused(lambda: rft.edge_share(use["plates"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.treers2021(GENERIC, junk))
     refused(lambda: rft.treers2021(GENERIC, Constant(junk)))
     refused(lambda: rft.treers2021(GENERIC, Constant(0.1), density=junk, inertia=junk))
@@ -196,7 +196,7 @@ def states_stay_within_the_arrays(values, law):
         assert wrenches(plates, law, [values]).shape == (1, 7)
         wrenches_in_time(plates, law, [values] * 2, [0.0, 0.1], memory, mobilization_length=0.003, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
-        rft.edge_shares(plates, values)
+        rft.edge_share(plates, values)
 
 
 def main() -> int:
