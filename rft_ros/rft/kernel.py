@@ -214,7 +214,7 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: 
             if careful:
                 ax, ay, az = (ax if load > 0.0 else 0.0), (ay if load > 0.0 else 0.0), (az if load > 0.0 else 0.0)
                 stiff = stiff if load > 0.0 else 0.0
-                for c in range(3, 8):
+                for c in range(7):
                     tractions[c, i] = tractions[c, i] if load > 0.0 else 0.0
             stiff *= load
             k += stiff
@@ -227,7 +227,6 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: 
             kxy += stiff * x * y
             kxz += stiff * x * z
             kyz += stiff * y * z
-            tractions[0, i], tractions[1, i], tractions[2, i] = ax, ay, az
         dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
         fy += dy

@@ -9,8 +9,8 @@ last yielded; and the gap g behind it. A step moves it by D, of which D_n = D·n
   counted there, so noise at rest teaches it nothing.
 - Beyond it, a plate that leads yields: τ approaches the law's t over λ(d), or half of it where it falls, along the
   path that remains, and y = abs(τ).
-- A plate that trails keeps abs(τ) <= y and is never pulled: τ·n < 0, or τ = 0. While it slips, or has lost half of y, y
-  fades over 3 λ(d).
+- A plate that trails keeps abs(τ) <= y and is never pulled: τ·n < 0, or τ = 0. While it slips, or
+  abs(τ) is below y / 2, y fades over 3 λ(d).
 
 λ(d) is the mobilization length times (d / `DEPTH`)², and l(d) the elastic share of it, within the bounds below.
 
@@ -28,6 +28,8 @@ from dataclasses import KW_ONLY, dataclass, field
 from math import sqrt
 
 import numpy as np
+from numba import types
+from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rft_ros.rft.compilation import inlined
@@ -44,7 +46,8 @@ LEAST, GREATEST = 1.0 / 6.0, 2.25
 """The least and the greatest λ(d), over the mobilization length: those of 12 and 45 mm of depth."""
 
 ELASTIC, LEAST_ELASTIC = 0.08, 1.0 / 30.0
-"""The elastic length l(d), over λ(d); the least one, over the mobilization length."""
+"""The elastic length l(d), over λ(d); below 20 mm it is longer: the second number of mobilization lengths, at 14 mm, and
+less again towards the surface, so that a light tool gets back little energy."""
 
 YIELD_FADES = 3.0
 """Path over which y fades, over λ(d)."""
@@ -61,7 +64,8 @@ SLACK = 10e-6
 GAPS, LOADED = 1, 2
 """Values of `Memory.active`: the block's plates have no more than gaps behind them; they have tractions."""
 
-_FADED = 1e-3  # a trailing plate whose y has fallen to this share of abs(t) remembers nothing
+_FADED = 1e-6  # square:  a trailing plate whose y has fallen to this share of abs(t) remembers nothing
+_NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
 _FAR = 1e30  # bounds displacements [m], so that no product overflows
 _TINY = 1e-290  # avoids 0 / 0
 
@@ -71,7 +75,8 @@ class Memory:
     """The memory of the plates of one tool, in the order of their blocks; ``Memory(plates)`` is empty.
 
     `slack` [m]: so far the tool moves before its plates do, and so far it must turn back before they do, for poses with
-    noise; a simulator needs none. `tractions`: shape [8, m]: τ and t [N/m³], world axes; y [N/m³]; g [m]. `active`:
+    noise; a simulator needs none. `tractions`: shape [7, m]: τ and t [N/m³], world axes; y². With a gap y² is negative, and the first
+    row holds g [m] in place of a τ of 0. `active`:
     shape [m / BLOCK], 0, `GAPS` or `LOADED`. `motion`: shape [20]: the last twist that was not zero, scaled to order
     one; 1 after the first state; slack; the pose that the plates have followed to: position [m] and rotation matrix.
     `stiffness`: shape [10], at the last state: Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz) over plates at x
@@ -90,7 +95,7 @@ class Memory:
 
     def __post_init__(self) -> None:
         n, m = self.bodies, self.plates.blocks.rows.shape[1]
-        object.__setattr__(self, "tractions", np.zeros((n, 8, m)))
+        object.__setattr__(self, "tractions", np.zeros((n, 7, m)))
         object.__setattr__(self, "active", np.zeros((n, m // BLOCK), dtype=np.uint8))
         object.__setattr__(self, "motion", np.tile([*np.zeros(7), self.slack, *np.zeros(12)], (n, 1)))
         object.__setattr__(self, "stiffness", np.zeros((n, 10)))
@@ -112,6 +117,16 @@ class Memory:
         for name, array in self.arrays.items():
             object.__setattr__(made, name, array[first:last])
         return made
+
+
+@intrinsic  # type: ignore[untyped-decorator]
+def _select(_, condition, yes, no):  # type: ignore[no-untyped-def]
+    """One instruction for ``yes if condition else no``: LLVM follows repeated branches apart and computes all ways."""
+
+    def generate(_, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        return builder.select(*arguments)
+
+    return types.float64(types.boolean, types.float64, types.float64), generate
 
 
 @inlined
@@ -187,64 +202,66 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     ax, ay, az = asked
     mx, my, mz = tractions[0, i], tractions[1, i], tractions[2, i]
     bx, by, bz = tractions[3, i], tractions[4, i], tractions[5, i]
-    limit, gap = tractions[6, i], tractions[7, i]
+    limit = tractions[6, i]  # y²
+    opened = limit < 0.0
+    gap = _select(opened, mx, 0.0)
+    mx = _select(opened, 0.0, mx)
+    limit = _select(opened, -limit - _NONE, limit)
+
     mm = mx * mx + my * my + mz * mz
-    size = sqrt(mm)
     bb = bx * bx + by * by + bz * bz
-
     dn = dx * nx + dy * ny + dz * nz
-    way = sqrt(dx * dx + dy * dy + dz * dz)
-    shut = gap - max(dn, 0.0)
-    tractions[7, i] = min(max(shut, 0.0) + (0.0 if leads | (mm > 0.0) else OPEN * max(-dn, 0.0)), WIDEST)
-    # what counts is the part of the displacement after the gap has closed; a grazing plate, which leads, has none
-    used = 1.0 if (gap == 0.0) | (leads & (dn <= 0.0)) else max(-shut, 0.0) / max(dn, _TINY)
-    s = used * way
+    # what counts is the part of the displacement after the gap has closed
+    shut = max(gap - max(dn, 0.0), 0.0) + _select(leads | (mm > 0.0), 0.0, OPEN * max(-dn, 0.0))
+    used = _select(gap > 0.0, max(dn - gap, 0.0) / max(dn, _TINY), _select(shut > 0.0, 0.0, 1.0))
 
-    ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
-    span = length * ratio
-    k = used * max(sqrt(bb), limit) / (length * max(ELASTIC * ratio, LEAST_ELASTIC))
+    square = depth * depth * (1.0 / (DEPTH * DEPTH))
+    ratio = min(max(square, LEAST), GREATEST)
+    per_span = 1.0 / (length * ratio)
+    strength = sqrt(_select(bb > 0.0, max(bb, limit), ax * ax + ay * ay + az * az))
+    longer = max(ratio, LEAST_ELASTIC / ELASTIC - square) * (1.0 / LEAST_ELASTIC)
+    k = used * strength * per_span * min(1.0 / ELASTIC, longer)
     kx, ky, kz = k * dx, k * dy, k * dz
-    full = k * way
-
-    # leading: elastic up to the yield surface, then towards the law
-    q = kx * mx + ky * my + kz * mz
-    elastic = min((q + sqrt(q * q + full * full * max(limit * limit - mm, 0.0))) / max(full * full, _TINY), 1.0)
-    lx, ly, lz = mx - elastic * kx, my - elastic * ky, mz - elastic * kz
-    # trailing: elastic and perfectly plastic; what does not press lets go over l(d) of retreat
     tx, ty, tz = mx - kx, my - ky, mz - kz
-    trial = sqrt(tx * tx + ty * ty + tz * tz)
     presses = (tx * nx + ty * ny + tz * nz < 0.0) | (dn >= 0.0)
-    back = limit / trial if trial > limit else 1.0
-    loose = max(1.0 + k * dn / max(size, _TINY), 0.0)
-    tx, ty, tz = (
-        (back * tx if presses else loose * mx),
-        (back * ty if presses else loose * my),
-        (back * tz if presses else loose * mz),
-    )
-    fades = way if (not presses) | (trial < 0.5 * limit) else min((trial - limit) / max(k, _TINY), s)
+    # One root and one division serve three cases. Leading: the elastic share of the displacement, up to the yield
+    # surface. Trailing: the share of the traction that stays, within y, or over l(d) of a retreat without pressure.
+    kk, q = kx * kx + ky * ky + kz * kz, kx * mx + ky * my + kz * mz
+    tt = tx * tx + ty * ty + tz * tz
+    root = sqrt(_select(leads, q * q + kk * max(limit - mm, 0.0), _select(presses, tt * min(tt, limit), mm)))
+    over = _select(leads, q + root, _select(presses, root, max(mm + k * dn * root, 0.0)))
+    part = min(over / max(_select(leads, kk, _select(presses, tt, mm)), _TINY), 1.0)
 
-    slid = s * (1.0 - elastic) if leads else max(fades, 0.0) * (1.0 / YIELD_FADES)
-    left = _exp_minus(slid / span)
-    yields = leads & (slid > 0.0)
-    first = bb == 0.0
-    gx = 0.5 * (ax + (ax if first else bx)) - lx
-    gy = 0.5 * (ay + (ay if first else by)) - ly
-    gz = 0.5 * (az + (az if first else bz)) - lz
-    w = 1.0 - (left * left if gx * lx + gy * ly + gz * lz < 0.0 else left)
-    lx, ly, lz = lx + w * gx, ly + w * gy, lz + w * gz
-    bx, by, bz = (ax if yields else bx), (ay if yields else by), (az if yields else bz)
-    limit = (sqrt(lx * lx + ly * ly + lz * lz) if yields else limit) if leads else limit * left
-    none = (not leads) & (limit * limit <= _FADED * _FADED * bb)
-    tractions[3, i], tractions[4, i], tractions[5, i] = (
-        (0.0 if none else bx),
-        (0.0 if none else by),
-        (0.0 if none else bz),
-    )
-    tractions[6, i] = 0.0 if none else limit
-    mx, my, mz = (lx if leads else tx), (ly if leads else ty), (lz if leads else tz)
-    carries = (not none) & (leads | (mx * mx + my * my + mz * mz > 0.0))
-    stiff = sqrt(bx * bx + by * by + bz * bz) / span if yields else k
-    return (0.0 if none else mx), (0.0 if none else my), (0.0 if none else mz), (stiff if carries else 0.0)
+    way = sqrt(dx * dx + dy * dy + dz * dz)
+    fades = _select((tt >= 0.25 * limit) & (tt <= limit) & presses, 0.0, 1.0 / YIELD_FADES)
+    path = way * _select(leads, used - used * part, fades)
+    left = _exp_minus(path * per_span)
+    squared = left * left
+    yields = leads & (path > 0.0)
+    faded = limit * squared
+    none = faded <= _FADED * bb
+    limit = _select(leads, limit, _select(none, 0.0, faded))
+    keeps = _select(leads, 1.0, _select(none, 0.0, part))
+    moves = _select(leads, part, _select(presses, keeps, 0.0))
+    mx, my, mz = keeps * mx - moves * kx, keeps * my - moves * ky, keeps * mz - moves * kz
+
+    mean = _select(bb > 0.0, 0.5, 1.0)
+    gx, gy, gz = bx + mean * (ax - bx) - mx, by + mean * (ay - by) - my, bz + mean * (az - bz) - mz
+    w = _select(yields, 1.0 - _select(gx * mx + gy * my + gz * mz < 0.0, squared, left), 0.0)
+    mx, my, mz = mx + w * gx, my + w * gy, mz + w * gz
+    mm = mx * mx + my * my + mz * mz
+    limit = _select(yields, mm, limit)
+
+    gapes = shut > 0.0
+    tractions[0, i] = _select(gapes, min(shut, WIDEST), mx)
+    tractions[1, i] = my
+    tractions[2, i] = mz
+    tractions[3, i] = _select(yields, ax, bx)
+    tractions[4, i] = _select(yields, ay, by)
+    tractions[5, i] = _select(yields, az, bz)
+    tractions[6, i] = _select(gapes, -limit - _NONE, limit)
+    stiff = _select(yields, strength * per_span, k)
+    return mx, my, mz, _select(leads | (mm > 0.0), stiff, 0.0)
 
 
 @inlined
@@ -256,7 +273,9 @@ def open_gaps(tractions, rows, b, shift, turn):  # type: ignore[no-untyped-def]
         dy = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
         dz = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
         dn = dx * rows[3, i] + dy * rows[4, i] + dz * rows[5, i]
-        tractions[7, i] = min(max(tractions[7, i] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
+        gap = min(max(tractions[0, i] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
+        tractions[0, i] = gap
+        tractions[6, i] = -_NONE if gap > 0.0 else 0.0
 
 
 @inlined
@@ -264,13 +283,13 @@ def is_empty(tractions, b):  # type: ignore[no-untyped-def]
     """Whether the plates of a block remember no more than a gap."""
     largest = 0.0
     for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
-        largest = max(largest, tractions[6, i])
-    return largest == 0.0
+        largest = max(largest, abs(tractions[6, i]))
+    return largest <= _NONE
 
 
 @inlined
 def forget(tractions, b):  # type: ignore[no-untyped-def]
     """Clear the memory of a block."""
     for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
-        for k in range(8):
+        for k in range(7):
             tractions[k, i] = 0.0
