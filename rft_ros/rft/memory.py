@@ -46,8 +46,8 @@ LEAST, GREATEST = 1.0 / 6.0, 2.25
 """The least and the greatest λ(d), over the mobilization length: those of 12 and 45 mm of depth."""
 
 ELASTIC, LEAST_ELASTIC = 0.08, 1.0 / 30.0
-"""The elastic length l(d), over λ(d); below 20 mm it is longer: the second number of mobilization lengths, at 14 mm, and
-less again towards the surface, so that a light tool gets back little energy."""
+"""The elastic length l(d) over λ(d); above 20 mm it is longer, the second number of mobilization lengths at 14 mm. At the
+surface it is short again, so that a light tool gets back little energy."""
 
 YIELD_FADES = 3.0
 """Path over which y fades, over λ(d)."""
@@ -75,10 +75,10 @@ class Memory:
     """The memory of the plates of one tool, in the order of their blocks; ``Memory(plates)`` is empty.
 
     `slack` [m]: so far the tool moves before its plates do, and so far it must turn back before they do, for poses with
-    noise; a simulator needs none. `tractions`: shape [7, m]: τ and t [N/m³], world axes; y². With a gap y² is negative, and the first
-    row holds g [m] in place of a τ of 0. `active`:
-    shape [m / BLOCK], 0, `GAPS` or `LOADED`. `motion`: shape [20]: the last twist that was not zero, scaled to order
-    one; 1 after the first state; slack; the pose that the plates have followed to: position [m] and rotation matrix.
+    noise; a simulator needs none. `tractions`: shape [7, m]: τ and t [N/m³], world axes; y², negative where there is a
+    gap, g [m] being in the first row. `active`: shape [m / BLOCK], 0, `GAPS` or `LOADED`. `motion`: shape [20]: the
+    last twist that was not zero, scaled to order one; 1 after the first state; slack; the pose that the plates have
+    followed to: position [m] and rotation matrix.
     `stiffness`: shape [10], at the last state: Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz) over plates at x
     from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴], abs(t) / λ(d) where it yields.
     Of many `bodies` of these plates, state i is of body i, and the arrays have a row for each.
