@@ -46,8 +46,8 @@ LEAST, GREATEST = 1.0 / 6.0, 2.25
 """The least and the greatest λ(d), over the mobilization length: those of 12 and 45 mm of depth."""
 
 ELASTIC, LEAST_ELASTIC = 0.08, 1.0 / 30.0
-"""The elastic length l(d) over λ(d); above 20 mm it is longer, the second number of mobilization lengths at 14 mm. At the
-surface it is short again, so that a light tool gets back little energy."""
+"""The elastic length l(d) over λ(d); above 20 mm it is longer, the second number of mobilization lengths at 14 mm, and
+at the surface as short again, so that a light tool gets back little energy."""
 
 YIELD_FADES = 3.0
 """Path over which y fades, over λ(d)."""
