@@ -119,7 +119,7 @@ class Memory:
         return made
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def _select(_, condition, yes, no):  # type: ignore[no-untyped-def]
     """One instruction for ``yes if condition else no``: LLVM follows repeated branches apart and computes all ways."""
 
