@@ -10,7 +10,7 @@ demo: venv
 	$(BIN)/rft demo -o out/demo
 
 test: venv lint
-	$(BIN)/python -m pytest test -n $$(nproc) --dist loadfile --no-loadscope-reorder -q
+	$(BIN)/python -m pytest test -n $$(nproc) --dist worksteal -q
 
 lint: venv
 	$(BIN)/ruff check .

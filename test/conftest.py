@@ -29,11 +29,3 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"the reference data is not at {SHARED_DATA}")
     return SHARED_DATA
-
-
-_LONG = ("test/ros/", "test_docs_blocks", "test_packaging", "test_sweeps", "test_calibration", "test_bags_memory")
-
-
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the files that take longest: a worker that begins one of them last works alone."""
-    items.sort(key=lambda item: not any(name in item.nodeid for name in _LONG))  # keeps the order otherwise

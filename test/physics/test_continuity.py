@@ -33,10 +33,9 @@ ALONG, ASKEW, ACROSS = (0.0, -0.3), (35.0, 0.2), (90.0, -0.05)
 
 TILTED = {
     "plate": (ALONG, ASKEW, ACROSS),
-    "abb_plate": (ALONG, ASKEW, ACROSS),
+    "abb_plate": (ASKEW,),
     "ellipsoid": (ASKEW,),
     "root_tip": (ACROSS,),
-    "sphere": (ASKEW,),
 }
 
 

@@ -92,12 +92,6 @@ def test_a_page_that_fails_would_be_noticed(tmp_path):
     assert len(show(tmp_path / "bad.html", tmp_path).errors) >= 2
 
 
-def test_without_a_browser_the_test_says_what_is_missing(tmp_path, monkeypatch):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(pytest.skip.Exception, match="none of chromium, chromium-browser, google-chrome is installed"):
-        show(tmp_path / "page.html", tmp_path)
-
-
 def test_quality_flags_are_in_the_table_the_summary_and_the_page(replays, page):
     summary, (out, _) = replays
     rows = rows_of(out)

