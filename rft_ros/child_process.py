@@ -6,8 +6,12 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
 
-__all__ = ["run", "start_child"]
+__all__ = ["lower_priority", "run", "start_child"]
+
+_NICENESS = 10  # a tenth of a busy core, and all of an idle one
 
 
 def start_child(
@@ -33,3 +37,10 @@ def run(module: str, function: str, *arguments: str | float) -> None:
 def _end_with_parent() -> None:
     os.read(0, 1)  # nothing is ever written: it returns when the other end of the pipe closes
     os._exit(1)
+
+
+def lower_priority() -> None:
+    """In the child: leave busy cores to the parent."""
+    os.nice(_NICENESS)
+    with suppress(OSError):  # a kernel that groups sessions applies niceness within a session only
+        Path("/proc/self/autogroup").write_text(str(_NICENESS))

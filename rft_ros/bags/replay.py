@@ -29,7 +29,7 @@ from rft_ros.estimator import (
     WrenchSample,
 )
 from rft_ros.estimator.messages import Role
-from rft_ros.estimator.warm_up import warm_up
+from rft_ros.estimator.warm_up import code_of, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
 from rft_ros.parameters import Values, model_of, named_files, settings_of
@@ -51,7 +51,7 @@ def results(out: Path) -> list[Path]:
 def replay_model(values: Values) -> Model:
     """Load and compile the model that the parameters describe; it serves any number of replays."""
     model = model_of(values)
-    warm_up(model, learning=values["learning.mode"] != "off")
+    prepare(code_of(model, settings_of(values)))
     return model
 
 

@@ -15,7 +15,7 @@ from rft_ros.progress import busy
 
 if TYPE_CHECKING:
     from rft_ros.bags.checkup import Finding
-    from rft_ros.parameters import Values
+    from rft_ros.parameters import Model, Settings
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -31,15 +31,15 @@ def run(arguments: argparse.Namespace) -> int:
     from rft_ros.bags.checkup import Checkup
     from rft_ros.bags.playback import topics_of
     from rft_ros.bags.reading import Recording
-    from rft_ros.parameters import model_of, node_parameters
+    from rft_ros.parameters import model_of, node_parameters, settings_of
 
     arguments.node = "/" + arguments.node.strip("/")
     values, options = recording(arguments)
     topics = topics_of(values, options.remap, arguments.node)
     named = node_parameters(arguments.params, arguments.node)
-    findings = [_compiled(values)]
     with busy("preparing the tool"):
         model = model_of({**values, "tolerance": 0.0})
+    findings = [_compiled(model, settings_of(values))]
     if arguments.bag:
         checkup = Checkup(values, model, named=named, topics=topics, tare=options.tare)
         with Recording(arguments.bag, topics, start=options.start, end=options.end, optional=tuple(topics)) as messages:
@@ -64,16 +64,15 @@ def run(arguments: argparse.Namespace) -> int:
     return 0 if all(finding.ok for finding in findings) else 1
 
 
-def _compiled(values: "Values") -> "Finding":
+def _compiled(model: "Model", settings: "Settings") -> "Finding":
     from rft_ros.bags.checkup import Finding
-    from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
+    from rft_ros.estimator.warm_up import code_of, prepare
 
     def stop() -> None:
-        raise InputError("run rft warm-up --params with this file, or the node's first start takes half a minute")
+        raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
 
     try:
-        warm_up_all(memory=False, on_cold_cache=stop)
-        warm_up_for(values, on_cold_cache=stop)
+        prepare(code_of(model, settings), on_cold_cache=stop)
     except InputError as error:
         return Finding(False, f"compiled: no; {error}")
     return Finding(True, "compiled: yes")

@@ -1,22 +1,27 @@
-"""Compile, or load from the cache on disk, every function that a pose can reach."""
+"""Machine code for what a pose can reach: from the cache on disk, or compiled by processes beside this one."""
 
 import itertools
+import json
 import os
-from collections.abc import Callable
-from dataclasses import replace
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from typing import NamedTuple
 
 import numpy as np
 from numba.core import event
 
-from rft_ros.child_process import start_child
+from rft_ros.child_process import lower_priority, start_child
 from rft_ros.estimator.estimator import Estimator
-from rft_ros.estimator.samples import PoseSample, WrenchSample
-from rft_ros.ground import Cloud, HeightMap
-from rft_ros.parameters import LearningMode, Model, Settings, Values
+from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
+from rft_ros.estimator.velocity import PoseDifference
+from rft_ros.ground import HeightMap
+from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import (
     ALPHA_Y_MODELS,
     INTEGRATIONS,
-    LEVEL,
     MEDIA,
     Integration,
     Plates,
@@ -29,61 +34,66 @@ from rft_ros.tool import Tool
 from rft_ros.tool.refine import FLAT_HALF_ANGLE
 from rft_ros.tool.tool import centroid_plates
 
-__all__ = ["compile_kernels", "warm_up", "warm_up_all", "warm_up_for"]
-
-_LAWS = (("agarwal2023", "constant"), *(("treers2021", name) for name in ALPHA_Y_MODELS))
-"""Names of each law and α_y model."""
+__all__ = ["EVERY_CODE", "Code", "code_of", "compile_jobs", "prepare"]
 
 
-def warm_up(model: Model, *, learning: bool = False) -> None:
-    """Answer a few poses with a model, so that nothing compiles when samples come; `learning`: with a load cell."""
-    mode: LearningMode = "apply" if learning else "off"
-    estimator = Estimator(Settings(twist_source="pose_difference", learning_mode=mode), model)
-    for k in range(1, 5):
-        height = -1e3 - 0.001 * k  # deep in the grains, where a pose reaches every function
-        estimator.push_wrench(WrenchSample(k * 10_000_000, "ft_sensor", (0.0,) * 6))
-        if model.ground is not None:
-            estimator.push_surface(Cloud(k * 10_000_000, "world", *np.zeros((3, 1))))
-        estimator.push_pose(PoseSample(k * 10_000_000, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0)))
+class Code(NamedTuple):
+    """What selects machine code: the names of law, α_y model and rule; memory, learning, a map of the ground or not."""
+
+    law: str
+    alpha_y: str
+    integration: Integration
+    memory: bool
+    learning: bool
+    ground: bool
 
 
-def warm_up_for(values: Values, *, on_cold_cache: Callable[[], None]) -> None:
-    """Warm up for what these parameters need beyond the defaults, and for what can be swapped in while they hold."""
-    memory, inertia = bool(values["medium.mobilization_length"]), bool(values["medium.density"])
-    learning, ground = values["learning.mode"] != "off", bool(values["ground.cell"])
-    if memory or learning or inertia or ground:
-        warm_up_all(memory=memory, learning=learning, inertia=inertia, ground=ground, on_cold_cache=on_cold_cache)
+_LAWS = (*(("treers2021", name) for name in ALPHA_Y_MODELS), ("agarwal2023", "constant"))
+
+EVERY_CODE = tuple(
+    Code(*law, rule, memory, learning=True, ground=True)
+    for rule, law, memory in itertools.product(INTEGRATIONS, _LAWS, (False, True))
+)
 
 
-def warm_up_all(
-    *,
-    memory: bool,
-    learning: bool = False,
-    inertia: bool = False,
-    ground: bool = False,
-    on_cold_cache: Callable[[], None] = lambda: None,
-) -> None:
-    """Warm up for whatever can be swapped in: each rule of integration with each law and α_y model, and the markers.
+def code_of(model: Model, settings: Settings) -> Code:
+    """The code that a model and settings need."""
+    return Code(
+        model.law_name,
+        "constant" if model.law_name == "agarwal2023" else model.alpha_y,
+        model.tool.plates.integration,
+        memory=model.mobilization_length > 0.0,
+        learning=settings.learning_mode != "off",
+        ground=model.ground is not None,
+    )
 
-    `memory`: also for media with a mobilization length; `learning`: also for the modes that learn; `inertia`: for media
-    with a density, and for no others; `ground`: also for maps of the ground. If numba's cache lacks a kernel,
-    `on_cold_cache` is called, and a process on each core fills the cache; the compiler's 100 MB go with them.
+
+def prepare(*codes: Code, at_low_priority: bool = False, on_cold_cache: Callable[[], None] = lambda: None) -> None:
+    """Load machine code from the cache on disk, so that nothing compiles when samples come.
+
+    If the cache lacks any, `on_cold_cache` is called, and processes on all cores fill the cache: the compiler's 100 MB
+    go with them. Where nothing can be cached, this process compiles.
     """
+    poses = [(True, code) for code in codes]
+    rest = [(False, code) for code in codes if len(codes) == 1 or not code.memory]
     try:
         with event.install_listener("numba:compile", _ColdCache()):
-            compile_kernels(0, 1, memory, learning, inertia, ground)
+            return _load(poses + rest)
     except _NotCompiledError:
         on_cold_cache()
-        parts = min(len(os.sched_getaffinity(0)), len(_LAWS) * len(INTEGRATIONS))
-        need = memory, learning, inertia, ground
-        processes = [start_child(compile_kernels, part, parts, *need) for part in range(parts)]
-        try:
-            for process in processes:
-                process.wait()
-        finally:
-            for process in processes:
-                process.kill()
-        compile_kernels(0, 1, *need)
+    parts = min(len(os.sched_getaffinity(0)), 2 * len(codes))
+    processes = []
+    try:
+        with suppress(OSError):  # no process to be had
+            for part in range(parts):
+                jobs = json.dumps((poses + rest)[part::parts])
+                processes.append(start_child(compile_jobs, jobs, at_low_priority))
+        for process in processes:
+            process.wait()
+    finally:
+        for process in processes:
+            process.kill()
+    return _load(poses + rest)
 
 
 class _NotCompiledError(Exception):
@@ -91,30 +101,63 @@ class _NotCompiledError(Exception):
 
 
 class _ColdCache(event.Listener):  # type: ignore[misc]
-    """Raises as soon as numba begins to compile what it did not find in its cache."""
+    """Raises as soon as this thread begins to compile what it did not find in the cache."""
+
+    def __init__(self) -> None:
+        self._thread = threading.get_ident()
 
     def on_start(self, _event: event.Event) -> None:
-        raise _NotCompiledError
+        if threading.get_ident() == self._thread:
+            raise _NotCompiledError
 
     def on_end(self, _event: event.Event) -> None:
         pass
 
 
-def compile_kernels(part: int, parts: int, memory: bool, learning: bool, inertia: bool, ground: bool) -> None:
-    """Compile, or load, one part of the kernels that `warm_up_all` names."""
+def compile_jobs(jobs: str, at_low_priority: bool) -> None:
+    """In a process beside: compile what `jobs` names, JSON of the argument of `_load`."""
+    if at_low_priority:
+        lower_priority()
+    _load((poses, Code(*code)) for poses, code in json.loads(jobs))
+
+
+def _load(jobs: Iterable[tuple[bool, Code]]) -> None:
+    """Load, or compile, what answers poses, or what else is needed: two halves, which two processes can share."""
     medium = next(iter(MEDIA.values()))
     table = Table.sampled([0.0], [0.0], [[1.0]])
-    state = np.array([0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-    maps = (None, _inclined()) if ground else (None,)
-    # alternately one rule and the other: of two processes each has one rule, whose functions the laws share
-    for (law_name, name), integration in list(itertools.product(_LAWS, INTEGRATIONS))[part::parts]:
-        tool = _pyramid(integration)
-        law = law_named(law_name, medium, alpha_y_model(name, medium, table), density=float(inertia))
-        model = Model(tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=name)
-        for length, map_, learns in itertools.product((0.0, 1.0)[: 1 + memory], maps, (False, True)[: 1 + learning]):
-            warm_up(replace(model, mobilization_length=length, ground=map_), learning=learns)
-        for slope in (LEVEL, (0.1, 0.0))[: 1 + ground]:
-            plate_forces(tool.plates, law, state, slope=slope)
+    for poses, code in jobs:
+        law, tool = law_named(code.law, medium, alpha_y_model(code.alpha_y, medium, table)), _pyramid(code.integration)
+        model = Model(
+            tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=code.alpha_y,
+            mobilization_length=float(code.memory), ground=HeightMap.unknown(1.0) if code.ground else None,
+        )  # fmt: skip
+        if poses:
+            _answer_poses(model, learning=code.learning)
+            continue
+        plate_forces(tool.plates, law, [0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+        PoseDifference().push(_pose(1))
+        frame = LoadCellFrame(LoadCell())
+        frame.into_sensor(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(12))
+        frame.into_world((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+        if code.learning:
+            Learning()
+        if code.ground:
+            HeightMap.unknown(1.0).with_points(*np.zeros((3, 1)))
+
+
+def _answer_poses(model: Model, *, learning: bool) -> None:
+    """`learning`: with a load cell."""
+    estimator = Estimator(Settings(learning_mode="apply" if learning else "off"), model)
+    for k in range(1, 5):
+        pose = _pose(k)
+        estimator.push_twist(TwistSample(pose.stamp, "world", (0.0, 0.0, -0.1), (0.0, 0.0, 0.0)))
+        estimator.push_wrench(WrenchSample(pose.stamp, "ft_sensor", (0.0,) * 6))
+        estimator.push_pose(pose)
+
+
+def _pose(k: int) -> PoseSample:
+    """Deep in the grains, where a pose reaches every function."""
+    return PoseSample(k * 10_000_000, "world", (0.0, 0.0, -1e3 - 0.001 * k), (0.0, 0.0, 0.0, 1.0))
 
 
 def _pyramid(integration: Integration) -> Tool:
@@ -126,10 +169,3 @@ def _pyramid(integration: Integration) -> Tool:
     return Tool(
         name="none", file="", plates=plates, facets=plates, vertices=vertices, faces=faces, issues=(), corners=vertices
     )
-
-
-def _inclined() -> HeightMap:
-    """A map that makes the surface an inclined plane: it has machine code of its own."""
-    side = 1e4 * np.arange(-5.0, 6.0)
-    x, y = np.repeat(side, 11), np.tile(side, 11)
-    return HeightMap.unknown(1e4).with_points(x, y, 0.1 * x)

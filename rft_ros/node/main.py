@@ -76,14 +76,11 @@ def _run(stop: threading.Event) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from rft_ros.errors import InputError
-    from rft_ros.estimator.warm_up import warm_up_all, warm_up_for
     from rft_ros.node.rft_node import RftNode
 
     try:
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
-        warm_up_all(memory=False, on_cold_cache=_announce_compilation)
         node = RftNode(worker)
-        warm_up_for(node.values, on_cold_cache=_announce_compilation)
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
         executor = _executor(node)
@@ -106,14 +103,6 @@ def _run(stop: threading.Event) -> int:
         rclpy.try_shutdown()
         worker.close()
     return 0
-
-
-def _announce_compilation() -> None:
-    print(
-        "rft_node: compiling, half a minute or more, first start only; services answer after it",
-        file=sys.stderr,
-        flush=True,
-    )
 
 
 def _executor(node: "Node") -> "Executor":

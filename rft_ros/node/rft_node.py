@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -21,6 +22,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
 from rft_ros.estimator.tool_poses import ToolPoses, push
+from rft_ros.estimator.warm_up import Code, code_of, prepare
 from rft_ros.files import checked_file
 from rft_ros.ground import HeightMap, write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
@@ -46,11 +48,9 @@ _OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=Re
 _TARE_WINDOW = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
-_NO_GROUND = "the ground is a level plane; set ground.cell in the parameter file and restart the node"
+_NO_GROUND = "the ground is a level plane; set ground.cell"
 _NOT_IN_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # they change the settings only
-_IN_FILES = frozenset({*TOOL_PARAMETERS.values(), "alpha_y.model", "alpha_y.table"})
-_LOADED_AT_START = {"medium.mobilization_length": 0.0, "learning.mode": "off", "medium.density": 0.0}
-"""Parameters that need code which is loaded at the start only, and their values without it."""
+_IN_FILES = frozenset({*TOOL_PARAMETERS.values(), "alpha_y.model", "alpha_y.table", "ground.cell", "ground.file"})
 
 
 class RftNode(Node):
@@ -69,11 +69,15 @@ class RftNode(Node):
         self._saved.set_result(None)
         files = model_files(values)
         parts = worker.load_now(files)  # trimesh stays out of this process
-        model = model_of(values, **parts._asdict())
-        self.estimator = Estimator(settings_of(values), model, background=self._background)
-        self._next_model: Model | None = None
-        self._loaded = {name: values[name] != off for name, off in _LOADED_AT_START.items()}
+        model, settings = model_of(values, **parts._asdict()), settings_of(values)
+        code = code_of(model, settings)
+        prepare(code, on_cold_cache=self._announce_compilation)
+        self.estimator = Estimator(settings, model, background=self._background)
         self._swap = ToolSwap(files, parts, worker)
+        self._next_model = self._valid_model = model
+        self._loaded = {code}
+        self._loading: tuple[Code, Future[None]] | None = None
+        self._loader = ThreadPoolExecutor(1)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
@@ -97,8 +101,8 @@ class RftNode(Node):
             self._subscribe(message, "/tf", partial(self._on_input, "tf"), TRANSFORMS_QOS["tf"])
         else:
             self._subscribe(PoseStamped, "~/pose", self._on_pose)
-        if self.estimator.ground is not None:
-            self._subscribe(PointCloud2, "~/surface_points", partial(self._on_input, "surface"), _CLOUDS)
+        self._clouds: Subscription | None = None
+        self._subscribe_to_clouds()
         self.create_service(Trigger, "~/tare", self._on_tare)
         self.create_service(Trigger, "~/status", self._diagnostics.status)
         self.create_service(Trigger, "~/forget", self._medium.forget)
@@ -121,6 +125,14 @@ class RftNode(Node):
         # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
         overridable = QoSOverridingOptions.with_default_policies()
         return self.create_subscription(message, topic, callback, qos, raw=True, qos_overriding_options=overridable)
+
+    def _announce_compilation(self) -> None:
+        self.get_logger().info("compiling, ten seconds or more, first start only; services answer after it")
+
+    def _subscribe_to_clouds(self) -> None:
+        """Once the ground is a map."""
+        if self.estimator.ground is not None and self._clouds is None:
+            self._clouds = self._subscribe(PointCloud2, "~/surface_points", partial(self._on_input, "surface"), _CLOUDS)
 
     @property
     def values(self) -> Values:
@@ -204,30 +216,39 @@ class RftNode(Node):
             if table := self._swap.missing(files).table:
                 checked_file(Path(table), "alpha_y.table")
         transform_message(needed=values["sensor.frame_source"] == "tf")
-        for name, off in _LOADED_AT_START.items():
-            needed, loaded = values[name] != off, self._loaded[name]
-            if (needed and not loaded) or (loaded and not needed and name == "medium.density"):
-                was = f"was {'not ' if loaded else ''}{off} at the start, and no other code is loaded"
-                raise InputError(f"{name} {was}; set it in the parameter file and restart the node")
-        self._next_model = None
+        self._valid_model = self._next_model
         if any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
-            table = self._swap.missing(files).table
-            known = {**values, "alpha_y.model": self.estimator.model.alpha_y} if table else values
-            self._next_model = self._model(known)
+            self._valid_model = self._model(values)
 
     def _apply(self, values: Values, changed: frozenset[str]) -> None:
-        self.estimator.use(settings=settings_of(values))
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._feedforward.use(values)
-        if self._next_model is not None:
-            self.estimator.use(model=self._next_model)
+        self._use(self._valid_model)
         if changed & _IN_FILES:
             self._want(model_files(values))
 
     def _model(self, values: Values) -> Model:
         """The next model, of the files in force."""
-        m, parts = self.estimator.model, self._swap.parts
-        return model_of(values, tool=parts.tool, table=parts.table, ground=m.ground, generation=m.generation + 1)
+        parts, (cell, file) = self._swap.parts, self._swap.in_force.ground or (0.0, "")
+        known = {**values, "ground.cell": cell, "ground.file": file}
+        if self._swap.missing(model_files(values)).table:
+            known["alpha_y.model"] = self._next_model.alpha_y
+        return model_of(known, **parts._asdict(), generation=self._next_model.generation + 1)
+
+    def _use(self, model: Model) -> bool:
+        """Bring a model and the settings into force, now or, if that needs more machine code, when that is loaded."""
+        self._next_model, settings = model, settings_of(self.values)
+        code = code_of(model, settings)
+        if code in self._loaded:
+            self.estimator.use(settings=settings, model=model if model is not self.estimator.model else None)
+            self._subscribe_to_clouds()
+            return True
+        self.estimator.use(settings=replace(settings, learning_mode=self.estimator.settings.learning_mode))
+        if self._loading is None:
+            self._loading = code, self._loader.submit(prepare, code, at_low_priority=True)
+            self._swap.code = f"machine code of law {model.law_name}, alpha_y {model.alpha_y}, {code.integration}"
+        self._swap_timer.reset()
+        return False
 
     def _want(self, request: ModelFiles) -> None:
         self._swap.want(request)
@@ -238,9 +259,13 @@ class RftNode(Node):
         outcome = self._swap.poll()
         if isinstance(outcome, ModelFiles):
             self._undo(outcome)
-        elif outcome is not None:
-            self.estimator.use(model=self._model(self.values))
+        elif outcome is not None and self._use(self._model(self.values)):
             self.announce("in force")
+        if self._loading is not None and self._loading[1].done():
+            self._loaded.add(self._loading[0])
+            self._loading, self._swap.code = None, ""
+            if self._use(self._next_model):
+                self.announce("in force")
         if not self._swap.preparing:
             self._swap_timer.cancel()
 
@@ -255,6 +280,8 @@ class RftNode(Node):
         if wanted.table != failed.table:
             parameters["alpha_y.model"] = "table" if wanted.table else m.alpha_y
             parameters["alpha_y.table"] = wanted.table or self.values["alpha_y.table"]
+        if wanted.ground and wanted.ground != failed.ground:
+            parameters["ground.cell"], parameters["ground.file"] = wanted.ground
         self._table.set_all(parameters, why=f"the swap to {failed} failed")
         self._want(wanted)
 

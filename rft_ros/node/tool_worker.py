@@ -11,16 +11,14 @@ import time
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from multiprocessing.reduction import recv_handle, send_handle
-from pathlib import Path
 
-from rft_ros.child_process import start_child
+from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
 from rft_ros.installation import program
 from rft_ros.parameters import ModelFiles, ModelParts
 
 _DEADLINE = 600.0  # s; its low priority makes it slow beside other work
 _EXIT = 0.5  # s, for a worker that closed its connection to end
-_NICENESS = 10  # the worker gets a tenth of a busy core, and all of an idle one
 _ALIGNMENT = 64
 
 
@@ -128,25 +126,27 @@ class ToolSwap:
 
     def __init__(self, in_force: ModelFiles, parts: ModelParts, worker: ToolWorker) -> None:
         self._worker = worker
-        self._in_force = in_force
+        self.in_force = in_force
         self.parts = parts
         self._stack: list[ModelFiles] = []
+        self.code = ""
+        """The machine code that is being loaded beside files; empty if none is."""
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
 
     @property
     def wanted(self) -> ModelFiles:
         """The newest request, else the files in force: the values that the parameters should have."""
-        return self._stack[-1] if self._stack else self._in_force
+        return self._stack[-1] if self._stack else self.in_force
 
     @property
     def preparing(self) -> str:
-        """The parameters of what is being loaded; empty if nothing is."""
-        return str(self._worker.loading or "")
+        """What is being loaded; empty if nothing is."""
+        return str(self._worker.loading or self.code)
 
     def missing(self, request: ModelFiles) -> ModelFiles:
         """Those of a request's files that are not in force."""
-        return ModelFiles._make(None if new == old else new for new, old in zip(request, self._in_force, strict=True))
+        return ModelFiles._make(None if new == old else new for new, old in zip(request, self.in_force, strict=True))
 
     def knows(self, request: ModelFiles) -> bool:
         """Whether these files are in force or requested."""
@@ -156,7 +156,7 @@ class ToolSwap:
         """Request files: load those that are not in force, unless they are being loaded already."""
         missing = self.missing(request)
         if not any(missing):
-            self._in_force = request
+            self.in_force = request
             self._stack.clear()
             self._worker.cancel()
         elif missing != self._worker.loading:
@@ -169,10 +169,11 @@ class ToolSwap:
         if answer is None:
             return None
         if isinstance(answer, ModelParts):
-            self._in_force = self._stack[-1]
+            loaded, self.in_force = self.missing(self._stack[-1]), self._stack[-1]
             self._stack.clear()
             self.last_failure = ""
-            self.parts = ModelParts._make(new or old for new, old in zip(answer, self.parts, strict=True))
+            parts = zip(loaded, answer, self.parts, strict=True)
+            self.parts = ModelParts._make(old if file is None else new for file, new, old in parts)
             return self.parts
         self.last_failure = answer
         return self._stack.pop()
@@ -215,7 +216,7 @@ def serve(descriptor: int, urgent: int) -> None:
     """In the worker: answer requests on a connection until the node closes it; the first `urgent` at full priority."""
     connection = Connection(descriptor)
     if not urgent:
-        _lower_priority()
+        lower_priority()
     import scipy.spatial  # noqa: F401
     import trimesh  # noqa: F401
 
@@ -225,13 +226,7 @@ def serve(descriptor: int, urgent: int) -> None:
             send(connection, _load(request))
             urgent -= 1
             if urgent == 0:
-                _lower_priority()
-
-
-def _lower_priority() -> None:
-    os.nice(_NICENESS)
-    with suppress(OSError):  # a kernel that groups sessions applies niceness within a session only
-        Path("/proc/self/autogroup").write_text(str(_NICENESS))
+                lower_priority()
 
 
 def _load(request: ModelFiles) -> ModelParts | str:

@@ -150,8 +150,9 @@ class ModelFiles(NamedTuple):
 
     def __str__(self) -> str:
         """The parameters that name the files, with their values."""
-        named = ("mesh.file", self.tool and self.tool.file), ("alpha_y.table", self.table)
-        return " and ".join(f"{name} '{file}'" for name, file in named if file)
+        cell, ground = self.ground or (0.0, "")
+        named = ("mesh.file", self.tool and self.tool.file), ("alpha_y.table", self.table), ("ground.file", ground)
+        return " and ".join(f"{name} '{file}'" for name, file in named if file) or f"ground.cell {cell:g}"
 
 
 def model_files(values: Values) -> ModelFiles:

@@ -75,7 +75,7 @@ PARAMETERS: tuple[Parameter, ...] = (
         "medium.mobilization_length",
         0.0,
         "Displacement to reach 63 % of full resistance at 30 mm depth; the force then holds while the tool"
-        " rests. 0.0 disables memory, as published; enabling it takes a restart.",
+        " rests. 0.0 disables memory, as published.",
         unit="m",
         low=0.0,
         high=1e3,
@@ -91,8 +91,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "medium.density",
         0.0,
-        "Bulk density of the grains, which adds their inertia to fast motion. 0.0: no inertia, as published; to or from"
-        " 0.0 takes a restart.",
+        "Bulk density of the grains, which adds their inertia to fast motion. 0.0: no inertia, as published.",
         unit="kg/m3",
         low=0.0,
         high=1e5,
@@ -131,8 +130,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "learning.mode",
         "off",
-        "Learn the medium from the load cell. observe: learn and report; apply: predict with what was learned."
-        " From off to another mode takes a restart.",
+        "Learn the medium from the load cell. observe: learn and report; apply: predict with what was learned.",
         choices=("off", "observe", "apply"),
     ),
     Parameter(
@@ -181,7 +179,6 @@ PARAMETERS: tuple[Parameter, ...] = (
         unit="m",
         low=0.0,
         high=1.0,
-        applies="restart",
     ),
     Parameter(
         "ground.file",
@@ -189,7 +186,6 @@ PARAMETERS: tuple[Parameter, ...] = (
         "Heights at the start: CSV with columns x, y, h, or NPZ with these arrays, in world_frame; relative to the"
         " parameter file that names it. Needs ground.cell; unknown cells are at surface_height.",
         unit="m",
-        applies="restart",
     ),
     Parameter("world_frame", "world", "frame_id of poses; z up."),
     Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),

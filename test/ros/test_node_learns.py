@@ -61,11 +61,10 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
     assert trigger(rft, "save_medium") == (False, "not saved: nothing was learned yet")
 
 
-def test_a_node_that_started_without_learning_says_why_it_cannot_begin(start_node):
-    rft = start_node("-p", "mesh.file:=plate").wait_ready()
-    successful, why = rft.set(learning__mode="observe")
-    assert not successful
-    assert "restart the node" in why
-    assert rft.set(learning__lag=0.003, medium__zeta_error=0.1) == (True, "")
+def test_learning_begins_and_ends_while_the_node_runs(rft):
     assert trigger(rft, "forget") == (False, "nothing to forget: learning.mode is off")
     assert trigger(rft, "save_medium") == (False, "not saved: learning.mode is off")
+    assert rft.set(learning__mode="observe") == (True, "")
+    rft.until(lambda: trigger(rft, "forget") == (True, "back to the calibration"))
+    assert rft.set(learning__mode="off") == (True, "")
+    assert trigger(rft, "forget") == (False, "nothing to forget: learning.mode is off")

@@ -55,7 +55,7 @@ def said(tmp_path: Path) -> str:
 def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(tmp_path):
     for number in (signal.SIGINT, signal.SIGTERM):
         node = start(tmp_path, cache=tmp_path / "cache")
-        wait_until(lambda: "compiling, half a minute or more, first start only" in said(tmp_path), "the node compiles")
+        wait_until(lambda: "compiling, ten seconds or more, first start only" in said(tmp_path), "the node compiles")
         wait_until(lambda pid=node.pid: len(descendants(pid)) >= 3, "compilers and tool worker run")
         children = descendants(node.pid)
         node.send_signal(number)
@@ -121,9 +121,9 @@ from dataclasses import replace
 from numba.core import event
 from rft_ros.estimator import Estimator, PoseSample, Settings
 from rft_ros.parameters import defaults, model_of
-from rft_ros.estimator.warm_up import warm_up_all
+from rft_ros.estimator.warm_up import EVERY_CODE, prepare
 
-warm_up_all(memory=True, learning=True, on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
+prepare(*EVERY_CODE, on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
 if "trimesh" in sys.modules:
     sys.exit("warming up imports trimesh, which the node does not need")
 for rule in ("centroid", "refined"):

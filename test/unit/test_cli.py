@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from rft_ros.cli import main
-from rft_ros.estimator import warm_up
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
@@ -30,14 +29,6 @@ def rft(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     finally:
         os.chdir(before)
     return subprocess.CompletedProcess(arguments, status, out.getvalue(), err.getvalue())
-
-
-def test_warm_up_compiles_what_a_parameter_file_needs(monkeypatch, tmp_path):
-    needs = []
-    monkeypatch.setattr(warm_up, "warm_up_all", lambda **need: needs.append(need))
-    (tmp_path / "cell.yaml").write_text("rft: {ros__parameters: {ground.cell: 0.002, learning.mode: observe}}\n")
-    assert rft("warm-up", "--params", "cell.yaml", cwd=tmp_path).returncode == 0
-    assert [name for name, need in needs[-1].items() if need is True] == ["learning", "ground"]
 
 
 def in_a_process(*arguments: object) -> list[str]:
