@@ -94,11 +94,11 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
         raise NotIdentifiable(
             f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
-    if length > turn.after or relative > _UNSURE:
-        raise NotIdentifiable(
-            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %; it needs"
-            f" {100 * _UNSURE:.0f} % and less than the {1e3 * turn.after:.3g} mm of path after the turn"
-        )
+    fitted = f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %"
+    if relative > _UNSURE:
+        raise NotIdentifiable(f"{fitted}; its error must be at most {100 * _UNSURE:.0f} %")
+    if length > turn.after:
+        raise NotIdentifiable(f"{fitted}; it must be below the {1e3 * turn.after:.3g} mm of path after the turn")
     if misfit > _UNLIKE or found.linear.coefficients[0] <= 0.0:
         raise NotIdentifiable(
             f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
