@@ -22,6 +22,7 @@ __all__ = [
     "MAX_BYTES",
     "checked_file",
     "read_arrays",
+    "read_columns",
     "read_file",
     "read_text",
     "read_yaml",
@@ -87,6 +88,42 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> "list[NDArray[An
     except Exception:  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
         raise InputError(f"{what} '{file}' is not a valid {wanted}") from None
+
+
+def read_columns(
+    file: Path, what: str, names: Sequence[str], *, pipes: bool = False
+) -> "tuple[NDArray[Any], list[int]]":
+    """Numbers of a `checked_file` in CSV format, shape [n, columns], any unit; and the line of each row, from 1.
+
+    Columns as in `names`; the file's header has them in any order, and may have others. Raises InputError that names
+    the file and what is wrong in it, without quoting numbers.
+    """
+    import numpy as np
+
+    lines = read_text(file, what, pipes=pipes).splitlines()
+    header = [name.strip() for name in lines[0].split(",")] if lines else []
+    for name in (*names, *header):
+        if header.count(name) != 1:
+            count = "several columns" if name in header else "no column"
+            raise InputError(f"{what} '{file}' has {count} {name}; its first line must name {','.join(names)}")
+    numbered = [number for number, line in enumerate(lines[1:], start=2) if line.strip()]
+    if not numbered:
+        raise InputError(f"{what} '{file}' has a header and no rows; it needs at least one")
+    try:
+        table = np.loadtxt([lines[number - 1] for number in numbered], delimiter=",", ndmin=2, comments=None)
+        if table.shape[1] != len(header):
+            raise ValueError
+        return table[:, [header.index(name) for name in names]], numbered
+    except ValueError:
+        wrong = next((n for n in numbered if not _are_numbers(lines[n - 1], len(header))), numbered[0])
+        raise InputError(f"{what} '{file}' line {wrong} is not {len(header)} numbers") from None
+
+
+def _are_numbers(line: str, count: int) -> bool:
+    try:
+        return len([float(cell) for cell in line.split(",")]) == count
+    except ValueError:
+        return False
 
 
 class _Loader(yaml.SafeLoader):

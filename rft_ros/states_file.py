@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_text, whole
+from rft_ros.files import read_columns, whole
 from rft_ros.rft import STATE, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 
 __all__ = ["WRENCH_HEADER", "read_states", "wrenches_along", "write_wrenches"]
@@ -21,41 +21,15 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Raises InputError that names the file, line and column.
     """
-    lines = read_text(file, "states file", pipes=True).splitlines()
-    if not lines or not lines[0].strip():
-        raise InputError(f"states file '{file}' is empty; its first line must be {','.join(STATES_HEADER)}")
-    header = [name.strip() for name in lines[0].split(",")]
-    missing = [name for name in STATES_HEADER if name not in header]
-    if len({*header}) < len(header):
-        raise InputError(f"states file '{file}' names a column twice (header: {lines[0].strip()})")
-    if missing:
-        raise InputError(f"states file '{file}' has no column {', '.join(missing)} (header: {lines[0].strip()})")
-    numbered = [(number, line) for number, line in enumerate(lines[1:], start=2) if line.strip()]
-    if not numbered:
-        raise InputError(f"states file '{file}' has a header and no states")
-    rows = [_row(line, header, f"states file '{file}' line {number}") for number, line in numbered]
-    table = np.array(rows)[:, [header.index(name) for name in STATES_HEADER]]
-    for (number, _), t in zip(numbered, table[:, 0], strict=True):
-        if not np.isfinite(t):
-            raise InputError(f"states file '{file}' line {number}: t is {t}; it must be a finite number")
+    table, lines = read_columns(file, "states file", STATES_HEADER, pipes=True)
+    if not np.isfinite(table[:, 0]).all():
+        k = int(np.argmin(np.isfinite(table[:, 0])))
+        raise InputError(f"states file '{file}' line {lines[k]}: t is {table[k, 0]}; it must be a finite number")
     try:
         return table[:, 0], checked_states(table[:, 1:])
     except ValueError as error:
         row, _, reason = str(error).removeprefix("row ").partition(":")  # counted from 0
-        raise InputError(f"states file '{file}' line {numbered[int(row)][0]}:{reason}") from None
-
-
-def _row(line: str, header: list[str], where: str) -> list[float]:
-    cells = line.split(",")
-    if len(cells) != len(header):
-        raise InputError(f"{where}: {len(cells)} values for {len(header)} columns")
-    row = []
-    for name, cell in zip(header, cells, strict=True):
-        try:
-            row.append(float(cell))
-        except ValueError:
-            raise InputError(f"{where}: {name} is '{cell.strip()}', not a number") from None
-    return row
+        raise InputError(f"states file '{file}' line {lines[int(row)]}:{reason}") from None
 
 
 def wrenches_along(

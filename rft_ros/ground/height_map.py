@@ -1,6 +1,5 @@
 """A height map: square cells with one height each, from points, from files, and to files."""
 
-import io
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -8,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_arrays, read_text, whole
+from rft_ros.files import read_arrays, read_columns, whole
 from rft_ros.rft.compilation import compiled
 
 __all__ = ["MOST_CELLS", "HeightMap", "ToolBox", "read_height_map", "write_height_map"]
@@ -232,24 +231,16 @@ def read_height_map(file: Path, cell: float) -> HeightMap:
     cannot be used or does not fit in `MOST_CELLS`.
     """
     what = "ground.file"
-    try:
-        if file.suffix.lower() == ".npz":
-            x, y, h = (np.asarray(v, dtype=np.float64) for v in read_arrays(file, what, _COLUMNS))
-            if h.shape == (*x.shape, *y.shape):
-                i, j = np.nonzero(~np.isnan(h))
-                x, y, h = x[i], y[j], h[i, j]
-            x, y, h = x.ravel(), y.ravel(), h.ravel()
-        else:
-            header, _, rows = read_text(file, what).partition("\n")
-            if tuple(name.strip() for name in header.split(",")) != _COLUMNS:
-                raise InputError(f"ground.file '{file}' does not begin with the header 'x,y,h'")
-            if not rows.strip():
-                raise InputError(f"ground.file '{file}' has a header and no rows; it needs at least one")
-            x, y, h = np.loadtxt(io.StringIO(rows), delimiter=",", ndmin=2).T
-    except InputError:
-        raise
-    except (ValueError, TypeError):  # numpy quotes the file
-        raise InputError(f"ground.file '{file}' has something other than three numbers in a row") from None
+    if file.suffix.lower() == ".npz":
+        x, y, h = read_arrays(file, what, _COLUMNS)
+        if any(v.dtype.kind not in "fiu" for v in (x, y, h)):
+            raise InputError(f"ground.file '{file}' has arrays that are not numbers")
+        if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
+            i, j = np.nonzero(~np.isnan(h))
+            x, y, h = x[i], y[j], h[i, j]
+        x, y, h = (v.ravel().astype(np.float64) for v in (x, y, h))
+    else:
+        x, y, h = read_columns(file, what, _COLUMNS)[0].T
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
         raise InputError(f"ground.file '{file}' has {counts}; it needs the same number of each, and at least one")

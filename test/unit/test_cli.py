@@ -94,14 +94,14 @@ def test_at_rest_and_above_the_surface_the_wrench_is_zero(tmp_path):
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ("states.csv", "is empty")),
-        (HEADER + "\n", ("states.csv", "no states")),
-        (HEADER + ",vx\n" + ROW + ",0.0", ("states.csv", "names a column twice")),
+        ("", ("states.csv", "no column t")),
+        (HEADER + "\n", ("states.csv", "a header and no rows")),
+        (HEADER + ",vx\n" + ROW + ",0.0", ("states.csv", "several columns vx")),
         (HEADER.replace(",qw", "") + "\n" + ROW[:-2], ("states.csv", "no column qw")),
         (f"{HEADER}\n{ROW}\n{ROW.replace('-0.01', 'nan', 1)}\n", ("states.csv", "line 3", "pz is nan")),
         (f"{HEADER}\n{ROW.replace('0,0,0,1', '0,0,0,0', 1)}\n", ("states.csv", "line 2", "norm 0")),
-        (f"{HEADER}\n{ROW.replace('-0.01', 'deep', 1)}\n", ("line 2", "pz is 'deep'")),
-        (f"{HEADER}\n{ROW},7\n", ("line 2", "15 values for 14 columns")),
+        (f"{HEADER}\n{ROW.replace('-0.01', 'deep', 1)}\n", ("line 2", "is not 14 numbers")),
+        (f"{HEADER}\n{ROW},7\n", ("line 2", "is not 14 numbers")),
         (f"{HEADER}\n\n{ROW.replace('0,0', 'inf,0', 1)}\n", ("line 3", "t is inf")),
     ],
 )

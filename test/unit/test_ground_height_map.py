@@ -122,12 +122,12 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "header"),
-        ("a,b,c\n1,2,3\n", "header 'x,y,h'"),
+        ("", "no column x"),
+        ("a,b,c\n1,2,3\n", "no column x; its first line must name x,y,h"),
         ("x,y,h\n", "at least one"),
-        ("x,y,h\n1,2\n", "other than three numbers in a row"),
-        ("x,y,h\n0,0,0,9\n0,0,0,9\n0,0,0,9\n", "other than three numbers in a row"),
-        ("x,y,h\n1,2,spam\n", "other than three numbers in a row"),
+        ("x,y,h\n1,2\n", "line 2 is not 3 numbers"),
+        ("x,y,h\n0,0,0,9\n0,0,0,9\n0,0,0,9\n", "line 2 is not 3 numbers"),
+        ("x,y,h\n1,2,spam\n", "line 2 is not 3 numbers"),
         ("x,y,h\n1,2,nan\n", "not finite"),
         ("x,y,h\n0,0,0\n1e3,1e3,0\n", "must fit in"),
         ("x,y,h\n0.0018,0.001,0\n0.0038,3000.001,0\n", "2 x 1500001 cells"),
