@@ -22,6 +22,7 @@ FEEDFORWARD_PERIOD = 0.01
 
 _ZERO: Wrench = (0.0,) * 6
 _LONGEST_STEP = 2.0 * FEEDFORWARD_PERIOD  # after a pause the output starts no faster than after this
+_LEAST = 1e-9  # N, N m: with a limit of 0 a share of less may round to 0, and the way down would never end
 _END = 0.25  # s: the longest ramp when the node ends
 
 
@@ -41,7 +42,7 @@ class Ramp:
         made: list[float] = []
         for k, limit in enumerate(self.limit):
             now, goal = self.wrench[3 * k : 3 * k + 3], _scaled(target[3 * k : 3 * k + 3], limit)
-            most = max(limit, self._largest[k]) * duration / self.rise_time
+            most = max(limit, self._largest[k], _LEAST) * duration / self.rise_time
             if math.dist(now, goal) > most:
                 step = _scaled(tuple(b - a for a, b in zip(now, goal, strict=True)), most)
                 goal = tuple(a + s for a, s in zip(now, step, strict=True))

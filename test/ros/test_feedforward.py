@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from harness import numbers, predicted_by_the_core
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from rft_ros.node.feedforward import Ramp
@@ -18,6 +18,7 @@ component = st.floats(-1e6, 1e6)
 wrench = st.tuples(*[component] * 6)
 
 
+@example(targets=[((5e-324, 0.0, 0.0, 0.0, 0.0, 0.0), 0.02)], lowered=0.0)
 @given(targets=st.lists(st.tuples(wrench, st.floats(0.0, 0.02)), max_size=20), lowered=st.floats(0.0, 1.0))
 def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targets, lowered):
     ramp = Ramp()
