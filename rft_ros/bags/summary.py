@@ -14,7 +14,7 @@ from rft_ros.parameters import Value
 
 __all__ = ["METRIC_HEADS", "Summary", "metric_line", "metric_rows", "metrics", "warnings_of"]
 
-_OFFSET, _OFFSET_SHARE = 0.2, 0.05  # N, and share of the recording's peak: a mean force in the air that is no noise
+_OFFSET, _OFFSET_SHARE = 0.2, 0.01  # N, and share of the recording's peak: a mean force in the air that is no noise
 _WRONG = 0.5  # median error over which the set-up is the likely cause
 
 
