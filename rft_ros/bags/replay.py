@@ -4,12 +4,11 @@ import time
 from collections import Counter, deque
 from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import NamedTuple
 
 from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS, Trace, csv_row, learned_numbers
-from rft_ros.bags.learning_errors import LearningErrors
 from rft_ros.bags.phases import LowestPoint, Phase, Phases
 from rft_ros.bags.playback import ReplayOptions, play, topics_of, unposed
 from rft_ros.bags.reading import Recording, bag_name
@@ -28,7 +27,8 @@ from rft_ros.estimator import (
     Wrench,
     WrenchSample,
 )
-from rft_ros.estimator.messages import Role
+from rft_ros.estimator.messages import Role, Sample
+from rft_ros.estimator.tool_poses import push
 from rft_ros.estimator.warm_up import code_of, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
@@ -38,6 +38,9 @@ __all__ = ["GROUND", "replay", "replay_model", "results"]
 
 GROUND = "ground.csv"
 """The ground at the end, for `ground.file`."""
+
+_SECOND_LAG = 0.005
+_METRICS = ("rms_over_peak", "median_relative_error", "within_sigma", "within_two_sigma")
 
 # what a replay may write beside estimates/
 _FILES = ("estimates.csv", "summary.json", "report.html", GROUND)
@@ -93,7 +96,7 @@ def replay(
     check_replaceable(out / "estimates")
     with whole_folder(out, ("estimates", *_FILES)) as part, ExitStack() as traces:
         trace = traces.enter_context(Trace(part))
-        learning_errors = LearningErrors(settings, model, traces, part)
+        learning_errors = _LearningErrors(settings, model, traces, part)
         with Recording(bag, topics, start=options.start, end=options.end) as recording:
             label = label or bag_name(bag)
             issues = _write_estimates(recording, estimator, motion, trace, part, label, learning_errors)
@@ -134,6 +137,48 @@ def replay(
     return summary
 
 
+class _LearningErrors:
+    """Runs beside a replay, by name: without learning, with learning at `learning_lag`, and with a lag of 5 mm.
+
+    No runs if `learning_mode` is off. `traces` closes their scratch files, which are in `folder`.
+    """
+
+    def __init__(self, settings: Settings, model: Model, traces: ExitStack, folder: Path) -> None:
+        runs = {"off": replace(settings, learning_mode="off")}
+        for lag in (settings.learning_lag, _SECOND_LAG):
+            runs[f"{1e3 * lag:g} mm"] = replace(settings, learning_mode="apply", learning_lag=lag)
+        self._runs = {
+            name: (Estimator(own, model), traces.enter_context(Trace(folder)), deque[Estimate]())
+            for name, own in (runs.items() if settings.learning_mode != "off" else ())
+        }
+
+    def push(self, sample: Sample) -> None:
+        """Push a sample of the replay into every run."""
+        for estimator, trace, waiting in self._runs.values():
+            answer = push(estimator, sample)
+            if isinstance(answer, Estimate):
+                waiting.append(answer)
+            self._collect(estimator, trace, waiting)
+
+    def _collect(self, estimator: Estimator, trace: Trace, waiting: deque[Estimate]) -> None:
+        for measurement in estimator.measurements():
+            # depth and state are those of a later pose; `finish` uses neither
+            trace.add(estimator.depth(), waiting.popleft(), measurement, None, estimator.state.tobytes())
+
+    def finish(self) -> dict[str, dict[str, float | None]]:
+        """Metrics of `Group` over all estimates of each run, after the last sample; by name of the run and the metric.
+
+        No prediction uses its own load-cell sample.
+        """
+        found = {}
+        for name, (estimator, trace, waiting) in self._runs.items():
+            estimator.finish()
+            self._collect(estimator, trace, waiting)
+            group, _ = statistics(trace.rows())
+            found[name] = {metric: getattr(group, metric) for metric in _METRICS}
+        return found
+
+
 class _Row(NamedTuple):
     """A pose's answer, depth of the tool's lowest point [m] if known, the estimator's state, `learned_numbers`."""
 
@@ -150,7 +195,7 @@ def _write_estimates(
     trace: Trace,
     out: Path,
     label: str,
-    learning_errors: LearningErrors,
+    learning_errors: _LearningErrors,
 ) -> Counter[str]:
     """Play the recording; write each pose to table, bag and trace once its phase and measurement are known.
 

@@ -23,8 +23,7 @@ from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
 if TYPE_CHECKING:
-    from rft_ros.bags.limits import Limit
-    from rft_ros.bags.summary import Summary
+    from rft_ros.bags.summary import Limit, Summary
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
@@ -40,8 +39,8 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from rft_ros.bags.limits import read_limits
     from rft_ros.bags.replay import replay, replay_model, results
+    from rft_ros.bags.summary import read_limits
     from rft_ros.files import whole
     from rft_ros.parameters import named_files
 
@@ -117,7 +116,7 @@ def _empty(summary: "Summary") -> int:
 
 
 def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
-    from rft_ros.bags.limits import check, limit_lines
+    from rft_ros.bags.summary import check, limit_lines
 
     kept = True
     for name, summary in summaries.items() if limits else ():

@@ -16,8 +16,8 @@ import pytest
 import yaml
 from test_cli import rft
 
-from rft_ros.bags.limits import read_limits
 from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.summary import read_limits
 from rft_ros.parameters import read_parameter_file
 from rft_ros.sweeps.design import read_design
 

@@ -6,8 +6,8 @@ import pytest
 from recordings import TOPICS, plunge, write_ros2
 from replays import values
 
-from rft_ros.bags.limits import Limit, check, read_limits
 from rft_ros.bags.replay import replay
+from rft_ros.bags.summary import Limit, check, read_limits
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 
