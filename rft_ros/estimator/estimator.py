@@ -236,11 +236,17 @@ class Estimator:
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
         """Add a twist; returns the reason if it is refused."""
-        return self._refused(lambda s: self._comparison.settle(self._intake.twist(s).stamp), sample)
+        reason = self._refused(self._intake.twist, sample)
+        if reason is None:
+            self._comparison.settle(sample.stamp)
+        return reason
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:
         """Add a load-cell sample; returns the reason if it is refused."""
-        return self._refused(lambda s: self._comparison.settle(self._intake.wrench(s).stamp), sample)
+        reason = self._refused(self._intake.wrench, sample)
+        if reason is None:
+            self._comparison.settle(sample.stamp)
+        return reason
 
     def push_surface(self, cloud: Cloud) -> Reason | None:
         """Add points of the ground; returns the reason if they are refused.
@@ -249,7 +255,7 @@ class Estimator:
         """
         return self._refused(lambda c: self._ground.add(c, self._intake.cloud(c, self._ground)), cloud)
 
-    def _refused(self, take: Callable[[_Sample], None], sample: _Sample) -> Reason | None:
+    def _refused(self, take: Callable[[_Sample], object], sample: _Sample) -> Reason | None:
         try:
             take(sample)
         except RefusedError as refused:
@@ -344,19 +350,18 @@ class Estimator:
                 surface_height=height, slope=slope, out=result,
             )  # fmt: skip
         row: Array = result[0]
-        if not row.dot(row) < ABSURD * ABSURD:
+        numbers = row.tolist()
+        if not math.hypot(*numbers) < ABSURD:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)
-        fx, fy, fz, _, _, _, area = row[:7].tolist()
-        return row, (fx, fy, fz), area
+        return row, (numbers[0], numbers[1], numbers[2]), numbers[6]
 
     def _belief(self, motion: Motion, model: Array, force: Vector, in_grains: bool) -> Array:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
-        vx, vy, vz = motion.state[0, 7:10].tolist()
-        rises = in_grains and not motion.rests and is_withdrawn(vz, motion.speed, force)
+        rises = in_grains and not motion.rests and is_withdrawn(motion.velocity[2], motion.speed, force)
         if self.learning is None:
             answer = prior_belief(model, zeta_error=self.settings.zeta_error, reach=self._kinematics.reach)
         else:
-            fast = math.hypot(vx, vy, vz) > inertial_speed(self.model.law)
+            fast = math.hypot(*motion.velocity) > inertial_speed(self.model.law)
             apply = self.settings.learning_mode == "apply"
             stamp, path = motion.pose.stamp, motion.path
             answer = self.learning.predict(stamp, model, step=path, passing=rises or fast, apply=apply)

@@ -138,10 +138,12 @@ class Comparison:
 
     def settle(self, now: float) -> None:
         """Compare what can be compared; `now` [ns]: the stamp of the sample of any kind that has just come."""
-        newest = self._samples[-1].stamp if self._samples else 0
-        patience = max(self.max_age, _PATIENCE)
         pending = self._pending
-        while pending and (pending[0].pose.stamp <= newest or now > pending[0].pose.stamp + patience):
+        if not pending:
+            return
+        newest = self._samples[-1].stamp if self._samples else 0
+        late = now - max(self.max_age, _PATIENCE)
+        while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
             self._final.append(self._measured(pending.popleft()))
 
     def take(self) -> list[Measurement]:

@@ -8,10 +8,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample
+from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector
 from rft_ros.estimator.transforms import Placement
 from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.parameters import Settings
+from rft_ros.rft import STATE
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
 
@@ -22,12 +23,14 @@ UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTOR
 class Motion(NamedTuple):
     """The tool's motion at a pose.
 
-    `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `speed`: an upper bound on the plates' speeds [m/s]; `rests`:
-    it is below `rest_speed`. `path` of the fastest point since the motion before [m], and its `duration` [s].
+    `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity` of the tool frame's origin, world axes [m/s].
+    `speed`: an upper bound on the plates' speeds [m/s]; `rests`: it is below `rest_speed`. `path` of the fastest point
+    since the motion before [m], and its `duration` [s].
     """
 
     pose: PoseSample
     state: NDArray[np.float64]
+    velocity: Vector
     speed: float
     rests: bool
     path: float
@@ -71,8 +74,9 @@ class Kinematics:
         speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
         rests = speed < self._settings.rest_speed
         path, duration = self._way(pose, 0.0 if rests else speed)
-        state = np.array([[*pose.position, *pose.quaternion, *velocity]])
-        self._before = motion = Motion(pose, state, speed, rests, path, duration)
+        state = np.empty((1, len(STATE)))  # an array of a nested list takes half as long again
+        state[0] = (*pose.position, *pose.quaternion, *velocity)
+        self._before = motion = Motion(pose, state, (vx, vy, vz), speed, rests, path, duration)
         return motion
 
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
