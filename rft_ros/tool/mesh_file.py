@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors
-from rft_ros.files import read_file
+from rft_ros.files import checked_file, read_file
 from rft_ros.installation import share_directory
 from rft_ros.tool.check import degenerate_facets
 from rft_ros.tool.reduced_file import SUFFIX as REDUCED
@@ -87,6 +87,7 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
     if path.suffix.lower() == REDUCED:
         reduced = read_reduced(path)
         return _in_tool_frame(reduced.vertices, reduced.faces, path, scale, origin)
+    checked_file(path, "mesh file")  # a folder has no suffix either
     if path.suffix.lower() not in _SUFFIXES:
         raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join((*_SUFFIXES, REDUCED))}")
     data = read_file(path, "mesh file")
