@@ -10,7 +10,7 @@ from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, 
 from rft_ros.calibration.segments import Stroke, down_strokes
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Track
-from rft_ros.rft import Law, rotation_matrix, wrenches
+from rft_ros.rft import Law, wrenches
 
 __all__ = ["Penetration", "ZetaFit", "fit_zeta"]
 
@@ -22,8 +22,7 @@ _ALIKE = 0.9
 over a quarter of the peak of a force that grows with depth."""
 
 _BEDS_DIFFER = 0.1  # standard deviation of ζ between beds of the same grains (docs/accuracy.md)
-_ONE_SIZE = 0.05  # greatest relative difference of the areas of tools of one size
-_NOTEWORTHY = 0.1  # greatest relative difference of ζ between tools of different size without a note
+_NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -31,26 +30,20 @@ class Penetration:
     """One vertical penetration, n moments in time order.
 
     `depth` of the tool's lowest point [m], shape [n]. `measured`, `predicted`: vertical force of the grains, and the
-    model's at ζ = 1 [N], shape [n]. `area`: of the downward faces, projected on the horizontal [m²]. `error`: standard
-    error of `zeta`, including those of the surface height and of the load cell's zero.
+    model's at ζ = 1 [N], shape [n]. `error`: standard error of `zeta`, including those of the surface height and of the
+    load cell's zero.
     """
 
     bag: str
     depth: NDArray[np.float64]
     measured: NDArray[np.float64]
     predicted: NDArray[np.float64]
-    area: float
     zeta: float
     error: float
 
     def misfit(self, zeta: float) -> float:
         """RMS residual at a ζ, relative to the greatest measured force."""
         return float(np.sqrt(np.mean((self.measured - zeta * self.predicted) ** 2)) / np.abs(self.measured).max())
-
-    def pressure_slope(self) -> float:
-        """Growth of the mean vertical pressure with depth [N/cm³]: least squares through the origin."""
-        column = self.area * self.depth
-        return float(column @ self.measured / (column @ column)) * 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,26 +79,21 @@ class ZetaFit:
         )
 
     def notes(self) -> list[str]:
-        """A sentence if ζ differs between tools of different size, and one if the fit is surer than beds are alike."""
+        """A sentence if ζ differs between penetrations, and one if the fit is surer than beds are alike."""
         notes = []
         if (own := self.error / self.zeta) < _BEDS_DIFFER:
             notes.append(
                 f"medium.zeta_error is {_BEDS_DIFFER:g}, although the fit's own relative error is {own:.2g}: ζ differs"
                 f" by {100 * _BEDS_DIFFER:g} % from one levelling of the same grains to the next."
             )
-        areas = np.sort([p.area for p in self.penetrations])
-        ends = np.append(areas[:-1][np.diff(areas) > _ONE_SIZE * areas[:-1]], areas[-1])
-        sizes = [[p for p in self.penetrations if ends.searchsorted(p.area) == k] for k in range(len(ends))]
-        means = [mean_of([p.zeta for p in g], [p.error for p in g]) for g in sizes]
-        (low, low_error), (high, high_error) = min(means), max(means)
-        if high - low <= max(_NOTEWORTHY * low, 3.0 * np.hypot(low_error, high_error)):
-            return notes
-        each = ", ".join(
-            f"{np.mean([p.pressure_slope() for p in g]):.2f} N/cm³ under"
-            f" {1e4 * np.mean([p.area for p in g]):.3g} cm² (ζ {zeta:.2f})"
-            for g, (zeta, _) in zip(sizes, means, strict=True)
-        )
-        return [*notes, f"The pressure depends on the tool's size: it grows by {each}. One ζ cannot fit both."]
+        low, high = (f(self.penetrations, key=lambda p: p.zeta) for f in (min, max))
+        apart = high.zeta - low.zeta
+        if apart > max(_NOTEWORTHY * low.zeta, 3.0 * float(np.hypot(low.error, high.error))):
+            notes.append(
+                f"ζ differs by {100 * apart / low.zeta:.0f} % between {low.bag} ({low.zeta:.2f}) and {high.bag}"
+                f" ({high.zeta:.2f}): tools of different size, and grains that differ, need a ζ of their own."
+            )
+        return notes
 
 
 def _cause(forces: NDArray[np.float64], alike: float) -> str:
@@ -161,16 +149,7 @@ def _penetration(
             f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, and measured and modelled force correlate by"
             f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: {_cause(forces, alike)}"
         )
-    down = np.maximum(-rotation_matrix(states[-1, 3:7])[2] @ plates.packed[3:6], 0.0)
-    return Penetration(
-        bag=bag,
-        depth=depth,
-        measured=measured,
-        predicted=g,
-        area=float(plates.packed[6] @ down),
-        zeta=zeta,
-        error=error,
-    )
+    return Penetration(bag=bag, depth=depth, measured=measured, predicted=g, zeta=zeta, error=error)
 
 
 def fit_zeta(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float) -> ZetaFit:

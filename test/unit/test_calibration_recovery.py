@@ -157,11 +157,11 @@ def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
     assert unsure.published
 
 
-@pytest.mark.parametrize(("area", "notes"), [(28.251e-4, 0), (50e-4, 1)])
-def test_only_tools_of_different_size_give_a_note_on_size(area, notes):
+@pytest.mark.parametrize(("other", "notes"), [(1.2, 0), (1.5, 1)])
+def test_penetrations_whose_zeta_differs_give_a_note(other, notes):
     line = np.linspace(0.0, 1.0, 9)
-    one = Penetration(bag="a", depth=line, measured=line, predicted=line, area=28.249e-4, zeta=1.0, error=0.01)
-    fit = ZetaFit(zeta=1.25, error=0.25, surface_error=0.0, penetrations=(one, replace(one, area=area, zeta=1.5)))
+    one = Penetration(bag="a", depth=line, measured=line, predicted=line, zeta=1.0, error=0.01)
+    fit = ZetaFit(zeta=1.25, error=0.25, surface_error=0.0, penetrations=(one, replace(one, zeta=other)))
     assert len(fit.notes()) == notes
 
 
