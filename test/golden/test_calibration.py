@@ -185,7 +185,7 @@ def round_plates(shared_data, tmp_path_factory):
 
 def test_a_zeta_that_depends_on_the_plate_is_noted_with_numbers(round_plates):
     """In the model the pressure under a plate does not depend on its size."""
-    (note,) = record(round_plates)["notes"]
+    note = record(round_plates)["notes"][-1]
     assert "ζ differs by 41 % between cmu_plate_large_60mm_1 (1.28) and cmu_plate_large_100mm_4 (1.81)" in note
 
 
