@@ -1,7 +1,7 @@
 """In the loop: what a simulator or an arm that feels the grains' force does with each way to compute it.
 
-A plate of 51 x 51 x 3 mm, ζ 0.33 unless varied, λ 3 mm, α_y linear. Bodies fall 10 mm in MuJoCo, free in six directions; an
-impedance arm of three axes holds the plate's orientation, and the force is held over each step.
+A plate of 51 x 51 x 3 mm, ζ 0.33 unless varied, λ 3 mm, α_y linear. Bodies fall 10 mm in MuJoCo, free in six
+directions; an impedance arm of three axes holds the plate's orientation, and the force is held over each step.
 """
 
 import time
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from rft_ros.installation import share_directory
 from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021, wrenches
 from rft_ros.simulation import Grains, GrainsBatch, MujocoGrains
+from rft_ros.simulation.mujoco_grains import import_mujoco
 from rft_ros.simulation.six_axis_arm import SixAxisArm
 from rft_ros.tool import load_tool
 from studies.result import BLUE, GREEN, VERMILION, StudyResult, TextTable, label_axes, new_figure
@@ -48,7 +49,7 @@ class _Published:
 
 def dropped(mass: float, step: float, way: str, *, zeta: float = 0.33, seconds: float = 2.5) -> dict[str, float]:
     """A tilted plate that fell: depth [m], creep over the last second [m], speed [m/s], energy given over taken."""
-    import mujoco
+    mujoco = import_mujoco()
 
     mesh = share_directory("rft_ros") / "meshes" / "plate.stl"
     model = mujoco.MjModel.from_xml_string(
@@ -91,7 +92,7 @@ def held(
     """A critically damped impedance arm presses 20 mm, drags 20 mm, goes back 10 mm, and stays at each for 1 s.
 
     Greatest scatter over the holds' last 0.4 s over the force; net work of the grains over what they took; with `load`
-    [N] sideways at the first hold, for 10 s without a spring that way: the creep [m].
+    [N] sideways at the first hold for 10 s: the creep [m].
     """
     tool = load_tool("plate", tolerance=0.025)
     grains: Any = _Published(tool.plates, zeta)
@@ -104,7 +105,7 @@ def held(
     times = np.cumsum([0.0, *(t for path in ways for t in (path, rest))])
     command = np.repeat(goals, [1] + [2] * (len(goals) - 1), axis=0)
     x, v, force, net, took = goals[0].copy(), np.zeros(3), np.zeros(3), 0.0, 0.0
-    springs = np.array([0.0 if load else stiffness, stiffness, stiffness])
+    springs = np.full(3, stiffness)
     damping = 2.0 * np.sqrt(mass * stiffness)
     rows = []
     for k in range(int(times[-1] / dt)):
@@ -123,7 +124,8 @@ def held(
     scatters = []
     for end in times[2::2]:
         forces = table[int((end - 0.4) / dt) : int(end / dt), :3]
-        scatters.append(np.linalg.norm(np.ptp(forces, axis=0)) / max(np.linalg.norm(forces.mean(axis=0)), 1e-9))
+        mean = float(np.linalg.norm(forces.mean(axis=0)))
+        scatters.append(float(np.linalg.norm(np.ptp(forces, axis=0))) / max(mean, 1e-9))
     creep = np.linalg.norm(table[-1, 3:] - table[int((times[1] + 1.2) / dt), 3:]) if load else 0.0
     return {"scatter": float(max(scatters)), "net": net / took, "creep": float(creep)}
 
@@ -141,7 +143,7 @@ def _cpu(calls: int, call: Any) -> float:
 
 def costs() -> Iterator[tuple[str, str]]:
     """Microseconds of CPU of a step, for tools of 190 and 2,352 plates."""
-    import mujoco
+    mujoco = import_mujoco()
 
     for tolerance in (0.025, 0.0):
         arm = SixAxisArm("ellipsoid")

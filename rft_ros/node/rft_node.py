@@ -30,6 +30,7 @@ from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.learned_medium import LearnedMedium, saved
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
+from rft_ros.node.stiffness import Stiffness
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker
 from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
 from rft_ros.parameters import TOOL_PARAMETERS, ModelFiles, Value, Values, model_files, model_of, settings_of
@@ -86,6 +87,7 @@ class RftNode(Node):
         self._compensated = self.create_publisher(WrenchStamped, "~/wrench_compensated", _OUTPUTS)
         self._residual = self.create_publisher(WrenchStamped, "~/wrench_residual", _OUTPUTS)
         self._sigma = self.create_publisher(WrenchStamped, "~/wrench_sigma", _OUTPUTS)
+        self._stiffness = Stiffness(self, self.estimator, _OUTPUTS)
         self._medium = LearnedMedium(self, self.estimator, _OUTPUTS)
         self._feedforward = FeedForward(self, self.estimator, _OUTPUTS)
         self._feedforward.use(values)
@@ -191,6 +193,7 @@ class RftNode(Node):
         answer = self.estimator.push_pose(sample)
         if isinstance(answer, Estimate):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
+            self._stiffness.publish(answer.stamp)
             self._feedforward.estimated(answer)
             self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
             self._medium.publish(answer)

@@ -28,6 +28,7 @@ ALLOWED = {
         "estimator",
         "parameters",
         "ground",
+        "simulation",
         "sweeps",
         "tool",
         "files",
