@@ -3,6 +3,8 @@
 import os
 import signal
 import sys
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -29,3 +31,25 @@ def shared_data() -> Path:
     if not SHARED_DATA.is_dir():
         pytest.skip(f"the reference data is not at {SHARED_DATA}")
     return SHARED_DATA
+
+
+_CPU = Counter[str]()
+_spent = 0.0
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_makereport() -> Iterator[None]:
+    """Note with each report the CPU time since the last one [s], of this process and the children that ended."""
+    global _spent
+    report = (yield).get_result()
+    before, _spent = _spent, sum(os.times()[:4])
+    report.cpu = _spent - before if before else 0.0
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    _CPU[report.nodeid.rpartition("/")[0]] += report.cpu
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    groups = ", ".join(f"{folder} {seconds:.0f}" for folder, seconds in _CPU.most_common())
+    terminalreporter.write_line(f"CPU time [s]: {groups}; together {_CPU.total():.0f}")

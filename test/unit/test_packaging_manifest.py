@@ -18,7 +18,7 @@ MODULES = {
     "python3-collada": "collada",
 }
 NO_KEY_ON_NOBLE = {"numba", "mcap", "plotly", "fast_simplification"}
-EXTRA_SWEEP = {"distributed", "pyarrow"}
+EXTRAS = {"distributed", "mujoco", "pyarrow"}
 
 
 def test_the_manifest_is_valid_without_warnings():
@@ -42,7 +42,7 @@ def test_each_dependency_is_imported_and_each_import_is_a_dependency():
     package, _ = manifest()
     keys = {d.name for d in package.exec_depends}
     imported = third_party_imports()
-    assert {MODULES.get(key, key) for key in keys} == imported - NO_KEY_ON_NOBLE - EXTRA_SWEEP
+    assert {MODULES.get(key, key) for key in keys} == imported - NO_KEY_ON_NOBLE - EXTRAS
 
 
 def test_dependencies_without_a_rosdep_key_are_listed_for_installation_by_pip():
