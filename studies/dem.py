@@ -3,6 +3,7 @@
 ``test/data/dem/README.md`` says how the runs were made and defines the error measure.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,9 +18,18 @@ from rft_ros.tool import Tool, load_tool
 from studies.paper import ALPHA_Y, NOT_STATED, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = ["ALONG_ITSELF", "CALIBRATION", "DENSITY", "FAST_RUNS", "MOBILIZATION_LENGTH", "PUBLISHED_PLATES", "RUNS"]
+__all__ = [
+    "ALONG_ITSELF",
+    "CALIBRATION",
+    "CYCLE_RUNS",
+    "DENSITY",
+    "FAST_RUNS",
+    "MOBILIZATION_LENGTH",
+    "PUBLISHED_PLATES",
+    "RUNS",
+]
 __all__ += ["WALL_SECONDS", "Accuracy", "DemRun"]
-__all__ += ["accuracy", "fitted_zeta", "median_error", "read_run", "settled_error", "smoothed", "study"]
+__all__ += ["accuracy", "cycle_error", "fitted_zeta", "median_error", "read_run", "settled_error", "smoothed", "study"]
 
 Array = NDArray[np.float64]
 
@@ -49,6 +59,12 @@ FAST_RUNS = {
 }
 """Runs at several speeds, from rest at full speed within a step; judged by `settled_error`."""
 
+CYCLE_RUNS = {
+    "press_cycles": "flat plate down, small retreats and reloads",
+    "drag_cycles": "upright plate dragged, small retreats and reloads",
+}
+"""Runs judged by `cycle_error`; ζ of the other runs holds."""
+
 DENSITY = 1465.0
 """Bulk density of the beds [kg/m³]: 2,500 kg/m³ at a packing fraction of 0.586."""
 
@@ -66,17 +82,19 @@ DATA = Path(__file__).resolve().parents[1] / "test" / "data" / "dem"
 """The folder of the runs."""
 
 _MESHES = {"pen": "plate", "fast": "plate", "plate": "plate", "ellipsoid": "ellipsoid", "root": "paraboloid"}
+_MESHES |= dict.fromkeys(("press", "drag"), "plate")
 _HEADER = ("t_s", *STATE, "fx", "fy", "fz", "tx", "ty", "tz")
 
 _WINDOW = 9  # samples of the centred mean; the grains' own noise is faster
 _FIRST, _LAST = 5, -8  # samples that this mean lacks neighbours for, or nearly
 _SHOCK = 0.012  # m
+_CYCLE_SPEED = 0.02  # m/s
 _STRONG = 0.2  # of the peak: below it, noise decides the relative error
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DemRun:
-    """One run without the rows in which the tool rests.
+    """One run without the rows in which the tool rests, but for `CYCLE_RUNS`.
 
     `times` [s], shape [n]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`. `forces`: on the tool by the grains
     [N], shape [n, 3], world axes.
@@ -104,7 +122,7 @@ class DemRun:
 
 
 def read_run(name: str) -> DemRun:
-    """One of `RUNS` or `FAST_RUNS`. Its tool is loaded for the published rule."""
+    """One of `RUNS`, `FAST_RUNS` or `CYCLE_RUNS`. Its tool is loaded for the published rule."""
     file = DATA / f"{name}.csv"
     with file.open(encoding="utf-8") as lines:
         header = tuple(next(lines).strip().split(","))
@@ -112,7 +130,7 @@ def read_run(name: str) -> DemRun:
     if header != _HEADER:
         raise InputError(f"'{file}' has the header {','.join(header)}; it must be {','.join(_HEADER)}")
     states = checked_states(rows[:, 1:14])
-    moving = np.any(states[:, 7:13] != 0.0, axis=1)
+    moving = np.any(states[:, 7:13] != 0.0, axis=1) | (name in CYCLE_RUNS)
     mesh = DATA / "meshes" / f"{_MESHES[name.split('_')[0]]}.stl"
     return DemRun(
         name=name,
@@ -130,9 +148,9 @@ def fitted_zeta(run: DemRun, law_at_one: Law) -> float:
     return float((run.forces[strong] * model[strong]).sum() / (model[strong] ** 2).sum())
 
 
-def smoothed(forces: Array) -> Array:
-    """The centred mean of nine samples, same shape; zeros stand in for neighbours beyond the ends."""
-    return np.apply_along_axis(np.convolve, 0, forces, np.full(_WINDOW, 1.0 / _WINDOW), "same")
+def smoothed(forces: Array, window: int = _WINDOW) -> Array:
+    """The centred mean of `window` samples, same shape; zeros stand in for neighbours beyond the ends."""
+    return np.apply_along_axis(np.convolve, 0, forces, np.full(window, 1.0 / window), "same")
 
 
 def median_error(measured: Array, model: Array) -> float:
@@ -157,6 +175,14 @@ def settled_error(run: DemRun, model: Array) -> float:
     return float(np.median(np.linalg.norm(model[used] - smooth, axis=1) / np.linalg.norm(smooth, axis=1)))
 
 
+def cycle_error(run: DemRun, model: Array) -> float:
+    """RMS of the vector error in retreats and reloads over the greatest force in them; `model`: shape [n, 3]."""
+    used = np.isclose(np.linalg.norm(run.states[:, 7:10], axis=1), _CYCLE_SPEED, rtol=1e-3)
+    smooth = smoothed(run.forces, 5)[used]
+    rms = np.sqrt(((model[used] - smooth) ** 2).sum(axis=1).mean())
+    return float(rms / np.linalg.norm(smooth, axis=1).max())
+
+
 PUBLISHED_PLATES = "1.2–18.8 %"
 """Median errors of the paper's own plates, over its combinations of β, φ and ψ."""
 
@@ -174,12 +200,13 @@ _COLUMNS = {**{model: f"α_y {model}" for model in ALPHA_Y}, _MEMORY: f"with mem
 class Accuracy:
     """The runs; ζ fitted to the calibration run alone; median relative vector errors by run.
 
-    `errors[run]`: by α_y model, and with "memory" (α_y constant).
+    `errors[run]`: by α_y model, and with "memory" (α_y constant). `cycles[run]`: `cycle_error`, by the same.
     """
 
     runs: tuple[DemRun, ...]
     zeta: float
     errors: dict[str, dict[str, float]]
+    cycles: dict[str, dict[str, float]]
 
     def mean(self, column: str) -> float:
         """Mean over the ten runs, `ALONG_ITSELF` left out."""
@@ -192,14 +219,14 @@ def accuracy() -> Accuracy:
     # A flat plate straight down has no force along e1, so α_y has no influence. Two digits: another packing of the
     # same grains gives 0.23 to 0.26.
     zeta = round(fitted_zeta(next(run for run in runs if run.name == CALIBRATION), law("constant", zeta=1.0)), 2)
-    errors = {
-        run.name: {
-            **{model: median_error(run.forces, run.predicted(law(model, zeta=zeta))) for model in ALPHA_Y},
-            _MEMORY: median_error(run.forces, _remembered(run, zeta)),
-        }
-        for run in runs
-    }
-    return Accuracy(runs=runs, zeta=zeta, errors=errors)
+
+    def of(run: DemRun, error: Callable[[DemRun, Array], float]) -> dict[str, float]:
+        models = {model: run.predicted(law(model, zeta=zeta)) for model in ALPHA_Y} | {_MEMORY: _remembered(run, zeta)}
+        return {name: error(run, model) for name, model in models.items()}
+
+    errors = {run.name: of(run, lambda run, model: median_error(run.forces, model)) for run in runs}
+    cycles = {name: of(read_run(name), cycle_error) for name in CYCLE_RUNS}
+    return Accuracy(runs=runs, zeta=zeta, errors=errors, cycles=cycles)
 
 
 def _remembered(run: DemRun, zeta: float) -> Array:
@@ -233,6 +260,8 @@ def _table(found: Accuracy) -> TextTable:
         rows.append((text, *(f"{100.0 * errors[column]:.1f} %" for column in _COLUMNS), paper))
     means = (f"{100.0 * found.mean(column):.1f} %" for column in _COLUMNS)
     rows.append(("mean, without the plate that moves along itself", *means, NOT_STATED))
+    for name, errors in found.cycles.items():
+        rows.append((f"{CYCLE_RUNS[name]}: error of cycles", *(f"{100.0 * errors[c]:.1f} %" for c in _COLUMNS), ""))
     return TextTable(header=("run", *_COLUMNS.values(), "the paper, in its beads"), rows=tuple(rows))
 
 

@@ -17,11 +17,13 @@ from studies.chart import median_seconds
 from studies.dem import (
     ALONG_ITSELF,
     CALIBRATION,
+    CYCLE_RUNS,
     DENSITY,
     FAST_RUNS,
     RUNS,
     WALL_SECONDS,
     DemRun,
+    cycle_error,
     fitted_zeta,
     median_error,
     read_run,
@@ -54,6 +56,7 @@ GROUPS: dict[str, Callable[[str], bool]] = {
     "ellipsoid (straight, pitching)": lambda name: name.startswith("ellipsoid"),
     "root tip (straight, helix)": lambda name: name.startswith("root"),
     "fast plates (0.5 and 1 m/s)": lambda name: name in FAST_RUNS and "0p1" not in name,
+    "small retreats (error of cycles)": lambda name: name in CYCLE_RUNS,
 }
 """Groups of runs whose errors are averaged. None contains the penetration that ζ is fitted to."""
 
@@ -145,7 +148,7 @@ class Judged:
 
 def judged_choices() -> list[Judged]:
     """Every choice in every run; ζ is fitted for each choice."""
-    runs = [read_run(name) for name in (*RUNS, *FAST_RUNS)]
+    runs = [read_run(name) for name in (*RUNS, *FAST_RUNS, *CYCLE_RUNS)]
     cases: list[tuple[Choice, DemRun, float]] = []
     for choice in CHOICES:
         own = [replace(run, tool=_tool(run, choice)) for run in runs]
@@ -158,13 +161,19 @@ def judged_choices() -> list[Judged]:
             run=run.name,
             choice=choice,
             plates=len(run.tool.plates),
-            error=settled_error(run, call()) if run.name in FAST_RUNS else median_error(run.forces, call()),
+            error=_error(run, call()),
             time=seconds / len(run.states),
             states=len(run.states),
             zeta=zeta,
         )
         for (choice, run, zeta), call, seconds in zip(cases, calls, median_seconds(calls), strict=True)
     ]
+
+
+def _error(run: DemRun, model: Array) -> float:
+    if run.name in CYCLE_RUNS:
+        return cycle_error(run, model)
+    return settled_error(run, model) if run.name in FAST_RUNS else median_error(run.forces, model)
 
 
 def _tool(run: DemRun, choice: Choice) -> Tool:
@@ -243,12 +252,13 @@ def study() -> StudyResult:
 
 def _draw(groups: dict[str, dict[Choice, tuple[float, float]]]) -> Figure:
     figure = new_figure(18.0, 9.0)
-    panels = figure.subplots(2, 3).ravel()
+    panels = figure.subplots(2, 4).ravel()
     for axes, (group, found) in zip(panels, groups.items(), strict=False):
         _draw_group(axes, found, _simulated_seconds(group))
         label_axes(axes, x="Time for a run [s]", y="Median error of the force [%]", title=group)
+    for axes in panels[len(groups) :]:
+        axes.set_axis_off()
     key = panels[len(groups)]
-    key.set_axis_off()
     for place, choice in enumerate(next(iter(groups.values()))):
         y = 0.97 - 0.07 * place
         key.plot(0.03, y, transform=key.transAxes, **_marker(choice))

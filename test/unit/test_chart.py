@@ -10,7 +10,7 @@ from studies import chart
 from studies.__main__ import main
 from studies.chart import CHOSEN, FULL, MERGED, NUMPY, Point, front, points
 from studies.chart_scenes import Scene, lathe, scenes
-from studies.dem import FAST_RUNS, RUNS
+from studies.dem import CYCLE_RUNS, FAST_RUNS, RUNS
 from studies.models import CHOICES, GROUPS
 
 SCENES = {scene.name: scene for scene in scenes()}
@@ -111,7 +111,7 @@ def test_the_chart_of_models_separates_the_choices_and_shows_the_simulations_tim
     assert main(["models", "-o", str(tmp_path)]) == 0
     with (tmp_path / "models.csv").open() as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(CHOICES) * len((*RUNS, *FAST_RUNS))
+    assert len(rows) == len(CHOICES) * len((*RUNS, *FAST_RUNS, *CYCLE_RUNS))
     mean = {
         (c.name, group): np.mean([float(r["median_error"]) for r in rows if r["choice"] == c.name and member(r["run"])])
         for c in CHOICES
