@@ -15,6 +15,7 @@ from rft_ros.child_process import lower_priority, start_child
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator.quality import prior_belief
 from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.ground import HeightMap
@@ -135,7 +136,11 @@ def _load(jobs: Iterable[tuple[bool, Code]]) -> None:
             _answer_poses(model, learning=code.learning)
             continue
         plate_forces(tool.plates, law, [0.0, 0.0, 1e3, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
-        PoseDifference().push(_pose(1))
+        difference = PoseDifference()
+        difference.span(window=1.0, max_age=1.0)
+        for k in range(1, 6):
+            difference.push(_pose(k))
+        prior_belief(np.zeros(7), zeta_error=0.0, reach=0.0)
         frame = LoadCellFrame(LoadCell())
         frame.into_sensor(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(12))
         frame.into_world((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
