@@ -47,7 +47,7 @@ def pytest_runtest_makereport() -> Iterator[None]:
 
 
 def pytest_runtest_logreport(report: pytest.TestReport) -> None:
-    _CPU[report.nodeid.rpartition("/")[0]] += report.cpu
+    _CPU[report.location[0].rpartition("/")[0]] += report.cpu
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
