@@ -87,7 +87,7 @@ def test_penetration_is_no_worse_with_memory_than_without(held_out, trial):
     assert penetration_residual(held_out[trial, True]) < penetration_residual(held_out[trial, False]) + 0.0015
 
 
-@pytest.mark.parametrize(("trial", "held"), [(2, 0.860), (3, 1.068)])
+@pytest.mark.parametrize(("trial", "held"), [(2, 0.855), (3, 1.068)])
 def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial, held):
     """Flat to 0.1 % of the peak, and within 10 % of it with the trial's own ζ and the other's λ: 98 and 93 %.
 
