@@ -43,7 +43,7 @@ def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
     """Compile a function for each combination of argument types, or load its machine code from the cache on disk.
 
-    It may call `inlined` functions of its own module and of `rft_ros.rft`: changes there invalidate the cache.
+    It may call `inlined` functions of its own package and of `rft_ros.rft`: changes there invalidate the cache.
     `options`: passed to `numba.njit`.
     """
     made: Any = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
@@ -73,7 +73,7 @@ class _Cache(FunctionCache):
 
     def __init__(self, function: Callable[..., object]) -> None:
         super().__init__(function)
-        files = sorted({*Path(__file__).parent.glob("*.py"), Path(inspect.getfile(function))})
+        files = sorted({*Path(__file__).parent.glob("*.py"), *Path(inspect.getfile(function)).parent.glob("*.py")})
         self._sources = _digest(numba.__version__.encode(), *(file.read_bytes() for file in files))
 
     def _file(self, signature: Any, codegen: Any) -> Path:
