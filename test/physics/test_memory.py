@@ -76,9 +76,17 @@ def test_without_a_density_the_same_path_at_another_speed_gives_the_same_forces(
     np.testing.assert_allclose(remembered(states, durations, plates=PLATES[integration]), slow, rtol=1e-9, atol=1e-12)
 
 
-@given(yaw=st.floats(0.1, 3.1), speed=st.floats(1e-3, 1e3), shift=st.integers(1, 500))
-@settings(max_examples=20)
-def test_axes_speed_and_order_of_the_plates_do_not_decide_which_of_them_lead(yaw, speed, shift):
+@given(
+    yaw=st.floats(0.1, 3.1),
+    speed=st.floats(1e-3, 1e3),
+    shift=st.integers(1, 500),
+    place=st.floats(-10.0, 10.0),
+    mirrored=st.booleans(),
+)
+@settings(max_examples=30)
+def test_axes_place_mirror_speed_and_order_of_the_plates_do_not_decide_which_of_them_lead(
+    yaw, speed, shift, place, mirrored
+):
     """Down and up again: what the trailing plates keep decides the sign of the force."""
     down, pause = along(np.linspace(0.0, 0.04, 41), (0.0, 0.0, -0.02), start=(0.0, 0.0, 0.0))
     up, _ = along(np.linspace(0.0, 0.01, 11), (0.0, 0.0, 0.02), start=(0.0, 0.0, -0.04))
@@ -87,7 +95,12 @@ def test_axes_speed_and_order_of_the_plates_do_not_decide_which_of_them_lead(yaw
     assert expected[-1, 2] < 0.0 < expected[40, 2]
     states[:, 5:7] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
     states[:, 7:] *= speed
-    found = remembered(states, durations / speed, plates=Plates(np.roll(ROOT_TIP.rows, shift, axis=1)))
+    states[:, 0:2] += place, -place
+    rows = np.roll(ROOT_TIP.rows, shift, axis=1)
+    if mirrored:
+        rows[[1, 4, 8, 11]] *= -1.0
+        expected[:, [1, 3, 5]] *= -1.0
+    found = remembered(states, durations / speed, plates=Plates(rows))
     c, s = np.cos(yaw), np.sin(yaw)
     for column in (0, 3):
         x, y = expected[:, column].copy(), expected[:, column + 1].copy()
