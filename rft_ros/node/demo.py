@@ -150,31 +150,49 @@ def _table(watcher: Watcher, elapsed: float) -> Table:
     return table
 
 
-def _by_hand(parameters: Path, seconds: float) -> list[str]:
+def _by_hand(parameters: Path, program_of_arm: list[str]) -> list[str]:
     """The commands that do the same by hand, as far as they are there: ROS from PyPI has no `ros2`."""
     found = [
         f"{program('rft_node')} --ros-args --params-file {parameters}",
-        f"{sys.executable} -m rft_ros.node.virtual_arm --seconds {seconds:g}",
+        f"{sys.executable} -m {' '.join(program_of_arm)}",
     ]
     if shutil.which("ros2"):
         found += ["ros2 topic echo /rft/medium_learned", "ros2 service call /rft/tare std_srvs/srv/Trigger"]
     return found
 
 
-def demo(bag: Path, parameters: Path, *, seconds: float) -> bool:
-    """Run the demo for `seconds` of arm motion and record it to `bag`; whether estimates came."""
+_ELLIPSOID = (
+    "an ellipsoid on a virtual arm pitches into virtual grains that are stronger than the model of a real ROS 2 node,"
+    " weaker sideways, and have a hard layer. The node takes bias and weight off the load cell and learns the"
+    " difference."
+)
+_MUJOCO = (
+    "a six-axis MuJoCo arm presses a plate into grains, drags it, goes back, and stays at each. It feels what a real"
+    " ROS 2 node answers."
+)
+
+
+def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -> bool:
+    """Run the demo and record it to `bag`; whether estimates came.
+
+    `seconds` of the virtual arm's motion; `mujoco`: instead, an arm that feels the node's forces.
+    """
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
+    if mujoco:
+        from rft_ros.simulation.mujoco_grains import import_mujoco
+
+        import_mujoco()  # says what to install
+        program_of_arm = ["rft_ros.node.mujoco_arm"]
+    else:
+        program_of_arm = ["rft_ros.node.virtual_arm", "--seconds", f"{seconds:g}"]
     console = Console()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     with file_errors(f"output folder '{bag.parent}'", "written"):
         bag.parent.mkdir(parents=True, exist_ok=True)
-    console.print(
-        "[bold]rft demo[/bold]: an ellipsoid on a virtual arm pitches into virtual grains that are stronger than the"
-        " model of a real ROS 2 node, weaker sideways, and have a hard layer. The node takes bias and weight off the"
-        " load cell and learns the difference. By hand, in terminals of your own:\n"
-    )
-    for command in _by_hand(parameters, seconds):
+    about = _MUJOCO if mujoco else _ELLIPSOID
+    console.print(f"[bold]rft demo[/bold]: {about} By hand, in terminals of your own:\n")
+    for command in _by_hand(parameters, program_of_arm):
         console.print(f"  {command}", soft_wrap=True)
     console.print()
     signal.signal(signal.SIGTERM, _terminated)
@@ -187,7 +205,7 @@ def demo(bag: Path, parameters: Path, *, seconds: float) -> bool:
                 watcher.children[_NODE] = node
                 console.print("waiting for the node, which may have to compile first ...")
                 watcher.call(GetParameters, "/rft/get_parameters", GetParameters.Request(names=["mesh.file"]))
-                with _process("rft_ros.node.virtual_arm", "--seconds", str(seconds), "--listeners", "2") as arm:
+                with _process(*program_of_arm, "--listeners", "2") as arm:
                     watcher.children[_ARM] = arm
                     _watch(watcher, console, arm)
             watcher.spin(0.2)

@@ -34,7 +34,7 @@ SENSOR = np.array([0.0, 0.0, 0.12])
 """Place of the load cell in the tool frame [m]; its axes are the tool's."""
 
 _WAYS = np.array([[0.45, 0, 0.01], [0.45, 0, -0.02], [0.47, 0, -0.02], [0.46, 0, -0.02]])  # m
-_SPEED, _PAUSE = 0.02, 1.0  # m/s; s in the air before the start
+_SPEED, _PAUSE = 0.02, 2.0  # m/s; s in the air before the start, for a tare
 _PATIENCE = 10.0  # s
 
 
