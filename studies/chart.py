@@ -17,7 +17,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.rft import INTEGRATIONS, MEDIA, Law, Plates, wrenches
+from rft_ros.rft import COLUMNS, INTEGRATIONS, MEDIA, SENSITIVITIES, Law, Plates, wrenches
 from rft_ros.tool.cubature import chosen_plates
 from rft_ros.tool.merge import Merger
 from studies import numpy_rft
@@ -116,7 +116,7 @@ def _bodies(scene: Scene) -> Iterator[tuple[Plates, str]]:
 
 def _one_by_one(plates: Plates, model: Law, states: Sequence[Array]) -> None:
     """Evaluate states as a tick does: the public call, one core, one state."""
-    out = np.empty((1, 7))
+    out = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
     for state in states:
         wrenches(plates, model, state, threads=1, out=out)
 

@@ -116,13 +116,13 @@ def memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(m
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made)
     memory = Memory(POINT)
-    durations = form(np.array([[1.0]]))
-    durations = durations[0] if isinstance(durations, list) else durations.reshape(1)
-    state = form(np.array([WHOLE], dtype=float))
-    force = wrenches_in_time(POINT, law, state, durations, memory, mobilization_length=length)[0, :3]
-    path, depth = math.sqrt(3.0), 0.5  # halfway through the step
-    grown = 0.5 * (1.0 - math.exp(-path / (float(length) * (depth / 0.03) ** 2)))
-    assert np.allclose(force, grown * np.array(expected(alpha_y, 1.0, 1.0)[:3]), rtol=1e-6, atol=1e-6), force
+    durations = form(np.array([[0.0], [1.0]]))
+    durations = [t for (t,) in durations] if isinstance(durations, list) else durations.reshape(2)
+    moved = [WHOLE[k] + WHOLE[7 + k] for k in range(3)]
+    states = form(np.array([WHOLE, [*moved, *WHOLE[3:]]], dtype=float))
+    force = wrenches_in_time(POINT, law, states, durations, memory, mobilization_length=length)[1, :3]
+    grown = 1.0 - math.exp(-math.sqrt(3.0) / (float(length) * (0.045 / 0.03) ** 2))  # λ grows down to 45 mm
+    assert np.allclose(force, grown * np.array(expected(alpha_y, 1.0, 2.0)[:3]), rtol=1e-6, atol=1e-6), force
 
 
 @given(

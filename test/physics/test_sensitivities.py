@@ -42,7 +42,7 @@ def test_the_change_with_the_surface_height_is_that_of_finite_differences(integr
 
 
 def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_wet_area():
-    """Deep and steady: all plates have the law's traction, so it is the change without memory."""
+    """Deep and steady, with a law that pushes no plate onwards: all have its traction, as without memory."""
     path = np.linspace(0.0, 0.5, 400)
     states = np.repeat(DOWN, len(path), axis=0)
     states[:, 2], states[:, 3:7], states[:, 7:] = -0.05, (0, 0, 0, 1), 0.0
@@ -50,7 +50,7 @@ def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_
     durations = np.diff(path, prepend=0.0) / 0.01
     for plates in TOOLS.values():
         kept = wrenches_in_time(
-            plates, LINEAR, states, durations, Memory(plates), mobilization_length=1e-3, sensitivities=True
+            plates, CONSTANT, states, durations, Memory(plates), mobilization_length=1e-3, sensitivities=True
         )
-        fresh = wrenches(plates, LINEAR, states[-1:], sensitivities=True)
+        fresh = wrenches(plates, CONSTANT, states[-1:], sensitivities=True)
         np.testing.assert_allclose(column(kept, "dfx_dh")[-1], column(fresh, "dfx_dh")[0], rtol=1e-6)

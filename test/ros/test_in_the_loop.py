@@ -44,3 +44,16 @@ def test_an_arm_that_feels_the_prediction_holds_still(rate):
     for hold, least in zip(found["holds"], (10.0, 2.0, 1.0), strict=True):
         assert hold["force"] > least, found
         assert hold["scatter"] < 0.01, found
+
+
+def test_the_demo_with_mujoco_measures_what_it_predicts(tmp_path):
+    """The load cell of the simulated arm, tared and with its sign, reads the force that the arm was given."""
+    done = subprocess.run(
+        [sys.executable, "-m", "rft_ros.cli", "demo", "--mujoco", "-o", str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=600,
+    )
+    assert done.returncode == 0, done.stderr
+    summary = json.loads((tmp_path / "replay" / "summary.json").read_text())
+    assert summary["median_relative_error"] < 0.02

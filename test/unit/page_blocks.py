@@ -35,6 +35,7 @@ NOT_RUN = (
     "minutes long; tested in (?P<file>.+)",
     "the suite itself",
     "a step of a workflow",
+    "needs a scene; tested in (?P<file>.+)",
     "needs a cluster; tested in (?P<file>.+)",
     "downloads the project",
 )

@@ -10,6 +10,7 @@ from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.parameters import defaults
 from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft.memory import SLACK
 from rft_ros.tool import load_tool
 
 RATE = 100.0
@@ -72,7 +73,7 @@ class Path:
 def grain_wrenches(time, states, law, *, surface, length=1e-9, tool=TOOL):
     """Wrench of the grains on the tool, world axes, shape [n, 6]; by default the memory matters only at rest."""
     durations = np.diff(time, prepend=time[0])
-    memory = Memory(tool.plates)
+    memory = Memory(tool.plates, slack=SLACK)  # as in the estimator: without it λ of a reversal is found 7 % short
     return wrenches_in_time(
         tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
     )

@@ -214,8 +214,9 @@ def test_predict_refuses_a_state_without_a_finite_wrench(tmp_path):
 
 
 def test_control_characters_of_a_damaged_file_do_not_reach_the_terminal(tmp_path):
-    done = predict(tmp_path, f"{HEADER}\n{ROW.replace('-0.01', chr(27) + '[31m')}\n")
-    refused(done, "not a number", "\\x1b[31m")
+    (tmp_path / "study.yaml").write_text('"\\e[31m": 1\n')
+    done = rft("sweep", "study.yaml", "-o", "out", cwd=tmp_path)
+    refused(done, "is not an entry of a study", "\\x1b[31m")
     assert chr(27) not in done.stderr
 
 
