@@ -93,6 +93,6 @@ def test_a_signal_ends_the_virtual_arm_without_a_traceback(number):
 
 def test_the_demo_names_no_ros2_command_where_there_is_none(monkeypatch, tmp_path):
     monkeypatch.setenv("PATH", str(tmp_path))
-    assert not any("ros2" in command.split() for command in _by_hand(Path("demo.yaml"), 12.0))
+    assert not any("ros2" in command.split() for command in _by_hand(Path("demo.yaml"), ["rft_ros.node.virtual_arm"]))
     (tmp_path / "ros2").touch(mode=0o755)
-    assert "ros2 topic echo /rft/medium_learned" in _by_hand(Path("demo.yaml"), 12.0)
+    assert "ros2 topic echo /rft/medium_learned" in _by_hand(Path("demo.yaml"), ["rft_ros.node.virtual_arm"])
