@@ -77,11 +77,15 @@ class GrainsBatch:
     def advance(self, states: Array, dt: float) -> Array:
         """`step` for checked states; returns rows of `wrenches_in_time`, in its units, shape [n, 19], not copied."""
         self._durations.fill(dt)
+        parts = [(part, memory, states[part]) for part, memory in self._parts]
         if self._pool is None:
-            for part, memory in self._parts:
-                self._run(part, memory, states[part])
-        else:
-            list(self._pool.map(lambda job: self._run(job[0], job[1], states[job[0]]), self._parts))
+            for part in parts:
+                self._run(*part)
+        else:  # this thread takes a share too: waking another costs as much as some bodies
+            jobs = [self._pool.submit(self._run, *part) for part in parts[1:]]
+            self._run(*parts[0])
+            for job in jobs:
+                job.result()
         return self._rows
 
     def _run(self, part: slice, memory: Memory, states: Array) -> None:
