@@ -1,6 +1,7 @@
 """Bodies of 20 g to 5 kg fall into grains and lie still: python examples/mujoco_drop.py -o drop.png.
 
-Needs MuJoCo (pip install mujoco). Prints how far each sank, and how it moved over the last seconds.
+Needs MuJoCo and matplotlib (pip install mujoco matplotlib).
+Prints how far each sank, and how it moved over the last seconds.
 """
 
 import argparse

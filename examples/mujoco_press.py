@@ -2,7 +2,8 @@
 
 python examples/mujoco_press.py -o press.png
 
-Needs MuJoCo (pip install mujoco). Prints the mean and the scatter of the force at each hold.
+Needs MuJoCo and matplotlib (pip install mujoco matplotlib).
+Prints the mean and the scatter of the force at each hold.
 """
 
 import argparse
