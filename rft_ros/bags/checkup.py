@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import push_all
-from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, TwistSample, WrenchSample
-from rft_ros.estimator.messages import Role, Sample, Stamped
-from rft_ros.estimator.tool_poses import ToolPoses
+from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
+from rft_ros.estimator.messages import Role
 from rft_ros.ground import Cloud
 from rft_ros.parameters import Model, Values, settings_of
 
@@ -89,7 +88,6 @@ class Checkup:
         self._named, self._topics, self._tare = named, topics, tare
         # what is learned would hide a wrong sign or unit
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
-        self._tool_poses = ToolPoses(self._estimator) if values["pose_source"] == "tf" else None
         self._heard: dict[Role, _Heard] = {role: _Heard() for role in topics}
         self._waiting: deque[tuple[float, ...]] = deque()
         self._rows: list[tuple[float, ...]] = []  # as `_Forces`
@@ -104,7 +102,7 @@ class Checkup:
         if role in self._heard:
             self._hear(self._heard[role], sample, time)
         e = self._estimator
-        for _, answer in push_all(e, self._tool_poses, sample):
+        for _, answer in push_all(e, sample):
             self._poses += answer is not None
             if isinstance(answer, Estimate):
                 if e.counts["estimates"] == 1 and time - self._began <= _START:

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.reading import Recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate
-from rft_ros.estimator.messages import Role, Sample
-from rft_ros.estimator.tool_poses import ToolPoses, push
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Sample
+from rft_ros.estimator.messages import Role
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import HeightMap
 from rft_ros.parameters import NODE, Values, node_parameters, settings_of
@@ -109,12 +108,10 @@ def _resolved(name: str, node: str) -> str:
     return name if name.startswith("/") else f"{node.rpartition('/')[0]}/{name}"
 
 
-def push_all(
-    estimator: Estimator, tool_poses: ToolPoses | None, sample: Sample
-) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
-    """Push a sample and, with `tool_poses`, the poses that follow from it; yield each, with the answer to a pose."""
-    yield sample, push(estimator, sample)
-    for pose in tool_poses.after(sample) if tool_poses else ():
+def push_all(estimator: Estimator, sample: Sample) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
+    """Push a sample and the poses that follow from it; yield each, with the answer to a pose."""
+    yield sample, estimator.push(sample)
+    for pose in estimator.poses_after(sample):
         yield pose, estimator.push_pose(pose)
 
 
@@ -126,13 +123,13 @@ def play(
     Fixed transforms come first. With `pose_source` tf the poses follow from the transforms. At the end all measurements
     are final. `label`: of the progress bar.
     """
-    tool_poses = ToolPoses(estimator) if estimator.settings.pose_source == "tf" else None
+    from_transforms = estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
         if recording.fixed:
-            yield recording.fixed, push(estimator, recording.fixed)
+            yield recording.fixed, estimator.push(recording.fixed)
         for number, sample in enumerate(recording):
-            for pushed, answer in push_all(estimator, tool_poses, sample):
-                recording.counts["pose"] += tool_poses is not None and answer is not None
+            for pushed, answer in push_all(estimator, sample):
+                recording.counts["pose"] += from_transforms and answer is not None
                 yield pushed, answer
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)

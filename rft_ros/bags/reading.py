@@ -20,8 +20,8 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.estimator import TransformSample
-from rft_ros.estimator.messages import TYPES, Role, Sample, Stamped, decoder
+from rft_ros.estimator import Sample, Stamped, TransformSample
+from rft_ros.estimator.messages import TYPES, Role, decoder
 
 __all__ = ["Recording", "bag_name"]
 

@@ -23,12 +23,12 @@ from rft_ros.estimator import (
     Model,
     NoEstimate,
     Reason,
+    Sample,
     Settings,
     Wrench,
     WrenchSample,
 )
-from rft_ros.estimator.messages import Role, Sample
-from rft_ros.estimator.tool_poses import push
+from rft_ros.estimator.messages import Role
 from rft_ros.estimator.warm_up import code_of, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
@@ -155,7 +155,7 @@ class _LearningErrors:
     def push(self, sample: Sample) -> None:
         """Push a sample of the replay into every run."""
         for estimator, trace, waiting in self._runs.values():
-            answer = push(estimator, sample)
+            answer = estimator.push(sample)
             if isinstance(answer, Estimate):
                 waiting.append(answer)
             self._collect(estimator, trace, waiting)

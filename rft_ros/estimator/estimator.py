@@ -23,6 +23,7 @@ from rft_ros.estimator.samples import (
     PoseSample,
     Reason,
     RefusedError,
+    Sample,
     TransformSample,
     TwistSample,
     Vector,
@@ -64,7 +65,7 @@ class Estimator:
         self.learning: Learning | None = None
         """What was learned of the medium; None while `learning_mode` is off."""
         self._background = background
-        self._intake = Intake(settings, before_jump=self.finish)
+        self._intake = Intake(settings, self.counts, before_jump=self.finish)
         self.transforms = self._intake.transforms
         self._comparison = Comparison(self._intake.wrenches, self.counts, self._learn)
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
@@ -130,14 +131,7 @@ class Estimator:
 
         Of a frame that transforms have linked since there is none.
         """
-        s, tree = self.settings, self.transforms
-        found = self._intake.unknown_frames()
-        if not tree.linked(s.world_frame, s.tool_frame):
-            found[Reason.TF_FRAME_UNKNOWN] = tree.unlinked("tool_frame", s.tool_frame, s.world_frame)
-        if self._cell is None:
-            sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, kind="fixed ")
-            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
-        return {str(r): sentence for r, sentence in (found | tree.sentences).items() if self.counts[r.value]}
+        return self._intake.unknown_frames()
 
     def counted(self) -> list[str]:
         """`counts` as text, such as ``pose_stamp_zero: 3``; a reason for an unknown frame names the frame."""
@@ -231,7 +225,26 @@ class Estimator:
         if self.learning is not None:
             self.learning.leave()
 
-    # --- samples other than poses
+    # --- samples
+
+    def push(self, sample: Sample) -> Estimate | NoEstimate | None:
+        """Push a sample of any kind; the answer if it is a pose."""
+        if isinstance(sample, PoseSample):
+            return self.push_pose(sample)
+        if isinstance(sample, TwistSample):
+            self.push_twist(sample)
+        elif isinstance(sample, WrenchSample):
+            self.push_wrench(sample)
+        elif isinstance(sample, Cloud):
+            self.push_surface(sample)
+        else:
+            for transform in sample:
+                self.push_transform(transform)
+        return None
+
+    def poses_after(self, sample: Sample) -> list[PoseSample]:
+        """With `pose_source` tf: the tool's poses that are ready after a sample that was pushed; push them next."""
+        return self._intake.poses_after(sample)
 
     def push_transform(self, sample: TransformSample) -> Reason | None:
         """Add a transform; returns the reason if it is refused."""
@@ -259,7 +272,7 @@ class Estimator:
 
         They change the ground at the first pose that is stamped `DELAY` or more after them.
         """
-        return self._refused(lambda c: self._ground.add(c, self._intake.cloud(c, self._ground)), cloud)
+        return self._refused(lambda c: self._intake.cloud(c, self._ground), cloud)
 
     def _refused(self, take: Callable[[_Sample], object], sample: _Sample) -> Reason | None:
         try:

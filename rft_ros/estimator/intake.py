@@ -1,12 +1,11 @@
 """The intake: samples that have arrived are checked, brought into the expected frames, and kept in their order."""
 
 import math
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rft_ros.estimator.samples import (
     ABSURD,
@@ -14,6 +13,8 @@ from rft_ros.estimator.samples import (
     PoseSample,
     Reason,
     RefusedError,
+    Sample,
+    Stamped,
     TransformSample,
     TwistSample,
     WrenchSample,
@@ -23,15 +24,24 @@ from rft_ros.ground import DELAY, Cloud, Ground
 from rft_ros.parameters import Settings
 from rft_ros.rft import rotation_matrix, unit_quaternion
 
-__all__ = ["HISTORY", "Intake"]
+__all__ = ["HISTORY", "PATIENCE", "Intake"]
 
 HISTORY = 8192
 """Load-cell samples kept: 8 s of a 1 kHz stream. A pose older than all of them counts as without any."""
 
+PATIENCE = 1_000_000_000
+"""Time [ns] of other inputs' stamps to wait for a load-cell sample or a transform: a process may stall by less."""
+
 _TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
 _CLOUD_PERIOD = 190_000_000  # ns; clouds that follow sooner are not needed
+_MOST_WANTED = 4096  # stamps that wait for transforms
+_UNKNOWN = {
+    Reason.POSE_FRAME_UNKNOWN: "pose frame_id {!r} is not world_frame {!r}",
+    Reason.TWIST_FRAME_UNKNOWN: "twist frame_id {!r} is neither world_frame {!r} nor tool_frame {!r}",
+    Reason.SURFACE_FRAME_UNKNOWN: "surface_points frame_id {!r} is not world_frame {!r}, nor fixed in it",
+    Reason.WRENCH_FRAME_UNKNOWN: "wrench frame_id {!r} is not sensor_frame {!r}",
+}
 
-Array = NDArray[np.float64]
 _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 
 
@@ -39,27 +49,30 @@ class Intake:
     """Takes samples; each method returns one that can be used, or raises `RefusedError` with the reason.
 
     `twists`, `wrenches`: those kept, by stamp. A stamp that goes back by `TIME_JUMP` begins a new run: `before_jump` is
-    called, and then a history is cleared.
+    called, and then a history is cleared. `counts` gets the reasons for poses that transforms do not give.
     """
 
-    def __init__(self, settings: Settings, *, before_jump: Callable[[], None]) -> None:
+    def __init__(self, settings: Settings, counts: Counter[str], *, before_jump: Callable[[], None]) -> None:
         self.transforms = Transforms()
         self.twists: deque[TwistSample] = deque(maxlen=_TWISTS)
         self.wrenches: deque[WrenchSample] = deque(maxlen=HISTORY)
-        self._before_jump = before_jump
+        self._counts, self._before_jump = counts, before_jump
         self._pose = 0  # stamp of the last one
-        self._unknown: dict[Reason, str] = {}
+        self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
+        self._last_wanted = 0
+        self._last_transforms = 0  # stamp of those whose poses were taken at `tf_rate`
+        self._unknown: dict[Reason, tuple[str, ...]] = {}  # the frame refused last, and those expected
+        self._settings = settings
         self.use(settings)
 
     def use(self, settings: Settings) -> None:
         """Take new settings; samples in the axes of a frame that changes are dropped."""
-        old = getattr(self, "_settings", settings)
+        old, self._settings = self._settings, settings
         if settings.sensor_frame != old.sensor_frame:
             self._before_jump()
             self.wrenches.clear()
         if (settings.world_frame, settings.tool_frame) != (old.world_frame, old.tool_frame):
             self.twists.clear()
-        self._settings = settings
         self._unknown.clear()
         self.transforms.keep(settings.world_frame, settings.tool_frame)
 
@@ -68,6 +81,8 @@ class Intake:
         for history in (self.twists, self.wrenches):
             if history and history[-1].stamp - stamp >= TIME_JUMP:
                 history.clear()
+
+    # --- samples
 
     def pose(self, sample: PoseSample) -> PoseSample:
         """The pose in world axes, its quaternion of unit length."""
@@ -91,33 +106,33 @@ class Intake:
         self._pose = stamp
         return PoseSample(stamp, world, position, quaternion)
 
-    def twist(self, sample: TwistSample) -> TwistSample:
-        """The twist in the axes of the world or the tool frame."""
+    def twist(self, sample: TwistSample) -> None:
+        """A twist, kept in the axes of the world or the tool frame."""
         world, tool = self._settings.world_frame, self._settings.tool_frame
         if sample.stamp <= 0:
             raise RefusedError(Reason.TWIST_STAMP_ZERO)
         if not math.hypot(*sample.linear, *sample.angular) < ABSURD:
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if sample.frame not in (world, tool):
+            axes = self._placed(Reason.TWIST_FRAME_UNKNOWN, sample.frame, world, tool)
             into = world if self.transforms.fixed(world, sample.frame) is not None else tool
-            axes = self._placed(Reason.TWIST_FRAME_UNKNOWN, sample.frame, into)
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
-        return self._kept(self.twists, sample, Reason.TWIST_OUT_OF_ORDER)
+        self._keep(self.twists, sample, Reason.TWIST_OUT_OF_ORDER)
 
-    def wrench(self, sample: WrenchSample) -> WrenchSample:
-        """The load cell's reading in the sensor frame."""
+    def wrench(self, sample: WrenchSample) -> None:
+        """The load cell's reading, kept in the sensor frame."""
         frame = self._settings.sensor_frame
         if sample.stamp <= 0:
             raise RefusedError(Reason.WRENCH_STAMP_ZERO)
         if sample.frame != frame:
             there = self._placed(Reason.WRENCH_FRAME_UNKNOWN, sample.frame, frame)
-            sample = sample._replace(frame=frame, wrench=there.wrench(sample.wrench))
+            sample = WrenchSample(sample.stamp, frame, there.wrench(sample.wrench))
         if not math.hypot(*sample.wrench) < ABSURD:
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
-        return self._kept(self.wrenches, sample, Reason.WRENCH_OUT_OF_ORDER)
+        self._keep(self.wrenches, sample, Reason.WRENCH_OUT_OF_ORDER)
 
-    def cloud(self, cloud: Cloud, ground: Ground) -> tuple[Array, Array] | None:
-        """Position [m], shape [3], and rotation to world, shape [3, 3], of the cloud's frame; None if it is that."""
+    def cloud(self, cloud: Cloud, ground: Ground) -> None:
+        """Points of the ground, with the place of their frame in the world unless they are in its axes."""
         world, since = self._settings.world_frame, cloud.stamp - ground.last_cloud
         if ground.map is None:
             raise RefusedError(Reason.SURFACE_OFF)
@@ -130,37 +145,22 @@ class Intake:
             raise RefusedError(Reason.SURFACE_LATE)
         if 0 < since < _CLOUD_PERIOD:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
-        return None if camera is None else (np.array(camera.position), rotation_matrix(camera.quaternion))
+        ground.add(cloud, camera and (np.array(camera.position), rotation_matrix(camera.quaternion)))
 
     def transform(self, sample: TransformSample) -> None:
         """A transform into the tree; one with another parent is taken nevertheless."""
         if (reason := self.transforms.push(sample)) is not None:
             raise RefusedError(reason)
 
-    def unknown_frames(self) -> dict[Reason, str]:
-        """By reason: a sentence on the frame that it refused last, unless transforms have linked it since."""
-        s = self._settings
-        world, tool, sensor = f"world_frame {s.world_frame!r}", f"tool_frame {s.tool_frame!r}", s.sensor_frame
-        expected = {
-            Reason.POSE_FRAME_UNKNOWN: ("pose", f"not {world}", (s.world_frame,)),
-            Reason.TWIST_FRAME_UNKNOWN: ("twist", f"neither {world} nor {tool}", (s.world_frame, s.tool_frame)),
-            Reason.SURFACE_FRAME_UNKNOWN: ("surface_points", f"not {world}, nor fixed in it", (s.world_frame,)),
-            Reason.WRENCH_FRAME_UNKNOWN: ("wrench", f"not sensor_frame {sensor!r}", (sensor,)),
-        }
-        return {
-            reason: f"{expected[reason][0]} frame_id {frame!r} is {expected[reason][1]}"
-            for reason, frame in self._unknown.items()
-            if all(self.transforms.fixed(there, frame) is None for there in expected[reason][2])
-        }
+    def _placed(self, reason: Reason, frame: str, *expected: str) -> Placement:
+        """Placement of a sample's frame in the first of the expected frames that fixed transforms link it to."""
+        for into in expected:
+            if (placement := self.transforms.fixed(into, frame)) is not None:
+                return placement
+        self._unknown[reason] = frame, *expected
+        raise RefusedError(reason)
 
-    def _placed(self, reason: Reason, frame: str, into: str) -> Placement:
-        placement = self.transforms.fixed(into, frame)
-        if placement is None:
-            self._unknown[reason] = frame
-            raise RefusedError(reason)
-        return placement
-
-    def _kept(self, history: deque[_Sample], sample: _Sample, late: Reason) -> _Sample:
+    def _keep(self, history: deque[_Sample], sample: _Sample, late: Reason) -> None:
         behind = history[-1].stamp - sample.stamp if history else 0
         if 0 < behind < TIME_JUMP:
             raise RefusedError(late)
@@ -168,4 +168,74 @@ class Intake:
             self._before_jump()
             history.clear()
         history.append(sample)
-        return sample
+
+    def unknown_frames(self) -> dict[str, str]:
+        """By reason: a sentence on the frames refused last under these settings, unless transforms link them now."""
+        s, tree, found = self._settings, self.transforms, dict[Reason, str]()
+        for reason, (frame, *expected) in self._unknown.items():
+            if all(tree.fixed(into, frame) is None for into in expected):
+                found[reason] = _UNKNOWN[reason].format(frame, *expected)
+        if not tree.linked(s.world_frame, s.tool_frame):
+            found[Reason.TF_FRAME_UNKNOWN] = tree.unlinked("tool_frame", s.tool_frame, s.world_frame)
+        if s.sensor_source == "tf" and tree.fixed(s.tool_frame, s.sensor_frame) is None:
+            sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, kind="fixed ")
+            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
+        return {str(r): sentence for r, sentence in (found | tree.sentences).items() if self._counts[r.value]}
+
+    # --- poses from transforms
+
+    def poses_after(self, sample: Sample) -> list[PoseSample]:
+        """With `pose_source` tf: the poses of `tool_frame` that are ready after a sample that was taken.
+
+        Their stamps are the load cell's or, with `tf_rate`, multiples of its period. A pose is ready once the
+        transforms on both sides of its stamp have come, so it depends on stamps only. A stamp for which they do not
+        come within `PATIENCE` has no pose; `counts` get the reason.
+        """
+        s = self._settings
+        if s.pose_source != "tf":
+            return []
+        if isinstance(sample, WrenchSample) and s.tf_rate == 0.0 and sample.stamp > 0:
+            self._want(sample.stamp)
+        if isinstance(sample, Stamped):
+            return self._ready(sample.stamp)
+        if s.tf_rate > 0.0 and (newest := self.transforms.newest(s.world_frame, s.tool_frame)) is not None:
+            self._want_until(newest, round(min(1e9 / s.tf_rate, 1e18)))
+        return self._ready(max((transform.stamp for transform in sample), default=0))
+
+    def _want_until(self, newest: int, period: int) -> None:
+        if not -TIME_JUMP < newest - self._last_transforms < PATIENCE:  # a new run, or nothing came for long
+            if newest < self._last_transforms:
+                self._wanted.clear()
+            self._last_transforms = newest - 1
+            self._last_wanted = min(self._last_wanted, self._last_transforms)
+        for stamp in range((self._last_transforms // period + 1) * period, newest + 1, period):
+            self._want(stamp)
+        self._last_transforms = max(newest, self._last_transforms)
+
+    def _want(self, stamp: int) -> None:
+        if self._last_wanted - stamp >= TIME_JUMP:
+            self._wanted.clear()
+            self.transforms.begin_again(stamp)
+        elif stamp <= self._last_wanted:
+            return
+        self._last_wanted = stamp
+        self._wanted.append(stamp)
+
+    def _ready(self, now: int) -> list[PoseSample]:
+        s, found = self._settings, list[PoseSample]()
+        max_age = round(1e9 * s.max_input_age)
+        while self._wanted:
+            stamp = self._wanted[0]
+            placement = self.transforms.at(s.world_frame, s.tool_frame, stamp, max_age)
+            if isinstance(placement, Placement):
+                found.append(PoseSample(stamp, s.world_frame, *placement))
+            elif (
+                placement in (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
+                and now <= stamp + PATIENCE
+                and len(self._wanted) < _MOST_WANTED
+            ):
+                break  # the transforms may still come
+            else:
+                self._counts[placement.value] += 1
+            self._wanted.popleft()
+        return found

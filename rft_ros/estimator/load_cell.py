@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.intake import HISTORY
+from rft_ros.estimator.intake import HISTORY, PATIENCE
 from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled
@@ -23,7 +23,6 @@ GRAVITY = 9.80665
 """Standard gravity [m/s²] (ISO 80000-3)."""
 
 _MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
-_PATIENCE = 1_000_000_000  # ns of other topics' stamps to wait for the load cell: a process may stall by less
 _FEWEST_FOR_TARE = 10
 _STRETCH = 0.25  # time over which poses are averaged to see a drift [s]: 10 µm of noise at 125 Hz count as 0.01 mm/s
 
@@ -142,7 +141,7 @@ class Comparison:
         if not pending:
             return
         newest = self._samples[-1].stamp if self._samples else 0
-        late = now - max(self.max_age, _PATIENCE)
+        late = now - max(self.max_age, PATIENCE)
         while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
             self._final.append(self._measured(pending.popleft()))
 

@@ -13,16 +13,13 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator import PoseSample, TransformSample, TwistSample, Wrench, WrenchSample
+from rft_ros.estimator.samples import PoseSample, Sample, TransformSample, TwistSample, Wrench, WrenchSample
 from rft_ros.ground import Cloud
 
-__all__ = ["TYPES", "UNREADABLE", "Role", "Sample", "Stamped", "decoder", "wrench_cdr"]
+__all__ = ["TYPES", "UNREADABLE", "Role", "decoder", "wrench_cdr"]
 
 Role = Literal["pose", "twist", "wrench", "surface", "tf", "tf_static"]
 """The inputs."""
-Stamped = PoseSample | TwistSample | WrenchSample | Cloud
-Sample = Stamped | tuple[TransformSample, ...]
-"""What a message of each role becomes."""
 
 TYPES: dict[Role, str] = {
     "pose": "geometry_msgs/msg/PoseStamped",

@@ -3,21 +3,10 @@
 from enum import Enum
 from typing import NamedTuple
 
-__all__ = [
-    "ABSURD",
-    "TIME_JUMP",
-    "Estimate",
-    "Measurement",
-    "NoEstimate",
-    "PoseSample",
-    "Reason",
-    "RefusedError",
-    "TransformSample",
-    "TwistSample",
-    "Vector",
-    "Wrench",
-    "WrenchSample",
-]
+from rft_ros.ground import Cloud
+
+__all__ = ["ABSURD", "TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason", "RefusedError"]
+__all__ += ["Sample", "Stamped", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
 
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
@@ -69,6 +58,11 @@ class TransformSample(NamedTuple):
     position: Vector
     quaternion: tuple[float, float, float, float]
     fixed: bool = False
+
+
+Stamped = PoseSample | TwistSample | WrenchSample | Cloud
+Sample = Stamped | tuple[TransformSample, ...]
+"""What an estimator is given."""
 
 
 class Reason(str, Enum):

@@ -81,37 +81,35 @@ class _Link(NamedTuple):
         """
         sample, after = self.newest, None
         if self.fixed:
-            return sample.parent, Placement(sample.position, sample.quaternion)
+            return sample.parent, Placement(*sample[3:5])
         for sample in reversed(self.history):
             if sample.stamp <= stamp:
                 break
             after = sample
         else:
             return sample.parent, Reason.TF_MISSING
-        parent = sample.parent
-        if after is None and sample.stamp < stamp:
-            return parent, Reason.TF_STALE
-        if stamp - sample.stamp > max_age or (after and sample.stamp < stamp and after.stamp - stamp > max_age):
-            return parent, Reason.TF_GAP
-        if after is None or sample.stamp == stamp or after.parent != parent:
-            return parent, Placement(sample.position, sample.quaternion)
-        share = (stamp - sample.stamp) / (after.stamp - sample.stamp)
-        (px, py, pz), (qx, qy, qz) = sample.position, after.position
-        position = px + share * (qx - px), py + share * (qy - py), pz + share * (qz - pz)
-        return parent, Placement(position, _slerp(sample.quaternion, after.quaternion, share))
+        if sample.stamp < stamp:
+            if after is None:
+                return sample.parent, Reason.TF_STALE
+            if after.stamp - stamp > max_age or stamp - sample.stamp > max_age:
+                return sample.parent, Reason.TF_GAP
+            if after.parent == sample.parent:
+                return sample.parent, _between(sample, after, (stamp - sample.stamp) / (after.stamp - sample.stamp))
+        return sample.parent, Placement(*sample[3:5])
 
 
-def _slerp(p: Quaternion, q: Quaternion, share: float) -> Quaternion:
-    cosine = sum(a * b for a, b in zip(p, q, strict=True))
-    sign = -1.0 if cosine < 0.0 else 1.0
+def _between(a: TransformSample, b: TransformSample, share: float) -> Placement:
+    """The placement at a share of the way from one to the other, at constant velocity and rate of turn."""
+    x, y, z = (p + share * (q - p) for p, q in zip(a.position, b.position, strict=True))
+    cosine = sum(p * q for p, q in zip(a.quaternion, b.quaternion, strict=True))
     angle = math.acos(min(1.0, abs(cosine)))
-    sine = math.sin(angle)
-    first, second = 1.0 - share, sign * share
-    if sine > 1e-6:
-        first, second = math.sin(first * angle) / sine, sign * math.sin(share * angle) / sine
-    px, py, pz, pw = (first * a + second * b for a, b in zip(p, q, strict=True))
-    norm = math.hypot(px, py, pz, pw)
-    return px / norm, py / norm, pz / norm, pw / norm
+    first, second = 1.0 - share, share
+    if (sine := math.sin(angle)) > 1e-6:
+        first, second = math.sin(first * angle) / sine, math.sin(share * angle) / sine
+    second = math.copysign(second, cosine)  # q and -q are one attitude
+    i, j, k, w = (first * p + second * q for p, q in zip(a.quaternion, b.quaternion, strict=True))
+    norm = math.hypot(i, j, k, w)
+    return Placement((x, y, z), (i / norm, j / norm, k / norm, w / norm))
 
 
 class Transforms:
@@ -124,23 +122,26 @@ class Transforms:
         self.sentences: dict[Reason, str] = {}
         self._links: dict[str, _Link] = {}
         self._ends: tuple[str, str] | None = None
-        self._between: set[str] | None = None  # frames on the way between the ends; None: not linked
+        self._kept: set[str] | None = None  # frames on the way between the ends; None: not linked
         self._fixed: dict[tuple[str, str], Placement] = {}
 
     def keep(self, target: str, source: str) -> None:
         """Keep the history of no frames but those on the way between two frames, once transforms link these."""
         if self._ends != (target, source):
             self._ends = target, source
-            self._find_between()
+            self._find_kept()
 
     def push(self, sample: TransformSample) -> Reason | None:
         """Add a transform; returns the reason if it is refused, and `TF_TWO_PARENTS` if it is taken nevertheless."""
-        link, way = self._links.get(sample.child), self._between
-        aside = way is not None and sample.child not in way and not sample.fixed
+        link = self._links.get(sample.child)
+        aside = self._kept is not None and sample.child not in self._kept and not sample.fixed
         if aside and link is not None and not link.fixed and link.newest.parent == sample.parent:
             return None  # the last one that was kept says as much about the tree
         quaternion = unit_quaternion(*sample.quaternion)
-        reason = self._judged(sample, quaternion)
+        reason, what = self._judged(sample, quaternion, link)
+        if reason is not None:
+            fixed = " (fixed)" * sample.fixed
+            self.sentences[reason] = f"{_short(sample.child)} in {_short(sample.parent)}{fixed}: {what}"
         if quaternion is None or reason not in (None, Reason.TF_TWO_PARENTS):
             return reason
         if link is not None and not (link.fixed or sample.fixed) and sample.stamp <= link.newest.stamp:
@@ -153,41 +154,40 @@ class Transforms:
         begins = not link.history or link.newest.parent != sample.parent
         if aside:
             link.history.clear()
-        elif way is None and self._ends and len(link.history) >= _UNLINKED_HISTORY:
+        elif self._kept is None and self._ends and len(link.history) >= _UNLINKED_HISTORY:
             link.history.popleft()
         link.history.append(sample._replace(quaternion=quaternion))
         if begins:
-            self._find_between()
+            self._find_kept()
         if begins or link.fixed:
             self._fixed.clear()
         return reason
 
-    def _judged(self, sample: TransformSample, quaternion: Quaternion | None) -> Reason | None:
-        """What is wrong with a transform; a sentence on it goes to `sentences`."""
-        _, parent, child, position, _, fixed = sample
-        link = self._links.get(child)
-        old = link.newest if link is not None else None
-        reason, what = None, ""
+    def _judged(
+        self, sample: TransformSample, quaternion: Quaternion | None, link: _Link | None
+    ) -> tuple[Reason | None, str]:
+        """What is wrong with a transform of a frame that has this link, and in words."""
+        stamp, parent, child, position, _, fixed = sample
         if not (parent and child and max(len(parent), len(child)) <= _LONGEST_NAME):
-            reason, what = Reason.TF_INVALID, f"a name is missing or longer than {_LONGEST_NAME} characters"
-        elif quaternion is None or not math.hypot(*position) < ABSURD:
-            what = "the quaternion is not of unit length" if quaternion is None else "the position is not finite"
-            reason = Reason.TF_INVALID
-        elif not fixed and sample.stamp <= 0:
-            reason, what = Reason.TF_INVALID, "the stamp is zero"
-        elif old is None and len(self._links) >= _MOST_FRAMES:
-            reason, what = Reason.TF_INVALID, f"there are {_MOST_FRAMES:,} frames already"
-        elif (old is None or old.parent != parent) and child in (line := self._line(parent)):
-            reason, what = Reason.TF_LOOP, f"but {' in '.join(map(repr, line[: line.index(child) + 1]))}"
-        elif link is not None and old is not None:
-            if not (fixed or link.fixed) and -TIME_JUMP < sample.stamp - old.stamp <= 0:
-                reason, what = Reason.TF_OUT_OF_ORDER, f"{old.stamp - sample.stamp} ns before the last one"
-            if old.parent != parent or link.fixed != fixed:
-                before = f"before in {old.parent!r}" + " (fixed)" * link.fixed
-                reason, what = Reason.TF_TWO_PARENTS, before + (f", {what}" if reason else "")
-        if reason is not None:
-            self.sentences[reason] = f"{_short(child)} in {_short(parent)}{' (fixed)' * fixed}: {what}"
-        return reason
+            return Reason.TF_INVALID, f"a name is missing or longer than {_LONGEST_NAME} characters"
+        if quaternion is None:
+            return Reason.TF_INVALID, "the quaternion is not of unit length"
+        if not math.hypot(*position) < ABSURD:
+            return Reason.TF_INVALID, "the position is not finite"
+        if not fixed and stamp <= 0:
+            return Reason.TF_INVALID, "the stamp is zero"
+        if link is None and len(self._links) >= _MOST_FRAMES:
+            return Reason.TF_INVALID, f"there are {_MOST_FRAMES:,} frames already"
+        known = link is not None and link.newest.parent == parent
+        if not known and child in (line := self._line(parent)):
+            return Reason.TF_LOOP, f"but {' in '.join(map(repr, line[: line.index(child) + 1]))}"
+        if link is None:
+            return None, ""
+        behind = link.newest.stamp - stamp
+        late = not (fixed or link.fixed) and 0 <= behind < TIME_JUMP
+        if known and link.fixed == fixed:
+            return (Reason.TF_OUT_OF_ORDER, f"{behind} ns before the last one") if late else (None, "")
+        return Reason.TF_TWO_PARENTS, f"before in {link.newest.parent!r}" + " (fixed)" * link.fixed
 
     def begin_again(self, stamp: int) -> None:
         """Forget moving transforms that lie a time jump or more after a stamp [ns]: they belong to the run before."""
@@ -195,10 +195,10 @@ class Transforms:
         for name in late:
             del self._links[name]
         if late:
-            self._find_between()
+            self._find_kept()
 
-    def at(self, target: str, source: str, stamp: int, max_age: int) -> Placement | Reason:
-        """Placement of the frame `source` in the frame `target` at a stamp [ns].
+    def at(self, target: str, source: str, stamp: int | None, max_age: int = 0) -> Placement | Reason:
+        """Placement of the frame `source` in the frame `target` at a stamp [ns]; None: by fixed transforms alone.
 
         Each moving transform on the way is interpolated between those on both sides of the stamp, within `max_age`
         [ns]. The reason may pass as more transforms come if it is `TF_FRAME_UNKNOWN` or `TF_STALE`.
@@ -207,13 +207,13 @@ class Transforms:
         for frame, end in self._climb(source, stamp, max_age):
             if frame in ends:
                 other = ends[frame]
-                if isinstance(end, Reason):
-                    return _first(end, other)
-                return other if isinstance(other, Reason) else other.inverse().of(end)
+                if isinstance(end, Reason) or isinstance(other, Reason):
+                    return _reason(end, other)
+                return other.inverse().of(end)
         return Reason.TF_FRAME_UNKNOWN
 
-    def _climb(self, frame: str, stamp: int | None, max_age: int = 0) -> Iterator[tuple[str, Placement | Reason]]:
-        """A frame and its ancestors at a stamp, the frame's placement in each; stamp None: by fixed transforms only."""
+    def _climb(self, frame: str, stamp: int | None, max_age: int) -> Iterator[tuple[str, Placement | Reason]]:
+        """A frame and its ancestors, and the frame's placement in each."""
         end: Placement | Reason = _HERE
         seen: set[str] = set()
         while frame not in seen:  # transforms of several stamps may make a loop
@@ -223,20 +223,13 @@ class Transforms:
             if link is None or (stamp is None and not link.fixed):
                 return
             frame, step = link.at(stamp or 0, max_age)
-            if isinstance(step, Reason):
-                end = _first(end, step)
-            elif isinstance(end, Placement):
-                end = step.of(end)
+            end = _reason(end, step) if isinstance(end, Reason) or isinstance(step, Reason) else step.of(end)
 
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
         found = self._fixed.get((target, source))
-        if found is None:
-            ends = dict(self._climb(target, None))
-            for frame, end in self._climb(source, None):
-                if isinstance(other := ends.get(frame), Placement) and isinstance(end, Placement):
-                    found = self._fixed[target, source] = other.inverse().of(end)
-                    break
+        if found is None and isinstance(placement := self.at(target, source, None), Placement):
+            found = self._fixed[target, source] = placement
         return found
 
     def newest(self, target: str, source: str) -> int | None:
@@ -246,11 +239,9 @@ class Transforms:
 
     def frames(self) -> list[str]:
         """The frames, each with its parent, such as ``tool in flange (fixed)``; of many the first."""
-        found = [
-            f"{_short(c)} in {_short(link.newest.parent)}" + " (fixed)" * link.fixed
-            for c, link in sorted(self._links.items())
-        ]
-        return found if len(found) <= _MOST_LISTED else [*found[:_MOST_LISTED], f"{len(found) - _MOST_LISTED:,} more"]
+        links = sorted(self._links.items())
+        found = [f"{_short(c)} in {_short(k.newest.parent)}{' (fixed)' * k.fixed}" for c, k in links[:_MOST_LISTED]]
+        return [*found, f"{len(links) - _MOST_LISTED:,} more"] if len(links) > _MOST_LISTED else found
 
     def linked(self, target: str, source: str) -> bool:
         """Whether the newest transforms link two frames."""
@@ -258,9 +249,8 @@ class Transforms:
 
     def unlinked(self, parameter: str, frame: str, other: str, *, kind: str = "") -> str:
         """A sentence: no transforms of this kind link `frame`, named by a parameter, and the frame `other`."""
-        parents = {link.newest.parent for link in self._links.values()}
         missing = f"no transform names {parameter} {_short(frame)}"
-        if frame in self._links or frame in parents:
+        if frame in self._links or any(link.newest.parent == frame for link in self._links.values()):
             missing = f"no {kind}transforms link {parameter} {_short(frame)} and {_short(other)}"
         return f"{missing}; there are {', '.join(self.frames()) or 'none'}"
 
@@ -278,21 +268,18 @@ class Transforms:
         meet = next((frame for frame in up if frame in down), None)
         return None if meet is None else up[: up.index(meet)] + down[: down.index(meet)]
 
-    def _find_between(self) -> None:
+    def _find_kept(self) -> None:
         way = self._way(*self._ends) if self._ends else None
-        self._between = between = None if way is None else set(way)
+        self._kept = None if way is None else set(way)
         for name, link in self._links.items():
-            if between is not None and name not in between and len(link.history) > 1:
-                newest = link.newest
-                link.history.clear()
-                link.history.append(newest)
+            while self._kept is not None and name not in self._kept and len(link.history) > 1:
+                link.history.popleft()
 
 
-def _first(a: Placement | Reason, b: Placement | Reason) -> Placement | Reason:
-    """Of two reasons the one that does not pass, else the first."""
-    if isinstance(a, Reason) and isinstance(b, Reason):
-        return b if a is Reason.TF_STALE else a
-    return a if isinstance(a, Reason) else b
+def _reason(a: Placement | Reason, b: Placement | Reason) -> Reason:
+    """Of one or two reasons that which does not pass, else the first."""
+    found = [end for end in (a, b) if isinstance(end, Reason)]
+    return found[-1] if found[0] is Reason.TF_STALE else found[0]
 
 
 def _short(name: str) -> str:

@@ -15,7 +15,8 @@ from sensor_msgs.msg import PointCloud2
 
 from rft_ros.bags.checkup import Finding
 from rft_ros.errors import InputError
-from rft_ros.estimator.messages import UNREADABLE, Role, Sample, decoder
+from rft_ros.estimator import Sample
+from rft_ros.estimator.messages import UNREADABLE, Role, decoder
 from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
 from rft_ros.parameters import FILES, Value, Values, checked
 

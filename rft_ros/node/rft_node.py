@@ -19,9 +19,8 @@ from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason
-from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, Sample, Stamped, decoder, wrench_cdr
-from rft_ros.estimator.tool_poses import ToolPoses, push
+from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, Sample, Stamped
+from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.estimator.warm_up import Code, code_of, prepare
 from rft_ros.files import checked_file
 from rft_ros.ground import HeightMap, write_height_map
@@ -97,9 +96,7 @@ class RftNode(Node):
         message = transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"]))
         if message:
             self._subscribe(message, "/tf_static", partial(self._on_input, "tf_static"), TRANSFORMS_QOS["tf_static"])
-        self._tool_poses = None
         if values["pose_source"] == "tf":
-            self._tool_poses = ToolPoses(self.estimator)
             self._subscribe(message, "/tf", partial(self._on_input, "tf"), TRANSFORMS_QOS["tf"])
         else:
             self._subscribe(PoseStamped, "~/pose", self._on_pose)
@@ -168,14 +165,14 @@ class RftNode(Node):
 
     def _on_twist(self, data: bytes) -> None:
         if (sample := self._received("twist", data)) is not None:
-            push(self.estimator, sample)
+            self.estimator.push(sample)
 
     def _on_input(self, role: Role, data: bytes) -> None:
         """Push a sample that is neither pose nor twist; answer the poses and measurements that it completes."""
         if (sample := self._received(role, data)) is None:
             return
-        push(self.estimator, sample)
-        for pose in self._tool_poses.after(sample) if self._tool_poses else ():
+        self.estimator.push(sample)
+        for pose in self.estimator.poses_after(sample):
             self._diagnostics.received("pose", pose.stamp)
             self._answer(pose, perf_counter())
         self._publish_measurements()

@@ -10,7 +10,6 @@ from one_plate import SECOND, START, estimator, pose, twist, wrench
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, LoadCell, PoseSample, Reason, TransformSample
-from rft_ros.estimator.tool_poses import ToolPoses
 from rft_ros.estimator.transforms import Placement, Transforms
 
 MS = SECOND // 1000
@@ -196,7 +195,6 @@ def test_stamps_that_go_back_by_a_second_start_again():
 def fed(*samples, **settings):
     """An estimator and the poses that follow from samples in this order."""
     e = estimator(pose_source="tf", **settings)
-    tool_poses = ToolPoses(e)
     poses = []
     for sample in samples:
         if isinstance(sample, TransformSample):
@@ -204,7 +202,7 @@ def fed(*samples, **settings):
             sample = (sample,)
         else:
             e.push_wrench(sample)
-        poses += tool_poses.after(sample)
+        poses += e.poses_after(sample)
     return e, poses
 
 
