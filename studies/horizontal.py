@@ -93,7 +93,7 @@ def study() -> StudyResult:
             ("maximum F23 of the published fit", f"{PUBLISHED['F23']} N measured", f"{fit23.max():.2f} N (N23)"),
             (
                 "depth of the centre at which our F23 is the published",
-                "not stated here",
+                "–",
                 f"{1e3 * DEPTH * PUBLISHED['F23'] / f23_max:.1f} mm (computed at {1e3 * DEPTH:.1f} mm)",
             ),
             (

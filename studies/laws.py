@@ -4,7 +4,6 @@
 in ``../shared/data``; without them the study has the simulated runs only.
 """
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -142,11 +141,6 @@ def wheel_errors(name: str) -> tuple[float, Array] | None:
 def study() -> StudyResult:
     """Errors by law, run and option."""
     found = [law_errors(column) for column in COLUMNS]
-    wheels = [wheel_errors(column.law) for column in COLUMNS]
-    rows = list(_rows(found))
-    if all(wheels):
-        cells = (", ".join(f"{e:.1f}" for e in w[1]) + f" N (ζ = {w[0]:.2f})" for w in wheels if w)
-        rows.append(("wheel, 190 states: RMS error sideways, forward, up", *cells))
     return StudyResult(
         name="laws",
         title="Two laws, with inertia and learning",
@@ -160,22 +154,24 @@ def study() -> StudyResult:
                 "median_error_with_inertia": [error for e in found for error in e.inertia.values()],
             }
         },
-        table=TextTable(header=("run", *(f"{e.column.name} (ζ = {e.zeta:.3f})" for e in found)), rows=tuple(rows)),
+        table=TextTable(
+            header=("law", "the 11 slow runs, mean", *FAST_RUNS.values(), "wheel: sideways, forward, up"),
+            rows=tuple(_row(errors) for errors in found),
+        ),
     )
 
 
-def _rows(found: list[LawErrors]) -> Iterator[tuple[str, ...]]:
-    def row(label: str, values: list[float]) -> tuple[str, ...]:
-        return (label, *(f"{100.0 * value:.1f} %" for value in values))
+def _row(found: LawErrors) -> tuple[str, ...]:
+    """A column's errors: slow runs plain and with inertia, fast ones also learned; the wheel's by component."""
 
-    for name, label in RUNS.items():
-        yield row(label.partition(" (")[0], [e.plain[name] for e in found])
-    yield row("mean of these 11", [mean(e.plain[name] for name in RUNS) for e in found])
-    yield row("mean of these 11, with inertia", [mean(e.inertia[name] for name in RUNS) for e in found])
-    for name, label in FAST_RUNS.items():
-        yield row(label, [e.plain[name] for e in found])
-        yield row(f"{label}, with inertia", [e.inertia[name] for e in found])
-        yield row(f"{label}, with inertia, learned 2 mm before", [e.learned[name] for e in found])
+    def cell(*values: float) -> str:
+        return " / ".join(f"{100.0 * value:.1f}" for value in values) + " %"
+
+    slow = cell(*(mean(errors[name] for name in RUNS) for errors in (found.plain, found.inertia)))
+    fast = (cell(found.plain[name], found.inertia[name], found.learned[name]) for name in FAST_RUNS)
+    wheel = wheel_errors(found.column.law)
+    by_component = "" if wheel is None else ", ".join(f"{e:.1f}" for e in wheel[1]) + f" N (ζ = {wheel[0]:.2f})"
+    return (f"{found.column.name} (ζ = {found.zeta:.3f})", slow, *fast, by_component)
 
 
 def _figure(found: list[LawErrors]) -> Figure:

@@ -18,7 +18,7 @@ ZETA = 0.33
 ALPHA_Y = ("constant", "linear")
 """The paper's two models of α_y (IV-B)."""
 
-NOT_STATED = "not stated here"
+NOT_STATED = "–"
 """Shown in place of a published number that this project does not have."""
 
 BELOW_90 = 90.0 - 1e-6

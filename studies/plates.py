@@ -136,7 +136,6 @@ def study() -> StudyResult:
                 "1.2–18.8 % (against the paper's own measurements)",
                 _range_of_errors(points),
             ),
-            *(_row_of_point(p) for p in points),
         ),
     )
 
@@ -150,14 +149,6 @@ def _row_of_beta(beta: float, found: dict[tuple[float, float, str], Array]) -> t
 def _range_of_errors(points: tuple[Point, ...]) -> str:
     errors = [100.0 * p.error for p in points if p.psi < 90.0]
     return f"{min(errors):.1f}–{max(errors):.1f} % against simulated plates, without the one that moves along itself"
-
-
-def _row_of_point(p: Point) -> tuple[str, str, str]:
-    def triple(values: tuple[float, ...]) -> str:
-        return ", ".join(f"{value:.3f}" for value in values)
-
-    name = f"plate β {p.beta:g}° φ {p.phi:g}° ψ {p.psi:g}°: e1, e2, E3 [N/cm³]"
-    return (name, f"{triple(p.measured)} (simulated, not the paper)", triple(p.model))
 
 
 def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...]) -> Figure:

@@ -53,7 +53,7 @@ class TextTable:
 
 
 def published_against_ours(*rows: tuple[str, str, str]) -> TextTable:
-    """A table of quantity, published value and ours; "not stated here" marks an unknown value."""
+    """A table of quantity, published value and ours; "–" marks an unknown one."""
     return TextTable(header=("quantity", "published", "ours"), rows=rows)
 
 

@@ -6,7 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from rft_ros.cli import parser
-from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
+from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import PARAMETERS, Parameter, Value
 
@@ -15,50 +15,53 @@ __all__ = ["commands_page", "default_yaml", "main", "node_page", "readme"]
 ROOT = Path(__file__).resolve().parents[2]
 
 _REASONS = {
-    Reason.MESSAGE_UNREADABLE: "the bytes are not a message of the topic's type, or its stamp is not a time",
-    Reason.POSE_NOT_FINITE: "the pose contains NaN, infinity or an absurdly large number",
-    Reason.POSE_QUATERNION_NOT_UNIT: "the quaternion's length differs from 1 by more than 1 %",
-    Reason.POSE_FRAME_UNKNOWN: "the pose's frame_id is not `world_frame` or fixed to it",
-    Reason.POSE_STAMP_ZERO: "the pose's stamp is zero",
-    Reason.POSE_REPEATED: "the pose has the same stamp as the pose before",
-    Reason.POSE_OUT_OF_ORDER: "the pose's stamp is less than 1 s before that of the last pose",
-    Reason.POSE_RATE_LIMITED: "the pose comes sooner after the last answer than `max_rate` allows",
-    Reason.POSE_HISTORY_SHORT: "`twist_source: pose_difference` does not have enough poses yet",
-    Reason.TIME_JUMP: "the stamps went back by 1 s or more; the estimator starts afresh",
-    Reason.TWIST_MISSING: "no twist stamped at or before the pose has arrived",
-    Reason.TWIST_STALE: "the last twist is more than `max_input_age` older than the pose",
-    Reason.TWIST_NOT_FINITE: "the twist contains NaN, infinity or an absurdly large number",
-    Reason.TWIST_FRAME_UNKNOWN: "the twist's frame_id is not `world_frame`, `tool_frame` or fixed to one of them",
-    Reason.TWIST_STAMP_ZERO: "the twist's stamp is zero",
-    Reason.TWIST_OUT_OF_ORDER: "the twist's stamp is before that of the last twist",
-    Reason.AT_REST: "the tool is in the grains and every point of it is slower than `rest_speed`; not used with memory",
-    Reason.ESTIMATE_NOT_FINITE: "the computed wrench is NaN or infinite",
-    Reason.WRENCH_MISSING: "no load-cell sample stamped at or before the pose has arrived",
-    Reason.WRENCH_STALE: "the last load-cell sample is more than `max_input_age` older than the pose",
-    Reason.WRENCH_NOT_FINITE: "the load-cell sample contains NaN, infinity or an absurdly large number",
-    Reason.WRENCH_FRAME_UNKNOWN: "the load-cell sample's frame_id is not `sensor_frame` or fixed to it",
-    Reason.WRENCH_STAMP_ZERO: "the load-cell sample's stamp is zero",
-    Reason.WRENCH_OUT_OF_ORDER: "the load-cell sample's stamp is before that of the last one",
-    Reason.SENSOR_FRAME_UNKNOWN: "`sensor.frame_source: tf`, and no fixed transforms link tool and sensor yet",
-    Reason.TF_INVALID: "a transform has NaN, infinity, a quaternion not of unit length, no name, or no stamp",
-    Reason.TF_OUT_OF_ORDER: "a moving transform's stamp is not after that of the same frame's last one",
-    Reason.TF_TWO_PARENTS: "a frame came with another parent, or fixed where it moved; it is taken, as by tf2",
-    Reason.TF_LOOP: "a transform would make a frame its own ancestor",
-    Reason.TF_FRAME_UNKNOWN: "no transforms link `tool_frame` and `world_frame`",
-    Reason.TF_MISSING: "the wanted stamp is before the first transform kept (8 s at 500 Hz)",
-    Reason.TF_STALE: "no transform after the wanted stamp has come within 1 s of the other inputs' stamps",
-    Reason.TF_GAP: "the transforms around the wanted stamp are more than `max_input_age` away from it",
-    Reason.SURFACE_OFF: "a cloud was pushed from Python, but `ground.cell` is 0: node and replay then skip the topic",
-    Reason.SURFACE_LATE: "the cloud's stamp is 0.5 s or more before that of the last pose",
-    Reason.SURFACE_FRAME_UNKNOWN: "the cloud's frame_id is not `world_frame`, and no fixed transform links it",
-    Reason.SURFACE_STAMP_ZERO: "the cloud's stamp is zero",
-    Reason.SURFACE_OUT_OF_ORDER: "the cloud's stamp is not after that of the last cloud",
-    Reason.SURFACE_RATE_LIMITED: "the cloud comes less than 0.19 s after the last one",
+    "the bytes are no message of the topic's type, or the stamp is no time": (Reason.MESSAGE_UNREADABLE,),
+    "NaN, infinity or an absurdly large number": (
+        Reason.POSE_NOT_FINITE,
+        Reason.TWIST_NOT_FINITE,
+        Reason.WRENCH_NOT_FINITE,
+    ),
+    "the quaternion's length differs from 1 by more than 1 %": (Reason.POSE_QUATERNION_NOT_UNIT,),
+    "the frame_id is neither the expected one nor fixed to it": (
+        Reason.POSE_FRAME_UNKNOWN,
+        Reason.TWIST_FRAME_UNKNOWN,
+        Reason.WRENCH_FRAME_UNKNOWN,
+        Reason.SURFACE_FRAME_UNKNOWN,
+    ),
+    "the stamp is zero": (
+        Reason.POSE_STAMP_ZERO,
+        Reason.TWIST_STAMP_ZERO,
+        Reason.WRENCH_STAMP_ZERO,
+        Reason.SURFACE_STAMP_ZERO,
+    ),
+    "the stamp is that of the last pose": (Reason.POSE_REPEATED,),
+    "before the last one of the same input (a pose by less than 1 s), or a cloud at the same stamp": (
+        Reason.POSE_OUT_OF_ORDER,
+        Reason.TWIST_OUT_OF_ORDER,
+        Reason.WRENCH_OUT_OF_ORDER,
+        Reason.SURFACE_OUT_OF_ORDER,
+    ),
+    "a pose is 1 s or more before the last one; the estimator starts afresh": (Reason.TIME_JUMP,),
+    "sooner after the last answer than `max_rate` allows": (Reason.POSE_RATE_LIMITED,),
+    "`twist_source: pose_difference` does not have enough poses yet": (Reason.POSE_HISTORY_SHORT,),
+    "none stamped at or before the pose has arrived": (Reason.TWIST_MISSING, Reason.WRENCH_MISSING),
+    "the last one is older than the pose by more than `max_input_age`": (Reason.TWIST_STALE, Reason.WRENCH_STALE),
+    "in the grains, every point slower than `rest_speed`; not with memory": (Reason.AT_REST,),
+    "the computed wrench is NaN or infinite": (Reason.ESTIMATE_NOT_FINITE,),
+    "`sensor.frame_source: tf`: no fixed transforms link tool and sensor yet": (Reason.SENSOR_FRAME_UNKNOWN,),
+    "a transform has NaN, infinity, a quaternion not of unit length, no name or no stamp": (Reason.TF_INVALID,),
+    "a transform's stamp is not after the frame's last one": (Reason.TF_OUT_OF_ORDER,),
+    "a frame came with another parent, or fixed where it moved; it is taken, as by tf2": (Reason.TF_TWO_PARENTS,),
+    "a transform would make a frame its own ancestor": (Reason.TF_LOOP,),
+    "no transforms link `tool_frame` and `world_frame`": (Reason.TF_FRAME_UNKNOWN,),
+    "the wanted stamp is before the first transform kept (8 s at 500 Hz)": (Reason.TF_MISSING,),
+    "none after the wanted stamp has come within 1 s of the other inputs' stamps": (Reason.TF_STALE,),
+    "the transforms around the wanted stamp are over `max_input_age` away": (Reason.TF_GAP,),
+    "from Python: a cloud, but `ground.cell` is 0": (Reason.SURFACE_OFF,),
+    "a cloud's stamp is 0.5 s or more before the last pose": (Reason.SURFACE_LATE,),
+    "a cloud comes less than 0.19 s after the last one": (Reason.SURFACE_RATE_LIMITED,),
 }
-
-
-def _cell(text: str) -> str:
-    return text.replace("|", "\\|")
+"""When a sample is not used, by what went wrong."""
 
 
 def _named(action: argparse.Action) -> str:
@@ -86,19 +89,25 @@ def _usage(name: str, command: argparse.ArgumentParser) -> str:
     return " ".join(["rft", name, *positional, *required, *optional])
 
 
-def _command(name: str, command: argparse.ArgumentParser) -> str:
-    rows = [
-        f"| `{', '.join([*action.option_strings[:-1], _named(action)])}` | {_cell(action.help or '')} |"
-        for action in _arguments(command)
-    ]
+def _command(name: str, command: argparse.ArgumentParser, described: dict[str, str]) -> str:
+    """The section of a command. What an argument above has described, by its help in `described`, is not repeated."""
+    rows, as_above = [], []
+    for action in _arguments(command):
+        typed, meaning = f"`{', '.join([*action.option_strings[:-1], _named(action)])}`", action.help or ""
+        if meaning not in described:
+            described[meaning] = typed
+            rows.append(f"- {typed}: {meaning}")
+        elif described[meaning] == typed:
+            as_above.append(typed)
+        else:
+            rows.append(f"- {typed}: as {described[meaning]} above")
     examples = [f"`{line.strip()}`" for line in (command.epilog or "").splitlines()[1:]]
-    parts = [
-        f"## rft {name}",
-        command.description or "",
-        f"Usage: `{_usage(name, command)}`",
-        "\n".join(["| argument | meaning |", "|---|---|", *rows]),
-        f"{'Example' if len(examples) == 1 else 'Examples'}: {', '.join(examples)}",
-    ]
+    parts = [f"## rft {name}", command.description or "", f"Usage: `{_usage(name, command)}`"]
+    if rows:
+        parts.append("\n".join(rows))
+    if as_above:
+        parts.append(f"As above: {', '.join(as_above)}")
+    parts.append(f"{'Example' if len(examples) == 1 else 'Examples'}: {', '.join(examples)}")
     return "\n\n".join(parts) + "\n"
 
 
@@ -114,7 +123,8 @@ def commands_page() -> str:
         f"Every error is one sentence on stderr. Exit status: {status}",
         "A recording is a rosbag2 folder (MCAP or sqlite3), an .mcap or .db3 file, or a ROS 1 .bag file.\n",
     ]
-    return "\n".join([*head, *(_command(name, command) for name, command in commands.items())])
+    described: dict[str, str] = {}
+    return "\n".join([*head, *(_command(name, command, described) for name, command in commands.items())])
 
 
 def _table(*rows: str) -> str:
@@ -162,11 +172,13 @@ _FIRST = (
 
 def _parameters(names: Collection[str] = ()) -> str:
     """The table of these parameters, or of all."""
-    rows = ["| parameter | default | unit | allowed | changes | meaning |", "|---|---|---|---|---|---|"]
+    rows = ["| parameter | default; others | meaning |", "|---|---|---|"]
     for p in (p for p in PARAMETERS if p.name in names or not names):
-        default = _yaml(p.default).replace('"', "") or '""'
-        changes = "live" if p.applies == "live" else "at restart"
-        rows.append(f"| `{p.name}` | `{default}` | {p.unit} | {_allowed(p)} | {changes} | {p.description} |")
+        value = _yaml(p.default).replace('"', "") or '""'
+        others = ", ".join(f"`{choice}`" for choice in p.choices if choice != value)
+        default = f"`{value}` {p.unit}".strip() + (f"; {others}" if others else "")
+        restart = "" if p.applies == "live" else " Needs a restart."
+        rows.append(f"| `{p.name}` | {default} | {p.description}{restart} |")
     return _table(*rows)
 
 
@@ -185,15 +197,18 @@ def readme() -> str:
     return _with_tables(ROOT / "README.md", {"parameters": _parameters(_FIRST)})
 
 
+_TRUST = {Trust.CAUTION: "", Trust.NO: "; trust NO"}
+
+
 def node_page() -> str:
     """docs/node.md with its tables of parameters, reasons and quality flags."""
     tables = {
         "parameters": _parameters(),
-        "reasons": _table("| reason | when |", "|---|---|", *(f"| `{r.value}` | {_REASONS[r]} |" for r in Reason)),
+        "reasons": _table(
+            *(f"- {', '.join(f'`{r.value}`' for r in reasons)}: {when}" for when, reasons in _REASONS.items())
+        ),
         "quality flags": _table(
-            "| flag | meaning | trust |",
-            "|---|---|---|",
-            *(f"| `{flag_names(f)[0]}` | {sentences(f)} | {trust(f).value} |" for f in QualityFlag if f.value),
+            *(f"- `{flag_names(f)[0]}`: {sentences(f)}{_TRUST[trust(f)]}" for f in QualityFlag if f)
         ),
     }
     return _with_tables(ROOT / "docs" / "node.md", tables)

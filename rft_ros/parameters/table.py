@@ -47,8 +47,8 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "mesh.file",
         "plate",
-        "Tool mesh: a path, a package:// or file:// URI, or the name of a shipped mesh"
-        " (plate, ellipsoid, root_tip, sphere, abb_plate). A path is relative to the parameter file that names it.",
+        "Tool mesh: a path (relative to the parameter file), a package:// or file:// URI, or a shipped mesh"
+        " (plate, ellipsoid, root_tip, sphere, abb_plate).",
     ),
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", unit="m", low=1e-9, high=1e6),
     Parameter(
@@ -57,7 +57,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "law",
         "treers2021",
-        "Traction law: treers2021, or agarwal2023, which uses neither medium.name nor alpha_y.model.",
+        "Traction law; agarwal2023 uses neither medium.name nor alpha_y.model.",
         choices=LAWS,
     ),
     Parameter(
@@ -74,8 +74,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "medium.mobilization_length",
         0.0,
-        "Displacement to reach 63 % of full resistance at 30 mm depth; the force then holds while the tool"
-        " rests. 0.0 disables memory, as published.",
+        "Displacement to 63 % of full resistance at 30 mm depth; the force holds at rest. 0.0: no memory, as published.",
         unit="m",
         low=0.0,
         high=1e3,
@@ -91,7 +90,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "medium.density",
         0.0,
-        "Bulk density of the grains, which adds their inertia to fast motion. 0.0: no inertia, as published.",
+        "Bulk density of the grains, for their inertia in fast motion. 0.0: no inertia, as published.",
         unit="kg/m3",
         low=0.0,
         high=1e5,
@@ -108,22 +107,19 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "alpha_y.table",
         "",
-        "CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table; relative to the parameter"
-        " file that names it.",
+        "CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table.",
         unit="deg, N/cm3",
     ),
     Parameter(
         "integration",
         "refined",
-        "Integration rule for plates: refined (exact where the surface cuts a plate, smooth at the leading"
-        " edge, true to curved tools), or centroid (the published rule).",
+        "Integration rule: refined (exact at the surface, smooth at the leading edge), or centroid (as published).",
         choices=INTEGRATIONS,
     ),
     Parameter(
         "tolerance",
         0.025,
-        "Reduce the tool to the fewest plates whose wrench stays within this share of the force, at the"
-        " 95th percentile of random motions; 0.0: the full tool.",
+        "Reduce the tool to the fewest plates within this share of the force in any motion. 0.0: the full tool.",
         low=0.0,
         high=1.0,
     ),
@@ -183,8 +179,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "ground.file",
         "",
-        "Heights at the start: CSV with columns x, y, h, or NPZ with these arrays, in world_frame; relative to the"
-        " parameter file that names it. Needs ground.cell; unknown cells are at surface_height.",
+        "Heights at the start: CSV with columns x, y, h, or NPZ with these arrays, in world_frame. Needs ground.cell.",
         unit="m",
     ),
     Parameter("world_frame", "world", "frame_id of poses; z up."),
@@ -200,8 +195,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "sensor.frame_source",
         "parameters",
-        "Where the sensor is on the tool: sensor.position and sensor.quaternion, or fixed transforms from tool_frame to"
-        " sensor_frame.",
+        "Place of the sensor on the tool: sensor.position and sensor.quaternion, or fixed transforms.",
         choices=("parameters", "tf"),
     ),
     Parameter(
@@ -224,7 +218,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "pose_source",
         "topic",
-        "Pose from ~/pose, or from the transforms between world_frame and tool_frame, at the load cell's stamps.",
+        "Pose of the tool from ~/pose, or from TF.",
         choices=("topic", "tf"),
         applies="restart",
     ),
@@ -242,7 +236,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "twist_window",
         0.2,
-        "Longest span of poses that pose_difference fits a curve to. A speed that their noise explains is rest.",
+        "Longest span of poses that pose_difference fits a curve to.",
         unit="s",
         low=1e-4,
         high=1.0,
@@ -267,7 +261,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "executor",
         "events",
-        "rclpy executor. events: half the CPU time and a shorter latency; single: single-threaded.",
+        "rclpy executor; events takes half the CPU time of single.",
         choices=("events", "single"),
         applies="restart",
     ),

@@ -45,10 +45,10 @@ def test_every_option_of_every_command_has_a_row(pages):
         for action in command._actions:
             if action.dest != "help":
                 assert all(option in section for option in action.option_strings), (name, action.dest)
-                assert action.help.replace("|", "\\|") in section
+                assert action.help in text
 
 
 def test_every_reason_and_quality_flag_has_a_row(pages):
     text = pages.node_page()
-    assert [r.value for r in Reason if f"| `{r.value}` |" not in text] == []
-    assert [d.name for d in QualityFlag if d.value and f"| `{d.name.lower()}` |" not in text] == []
+    assert [r.value for r in Reason if text.partition("<!-- reasons")[2].count(f"`{r.value}`") != 1] == []
+    assert [d.name for d in QualityFlag if d.value and f"- `{d.name.lower()}`: " not in text] == []
