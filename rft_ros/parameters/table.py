@@ -74,7 +74,7 @@ PARAMETERS: tuple[Parameter, ...] = (
     Parameter(
         "medium.mobilization_length",
         0.0,
-        "Displacement to 63 % of full resistance at 30 mm depth; the force holds at rest. 0.0: no memory, as published.",
+        "Displacement to 63 % of full resistance at 30 mm depth; the force holds at rest. 0.0: none, as published.",
         unit="m",
         low=0.0,
         high=1e3,
