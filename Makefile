@@ -19,7 +19,7 @@ lint: venv
 	else echo 'mypy is not run: the types of the last NumPy for Python 3.10 are too coarse'; fi
 
 studies: venv
-	$(BIN)/python -m studies all -o out/studies --docs docs/paper.md --docs docs/accuracy.md --docs docs/where-it-fails.md
+	$(BIN)/python -m studies all -o out/studies --docs docs/paper.md --docs docs/accuracy.md
 
 chart: venv
 	$(BIN)/python -m studies chart models -o out/chart
