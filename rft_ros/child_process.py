@@ -6,8 +6,6 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from pathlib import Path
 
 __all__ = ["lower_priority", "run", "start_child"]
 
@@ -41,6 +39,4 @@ def _end_with_parent() -> None:
 
 def lower_priority() -> None:
     """In the child: leave busy cores to the parent."""
-    os.nice(_NICENESS)
-    with suppress(OSError):  # a kernel that groups sessions applies niceness within a session only
-        Path("/proc/self/autogroup").write_text(str(_NICENESS))
+    os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), _NICENESS))

@@ -7,8 +7,8 @@ from dataclasses import asdict
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
-from std_srvs.srv import Trigger
 
+from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.messages import Role
@@ -18,7 +18,6 @@ from rft_ros.node.tool_worker import ToolSwap
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two reports [s]."""
 
-_INPUTS: tuple[Role, ...] = ("pose", "twist", "wrench")
 _LATENCIES = 1000  # recorded per report, at most
 _QUIET_REPORTS = 3  # a reason that is missing in this many successive reports has ended
 _NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value, Reason.SURFACE_RATE_LIMITED.value}
@@ -33,15 +32,18 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._estimator = estimator
         self._swap = swap
-        self._latencies: list[float] = []
         self._reported: Counter[str] = Counter()
-        self._received: Counter[str] = Counter()
-        self._newest: dict[str, int] = {}  # stamp [ns] of the last message, by role
+        self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
         self._newest_estimate: Estimate | None = None
-        self._fastest = 0.0
-        self._quality_flags = 0
-        self._idle = True  # no pose came before the last report
         self._ongoing: dict[str, tuple[int, int]] = {}  # by reason: count, reports since the last occurrence
+        self._idle = True  # no pose came before the last report
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin a report."""
+        self._received: Counter[Role] = Counter()
+        self._latencies: list[float] = []
+        self._fastest, self._quality_flags = 0.0, 0
 
     def received(self, role: Role, stamp: int) -> None:
         """Count a message with this stamp [ns]."""
@@ -56,8 +58,8 @@ class Diagnostics:
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
 
-    def status(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer the service: the tool in force, the swap, and what is wrong: then without success."""
+    def summary(self) -> str:
+        """The tool in force and the swap; InputError that also names what is wrong."""
         model = self._estimator.model
         message = f"generation {model.generation}: tool {model.tool.name} in force"
         if self._swap.preparing:
@@ -68,54 +70,50 @@ class Diagnostics:
             problems.append(f"not all inputs can be used: {', '.join(lasting)}")
         if self._estimator.learning is not None and (medium := self._medium(self._estimator.learning)).level:
             problems.append(f"medium: {medium.message}")
-        response.success, response.message = not problems, "; ".join([message, *problems])
-        return response
+        if problems:
+            raise InputError("; ".join([message, *problems]))
+        return message
 
     def publish(self) -> None:
         """Publish the statuses, and log each reason that began or ended since the last report."""
         now = self._node.get_clock().now()
-        new = Counter(self._estimator.counts)
-        new.subtract(self._reported)
-        self._reported = Counter(self._estimator.counts)
-        reasons = {k: n for k, n in new.items() if n and k != "estimates"}
-        named = {reason: self._named(reason) for reason in reasons}
+        counts = Counter(self._estimator.counts)
+        new, self._reported = counts - self._reported, counts
+        reasons = {reason: n for reason, n in new.items() if reason != "estimates"}
+        bad = sorted(self._named(reason) for reason in reasons if reason not in _NORMAL)
         array = DiagnosticArray()
         array.header.stamp = now.to_msg()
-        array.status = [self._inputs(now.nanoseconds, named), self._estimates(new, reasons), self._model()]
+        array.status = [self._inputs(now.nanoseconds, bad), self._estimates(new["estimates"], reasons), self._model()]
         if self._estimator.learning is not None:
             array.status.append(self._medium(self._estimator.learning))
         self._publisher.publish(array)
+        self._log_changes(reasons)
         self._idle = not self._received["pose"]
-        self._received.clear()
-        self._latencies.clear()
-        self._fastest = 0.0
-        self._quality_flags = 0
-        self._log_changes(reasons, named)
+        self._begin()
 
     def _named(self, reason: str) -> str:
         """The reason, for a frame with a sentence on which one is unknown."""
         sentence = self._estimator.unknown_frames().get(reason)
         return f"{reason} ({sentence})" if sentence else reason
 
-    def _log_changes(self, reasons: dict[str, int], named: dict[str, str]) -> None:
+    def _log_changes(self, reasons: dict[str, int]) -> None:
         logger = self._node.get_logger()
         for reason, n in sorted(reasons.items()):
             if reason not in self._ongoing:
-                began = f"{named[reason]}: began, {n} in the last {DIAGNOSTICS_PERIOD:.0f} s"
+                began = f"{self._named(reason)}: began, {n} in the last {DIAGNOSTICS_PERIOD:.0f} s"
                 if reason in _NORMAL:  # two calls, because rclpy allows one severity per call site
                     logger.info(began)
                 else:
                     logger.warning(began)
             self._ongoing[reason] = self._ongoing.get(reason, (0, 0))[0] + n, 0
-        for reason, (total, quiet) in list(self._ongoing.items()):
-            if reason in reasons:
-                continue
+        for reason in sorted(self._ongoing.keys() - reasons):
+            total, quiet = self._ongoing[reason]
             self._ongoing[reason] = total, quiet + 1
             if quiet + 1 >= _QUIET_REPORTS:
                 del self._ongoing[reason]
                 logger.info(f"{reason}: ended, {total} in all")
 
-    def _component_status(
+    def _status(
         self, component: str, values: dict[str, object], problem: str, fine: str, level: bytes = DiagnosticStatus.WARN
     ) -> DiagnosticStatus:
         """A status of this `level` with the `problem`, or if that is empty OK with `fine`."""
@@ -124,24 +122,23 @@ class Diagnostics:
         name = f"{self._node.get_fully_qualified_name()}: {component}"
         return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
 
-    def _inputs(self, now: int, named: dict[str, str]) -> DiagnosticStatus:
-        values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in _INPUTS}
-        values.update({f"{k}_age_s": (now - stamp) * 1e-9 for k, stamp in self._newest.items()})
-        values.update({f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"})
-        bad = sorted(text for reason, text in named.items() if reason not in _NORMAL)
+    def _inputs(self, now: int, bad: list[str]) -> DiagnosticStatus:
+        roles: tuple[Role, ...] = ("pose", "twist", "wrench")
+        values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in roles}
+        values |= {f"{role}_age_s": (now - stamp) * 1e-9 for role, stamp in self._newest.items()}
+        values |= {f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"}
         if not self._received["pose"]:
-            problem = ", ".join(["no poses", *bad])
-            return self._component_status("inputs", values, problem, "", DiagnosticStatus.ERROR)
-        return self._component_status("inputs", values, ", ".join(bad), "inputs arrive")
+            return self._status("inputs", values, ", ".join(["no poses", *bad]), "", DiagnosticStatus.ERROR)
+        return self._status("inputs", values, ", ".join(bad), "inputs arrive")
 
-    def _estimates(self, new: Counter[str], reasons: dict[str, int]) -> DiagnosticStatus:
+    def _estimates(self, new: int, reasons: dict[str, int]) -> DiagnosticStatus:
         flags = self._quality_flags
         values: dict[str, object] = {
             "estimates": self._estimator.counts["estimates"],
-            "last_reason": max(reasons, key=lambda r: reasons[r]) if reasons else "",
+            "last_reason": max(reasons, key=lambda r: reasons[r], default=""),
             "fastest_m_s": self._fastest,
             "depth_m": self._estimator.depth(),
-            "trust": (trust(flags) if new["estimates"] else Trust.NO).value,
+            "trust": (trust(flags) if new else Trust.NO).value,
             "quality_flags": ", ".join(flag_names(flags)),
         }
         if (newest := self._newest_estimate) is not None:
@@ -151,12 +148,11 @@ class Diagnostics:
         if self._latencies:
             values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, (50, 99))
         speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST
-        problem = speed + sentences(flags) if new["estimates"] else "no estimates"
-        return self._component_status("estimates", values, problem, f"{new['estimates']} estimates")
+        problem = speed + sentences(flags) if new else "no estimates"
+        return self._status("estimates", values, problem, f"{new} estimates")
 
     def _model(self) -> DiagnosticStatus:
         model = self._estimator.model
-        failure = self._swap.last_failure
         values: dict[str, object] = {
             "tool": model.tool.name,
             "facets": len(model.tool.facets),
@@ -167,13 +163,12 @@ class Diagnostics:
             "alpha_y": model.alpha_y,
             "generation": model.generation,
             "preparing": self._swap.preparing,
-            "last_swap_failure": failure,
+            "last_swap_failure": self._swap.last_failure,
         }
-        problems = failure or "; ".join(issue.message for issue in model.tool.issues)
-        return self._component_status("model", values, problems, "in force")
+        problems = self._swap.last_failure or "; ".join(issue.message for issue in model.tool.issues)
+        return self._status("model", values, problems, "in force")
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:
         issues = "; ".join(map(str, learning.issues()))
         values: dict[str, object] = {**asdict(learning.belief()), "issues": issues}
-        problem = issues or learning.surprise_sentence()
-        return self._component_status("medium", values, problem, "as learned")
+        return self._status("medium", values, issues or learning.surprise_sentence(), "as learned")

@@ -56,45 +56,37 @@ class NodeParameters:
         validate: Callable[[Values, frozenset[str]], None],
         apply: Callable[[Values, frozenset[str]], None],
     ) -> None:
-        self._node = node
-        self._validate = validate
-        self._apply = apply
-        self._values: dict[str, Value] = {}
+        self._node, self._validate, self._apply = node, validate, apply
         self._why = ""
+        self.values: Values = {}
+        """The checked values in force; replaced, not changed, when parameters are set."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
+        values: dict[str, Value] = {}
         for p in PARAMETERS:
             # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
             override = overrides.get(p.name)
             value = p.default if override is None else checked(p.name, _plain(override.value))
-            if p.name in FILES:
-                value = _resolved(p.name, str(value))
-            self._values[p.name] = value
+            values[p.name] = value = _resolved(p.name, str(value)) if p.name in FILES else value
             node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
+        self.values = values
+        logger = node.get_logger()
         for file in parameter_files():
             if not _for_this_node(file, overrides):
                 name = node.get_fully_qualified_name()
-                node.get_logger().warning(f"no section of {file} is for {name}: ROS takes nothing from it")
+                logger.warning(f"no section of {file} is for {name}: ROS takes nothing from it")
         for name in overrides:
-            if not (node.has_parameter(name) or name.startswith("qos_overrides.")):
-                node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
+            if name not in values and not name.startswith("qos_overrides.") and not node.has_parameter(name):
+                logger.warning(f"there is no parameter '{name}'; it is ignored")
         node.add_pre_set_parameters_callback(self._in_table_types)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
-    @property
-    def values(self) -> Values:
-        """The checked values in force; replaced, not changed, when parameters are set."""
-        return self._values
-
     def set_all(self, values: Values, *, why: str) -> str:
         """Set parameters together, from within the node; `why` goes into the log. Returns why not, or ""."""
         self._why = why
-        try:
-            result = self._node.set_parameters_atomically(
-                [RosParameter(name, value=_plain(value)) for name, value in values.items()]
-            )
-        finally:
-            self._why = ""
+        parameters = [RosParameter(name, value=_plain(value)) for name, value in values.items()]
+        result = self._node.set_parameters_atomically(parameters)
+        self._why = ""
         if not result.successful:
             self._node.get_logger().error(f"not set ({why}): {result.reason}")
         return "" if result.successful else str(result.reason)
@@ -109,8 +101,8 @@ class NodeParameters:
         return found
 
     def _merged(self, parameters: list[RosParameter]) -> tuple[dict[str, Value], frozenset[str]]:
-        changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self._values}
-        return {**self._values, **changes}, frozenset(n for n, value in changes.items() if value != self._values[n])
+        changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self.values}
+        return {**self.values, **changes}, frozenset(n for n, value in changes.items() if value != self.values[n])
 
     def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
@@ -124,10 +116,15 @@ class NodeParameters:
     def _on_post_set(self, parameters: list[RosParameter]) -> None:
         merged, changed = self._merged(parameters)
         if changed:
-            changes = ", ".join(f"{name} {self._values[name]!r} -> {merged[name]!r}" for name in sorted(changed))
+            changes = ", ".join(f"{name} {self.values[name]!r} -> {merged[name]!r}" for name in sorted(changed))
             self._node.get_logger().info(f"parameters set: {changes}" + (f" ({self._why})" if self._why else ""))
-            self._values = merged
+            self.values = merged
             self._apply(merged, changed)
+
+
+def parameter_files() -> list[Path]:
+    """The parameter files on the command line."""
+    return [Path(value) for option, value in itertools.pairwise(sys.argv) if option == "--params-file"]
 
 
 def _for_this_node(file: Path, overrides: Container[str]) -> bool:
@@ -145,12 +142,5 @@ def _plain(value: Any) -> Any:
 
 def _resolved(name: str, path: str) -> str:
     """The path in a parameter of `FILES`; one that a parameter file names is relative to that file's folder."""
-    for file in reversed(parameter_files() if path else []):  # ROS takes the last file's value
-        if gives(file, name, path):
-            return path_beside(file.parent, name, path)
-    return path
-
-
-def parameter_files() -> list[Path]:
-    """The parameter files on the command line."""
-    return [Path(value) for option, value in itertools.pairwise(sys.argv) if option == "--params-file"]
+    files = reversed(parameter_files() if path else [])  # ROS takes the last file's value
+    return next((path_beside(file.parent, name, path) for file in files if gives(file, name, path)), path)

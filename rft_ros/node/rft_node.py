@@ -16,19 +16,19 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import PointCloud2
-from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.estimator.warm_up import Code, code_of, prepare
 from rft_ros.files import checked_file
-from rft_ros.ground import HeightMap, write_height_map
+from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
-from rft_ros.node.learned_medium import LearnedMedium, saved
+from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
+from rft_ros.node.services import save, serve
 from rft_ros.node.stiffness import Stiffness
 from rft_ros.node.tool_worker import ToolSwap, ToolWorker
 from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
@@ -49,8 +49,12 @@ _TARE_WINDOW = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
 _NO_GROUND = "the ground is a level plane; set ground.cell"
-_NOT_IN_MODEL = frozenset({"medium.zeta_error", "medium.calibrated_depth"})  # they change the settings only
 _IN_FILES = frozenset({*TOOL_PARAMETERS.values(), "alpha_y.model", "alpha_y.table", "ground.cell", "ground.file"})
+
+
+def _in_model(changed: frozenset[str]) -> bool:
+    settings_only = {"medium.zeta_error", "medium.calibrated_depth"}
+    return any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - settings_only)
 
 
 class RftNode(Node):
@@ -63,18 +67,15 @@ class RftNode(Node):
         super().__init__("rft", cli_args=arguments)
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
         values = self._table.values
-        # One thread: numba's loops release the GIL, so that a tick does not wait for a cloud.
-        self._background = ThreadPoolExecutor(1)
-        self._saved: Future[None] = Future()
-        self._saved.set_result(None)
         files = model_files(values)
-        parts = worker.load_now(files)  # trimesh stays out of this process
+        parts = worker.load(files).result()  # trimesh stays out of this process
         model, settings = model_of(values, **parts._asdict()), settings_of(values)
         code = code_of(model, settings)
         prepare(code, on_cold_cache=self._announce_compilation)
-        self.estimator = Estimator(settings, model, background=self._background)
+        # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
+        self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
         self._swap = ToolSwap(files, parts, worker)
-        self._next_model = self._valid_model = model
+        self._next_model = model
         self._loaded = {code}
         self._loading: tuple[Code, Future[None]] | None = None
         self._loader = ThreadPoolExecutor(1)
@@ -90,7 +91,9 @@ class RftNode(Node):
         self._medium = LearnedMedium(self, self.estimator, _OUTPUTS)
         self._feedforward = FeedForward(self, self.estimator, _OUTPUTS)
         self._feedforward.use(values)
+        self._markers = Markers(self, self.estimator)
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
+
         self._subscribe(WrenchStamped, "~/wrench_measured", partial(self._on_input, "wrench"))
         self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
         message = transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"]))
@@ -102,17 +105,16 @@ class RftNode(Node):
             self._subscribe(PoseStamped, "~/pose", self._on_pose)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
-        self.create_service(Trigger, "~/tare", self._on_tare)
-        self.create_service(Trigger, "~/status", self._diagnostics.status)
-        self.create_service(Trigger, "~/forget", self._medium.forget)
-        self.create_service(
-            Trigger, "~/save_medium", lambda _, response: self._medium.save(self._table.values, response)
-        )
-        self.create_service(Trigger, "~/level_ground", self._on_level_ground)
-        self.create_service(Trigger, "~/save_ground", self._on_save_ground)
+
+        serve(self, "tare", self._tare)
+        serve(self, "status", self._diagnostics.summary)
+        serve(self, "forget", self._medium.forget)
+        serve(self, "save_medium", lambda: self._medium.save(self.values))
+        serve(self, "level_ground", self._level_ground)
+        serve(self, "save_ground", self._save_ground)
+
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
-        self._markers = Markers(self, self.estimator)
         self.create_timer(FEEDFORWARD_PERIOD, self._feedforward.without_estimate, clock=steady)
         self.create_timer(_MARKER_PERIOD, lambda: self._markers.publish(self._last_measurement), clock=steady)
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
@@ -125,13 +127,13 @@ class RftNode(Node):
         overridable = QoSOverridingOptions.with_default_policies()
         return self.create_subscription(message, topic, callback, qos, raw=True, qos_overriding_options=overridable)
 
-    def _announce_compilation(self) -> None:
-        self.get_logger().info("compiling, ten seconds or more, first start only; services answer after it")
-
     def _subscribe_to_clouds(self) -> None:
         """Once the ground is a map."""
         if self.estimator.ground is not None and self._clouds is None:
             self._clouds = self._subscribe(PointCloud2, "~/surface_points", partial(self._on_input, "surface"), _CLOUDS)
+
+    def _announce_compilation(self) -> None:
+        self.get_logger().info("compiling, ten seconds or more, first start only; services answer after it")
 
     @property
     def values(self) -> Values:
@@ -209,23 +211,23 @@ class RftNode(Node):
 
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
         settings_of(values)
+        transform_message(needed=values["sensor.frame_source"] == "tf")
         files = model_files(values)
         if changed & _IN_FILES and not self._swap.knows(files):
             if "mesh.file" in changed:  # at once, although the process that loads it checks again
                 checked_file(locate_mesh(str(values["mesh.file"])), "mesh.file")
             if table := self._swap.missing(files).table:
                 checked_file(Path(table), "alpha_y.table")
-        transform_message(needed=values["sensor.frame_source"] == "tf")
-        self._valid_model = self._next_model
-        if any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - _NOT_IN_MODEL):
-            self._valid_model = self._model(values)
+        if _in_model(changed):
+            self._model(values)
 
     def _apply(self, values: Values, changed: frozenset[str]) -> None:
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._feedforward.use(values)
-        self._use(self._valid_model)
+        self._use(self._model(values) if _in_model(changed) else self._next_model)
         if changed & _IN_FILES:
-            self._want(model_files(values))
+            self._swap.want(model_files(values))
+            self._swap_timer.reset()
 
     def _model(self, values: Values) -> Model:
         """The next model, of the files in force."""
@@ -249,11 +251,6 @@ class RftNode(Node):
             self._swap.code = f"machine code of law {model.law_name}, alpha_y {model.alpha_y}, {code.integration}"
         self._swap_timer.reset()
         return False
-
-    def _want(self, request: ModelFiles) -> None:
-        self._swap.want(request)
-        if self._swap.preparing:
-            self._swap_timer.reset()
 
     def _on_swap_poll(self) -> None:
         outcome = self._swap.poll()
@@ -283,43 +280,25 @@ class RftNode(Node):
         if wanted.ground and wanted.ground != failed.ground:
             parameters["ground.cell"], parameters["ground.file"] = wanted.ground
         self._table.set_all(parameters, why=f"the swap to {failed} failed")
-        self._want(wanted)
+        self._swap.want(wanted)
 
-    # --- services and reports
+    # --- services
 
-    def _on_tare(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            bias = self.estimator.tare(_TARE_WINDOW)
-        except InputError as error:
-            response.success, response.message = False, str(error)
-            return response
-        refused = self._table.set_all({"sensor.bias": bias}, why="tare")
-        found = "[" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
-        response.success = not refused
-        response.message = f"tare refused: {refused}" if refused else f"sensor.bias set to {found}"
-        return response
+    def _tare(self) -> str:
+        bias = self.estimator.tare(_TARE_WINDOW)
+        if refused := self._table.set_all({"sensor.bias": bias}, why="tare"):
+            raise InputError(f"tare refused: {refused}")
+        return "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
 
-    def _on_level_ground(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = self.estimator.level_ground()
-        response.message = "ground as at the start" if response.success else _NO_GROUND
-        return response
+    def _level_ground(self) -> str:
+        if not self.estimator.level_ground():
+            raise InputError(_NO_GROUND)
+        return "ground as at the start"
 
-    def _on_save_ground(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        ground = self.estimator.ground
-        if ground is None or np.isnan(ground.heights).all():
-            response.message = f"not saved: {_NO_GROUND if ground is None else 'no height is known yet'}"
-            return response
-        if not self._saved.done():
-            response.message = "not saved: the map before it is still being saved"
-            return response
-        return saved(response, "rft_ground_{}.npz", lambda file: self._save(file, ground))
-
-    def _save(self, file: Path, ground: HeightMap) -> None:
-        """Write a map in the background; the file appears when it is whole."""
-
-        def log(saved: Future[None]) -> None:
-            if error := saved.exception():
-                self.get_logger().error(f"map of the ground not saved: {error}")
-
-        self._saved = self._background.submit(write_height_map, file, ground)
-        self._saved.add_done_callback(log)
+    def _save_ground(self) -> str:
+        if (ground := self.estimator.ground) is None:
+            raise InputError(f"not saved: {_NO_GROUND}")
+        if np.isnan(ground.heights).all():
+            raise InputError("not saved: no height is known yet")
+        # Here and not in a thread: the answer tells what became of it, and the largest map takes 10 ms.
+        return save("rft_ground_{}.npz", lambda file: write_height_map(file, ground))

@@ -10,6 +10,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import Future
 from functools import cache
 from pathlib import Path
 from typing import IO
@@ -25,8 +26,8 @@ from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
+from rft_ros.errors import InputError
 from rft_ros.node import main, rft_node
-from rft_ros.node.tool_worker import _load
 from rft_ros.parameters import ModelFiles, ModelParts, defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
 from rft_ros.tool import Tool, ToolRequest
@@ -39,24 +40,21 @@ _LOCKS: list[IO[str]] = []  # held as long as the process lives
 
 
 class InlineWorker:
-    """Loads a model's files in this process, which has the mesh library in memory; the node polls it as its own."""
+    """Loads a model's files in this process, which has the mesh library in memory; the node asks it as its own."""
 
-    def __init__(self) -> None:
-        self.loading: ModelFiles | None = None
+    def load(self, request: ModelFiles) -> "Future[ModelParts]":
+        found: Future[ModelParts] = Future()
+        try:
+            shipped = request.tool and request.tool.file.isidentifier()
+            tool = _shipped(request.tool) if shipped else None
+            parts = (request._replace(tool=None) if tool else request).load()
+            found.set_result(parts._replace(tool=tool) if tool else parts)
+        except InputError as error:
+            found.set_exception(error)
+        return found
 
-    def load(self, request: ModelFiles) -> None:
-        self.loading = request
-
-    def load_now(self, request: ModelFiles) -> ModelParts:
-        tool = _shipped(request.tool) if request.tool.file.isidentifier() else request.tool.load()
-        return request._replace(tool=None).load()._replace(tool=tool)
-
-    def cancel(self) -> None:
-        self.loading = None
-
-    def poll(self) -> ModelParts | str | None:
-        request, self.loading = self.loading, None
-        return request and _load(request)
+    def cancel(self, loading: "Future[ModelParts]") -> None:
+        pass
 
 
 class Harness:
