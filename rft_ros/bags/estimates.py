@@ -1,20 +1,23 @@
-"""The rows of a replay: lines of estimates.csv, and a scratch file of the numbers for statistics and figures."""
+"""The rows of a replay: numbers in a scratch file while it runs, then estimates.csv and a bag of wrenches."""
 
 import math
 import struct
-import tempfile
+from collections import Counter
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.phases import Phase
-from rft_ros.estimator import Estimate, Measurement, NoEstimate, Wrench
-from rft_ros.estimator.learning import Belief
+from rft_ros.bags.phases import PHASES, lowest_points, phases_of
+from rft_ros.bags.writing import BagWriter
+from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
+from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.quality import flag_names
 
-__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Trace", "csv_row", "learned_numbers"]
+__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "ROW", "Run", "write_estimates"]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Components of a wrench: force [N], torque [N m]."""
@@ -39,102 +42,145 @@ _BELIEF = ("vertical_strength", "horizontal_strength", "turn", "surface")
 LEARNED_COLUMNS = (*_BELIEF, *(f"{name}_error" for name in _BELIEF), "surprise")
 """Further columns where the medium is learned, as `Belief` has them: turn [rad], surface [m]; their errors."""
 
-_SIX = ",%.9g" * 6
-_FULL = "%d.%09d,%.9g,%.9g" + 4 * _SIX + ",,%d%s\n"
-_WITHOUT_WRENCH = "%d.%09d,%.9g,%.9g" + _SIX + 12 * "," + _SIX + ",,%d%s\n"
-
-
-def learned_numbers(b: Belief) -> tuple[float, ...]:
-    """The numbers of `LEARNED_COLUMNS`."""
-    return tuple(getattr(b, name) for name in LEARNED_COLUMNS)
-
-
-def csv_row(
-    depth: float | None,
-    answer: Estimate | NoEstimate,
-    measurement: Measurement | None,
-    phase: Phase | None,
-    learned: tuple[float, ...] = (),
-) -> str:
-    """One line of estimates.csv; `measurement`: the estimate's, None without one; `learned`: `learned_numbers`."""
-    end = "".join(f",{number:.9g}" for number in learned)
-    seconds, nanoseconds = divmod(answer.stamp, 1_000_000_000)
-    if isinstance(answer, NoEstimate):
-        place = "" if depth is None else f"{depth:.9g}"
-        return f"{seconds}.{nanoseconds:09d},{place}{26 * ','}{answer.reason.value},{_end(phase, 0)}{end}\n"
-    head = (seconds, nanoseconds, depth, answer.speed, *answer.predicted)
-    tail = (answer.generation, _end(phase, answer.quality_flags) + end)
-    if measurement is None or measurement.compensated is None or measurement.residual is None:
-        return _WITHOUT_WRENCH % (*head, *answer.sigma, *tail)
-    return _FULL % (*head, *measurement.compensated, *measurement.residual, *answer.sigma, *tail)
-
-
-@cache
-def _end(phase: Phase | None, quality_flags: int) -> str:
-    return f",{phase.value if phase else ''},{'+'.join(flag_names(quality_flags))}"
-
-
-PHASES = tuple(Phase)
-"""The phases by their number in a row."""
-
 ROW = np.dtype(
     [
         ("stamp", "<i8"),
+        ("reason", "<i8"),
         ("phase", "<i8"),
         ("quality_flags", "<i8"),
         ("depth", "<f8"),
+        ("speed", "<f8"),
         ("predicted", "<f8", 6),
-        ("compensated", "<f8", 6),
         ("sigma", "<f8", 6),
+        ("compensated", "<f8", 6),
         ("learned", "<f8", len(LEARNED_COLUMNS)),
         ("state", "<f8", 13),
     ]
 )
-"""A pose with a known depth: stamp [ns]; phase, an index into `PHASES` or -1; combined `QualityFlag`s; depth [m];
-wrenches in the sensor frame and the standard deviation of the predicted one [N, N m], NaN if missing;
-`learned_numbers`, NaN without learning; the estimator's state (columns `rft_ros.rft.STATE`)."""
+"""A pose: stamp [ns]; number of the `Reason`, -1 for an estimate; number of the `Phase`, -1 for none; combined
+`QualityFlag`s; numbers in the units of `COLUMNS`, NaN where missing; the estimator's state (`rft_ros.rft.STATE`)."""
 
-_LAYOUT = struct.Struct("<3q28d")
-_CODE = {phase: code for code, phase in enumerate(PHASES)} | {None: -1}
-_NONE: Wrench = (math.nan,) * 6
+_REASONS = tuple(Reason)
+_CODES = {reason: code for code, reason in enumerate(Reason)}
+_UNPLACED = {
+    Reason.POSE_NOT_FINITE,
+    Reason.POSE_QUATERNION_NOT_UNIT,
+    Reason.POSE_FRAME_UNKNOWN,
+    Reason.POSE_STAMP_ZERO,
+    Reason.POSE_REPEATED,
+    Reason.POSE_OUT_OF_ORDER,
+}
+"""Reasons after which the depth is unknown."""
+
+_HEAD, _WRENCH = struct.Struct("<4q29d"), struct.Struct("<6d")
+_NONE = (math.nan,) * 6
 _NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
+_BLOCK = 4096  # rows in memory at a time
+
+_SIX = ",%.9g" * 6
 
 
-class Trace:
-    """A scratch file of rows, which keeps memory constant; deleted at the end of the `with` block."""
+class Run:
+    """An estimator and a row of each of its answers, in files that `scratch` makes: memory does not grow with them.
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
-        self._rows = 0
+    `learning`: the estimator's, if the rows are to have what it learned.
+    """
 
-    def __enter__(self) -> "Trace":
-        self._file = tempfile.TemporaryFile(dir=self._folder)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._file.close()
-
-    def add(
-        self,
-        depth: float,
-        answer: Estimate | NoEstimate,
-        measurement: Measurement | None,
-        phase: Phase | None,
-        state: bytes,
-        learned: tuple[float, ...] = (),
+    def __init__(
+        self, estimator: Estimator, scratch: Callable[[], BinaryIO], *, learning: Learning | None = None
     ) -> None:
-        """Append a row; `state`: 13 float64; `learned`: `learned_numbers`."""
-        self._rows += 1
-        predicted, compensated, sigma, quality_flags = _NONE, _NONE, _NONE, 0
+        self.estimator, self.learning = estimator, learning
+        self.issues: Counter[str] = Counter()
+        """At how many answers learning had each of its issues."""
+        self._answers, self._measured = scratch(), scratch()
+
+    def add(self, answer: Estimate | NoEstimate) -> None:
+        """Add the estimator's last answer."""
+        e, learned = self.estimator, _NOT_LEARNED
+        if self.learning:
+            belief = self.learning.belief()
+            learned = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
+            self.issues.update(map(str, self.learning.issues()))
         if isinstance(answer, Estimate):
-            predicted, sigma, quality_flags = answer.predicted, answer.sigma, answer.quality_flags
-            if measurement is not None and measurement.compensated is not None:
-                compensated = measurement.compensated
-        wrenches = (*predicted, *compensated, *sigma)
-        numbers = _LAYOUT.pack(answer.stamp, _CODE[phase], quality_flags, depth, *wrenches, *(learned or _NOT_LEARNED))
-        self._file.write(numbers + state)
+            codes, speed, wrenches = (-1, -1, answer.quality_flags), answer.speed, answer.predicted + answer.sigma
+            depth = e.surface.depth
+        else:
+            codes, speed, wrenches = (_CODES[answer.reason], -1, 0), math.nan, _NONE + _NONE
+            depth = math.nan if answer.reason in _UNPLACED else e.depth()
+        self._answers.write(_HEAD.pack(answer.stamp, *codes, depth, speed, *wrenches, *_NONE, *learned))
+        self._answers.write(e.state.tobytes())
+        self._take()
+
+    def _take(self) -> None:
+        for measurement in self.estimator.measurements():
+            self._measured.write(_WRENCH.pack(*(measurement.compensated or _NONE)))
 
     def rows(self) -> NDArray[np.void]:
-        """All rows in order, shape [n], read from the file as they are used; columns and units: `ROW`."""
-        self._file.flush()
-        return np.memmap(self._file, ROW, "r") if self._rows else np.empty(0, ROW)
+        """A row of each answer in order, shape [n], with all measurements and phases; read as they are used."""
+        e = self.estimator
+        e.finish()
+        self._take()
+        for file in (self._answers, self._measured):
+            file.flush()
+        if not self._answers.tell():
+            return np.empty(0, ROW)
+        rows = np.memmap(self._answers, ROW, "r+")
+        if self._measured.tell():
+            rows["compensated"][rows["reason"] == -1] = np.memmap(self._measured, "<f8", "r").reshape(-1, 6)
+        known = np.flatnonzero(np.isin(rows["reason"], (-1, _CODES[Reason.AT_REST])))
+        phases = phases_of(self._moments(rows, known), e.settings.rest_speed)
+        rows["phase"][known] = [PHASES.index(phase) for phase in phases]
+        return rows
+
+    def _moments(
+        self, rows: NDArray[np.void], known: NDArray[np.intp]
+    ) -> Iterator[tuple[int, float, float, float, float]]:
+        """The arguments of `phases_of` at these rows; on level ground their depth follows from the state."""
+        e = self.estimator
+        for start in range(0, len(known), _BLOCK):
+            chosen = known[start : start + _BLOCK]
+            block, lowest = rows[chosen], np.empty((len(chosen), 4))
+            lowest_points(e.model.tool.corners, np.ascontiguousarray(block["state"]), lowest)
+            if e.ground is None:
+                block["depth"] = rows["depth"][chosen] = e.settings.surface_height - lowest[:, 0]
+            columns = (
+                block["stamp"], block["depth"], -lowest[:, 3],
+                np.linalg.norm(lowest[:, 1:], axis=1), np.nan_to_num(block["speed"]),
+            )  # fmt: skip
+            yield from zip(*(column.tolist() for column in columns), strict=True)
+
+
+def write_estimates(run: Run, rows: NDArray[np.void], folder: Path) -> None:
+    """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a run's rows, shape [n]."""
+    frame, generation = run.estimator.settings.sensor_frame, run.estimator.model.generation
+    learned = LEARNED_COLUMNS if run.learning else ()
+    names = ("stamp", "reason", "phase", "quality_flags", "depth", "speed", "predicted", "compensated", "sigma")
+    with BagWriter(folder / "estimates") as bag, (folder / "estimates.csv").open(
+        "w", encoding="utf-8", newline="\n"
+    ) as table:  # fmt: skip
+        table.write(",".join(COLUMNS + learned) + "\n")
+        for start in range(0, len(rows), _BLOCK):
+            block = np.array(rows[start : start + _BLOCK])
+            columns = [*(block[name] for name in names), block["compensated"] - block["predicted"], block["learned"]]
+            for row in zip(*(column.tolist() for column in columns), strict=True):
+                stamp, reason, phase, flags, depth, speed, predicted, compensated, sigma, residual, belief = row
+                time = f"{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}"
+                end = _end(phase, flags) + "".join(f",{number:.9g}" for number in belief[: len(learned)])
+                if reason >= 0:
+                    place = "" if math.isnan(depth) else f"{depth:.9g}"
+                    table.write(f"{time},{place}{26 * ','}{_REASONS[reason].value},{end}\n")
+                    continue
+                bag.write_wrench("/rft/wrench_predicted", stamp, frame, predicted)
+                bag.write_wrench("/rft/wrench_sigma", stamp, frame, sigma)
+                measured = 12 * ","
+                if not math.isnan(compensated[0]):
+                    bag.write_wrench("/rft/wrench_compensated", stamp, frame, compensated)
+                    bag.write_wrench("/rft/wrench_residual", stamp, frame, residual)
+                    measured = _SIX % (*compensated,) + _SIX % (*residual,)
+                numbers = f"{depth:.9g},{speed:.9g}{_SIX % (*predicted,)}{measured}{_SIX % (*sigma,)}"
+                table.write(f"{time},{numbers},,{generation}{end}\n")
+
+
+@cache
+def _end(phase: int, quality_flags: int) -> str:
+    return f",{PHASES[phase].value if phase >= 0 else ''},{'+'.join(flag_names(quality_flags))}"

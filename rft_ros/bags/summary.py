@@ -1,30 +1,83 @@
-"""The summary of a replay, and limits on its metrics for continuous integration."""
+"""The summary of a replay: statistics overall, by phase and by depth, and limits on them."""
 
+import itertools
 import json
 import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from rft_ros.bags.phases import Phase
-from rft_ros.bags.statistics import Group, PhaseGroup
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.estimates import AXES
+from rft_ros.bags.phases import PHASES, Phase
 from rft_ros.errors import InputError, suggestion
 from rft_ros.estimator import Reason
 from rft_ros.estimator.messages import Role
+from rft_ros.estimator.quality import Trust, flag_names, trust
 from rft_ros.files import read_yaml
 from rft_ros.parameters import Value, flat
 
-__all__ = ["METRIC_HEADS", "Limit", "Summary", "check", "limit_lines", "metric_line", "metric_rows", "metrics"]
-__all__ += ["read_limits", "warnings_of"]
+__all__ = ["METRIC_HEADS", "Axis", "Group", "Limit", "PhaseGroup", "Spread", "Summary", "check", "limit_lines"]
+__all__ += ["metric_line", "metric_rows", "metrics", "read_limits", "statistics", "summary_of"]
 
+_BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
+_MOST_BINS = 10
 _BIN = re.compile(r"\.depth_bins\.[\d.]+-[\d.]+mm\.")
-
 _OFFSET, _OFFSET_SHARE = 0.2, 0.01  # N, and share of the recording's peak: a mean force in the air that is no noise
 _WRONG = 0.5  # median error over which the set-up is the likely cause
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Root mean square, greatest magnitude and mean of one axis, [N] or [N m]; None without values."""
+
+    rms: float | None
+    peak: float | None
+    mean: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class Axis:
+    """One axis of the wrench in the sensor frame: measured (compensated), predicted, and measured minus predicted.
+
+    "force" and "torque" are magnitudes; their `residual` is the magnitude of the difference.
+    """
+
+    measured: Spread
+    predicted: Spread
+    residual: Spread
+
+
+@dataclass(frozen=True, slots=True)
+class Group:
+    """Statistics of some estimates.
+
+    `wrench`: by axis. `rms_over_peak`: RMS residual force over the group's greatest measured force.
+    `median_relative_error`: median of residual over measured force (magnitudes) over estimates whose
+    measured force exceeds 20 % of the replay's greatest. `within_sigma`, `within_two_sigma`: share of the measured
+    force's components, in the grains, within one and two standard deviations of the prediction. None without values.
+    """
+
+    estimates: int
+    wrench: dict[str, Axis]
+    rms_over_peak: float | None
+    median_relative_error: float | None
+    within_sigma: float | None
+    within_two_sigma: float | None
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseGroup(Group):
+    """Statistics of a phase. `poses`: with and without estimate. `depth_bins`: by names such as ``5-10mm``."""
+
+    poses: int
+    depth_bins: dict[str, Group]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,31 +109,26 @@ class Summary(Group):
     phases: dict[str, PhaseGroup]
     seconds: float = field(compare=False)
 
-    @property
-    def real_time_factor(self) -> float:
-        """Recorded time over wall time."""
-        return self.duration / self.seconds
-
     def lines(self) -> list[str]:
         """Lines for the terminal: counts, and the magnitudes of forces and residuals."""
-        poses = self.messages["pose"]
-        text = [f"{self.bag}: {self.estimates} estimates of {poses} poses, {self.real_time_factor:.0f} times real time"]
+        speed = f"{self.duration / self.seconds:.0f} times real time"
+        text = [f"{self.bag}: {self.estimates} estimates of {self.messages['pose']} poses, {speed}"]
         for reason, n in self.reasons.items():
             frame = f" ({self.unknown_frames[reason]})" if reason in self.unknown_frames else ""
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
-        named = ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n)
-        if named:
-            text.append(
-                f"  quality flags: {named}; trust: " + ", ".join(f"{name} {n}" for name, n in self.trust.items())
+        if any(self.quality_flags.values()):
+            flags, trusted = (
+                ", ".join(f"{name} {n}" for name, n in counts.items() if n or counts is self.trust)
+                for counts in (self.quality_flags, self.trust)
             )
+            text.append(f"  quality flags: {flags}; trust: {trusted}")
         text += [f"  reading stopped early: {self.damage}"] if self.damage else []
         text += [f"  warning: {sentence}" for sentence in self.warnings]
         for name, errors in self.learning.items():
-            rms, median, one, two = ("-" if v is None else f"{100.0 * v:.1f} %" for v in errors.values())
+            rms, median, one, two = (_percent(value) for value in errors.values())
             text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
-        for title, *cells in (("force on the tool", *METRIC_HEADS), *metric_rows(self)):
-            text.append(metric_line(title, cells))
-        return text
+        rows = [("force on the tool", *METRIC_HEADS), *metric_rows(self)]
+        return text + [metric_line(title, cells) for title, *cells in rows]
 
     def content(self) -> dict[str, Any]:
         """The content of summary.json; the same bag and parameters give the same content."""
@@ -94,15 +142,101 @@ class Summary(Group):
         return json.dumps(self.content(), indent=2, allow_nan=False) + "\n"
 
 
-def warnings_of(whole: Group, phases: dict[str, PhaseGroup], issues: Counter[str]) -> list[str]:
-    """Sentences on what is wrong with the set-up; `issues`: at how many poses learning had each sentence."""
+def summary_of(rows: NDArray[np.void], *, issues: Counter[str], **about: Any) -> Summary:
+    """The summary of rows, shape [n], columns `rft_ros.bags.estimates.ROW`, and what else is known about the replay.
+
+    `issues`: at how many poses learning had each sentence.
+    """
+    whole, phases = statistics(rows)
+    quality_flags, trusted = _counts_of_flags(rows)
+    return Summary(
+        **{field.name: getattr(whole, field.name) for field in fields(Group)},
+        quality_flags=quality_flags,
+        trust=trusted,
+        warnings=_warnings(whole, phases, issues),
+        phases=phases,
+        **about,
+    )
+
+
+def statistics(rows: NDArray[np.void]) -> tuple[Group, dict[str, PhaseGroup]]:
+    """Statistics of all estimates, and of each phase by name; of phases in the grains also by depth. `rows`: `ROW`."""
+    answered, depth = rows["reason"] < 0, rows["depth"]
+    least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, :3], axis=1), initial=0.0))
+    edges = _bin_edges(float(depth[answered].max(initial=0.0)))
+    in_bin = np.where(depth > 0.0, np.digitize(depth, edges[1:-1]), -1)
+    groups = {}
+    for code, phase in enumerate(PHASES):
+        in_phase, by_depth = rows["phase"] == code, {}
+        binned = phase in (Phase.PENETRATION, Phase.PLOUGHING, Phase.WITHDRAWAL)
+        for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges) if binned else ()):
+            chosen = in_phase & answered & (in_bin == k)
+            if chosen.any():
+                by_depth[f"{low:g}-{high:g}mm"] = Group(**_of(rows, chosen, least))
+        own = _of(rows, in_phase & answered, least)
+        groups[str(phase)] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
+    return Group(**_of(rows, answered, least)), groups
+
+
+def _of(rows: NDArray[np.void], chosen: NDArray[np.bool_], least_force: float) -> dict[str, Any]:
+    """The fields of a `Group` of the chosen rows; forces over `least_force` [N] have a relative error."""
+    measured, predicted = rows["compensated"][chosen], rows["predicted"][chosen]
+    wrenches = (measured, predicted, measured - predicted)
+    columns = [[*w.T, *(np.linalg.norm(w[:, k : k + 3], axis=1) for k in (0, 3))] for w in wrenches]
+    names = (*AXES, "force", "torque")
+    axes = {name: Axis(*map(_spread, parts)) for name, *parts in zip(names, *columns, strict=True)}
+    rms, peak = axes["force"].residual.rms, axes["force"].measured.peak
+    force, residual = columns[0][6], columns[2][6]
+    big = force > least_force
+    scores = (np.abs(wrenches[2][:, :3]) / rows["sigma"][chosen][:, :3])[np.any(predicted[:, :3], axis=1)]
+    scores = scores[~np.isnan(scores)]
+    return {
+        "estimates": len(measured),
+        "wrench": axes,
+        "rms_over_peak": rms / peak if rms is not None and peak else None,
+        "median_relative_error": float(np.median(residual[big] / force[big])) if big.any() else None,
+        "within_sigma": float(np.mean(scores < 1.0)) if len(scores) else None,
+        "within_two_sigma": float(np.mean(scores < 2.0)) if len(scores) else None,
+    }
+
+
+def _spread(values: NDArray[np.float64]) -> Spread:
+    known = values[~np.isnan(values)]
+    if not len(known):
+        return Spread(None, None, None)
+    return Spread(math.sqrt(float(np.mean(known * known))), float(np.abs(known).max()), float(known.mean()))
+
+
+def _bin_edges(deepest: float) -> NDArray[np.float64]:
+    """Edges [m] of at most ten bins from 0 to `deepest`, whose width is 1, 2 or 5 times a power of ten."""
+    if not deepest > 0.0:
+        return np.zeros(1)
+    power = math.floor(math.log10(deepest / _MOST_BINS))
+    widths = (factor * 10.0**exponent for exponent in (power, power + 1) for factor in (1, 2, 5))
+    width = next(w for w in widths if deepest / w <= _MOST_BINS * (1 + 1e-9))
+    return np.arange(math.ceil(deepest / width * (1 - 1e-9)) + 1, dtype=np.float64) * width
+
+
+def _counts_of_flags(rows: NDArray[np.void]) -> tuple[dict[str, int], dict[str, int]]:
+    """Number of estimates by the name of each `QualityFlag`, and by `Trust`; zeros included."""
+    by_flag = dict.fromkeys(flag_names(-1), 0)  # -1: all flags
+    by_trust = {level.value: 0 for level in Trust}
+    sets, counts = np.unique(rows["quality_flags"][rows["reason"] < 0], return_counts=True)
+    for quality_flags, count in zip(sets.tolist(), counts.tolist(), strict=True):
+        by_trust[trust(quality_flags).value] += count
+        for name in flag_names(quality_flags):
+            by_flag[name] += count
+    return by_flag, by_trust
+
+
+def _warnings(whole: Group, phases: dict[str, PhaseGroup], issues: Counter[str]) -> list[str]:
+    """Sentences on what is wrong with the set-up."""
     found = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()]
-    air = [phases[Phase.APPROACH].wrench[axis].measured.mean or 0.0 for axis in ("fx", "fy", "fz")]
+    air = [phases[Phase.APPROACH].wrench[axis].measured.mean or 0.0 for axis in AXES[:3]]
     peak = whole.wrench["force"].measured.peak or 0.0
     if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):
-        found.append(
-            f"the load cell reads {load:.2f} N in the air: replay with --tare, or calibrate sensor.bias and sensor.mass"
-        )
+        advice = "replay with --tare, or calibrate sensor.bias and sensor.mass"
+        found.append(f"the load cell reads {load:.2f} N in the air: {advice}")
     if (error := whole.median_relative_error) is not None and error > _WRONG:
         found.append(f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG")
     return found
@@ -116,14 +250,13 @@ def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
     """Title and metrics of the whole replay, of each phase that occurs, and of the depth bins of penetration."""
     rows = [("whole", *metrics(summary))]
     for name, phase in summary.phases.items():
-        if phase.poses:
-            rows.append((name, *metrics(phase)))
-        if name == Phase.PENETRATION.value:
+        rows += [(name, *metrics(phase))] if phase.poses else []
+        if name == Phase.PENETRATION:
             rows += [(f"  {depths}", *metrics(group)) for depths, group in phase.depth_bins.items()]
     return rows
 
 
-def metric_line(title: str, cells: Sequence[str], width: int = 18) -> str:
+def metric_line(title: str, cells: Iterable[str], width: int = 18) -> str:
     """A line of a table in the terminal."""
     return f"  {title:<{width}}" + "".join(f"{cell:>12}" for cell in cells)
 
@@ -133,15 +266,14 @@ def metrics(group: Group) -> tuple[str, ...]:
     force = group.wrench["force"]
     newtons = (force.measured.peak, force.residual.rms, force.residual.peak)
     ratios = (group.rms_over_peak, group.median_relative_error)
-    return (
-        str(group.estimates),
-        *("-" if v is None else f"{v:.3f}" for v in newtons),
-        *("-" if v is None else f"{100.0 * v:.1f} %" for v in ratios),
-    )
+    return str(group.estimates), *("-" if v is None else f"{v:.3f}" for v in newtons), *map(_percent, ratios)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Limit:
+def _percent(share: float | None) -> str:
+    return "-" if share is None else f"{100.0 * share:.1f} %"
+
+
+class Limit(NamedTuple):
     """Inclusive limits of a metric, given by its dotted path in summary.json."""
 
     metric: str
@@ -158,19 +290,18 @@ def read_limits(file: Path) -> list[Limit]:
     tree = read_yaml(file, "limits file")
     if not isinstance(tree, dict) or not tree:
         raise InputError(f"limits file '{file}' holds no metrics; write lines such as 'estimates: {{min: 1000}}'")
-    return [_limit(file, str(metric), bounds) for metric, bounds in tree.items()]
-
-
-def _limit(file: Path, metric: str, bounds: object) -> Limit:
-    if not isinstance(bounds, dict) or not bounds or not bounds.keys() <= {"min", "max"}:
-        raise InputError(f"limits file '{file}': {metric} is {bounds!r}; it must be {{min: NUMBER, max: NUMBER}}")
-    for name, value in bounds.items():
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-            raise InputError(f"limits file '{file}': {metric} {name} is {value!r}; it must be a finite number")
-    limit = Limit(metric=metric, **bounds)
-    if limit.min > limit.max:
-        raise InputError(f"limits file '{file}': {metric} has min {limit.min:g} above max {limit.max:g}")
-    return limit
+    limits = []
+    for metric, bounds in tree.items():
+        about = f"limits file '{file}': {metric}"
+        if not isinstance(bounds, dict) or not bounds or not bounds.keys() <= {"min", "max"}:
+            raise InputError(f"{about} is {bounds!r}; it must be {{min: NUMBER, max: NUMBER}}")
+        for name, value in bounds.items():
+            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
+                raise InputError(f"{about} {name} is {value!r}; it must be a finite number")
+        limits.append(limit := Limit(str(metric), **bounds))
+        if limit.min > limit.max:
+            raise InputError(f"{about} has min {limit.min:g} above max {limit.max:g}")
+    return limits
 
 
 def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | None]]:

@@ -8,8 +8,7 @@ from numpy.typing import NDArray
 
 __all__ = ["COLOURS", "Panels"]
 
-COLOURS = {
-    "measured": "#333333",
+COLOURS = dict.fromkeys(("measured", "turn", "surface", "surprise"), "#333333") | {
     "predicted": "#D55E00",
     "residual": "#0072B2",
     "x": "#0072B2",
@@ -17,9 +16,6 @@ COLOURS = {
     "z": "#009E73",
     "vertical": "#D55E00",
     "horizontal": "#0072B2",
-    "turn": "#333333",
-    "surface": "#333333",
-    "surprise": "#333333",
     "approach": "#999999",
     "penetration": "#0072B2",
     "ploughing": "#CC79A7",
@@ -69,10 +65,10 @@ class Panels:
         )
         self._columns = columns
 
-    def _add(self, at: Place, trace: Any, name: str) -> None:
-        new = all(other.name != name for other in self.figure.data)
-        trace.update(name=name, legendgroup=name, showlegend=new)
-        self.figure.add_trace(trace, row=at[0], col=at[1])
+    def _add(self, at: Place, kind: str, name: str, **look: Any) -> None:
+        if name:
+            look |= {"name": name, "legendgroup": name, "showlegend": all(t.name != name for t in self.figure.data)}
+        getattr(self.figure, f"add_{kind}")(row=at[0], col=at[1], **look)
 
     def label(self, at: Place, *, x: str = "", y: str = "") -> None:
         """Label the axes of a panel."""
@@ -81,14 +77,11 @@ class Panels:
 
     def line(self, at: Place, name: str, x: _Numbers, y: _Numbers, *, colour: str = "", width: float = 1.5) -> None:
         """A line, shape [n] each, any unit; NaN for a gap. `colour`: a key of `COLOURS`, else the name."""
-        import plotly.graph_objects as go
-
-        style = {"color": COLOURS[colour or name], "width": width}
-        self._add(at, go.Scatter(x=_short(x), y=_short(y), mode="lines", line=style, connectgaps=False), name)
+        look = {"mode": "lines", "line": {"color": COLOURS[colour or name], "width": width}, "connectgaps": False}
+        self._add(at, "scatter", name, x=_short(x), y=_short(y), **look)
 
     def band(self, at: Place, name: str, x: _Numbers, y: _Numbers, deviation: _Numbers, *, colour: str) -> None:
         """A band from y - deviation to y + deviation, shape [n] each, any unit; NaN for a gap."""
-        import plotly.graph_objects as go
         from plotly.colors import hex_to_rgb
 
         rows = np.flatnonzero(~np.isnan(x + y + deviation))
@@ -98,40 +91,31 @@ class Panels:
             outline += [np.array(there), np.array(back), np.full((2, 1), np.nan)]
         across, up = np.hstack(outline)
         fill = {"fill": "toself", "fillcolor": f"rgba{(*hex_to_rgb(COLOURS[colour]), _BAND)}", "hoverinfo": "skip"}
-        self._add(at, go.Scatter(x=_short(across), y=_short(up), mode="lines", line_width=0, **fill), name)
+        self._add(at, "scatter", name, x=_short(across), y=_short(up), mode="lines", line_width=0, **fill)
 
     def bars(self, at: Place, name: str, edges: _Numbers, heights: _Numbers) -> None:
         """Bars with heights, shape [n], between edges, shape [n + 1], any unit."""
-        import plotly.graph_objects as go
-
         middle = 0.5 * (edges[:-1] + edges[1:])
-        style = {"marker_color": COLOURS[name], "opacity": 0.5, "marker_line_width": 0}
-        self._add(at, go.Bar(x=_short(middle), y=_short(heights), **style), name)
+        look = {"marker_color": COLOURS[name], "opacity": 0.5, "marker_line_width": 0}
+        self._add(at, "bar", name, x=_short(middle), y=_short(heights), **look)
 
     def map(self, at: Place, x: _Numbers, y: _Numbers, values: _Numbers) -> None:
         """Values, shape [n, m], over x, shape [n], and y, shape [m], any unit; NaN for nothing."""
-        import plotly.graph_objects as go
+        self._add(at, "heatmap", "", x=_short(x), y=_short(y), z=_short(values.T), coloraxis="coloraxis")
 
-        self.figure.add_trace(
-            go.Heatmap(x=_short(x), y=_short(y), z=_short(values.T), coloraxis="coloraxis"), row=at[0], col=at[1]
-        )
-
-    def shade(self, rows: Iterable[int], spans: Iterable[tuple[str, float, float]]) -> None:
+    def shade(self, rows: Iterable[int], spans: Sequence[tuple[str, float, float]]) -> None:
         """Shade spans of the x axis, each a key of `COLOURS`, its begin and end, in the first panel of some rows."""
-        import plotly.graph_objects as go
-
-        spans = list(spans)
         shapes = []  # plotly's `add_vrect` gets slower with each
         for row in rows:
             panel = (row - 1) * self._columns + 1
             number = "" if panel == 1 else str(panel)
-            axes = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1, "type": "rect"}
-            look = {"opacity": _SHADE, "line": {"width": 0}, "layer": "below"}
-            shapes += [{**axes, **look, "x0": a, "x1": b, "fillcolor": COLOURS[name]} for name, a, b in spans]
+            look = {"xref": f"x{number}", "yref": f"y{number} domain", "y0": 0, "y1": 1, "type": "rect"}
+            look |= {"opacity": _SHADE, "line": {"width": 0}, "layer": "below"}
+            shapes += [{**look, "x0": a, "x1": b, "fillcolor": COLOURS[name]} for name, a, b in spans]
         self.figure.update_layout(shapes=shapes)
         for name in dict.fromkeys(name for name, _, _ in spans):
             marker = {"symbol": "square", "size": 13, "color": COLOURS[name], "opacity": 2.5 * _SHADE}
-            self.figure.add_trace(go.Scatter(x=[None], y=[None], mode="markers", marker=marker, name=name))
+            self.figure.add_scatter(x=[None], y=[None], mode="markers", marker=marker, name=name)
 
 
 def _short(values: _Numbers) -> NDArray[np.float32]:

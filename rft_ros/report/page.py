@@ -1,14 +1,14 @@
 """HTML pages without external files: a replay's report, a single figure, an animation."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rft_ros.files import whole
 
-__all__ = ["Table", "figure_page", "write_figure", "write_page"]
+__all__ = ["Figure", "Table", "figure_page", "write_figure", "write_page"]
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1.2em; }
@@ -23,6 +23,26 @@ details { margin: .5em 0; } summary { cursor: pointer; }
 """
 
 
+class Figure(NamedTuple):
+    """A plotly figure with its name (for links), a title, and a sentence on what it shows."""
+
+    name: str
+    title: str
+    sentence: str
+    drawn: Any
+
+    def html(self) -> str:
+        """The section of a page."""
+        drawn = self.drawn.to_html(
+            include_plotlyjs=False,
+            full_html=False,
+            auto_play=False,
+            div_id=f"figure-{self.name}",
+            config={"responsive": True, "displaylogo": False},
+        )
+        return f"<section><h2>{escape(self.title)}</h2><p>{escape(self.sentence)}</p>\n{drawn}\n</section>"
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
     """A table of text. `words`: align cells as text, not as numbers. `folded`: a click opens it."""
@@ -30,25 +50,28 @@ class Table:
     title: str
     sentence: str = ""
     heads: Sequence[str]
-    rows: Sequence[Sequence[str]]
+    rows: Iterable[Sequence[str]]
     words: bool = False
     folded: bool = False
 
+    def html(self) -> str:
+        """The section of a page."""
+
+        def cells(tag: str, row: Sequence[str]) -> str:
+            return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>"
+
+        kind = ' class="words"' if self.words else ""
+        body = f"<table{kind}>{cells('th', self.heads)}{''.join(cells('td', row) for row in self.rows)}</table>"
+        text = f"<p>{escape(self.sentence)}</p>" if self.sentence else ""
+        if self.folded:
+            return f"<details><summary>{escape(self.title)}</summary>{text}{body}</details>"
+        return f"<section><h2>{escape(self.title)}</h2>{text}{body}</section>"
+
 
 def write_page(
-    file: Path,
-    *,
-    title: str,
-    sentence: str,
-    warnings: Sequence[str],
-    tables: Mapping[str, Table],
-    figures: Iterable[tuple[str, str, str, Any]],
+    file: Path, *, title: str, sentence: str, warnings: Iterable[str], sections: Iterable[Figure | Table]
 ) -> None:
-    """Write a report: title, table ``metrics``, figures, other tables. The same content gives the same bytes.
-
-    `figures`: name, title, sentence and plotly figure of each.
-    """
-    from plotly.io import to_html
+    """Write a report. The same content gives the same bytes."""
     from plotly.offline import get_plotlyjs
 
     parts = [
@@ -58,33 +81,11 @@ def write_page(
         f'<link rel="icon" href="data:,"><script>{get_plotlyjs()}</script></head><body>',
         f"<h1>{escape(title)}</h1><p>{escape(sentence)}</p>",
         *(f'<p class="warning">{escape(warning[:1].upper() + warning[1:])}.</p>' for warning in warnings),
-        _table(tables["metrics"]),
+        *(section.html() for section in sections),
+        "</body></html>\n",
     ]
-    for name, heading, text, figure in figures:
-        drawn = to_html(
-            figure,
-            include_plotlyjs=False,
-            full_html=False,
-            auto_play=False,
-            div_id=f"figure-{name}",
-            config={"responsive": True, "displaylogo": False},
-        )
-        parts += [f"<section><h2>{escape(heading)}</h2><p>{escape(text)}</p>", drawn, "</section>"]
-    parts += [_table(table) for name, table in tables.items() if name != "metrics"]
     # paths may hold bytes that are not UTF-8
-    file.write_text("\n".join([*parts, "</body></html>\n"]), encoding="utf-8", errors="backslashreplace")
-
-
-def _table(table: Table) -> str:
-    def cells(tag: str, row: Sequence[str]) -> str:
-        return "<tr>" + "".join(f"<{tag}>{escape(cell)}</{tag}>" for cell in row) + "</tr>"
-
-    kind = ' class="words"' if table.words else ""
-    body = f"<table{kind}>{cells('th', table.heads)}{''.join(cells('td', row) for row in table.rows)}</table>"
-    text = f"<p>{escape(table.sentence)}</p>" if table.sentence else ""
-    if table.folded:
-        return f"<details><summary>{escape(table.title)}</summary>{text}{body}</details>"
-    return f"<section><h2>{escape(table.title)}</h2>{text}{body}</section>"
+    file.write_text("\n".join(parts), encoding="utf-8", errors="backslashreplace")
 
 
 def figure_page(figure: Any, *, title: str, name: str) -> str:

@@ -5,13 +5,10 @@ import pytest
 from recordings import plunge, write_ros2
 from replays import rows_of, values
 
-from rft_ros.bags.estimates import Trace
-from rft_ros.bags.phases import Phase
+from rft_ros.bags.estimates import ROW
+from rft_ros.bags.phases import PHASES, Phase
 from rft_ros.bags.replay import replay
-from rft_ros.bags.statistics import statistics
-from rft_ros.estimator import Estimate, Measurement, NoEstimate, Reason
-
-STATE = np.zeros(13).tobytes()
+from rft_ros.bags.summary import statistics
 
 
 @pytest.fixture(scope="module")
@@ -83,21 +80,17 @@ def test_the_phases_add_up_to_the_whole(plunged):
     assert summary.wrench["force"].residual.rms ** 2 * summary.estimates == pytest.approx(sum(parts))
 
 
-def test_without_poses_there_are_no_statistics(tmp_path):
-    with Trace(tmp_path) as trace:
-        whole, phases = statistics(trace.rows())
-        assert (whole.estimates, whole.rms_over_peak, whole.median_relative_error) == (0, None, None)
-        assert {phase.poses for phase in phases.values()} == {0}
-        trace.add(0.01, NoEstimate(1, Reason.AT_REST), None, Phase.DWELL, STATE)
-        whole, phases = statistics(trace.rows())
-    assert (whole.estimates, phases["dwell"].poses, phases["dwell"].estimates) == (0, 1, 0)
+def test_without_poses_there_are_no_statistics():
+    whole, phases = statistics(np.empty(0, ROW))
+    assert (whole.estimates, whole.rms_over_peak, whole.median_relative_error) == (0, None, None)
+    assert {phase.poses for phase in phases.values()} == {0}
 
 
-def test_an_estimate_without_measured_wrench_has_no_residual(tmp_path):
-    alone = Estimate(1, (0.0, 3.0, 4.0, 0.0, 0.0, 0.0), (0.1,) * 6, 0.1, 1e-3, 0, 0)
-    with Trace(tmp_path) as trace:
-        trace.add(0.003, alone, Measurement(1, None, None, Reason.WRENCH_MISSING), Phase.PENETRATION, STATE)
-        group = statistics(trace.rows())[1]["penetration"]
+def test_an_estimate_without_measured_wrench_has_no_residual():
+    row = np.zeros(1, ROW)
+    row["reason"], row["phase"], row["depth"] = -1, PHASES.index(Phase.PENETRATION), 0.003
+    row["predicted"], row["compensated"], row["sigma"] = (0.0, 3.0, 4.0, 0.0, 0.0, 0.0), np.nan, 0.1
+    group = statistics(row)[1]["penetration"]
     assert group.estimates == 1
     assert group.wrench["force"].predicted.rms == pytest.approx(5.0)
     assert group.wrench["force"].residual.rms is group.rms_over_peak is None

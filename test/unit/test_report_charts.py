@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from rft_ros.bags.estimates import PHASES, ROW, Trace
-from rft_ros.bags.phases import Phase
-from rft_ros.bags.replay_charts import replay_charts
-from rft_ros.bags.replay_report import decimated
-from rft_ros.estimator import Estimate, Measurement
+from rft_ros.bags.estimates import ROW
+from rft_ros.bags.phases import PHASES, Phase
+from rft_ros.bags.replay_report import decimated, replay_charts
 from rft_ros.estimator.quality import QualityFlag
 
 
@@ -31,7 +29,7 @@ def rows(flag=0, flagged=(), learned=math.nan):
 
 
 def chart(name, *arguments, **options):
-    return {c.name: c.drawn for c in replay_charts(rows(*arguments, **options), ("z", "up"))}[name]
+    return {c.name: c.drawn for c in replay_charts(rows(*arguments, **options), "z points up")}[name]
 
 
 def traces(figure, axis, **wanted):
@@ -63,7 +61,7 @@ def test_each_quality_flag_is_a_bar_while_it_lasts_below_the_forces_only():
 
 
 def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
-    assert "learned" not in [c.name for c in replay_charts(rows(), ("z", "up"))]
+    assert "learned" not in [c.name for c in replay_charts(rows(), "z points up")]
     figure = chart("learned", learned=[1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0])
     for row, expected in enumerate(([1.3, 0.6], [5.0], [2.0], [4.0])):
         for axis in ("y" if row == 0 else f"y{2 * row + 1}", f"y{2 * row + 2}"):
@@ -73,16 +71,12 @@ def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
     np.testing.assert_array_equal(over_depth.x, [math.nan] * 3 + [1.0, 2.0, 3.0, 4.0, 5.0] + [math.nan] * 2)
 
 
-def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment(tmp_path):
+def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
     random = np.random.default_rng(5)
-    with Trace(tmp_path) as trace:
-        for k in range(30_000):
-            depth, force = float(random.normal()), float(random.normal())
-            answer = Estimate(k, (0.0,) * 6, (0.1,) * 6, 0.1, 0.0, 0, 0)
-            measured = Measurement(k, (0.0, 0.0, force, 0.0, 0.0, 0.0), None, None)
-            trace.add(depth, answer, measured, Phase.PENETRATION, np.zeros(13).tobytes())
-        every = np.array(trace.rows())
-        found = decimated(every)
+    every = np.zeros(30_000, ROW)
+    every["stamp"], every["depth"] = np.arange(30_000), random.normal(size=30_000)
+    every["compensated"][:, 2] = random.normal(size=30_000)
+    found = decimated(every)
     assert 3000 < len(found) < 6001
     assert (np.diff(found["stamp"]) > 0).all()
     assert found["depth"].max() == every["depth"].max()
