@@ -6,7 +6,6 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, wrenches
 from rft_ros.sweeps.motions import Circumnutation, Straight, sample
-from rft_ros.sweeps.outcomes import Work
 from rft_ros.tool import Tool, load_tool
 from studies.paper import NOT_STATED, law, root_tip
 from studies.result import (
@@ -21,7 +20,7 @@ from studies.result import (
     new_figure,
     published_against_ours,
 )
-from studies.sampling import WorkConvergence, work_convergence, work_of
+from studies.sampling import Work, WorkConvergence, work_convergence, work_of
 
 __all__ = ["PITCHES", "RE_INTERACTION", "SHOWN", "TILTS", "step_errors", "straight_limit", "study"]
 

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import wrenches
 from rft_ros.sweeps.motions import OscillatingInsertion, sample
-from rft_ros.sweeps.outcomes import Work, work
 from rft_ros.tool import Tool
 from studies.paper import NOT_STATED, ellipsoid, law
 from studies.result import BLACK, BLUE, GREY, VERMILION, StudyResult, label_axes, new_figure, published_against_ours
+from studies.sampling import Work, work
 
 __all__ = ["FREQUENCIES", "Stroke", "stroke", "study", "vertical_frequency"]
 

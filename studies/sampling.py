@@ -2,8 +2,10 @@
 
 from collections.abc import Sequence
 from dataclasses import astuple, dataclass
+from typing import NamedTuple
 
 import numpy as np
+from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import PoseSample
@@ -11,13 +13,13 @@ from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.parameters import Settings
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample
-from rft_ros.sweeps.outcomes import Work, work
 from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, shipped
 from studies.result import BLACK, BLUE, GREY, ORANGE, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
 
-__all__ = ["NOISE", "RATES", "STROKES", "WINDOWS", "Error", "WorkConvergence", "differenced", "measured_errors"]
-__all__ += ["sample_every", "stroke_convergence", "time_step", "window", "work_convergence", "work_of"]
+__all__ = ["NOISE", "RATES", "STROKES", "WINDOWS", "Error", "Work", "WorkConvergence", "differenced"]
+__all__ += ["measured_errors", "sample_every", "stroke_convergence", "time_step", "window", "work"]
+__all__ += ["work_convergence", "work_of"]
 
 NOISE = 1e-5
 """Noise of each coordinate of a pose [m]; its attitude has this at 100 mm from the flange: 1e-4 rad."""
@@ -195,6 +197,19 @@ class WorkConvergence:
     steps: Array
     errors: Array
     order: float
+
+
+class Work(NamedTuple):
+    """Work done on the grains [J], positive where they resist, by the vertical force alone and in total."""
+
+    vertical: float
+    total: float
+
+
+def work(times: Array, states: Array, wrenches: Array) -> Work:
+    """Work over a motion: times [s], states, shape [n, 13], wrenches, shape [n, 6 or more] [N, N m], world axes."""
+    by_component = trapezoid(-wrenches[:, :6] * states[:, 7:13], times, axis=0)
+    return Work(float(by_component[2]), float(by_component.sum()))
 
 
 def work_of(plates: Plates, motion: Motion, samples: int) -> Work:

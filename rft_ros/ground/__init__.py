@@ -5,9 +5,8 @@ stands for the surface around a tool. `Ground` replaces the map as clouds of poi
 only. Without a map the ground is the level plane at `surface_height`.
 """
 
-from rft_ros.ground.ground import DELAY, Cloud, Ground
+from rft_ros.ground.ground import DELAY, Cloud, Ground, LocalSurface, Support
 from rft_ros.ground.height_map import MOST_CELLS, HeightMap, ToolBox, read_height_map, write_height_map
-from rft_ros.ground.support import LocalSurface, Support
 
 __all__ = [
     "DELAY",

@@ -1,20 +1,26 @@
-"""The ground over time: the map in force, the clouds of points that will change it, and the surface under a tool."""
+"""The ground under a tool: the plane that resists it, the map in force, and the clouds of points that will change it.
+
+A tool that moves sideways shears a wedge of grains ahead of it, about twice as long as the tool is deep, so neither the
+hole that the tool is in nor a single crest decides, but the mean height of that wedge: a plane is fitted to the ground
+over a disc. The disc's radius is the tool's depth, at least half of its width; it lies ahead by its radius or twice the
+depth, the smaller, in horizontal motion, under the tool in vertical motion, and between in between. docs/ground.md
+shows this against simulated grains.
+"""
 
 import math
 from collections import deque
-from collections.abc import Callable
-from concurrent.futures import Executor
-from functools import partial
+from concurrent.futures import Executor, Future
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.ground.height_map import HeightMap, ToolBox
-from rft_ros.ground.support import LocalSurface, Support
 from rft_ros.rft import LEVEL, rotation_matrix
+from rft_ros.rft.compilation import compiled, inlined
+from rft_ros.rft.frames import from_frame, rotation
 
-__all__ = ["DELAY", "Cloud", "Ground"]
+__all__ = ["DELAY", "Cloud", "Ground", "LocalSurface", "Support"]
 
 Array = NDArray[np.float64]
 
@@ -24,6 +30,147 @@ the same results live and in a replay, and a pose finds the map ready: it takes 
 
 _CLOUDS = 16
 _PLACES = 2048  # poses kept to find the tool's place at the stamp of a cloud: `DELAY` at 1,000 Hz, four times
+_LEAST_RADIUS = 2.0  # cells, so that a slope can be fitted
+_WEDGE = 2.0  # length of the wedge over depth: the disc of a tool that is wider than deep lies no further ahead
+_ROUNDS = 4  # radius and depth depend on each other; the fourth round changes the height by less than 1 %
+_DIRECTIONS = 96
+
+
+class LocalSurface(NamedTuple):
+    """A plane: world z = height + slope · (x, y).
+
+    `height` at x = y = 0 [m]; `slope`: dz/dx, dz/dy; `roughness`: RMS distance of the ground from the plane [m];
+    `depth`: of the tool's deepest point below it [m], negative above.
+    """
+
+    height: float
+    slope: tuple[float, float]
+    roughness: float
+    depth: float
+
+
+def _disc() -> Array:
+    """Points of the unit disc of about equal area each: its centre and three rings, shape [37, 2]."""
+    points = [(0.0, 0.0)]
+    for ring in (1, 2, 3):
+        angle = np.arange(6 * ring) * (np.pi / (3 * ring))
+        radius = np.sqrt((3 * ring * ring + 0.25) / 37.0)  # area of the inner rings and half of this one
+        points += [(radius * np.cos(a), radius * np.sin(a)) for a in angle]
+    return np.array(points)
+
+
+_DISC = _disc()
+
+
+@inlined
+def _known(heights, i0, j0, cell, x, y):  # type: ignore[no-untyped-def]
+    """Bilinear height at a place from the known cells around it, and their weight, 0 to 1."""
+    u, v = x / cell - 0.5 - i0, y / cell - 0.5 - j0
+    n, m = heights.shape
+    if not (-1.0 < u < n and -1.0 < v < m):
+        return 0.0, 0.0
+    i, j = int(np.floor(u)), int(np.floor(v))
+    total = weight = 0.0
+    for a in range(max(i, 0), min(i + 2, n)):
+        for b in range(max(j, 0), min(j + 2, m)):
+            if not np.isnan(heights[a, b]):
+                w = (1.0 - abs(u - a)) * (1.0 - abs(v - b))
+                total += w * heights[a, b]
+                weight += w
+    return (total / weight if weight > 0.0 else 0.0), weight
+
+
+@inlined
+def _fit(heights, i0, j0, cell, level, disc, x, y, radius):  # type: ignore[no-untyped-def]
+    """Least squares of a plane over a disc: height at its centre, slopes, RMS distance.
+
+    Unknown cells do not count; `level` where all are unknown.
+    """
+    s = su = sv = suu = suv = svv = sh = suh = svh = shh = 0.0
+    for k in range(disc.shape[0]):
+        u, v = disc[k, 0], disc[k, 1]
+        h, w = _known(heights, i0, j0, cell, x + radius * u, y + radius * v)
+        h -= level
+        s, su, sv, sh = s + w, su + w * u, sv + w * v, sh + w * h
+        suu, suv, svv = suu + w * u * u, suv + w * u * v, svv + w * v * v
+        suh, svh, shh = suh + w * u * h, svh + w * v * h, shh + w * h * h
+    if not s > 1e-9:
+        return level, 0.0, 0.0, 0.0
+    uu, uv, vv = suu - su * su / s, suv - su * sv / s, svv - sv * sv / s
+    uh, vh, hh = suh - su * sh / s, svh - sv * sh / s, shh - sh * sh / s
+    det = uu * vv - uv * uv
+    gu = gv = 0.0
+    if det > 0.01 * s * s:  # 0.06 s² for a disc that is known everywhere
+        gu, gv = (vv * uh - uv * vh) / det, (uu * vh - uv * uh) / det
+    rest = max(hh - gu * uh - gv * vh, 0.0) / s
+    return level + (sh - gu * su - gv * sv) / s, gu / radius, gv / radius, np.sqrt(rest)
+
+
+@compiled
+def _local_plane(heights, i0, j0, cell, level, disc, corners, state, placed):  # type: ignore[no-untyped-def]
+    """Height at x = y = 0, slopes, roughness and depth; `placed`: work space for the corners in world axes."""
+    axes = rotation(state[3], state[4], state[5], state[6])
+    lowest = 0
+    for k in range(corners.shape[0]):
+        placed[k] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
+        lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
+    px, py, pz = state[0], state[1], state[2]
+    x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
+    least = _LEAST_RADIUS * cell
+    h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
+    h -= sx * x + sy * y
+    bottom = placed[lowest, 2] + least  # in the air the tool's lowest part decides where to look
+    for _ in range(_ROUNDS):
+        total = mx = my = mz = square = deepest = 0.0
+        for k in range(corners.shape[0]):
+            x, y, z = placed[k, 0], placed[k, 1], placed[k, 2]
+            depth = max(max(h + sx * x + sy * y - pz, bottom) - z, 0.0)
+            deepest = max(deepest, depth)
+            total, square = total + depth, square + depth * (x * x + y * y)
+            mx, my, mz = mx + depth * x, my + depth * y, mz + depth * z
+        mx, my, mz = mx / total, my / total, mz / total
+        spread = max(square / total - mx * mx - my * my, 0.0)  # half of the squared radius of an even disc
+        radius = max(np.sqrt(2.0 * spread), deepest, least)
+        vx, vy = state[7] + state[11] * mz - state[12] * my, state[8] + state[12] * mx - state[10] * mz
+        vz = state[9] + state[10] * my - state[11] * mx
+        fastest = max(abs(vx), abs(vy), abs(vz))
+        ahead = 0.0
+        if fastest > 1e-290:
+            vx, vy, vz = vx / fastest, vy / fastest, vz / fastest
+            ahead = min(radius, max(_WEDGE * deepest, least)) / np.sqrt(vx * vx + vy * vy + vz * vz)
+        x, y = px + mx + ahead * vx, py + my + ahead * vy
+        h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
+        h -= sx * mx + sy * my  # what lies ahead of the tool's middle acts there
+    deepest = -1e300
+    for k in range(corners.shape[0]):
+        deepest = max(deepest, h + sx * placed[k, 0] + sy * placed[k, 1] - pz - placed[k, 2])
+    return h - sx * px - sy * py, sx, sy, rough, deepest
+
+
+class Support:
+    """Finds the local surface of one tool, `corners` of its convex hull in the tool frame [m], shape [k, 3]."""
+
+    def __init__(self, corners: Array) -> None:
+        # the points furthest out in many directions: a fine hull has thousands of corners
+        turn = np.arange(_DIRECTIONS) * (np.pi * (3.0 - np.sqrt(5.0)))
+        z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
+        flat = np.sqrt(1.0 - z * z)
+        directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+        self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
+        self._placed = np.empty_like(self._corners)
+
+    def local_surface(self, ground: HeightMap, state: Array, *, level: float) -> LocalSurface:
+        """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] where the map knows nothing.
+
+        Where the map knows nothing it is exactly (level, 0, 0).
+        """
+        i0, j0 = map(float, ground.corner)  # one machine code for all maps
+        h, sx, sy, rough, depth = _local_plane(
+            ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state, self._placed
+        )
+        if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
+            return LocalSurface(level, LEVEL, 0.0, level - float(state[2]))
+        return LocalSurface(h, (sx, sy), rough, depth)
 
 
 class Cloud(NamedTuple):
@@ -34,12 +181,6 @@ class Cloud(NamedTuple):
     x: NDArray[np.floating]
     y: NDArray[np.floating]
     z: NDArray[np.floating]
-
-
-class _Place(NamedTuple):
-    stamp: int
-    position: tuple[float, float, float]
-    quaternion: tuple[float, float, float, float]
 
 
 class Ground:
@@ -56,20 +197,19 @@ class Ground:
         self._background = background
         self._merged = start  # of the thread that makes maps
         self._clouds: deque[tuple[Cloud, tuple[Array, Array] | None]] = deque(maxlen=_CLOUDS)
-        self._places: deque[_Place] = deque(maxlen=_PLACES)
-        self._waiting: deque[tuple[int, Callable[[], HeightMap]]] = deque()  # when it is due, and what returns it
-        self._flat = LocalSurface(0.0, LEVEL, 0.0, math.nan)
+        self._places: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque(maxlen=_PLACES)
+        self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()  # when it is due, and the map
         self.use(corners)
 
     def use(self, corners: Array) -> None:
         """Take another tool, by the corners of its hull [m], shape [k, 3]."""
         self._corners = corners
-        self._support = Support(corners) if self._start is not None else None
+        self._support = Support(corners)
 
     def level(self) -> None:
         """Go back to the map at the start, and drop the clouds that are under way."""
         for _, made in self._waiting:
-            made()  # the thread may be at it
+            made.result()  # the thread may be at it
         self._waiting.clear()
         self._clouds.clear()
         self.map = self._merged = self._start
@@ -92,9 +232,7 @@ class Ground:
         self._clouds.append((cloud, camera))
         self._merge()
 
-    def see(
-        self, stamp: int, position: tuple[float, float, float], quaternion: tuple[float, float, float, float]
-    ) -> None:
+    def see(self, stamp: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
         """Take the tool's pose, and bring into force what is due at its stamp [ns].
 
         Waits for a map that a stalled process has not made.
@@ -102,34 +240,31 @@ class Ground:
         if self._start is None:
             return
         self.newest = stamp
-        self._places.append(_Place(stamp, position, quaternion))
+        self._places.append((stamp, position, quaternion))
         if self._clouds:
             self._merge()
         while self._waiting and self._waiting[0][0] <= stamp:
-            self.map = self._waiting.popleft()[1]()
+            self.map = self._waiting.popleft()[1].result()
 
     def under(self, state: Array, level: float) -> LocalSurface:
         """The surface around the tool at a state, shape [13], columns `STATE`; `level` [m] where nothing is known."""
-        if self.map is not None and self._support is not None:
-            return self._support.local_surface(self.map, state, level=level)
-        return self.flat(level)
+        return self.flat(level) if self.map is None else self._support.local_surface(self.map, state, level=level)
 
     def flat(self, level: float) -> LocalSurface:
         """A level surface [m]."""
-        if level != self._flat.height:
-            self._flat = LocalSurface(level, LEVEL, 0.0, math.nan)
-        return self._flat
+        return LocalSurface(level, LEVEL, 0.0, math.nan)
 
     def _merge(self) -> None:
         while self._clouds and self._clouds[0][0].stamp <= self.newest:
             cloud, camera = self._clouds.popleft()
-            place = next(place for place in self._places if place.stamp >= cloud.stamp)
+            _, position, quaternion = next(place for place in self._places if place[0] >= cloud.stamp)
             low, high = self._corners.min(axis=0), self._corners.max(axis=0)
-            rotation = rotation_matrix(place.quaternion)
-            tool = ToolBox(position=np.array(place.position), rotation=rotation, low=low, high=high)
-            make = partial(self._with, cloud, camera, tool)
-            # without a thread at once: when it is due is on a pose's path
-            made = self._background.submit(make).result if self._background else partial(_itself, make())
+            tool = ToolBox(position=np.array(position), rotation=rotation_matrix(quaternion), low=low, high=high)
+            if self._background:
+                made = self._background.submit(self._with, cloud, camera, tool)
+            else:  # at once: when it is due is on a pose's path
+                made = Future()
+                made.set_result(self._with(cloud, camera, tool))
             self._waiting.append((cloud.stamp + DELAY, made))
 
     def _with(self, cloud: Cloud, camera: tuple[Array, Array] | None, tool: ToolBox) -> HeightMap:
@@ -142,7 +277,3 @@ class Ground:
         assert self._merged is not None
         self._merged = self._merged.with_points(x, y, z, tool)
         return self._merged
-
-
-def _itself(made: HeightMap) -> HeightMap:
-    return made

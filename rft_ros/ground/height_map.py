@@ -1,6 +1,6 @@
 """A height map: square cells with one height each, from points, from files, and to files."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.files import read_arrays, read_columns, whole
-from rft_ros.rft.compilation import compiled
+from rft_ros.rft.compilation import compiled, inlined
 
 __all__ = ["MOST_CELLS", "HeightMap", "ToolBox", "read_height_map", "write_height_map"]
 
@@ -21,9 +21,10 @@ MOST_CELLS = 1 << 21
 _FARTHEST = 1e8  # cells from the origin
 _HIGHEST = 1e6  # greatest |height| [m]
 _MARGIN = 2.0  # cells around the tool in which points may be the tool's own
-_REACH = 700.0  # cells; points further from the tool are left out
-_FEW = 16  # points in a cell
+_REACH = 700.0  # cells; points further from the tool are left out: a stray one does not decide where the map lies
 _JUMP = 3.0  # cells; grains slide at slopes far below this, so a cell that stands out further is an outlier
+_LEFT_OUT = np.iinfo(np.int64).min
+_COLUMNS = ("x", "y", "h")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,24 +56,24 @@ class HeightMap:
         self.heights.flags.writeable = False
 
     @classmethod
-    def unknown(cls, cell: float) -> "HeightMap":
+    def unknown(cls, cell: float, corner: tuple[float, float] = (0.0, 0.0)) -> "HeightMap":
         """A map of which nothing is known; `cell` [m]."""
-        return cls(cell=cell, corner=(0.0, 0.0), heights=np.full((1, 1), np.nan, dtype=np.float32))
+        return cls(cell=cell, corner=corner, heights=np.full((1, 1), np.nan, dtype=np.float32))
 
     def points(self, *, at_most: int = MOST_CELLS) -> Array:
         """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
-        known = np.flatnonzero(~np.isnan(self.heights))
-        i, j = np.unravel_index(known[:: -(-len(known) // at_most) or 1], self.heights.shape)
-        x, y = (self.cell * (index + start + 0.5) for index, start in zip((i, j), self.corner, strict=True))
-        return np.column_stack([x, y, self.heights[i, j].astype(np.float64)])
+        known = np.argwhere(~np.isnan(self.heights))
+        known = known[:: -(-len(known) // at_most) or 1]
+        return np.column_stack(
+            [self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)].astype(np.float64)]
+        )
 
     def heights_at(self, x: Array, y: Array) -> Array:
         """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where nothing is known."""
-        i, j = (np.floor(v / self.cell - start).astype(int) for v, start in zip((x, y), self.corner, strict=True))
-        n, m = self.heights.shape
-        inside = (i >= 0) & (i < n) & (j >= 0) & (j < m)
-        found = np.where(inside, self.heights[np.clip(i, 0, n - 1), np.clip(j, 0, m - 1)], np.nan)
-        return found.astype(np.float64)
+        around = np.pad(self.heights, 1, constant_values=np.nan)
+        i, j = (np.floor(v / self.cell - first).astype(int) + 1 for v, first in zip((x, y), self.corner, strict=True))
+        n, m = around.shape
+        return np.asarray(around[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
 
     def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: ToolBox | None = None) -> "HeightMap":
         """The map in which each cell that the points hit takes their median height.
@@ -81,182 +82,147 @@ class HeightMap:
         the map over `MOST_CELLS` are left out, and cells that differ from the median of the cells around them by over
         three cells' sides. Releases the GIL while it computes.
         """
-        p = np.array(np.vstack([x, y, z]), dtype=np.float64)
-        phase = np.append(np.mod(self.corner, 1.0), 0.0)  # cells of the map that do not begin at multiples of `cell`
-        p -= self.cell * phase[:, None]
-        box = np.zeros(18)
-        if tool is not None:
-            box[:] = (
-                *(tool.position - self.cell * phase),
-                *tool.rotation.ravel(),
-                *(tool.low - _MARGIN * self.cell),
-                *(tool.high + _MARGIN * self.cell),
-            )
-        bounds, index = np.empty(4, dtype=np.int64), np.empty((2, p.shape[1]), dtype=np.int64)
-        corner = np.floor(self.corner).astype(np.int64)
-        old = np.append(corner, corner + self.heights.shape)
-        if np.isnan(self.heights).all():
-            old[2:] = old[:2]
-        if not _cells_of(p, self.cell, box, tool is not None, old, index, bounds):
+        phase = np.append(np.mod(self.corner, 1.0), 0.0)  # of cells that do not begin at multiples of `cell`
+        offset = self.cell * phase
+        if tool is None:
+            box, reach = np.zeros((6, 3)), np.inf
+            box[4] = np.inf
+        else:
+            margin, reach = _MARGIN * self.cell, _REACH * self.cell
+            box = np.vstack([tool.position - offset, tool.rotation.T, tool.low - margin, tool.high + margin])
+        first = np.floor(self.corner).astype(np.int64)
+        old = np.append(first, first if np.isnan(self.heights).all() else first + self.heights.shape)
+        p = np.vstack([x, y, z]).astype(np.float64) - offset[:, None]
+        index, i0, j0, i1, j1 = _cells_of(p, self.cell, box, reach, old)
+        if i1 == i0:
             return self
-        i0, j0, i1, j1 = bounds.tolist()
         heights = np.full((i1 - i0, j1 - j0), np.nan, dtype=np.float32)
         if old[2] > old[0]:
-            a, b = int(old[0]) - i0, int(old[1]) - j0
-            heights[a : a + self.heights.shape[0], b : b + self.heights.shape[1]] = self.heights
-        seen = np.full(heights.shape, np.nan, dtype=np.float32)
+            i, j = first - (i0, j0)
+            heights[i : i + self.heights.shape[0], j : j + self.heights.shape[1]] = self.heights
+        seen = np.full_like(heights, np.nan)
         _medians(p[2], index, i0, j0, seen)
         _take_plausible(seen, heights, _JUMP * self.cell)
         return HeightMap(cell=self.cell, corner=(i0 + float(phase[0]), j0 + float(phase[1])), heights=heights)
 
 
 @compiled
-def _cells_of(p, cell, box, has_tool, old, index, bounds):  # type: ignore[no-untyped-def]
-    """Write each point's cell to `index`, column 0 minimal for one left out, and the new map's `bounds`.
+def _cells_of(p, cell, box, reach, old):  # type: ignore[no-untyped-def]
+    """Each point's cell, row 0 `_LEFT_OUT` where it does not count, and the first and end cells of the new map.
 
-    Returns how many points are used.
+    `box`: rows are the tool's position, its axes, its lowest and its highest corner. `old`: first and end cells.
     """
-    left_out = np.iinfo(np.int64).min
-    for b in range(4):
-        bounds[b] = old[b]
-    count = 0
+    index = np.full((2, p.shape[1]), _LEFT_OUT)
+    i0, j0, i1, j1 = old[0], old[1], old[2], old[3]
     for k in range(p.shape[1]):
         x, y, z = p[0, k], p[1, k], p[2, k]
-        index[0, k] = left_out
         if not (abs(x) < _FARTHEST * cell and abs(y) < _FARTHEST * cell and abs(z) < _HIGHEST):  # NaN, too
             continue
-        if has_tool:
-            dx, dy, dz = x - box[0], y - box[1], z - box[2]
-            inside = True
-            if max(abs(dx), abs(dy)) > _REACH * cell:  # so that a stray point does not decide where the map lies
-                continue
-            for c in range(3):
-                r = box[3 + c] * dx + box[6 + c] * dy + box[9 + c] * dz
-                inside = inside and box[12 + c] <= r <= box[15 + c]
-            if inside:
-                continue
-        i, j = int(np.floor(x / cell)), int(np.floor(y / cell))
-        first = bounds[2] <= bounds[0]
-        i0, i1 = (i, i + 1) if first else (min(bounds[0], i), max(bounds[2], i + 1))
-        j0, j1 = (j, j + 1) if first else (min(bounds[1], j), max(bounds[3], j + 1))
-        if (i1 - i0) * (j1 - j0) > MOST_CELLS:
+        dx, dy, dz = x - box[0, 0], y - box[0, 1], z - box[0, 2]
+        inside = True
+        for c in range(3):
+            r = box[1 + c, 0] * dx + box[1 + c, 1] * dy + box[1 + c, 2] * dz
+            inside = inside and box[4, c] <= r <= box[5, c]
+        if inside or max(abs(dx), abs(dy)) > reach:
             continue
-        bounds[0], bounds[1], bounds[2], bounds[3] = i0, j0, i1, j1
-        index[0, k], index[1, k] = i, j
-        count += 1
-    return count
+        i, j = int(np.floor(x / cell)), int(np.floor(y / cell))
+        if i1 == i0:  # the first cell that is known
+            i0, j0, i1, j1 = i, j, i + 1, j + 1
+        a0, b0, a1, b1 = min(i0, i), min(j0, j), max(i1, i + 1), max(j1, j + 1)
+        if (a1 - a0) * (b1 - b0) <= MOST_CELLS:
+            i0, j0, i1, j1 = a0, b0, a1, b1
+            index[0, k], index[1, k] = i, j
+    return index, i0, j0, i1, j1
+
+
+@inlined
+def _median(values, n):  # type: ignore[no-untyped-def]
+    """Median of the first `n` values, which are sorted in place: Shell's sort, since most cells have few points."""
+    gap = n
+    while gap > 1:
+        gap = max(gap * 5 // 11, 1)
+        for a in range(gap, n):
+            v, b = values[a], a
+            while b >= gap and values[b - gap] > v:
+                values[b] = values[b - gap]
+                b -= gap
+            values[b] = v
+    return 0.5 * (values[(n - 1) // 2] + values[n // 2])
 
 
 @compiled
 def _medians(z, index, i0, j0, seen):  # type: ignore[no-untyped-def]
     """Write the median height of the points in each cell to `seen`; a counting sort by cell."""
-    n, m = seen.shape
-    first = np.zeros(n * m + 1, dtype=np.int64)
+    m = seen.shape[1]
+    end = np.zeros(seen.size, dtype=np.int64)
     for k in range(z.shape[0]):
-        if index[0, k] >= i0:
-            first[(index[0, k] - i0) * m + index[1, k] - j0 + 1] += 1
-    for c in range(n * m):
-        first[c + 1] += first[c]
-    place, ordered = first[:-1].copy(), np.empty(first[n * m])
+        if index[0, k] != _LEFT_OUT:
+            end[(index[0, k] - i0) * m + index[1, k] - j0] += 1
+    for c in range(1, seen.size):
+        end[c] += end[c - 1]
+    ordered = np.empty(end[-1])
     for k in range(z.shape[0]):
-        if index[0, k] >= i0:
+        if index[0, k] != _LEFT_OUT:
             c = (index[0, k] - i0) * m + index[1, k] - j0
-            ordered[place[c]] = z[k]
-            place[c] += 1
-    for c in range(n * m):
-        if first[c + 1] > first[c]:
-            part = ordered[first[c] : first[c + 1]]
-            if len(part) > _FEW:
-                part.sort()
-            else:
-                for b in range(1, len(part)):  # insertion sort, which is faster for few
-                    h, a = part[b], b
-                    while a > 0 and part[a - 1] > h:
-                        part[a] = part[a - 1]
-                        a -= 1
-                    part[a] = h
-            seen[c // m, c % m] = 0.5 * (part[(len(part) - 1) // 2] + part[len(part) // 2])
+            end[c] -= 1  # its first place, after the last point
+            ordered[end[c]] = z[k]
+    for c in range(seen.size):
+        n = (end[c + 1] if c + 1 < seen.size else len(ordered)) - end[c]
+        if n > 0:
+            seen[c // m, c % m] = _median(ordered[end[c] :], n)
 
 
 @compiled
 def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
     """Copy the cells of `seen` to `heights`, except those further than `jump` from the median around them."""
-    n, m = seen.shape
     around = np.empty(8)
-    for i in range(n):
-        for j in range(m):
-            h = seen[i, j]
-            if np.isnan(h):
+    for i in range(seen.shape[0]):
+        for j in range(seen.shape[1]):
+            if np.isnan(seen[i, j]):
                 continue
-            count = 0
-            alike = True
-            for a in range(max(i - 1, 0), min(i + 2, n)):
-                for b in range(max(j - 1, 0), min(j + 2, m)):
-                    alike = alike and not abs(seen[a, b] - h) > jump
-            if alike:  # then the median is, too
-                heights[i, j] = h
-                continue
-            for a in range(max(i - 1, 0), min(i + 2, n)):
-                for b in range(max(j - 1, 0), min(j + 2, m)):
-                    if (a != i or b != j) and not np.isnan(seen[a, b]):
-                        k = count  # insertion sort
-                        while k > 0 and around[k - 1] > seen[a, b]:
-                            around[k] = around[k - 1]
-                            k -= 1
-                        around[k] = seen[a, b]
+            count, alike = 0, True  # if all are alike, so is the median
+            for a in range(max(i - 1, 0), min(i + 2, seen.shape[0])):
+                for b in range(max(j - 1, 0), min(j + 2, seen.shape[1])):
+                    if not np.isnan(seen[a, b]) and (a != i or b != j):
+                        around[count] = seen[a, b]
+                        alike = alike and abs(seen[a, b] - seen[i, j]) <= jump
                         count += 1
-            if count == 0 or abs(h - 0.5 * (around[(count - 1) // 2] + around[count // 2])) <= jump:
-                heights[i, j] = h
-
-
-_COLUMNS = ("x", "y", "h")
-
-
-def _phase(u: Array) -> float:
-    """Where in a unit cell its border should lie, so that points `u`, in cells, lie at the middle of theirs.
-
-    The mean angle on a circle of one cell's length; 0 for points without a common place in their cells.
-    """
-    mean = np.exp(2j * np.pi * u).mean()
-    return round(float(np.angle(mean)) / (2.0 * np.pi) - 0.5, 6) % 1.0 if abs(mean) > 0.5 else 0.0
+            if alike or abs(seen[i, j] - _median(around, count)) <= jump:
+                heights[i, j] = seen[i, j]
 
 
 def read_height_map(file: Path, cell: float) -> HeightMap:
     """A height map from a CSV file with the columns x, y, h, or an NPZ file with these arrays [m].
 
-    They have one shape; or x shape [n], y [m] and h [n, m], NaN where nothing is known.
-
-    Each cell of side `cell` [m] takes the median of the heights in it; the points of a grid as wide as that lie in the
-    middle of their cells, wherever it begins. Raises InputError, one sentence, for a file that
-    cannot be used or does not fit in `MOST_CELLS`.
+    They have one shape; or x shape [n], y [m] and h [n, m], NaN where nothing is known. Each cell of side `cell` [m]
+    takes the median of the heights in it; the points of a grid as wide as that lie in the middle of their cells,
+    wherever it begins. Raises InputError, one sentence, for a file that cannot be used or does not fit in `MOST_CELLS`.
     """
-    what = "ground.file"
+    what = f"ground.file '{file}'"
     if file.suffix.lower() == ".npz":
-        x, y, h = read_arrays(file, what, _COLUMNS)
+        x, y, h = read_arrays(file, "ground.file", _COLUMNS)
         if any(v.dtype.kind not in "fiu" for v in (x, y, h)):
-            raise InputError(f"ground.file '{file}' has arrays that are not numbers")
+            raise InputError(f"{what} has arrays that are not numbers")
         if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
             i, j = np.nonzero(~np.isnan(h))
             x, y, h = x[i], y[j], h[i, j]
         x, y, h = (v.ravel().astype(np.float64) for v in (x, y, h))
     else:
-        x, y, h = read_columns(file, what, _COLUMNS)[0].T
+        x, y, h = read_columns(file, "ground.file", _COLUMNS)[0].T
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
-        raise InputError(f"ground.file '{file}' has {counts}; it needs the same number of each, and at least one")
+        raise InputError(f"{what} has {counts}; it needs the same number of each, and at least one")
     limit = min(_FARTHEST * cell, _HIGHEST)
     if not np.less(np.abs([x, y, h]), limit).all():  # NaN, too
+        raise InputError(f"{what} has values that are not finite or not below {limit:g} m; remove their rows")
+    # the first point lies in the middle of its cell, so that rounding puts no point of a grid into either of two cells
+    corner = round(x.min() / cell - 0.5, 6) % 1.0, round(y.min() / cell - 0.5, 6) % 1.0
+    n, m = (np.ptp(np.floor(v / cell - first)) + 1.0 for v, first in zip((x, y), corner, strict=True))
+    if n * m > MOST_CELLS:
         raise InputError(
-            f"ground.file '{file}' has values that are not finite or not below {limit:g} m; remove their rows"
+            f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; it must fit in {MOST_CELLS:,} cells"
         )
-    start = (_phase(x / cell), _phase(y / cell))  # heights of a grid: rounding must not put a point into either cell
-    spans = [np.ptp(np.floor(v / cell - first)) + 1.0 for v, first in zip((x, y), start, strict=True)]
-    if spans[0] * spans[1] > MOST_CELLS:
-        raise InputError(
-            f"ground.file '{file}' spans {spans[0]:.0f} x {spans[1]:.0f} cells of ground.cell {cell:g} m;"
-            f" it must fit in {MOST_CELLS:,} cells"
-        )
-    return replace(HeightMap.unknown(cell), corner=start).with_points(x, y, h)
+    return HeightMap.unknown(cell, corner).with_points(x, y, h)
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:

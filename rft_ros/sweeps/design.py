@@ -2,7 +2,7 @@
 
 import itertools
 import zlib
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -12,22 +12,19 @@ import numpy as np
 from rft_ros.errors import InputError
 from rft_ros.files import read_file, read_yaml
 from rft_ros.installation import release
-from rft_ros.rft import ALPHA_Y_MODELS, INTEGRATIONS, LAWS, MEDIA
-from rft_ros.sweeps.motions import FAMILIES
+from rft_ros.parameters import TOOL_PARAMETERS, Value, Values, checked, defaults
+from rft_ros.sweeps.motions import FAMILIES, Motion
 from rft_ros.tool import locate_mesh
 
-__all__ = ["Design", "Variant", "read_design"]
+__all__ = ["Design", "Variant", "motion_of", "parameters_of", "read_design"]
 
-# By name: the values that are allowed, or their kind; origin is a list of three numbers.
-_Kinds = Mapping[str, tuple[str, ...] | type]
-_TOOL: _Kinds = {"mesh": str, "scale": float, "origin": list, "integration": INTEGRATIONS, "tolerance": float}
-_ALPHA_Y = tuple(name for name in ALPHA_Y_MODELS if name != "table")  # a study cannot name a table's file
-_NUMBERS = ("zeta", "surface_friction", "density", "inertia", "mobilization_length", "surface_height")
-_MEDIUM: _Kinds = {"law": LAWS, "medium": tuple(MEDIA), "alpha_y": _ALPHA_Y, **dict.fromkeys(_NUMBERS, float)}
+_TOOL = {("mesh" if field == "file" else field): name for field, name in TOOL_PARAMETERS.items()}
+_OF_MEDIUM = ("zeta", "surface_friction", "density", "inertia", "mobilization_length")
+_MEDIUM = {"law": "law", "medium": "medium.name", "alpha_y": "alpha_y.model", "surface_height": "surface_height"}
+_MEDIUM |= {name: f"medium.{name}" for name in _OF_MEDIUM}
+_MOST = 1_000_000  # values in a range, and samples
 
-_MOST = 1_000_000  # values in a range
-
-Variant = dict[str, Any]
+Variant = dict[str, dict[str, Any]]
 """One point of a design: `tool`, `motion` and `medium`, each a dict of plain values."""
 
 
@@ -35,31 +32,58 @@ Variant = dict[str, Any]
 class Design:
     """Lists of tools, motions and media. Every combination is a variant.
 
-    `picked`: numbers of the combinations in a random sample; None: all. `fingerprint`: checksum of the study, its
-    meshes and states files, and the version of rft_ros.
+    `picked`: numbers of the combinations, all or a random sample. `fingerprint`: checksum of the study, its meshes and
+    states files, and the version of rft_ros.
     """
 
     file: Path
-    tools: tuple[dict[str, Any], ...]
-    motions: tuple[dict[str, Any], ...]
-    media: tuple[dict[str, Any], ...]
-    picked: tuple[int, ...] | None
+    tools: Sequence[dict[str, Any]]
+    motions: Sequence[dict[str, Any]]
+    media: Sequence[dict[str, Any]]
+    picked: Sequence[int]
     fingerprint: int
 
     def __len__(self) -> int:
-        return len(self.picked) if self.picked is not None else len(self.tools) * len(self.motions) * len(self.media)
+        return len(self.picked)
 
     def files(self) -> list[Path]:
         """Its meshes and states files."""
-        states = (Path(entry["states_file"]) for entry in self.motions if "states_file" in entry)
-        return [*(locate_mesh(entry["mesh"]) for entry in self.tools), *states]
+        return _files(self.tools, self.motions)
 
     def variant(self, index: int) -> Variant:
         """Variant number `index`, from 0."""
-        k = self.picked[index] if self.picked is not None else index
-        k, medium = divmod(k, len(self.media))
+        k, medium = divmod(self.picked[index], len(self.media))
         tool, motion = divmod(k, len(self.motions))
         return {"tool": self.tools[tool], "motion": self.motions[motion], "medium": self.media[medium]}
+
+
+def parameters_of(*, tool: Mapping[str, Any] | None = None, medium: Mapping[str, Any] | None = None) -> Values:
+    """The node's parameters for a variant's tool and medium. Raises InputError for a name or a value."""
+    values: dict[str, Value] = {**defaults(), "tolerance": 0.0}
+    for entry, names in ((tool or {}, _TOOL), (medium or {}, _MEDIUM)):
+        for key, value in entry.items():
+            name = _known(key, names)
+            values[name] = checked(name, value)
+    return values
+
+
+def motion_of(entry: Mapping[str, Any]) -> tuple[Motion, int]:
+    """The motion of a variant without a states file, and how often it is sampled. Raises InputError."""
+    family = entry.get("family")
+    if not isinstance(family, str) or family not in FAMILIES:
+        raise InputError(f"family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file")
+    known = {name: name for name in ("family", "samples", *(field.name for field in fields(FAMILIES[family])))}
+    numbers = {_known(key, known): value for key, value in entry.items() if key != "family"}
+    samples = numbers.pop("samples", 200)
+    if not isinstance(samples, int | float) or not 2 <= samples <= _MOST:
+        raise InputError(f"samples is {samples!r}; it must be from 2 to {_MOST:,}")
+    return FAMILIES[family](**numbers), int(samples)
+
+
+def _known(key: str, names: Mapping[str, str]) -> str:
+    if key not in names:
+        raise InputError(f"there is no '{key}'; use {', '.join(names)}")
+    return names[key]
 
 
 def read_design(file: Path) -> Design:
@@ -67,98 +91,64 @@ def read_design(file: Path) -> Design:
     content = read_yaml(file, "study")
     if not isinstance(content, Mapping):
         raise InputError(f"study '{file}' has no entries; it needs tools, motions and media")
-    known = {"tools", "motions", "media", "sample", "seed"}
+    known = ("media", "motions", "sample", "seed", "tools")
     for name in content:
         if name not in known:
-            raise InputError(f"study '{file}': '{name}' is not an entry of a study; use {', '.join(sorted(known))}")
-    lists = {name: tuple(_expanded(file, name, content.get(name))) for name in ("tools", "motions", "media")}
-    total = len(lists["tools"]) * len(lists["motions"]) * len(lists["media"])
-    sample = content.get("sample")
-    picked = None
-    if sample is not None:
-        if isinstance(sample, bool) or not isinstance(sample, int) or not 0 < sample <= total:
+            raise InputError(f"study '{file}': '{name}' is not an entry of a study; use {', '.join(known)}")
+    tools, motions, media = (tuple(_expanded(file, name, content.get(name))) for name in ("tools", "motions", "media"))
+    total = len(tools) * len(motions) * len(media)
+    picked: Sequence[int] = range(total)
+    if content.get("sample") is not None:
+        sample, seed = content["sample"], content.get("seed", 0)
+        if type(sample) is not int or not 0 < sample <= total:
             raise InputError(f"study '{file}': sample is {sample!r}; it must be a whole number from 1 to {total}")
-        seed = content.get("seed", 0)
-        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+        if type(seed) is not int or seed < 0:
             raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number of at least 0")
-        picked = tuple(sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist()))
-    return Design(file=file, picked=picked, fingerprint=_fingerprint(file, lists), **lists)
-
-
-def _fingerprint(file: Path, lists: Mapping[str, Iterable[Mapping[str, Any]]]) -> int:
+        picked = sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist())
     checksum = zlib.crc32(release().encode(), zlib.crc32(read_file(file, "study")))
-    files = {entry["mesh"]: locate_mesh for entry in lists["tools"]}
-    files |= {entry["states_file"]: Path for entry in lists["motions"] if "states_file" in entry}
-    for name, locate in files.items():
+    for used in dict.fromkeys(_files(tools, motions)):
         try:
-            checksum = zlib.crc32(read_file(locate(name), "file"), checksum)
-        except InputError:
+            checksum = zlib.crc32(read_file(used, "file"), checksum)
+        except InputError:  # its variants' rows will say so
             checksum = zlib.crc32(b"missing", checksum)
-    return checksum
+    return Design(file=file, tools=tools, motions=motions, media=media, picked=picked, fingerprint=checksum)
+
+
+def _files(tools: Sequence[dict[str, Any]], motions: Sequence[dict[str, Any]]) -> list[Path]:
+    states = (Path(entry["states_file"]) for entry in motions if "states_file" in entry)
+    return [*(locate_mesh(entry["mesh"]) for entry in tools), *states]
 
 
 def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]]:
     """One dict for each combination of the values in an entry's lists and ranges."""
-    if not isinstance(entries, Sequence) or isinstance(entries, str) or not entries:
+    if not isinstance(entries, list) or not entries:
         raise InputError(f"study '{file}': {name} is {entries!r}; it must be a list of entries")
     for number, entry in enumerate(entries, start=1):
-        where = f"study '{file}' {name} {number}"
-        if not isinstance(entry, Mapping):
-            raise InputError(f"{where} is {entry!r}; it must have names and values")
-        values = [_values(f"{where}: {key}", key, value) for key, value in entry.items()]
-        for combination in itertools.product(*values):
-            point = dict(zip(entry, combination, strict=True))
-            _check(where, name, point)
-            yield point
+        try:
+            if not isinstance(entry, Mapping) or (name == "tools" and "mesh" not in entry):
+                raise InputError(f"it is {entry!r}; it must have names and values{', mesh' * (name == 'tools')}")
+            for combination in itertools.product(*(_values(key, value) for key, value in entry.items())):
+                point = dict(zip(entry, combination, strict=True))
+                if name != "motions":
+                    parameters_of(**{"tool" if name == "tools" else "medium": point})
+                elif list(point) != ["states_file"] or not isinstance(point["states_file"], str):
+                    motion_of(point)
+                yield point
+        except InputError as error:
+            raise InputError(f"study '{file}' {name} {number}: {error}") from None
 
 
-def _kinds_of_motion(where: str, entry: Mapping[str, object]) -> _Kinds:
-    family = entry.get("family")
-    if "states_file" in entry:
-        return {"states_file": str}
-    if isinstance(family, str) and family in FAMILIES:
-        return {"family": str, "samples": float, **{f.name: float for f in fields(FAMILIES[family])}}
-    raise InputError(f"{where}: family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file")
-
-
-def _check(where: str, name: str, entry: Mapping[str, object]) -> None:
-    """Raise InputError for a name that an entry of this list does not have, or a value of another kind."""
-    kinds = _kinds_of_motion(where, entry) if name == "motions" else _TOOL if name == "tools" else _MEDIUM
-    if name == "tools" and "mesh" not in entry:
-        raise InputError(f"{where} has no mesh")
-    for key, value in entry.items():
-        kind = kinds.get(key)
-        if kind is None:
-            raise InputError(f"{where} has no '{key}'; it has {', '.join(kinds)}")
-        if isinstance(kind, tuple):
-            fits, wanted = value in kind, f"one of {', '.join(kind)}"
-        elif kind is str:
-            fits, wanted = isinstance(value, str), "text"
-        elif kind is list:
-            fits, wanted = isinstance(value, list) and len(value) == 3 and all(map(_is_number, value)), "three numbers"
-        else:
-            fits, wanted = _is_number(value), "a number"
-        if not fits:
-            raise InputError(f"{where}: {key} is {value!r}; it must be {wanted}")
-
-
-def _values(where: str, key: str, value: object) -> list[Any]:
+def _values(key: str, value: object) -> list[Any]:
     if isinstance(value, Mapping):
         try:
             low, high, count = float(value["from"]), float(value["to"]), int(value["count"])
         except (KeyError, TypeError, ValueError, OverflowError):
-            raise InputError(f"{where} is {dict(value)!r}; a range has from, to and count") from None
+            raise InputError(f"{key} is {dict(value)!r}; a range has from, to and count") from None
         if not (np.isfinite([low, high]).all() and 0 < count <= _MOST):
-            raise InputError(f"{where} is {dict(value)!r}; from and to must be finite, count from 1 to {_MOST:,}")
-        return [float(v) for v in np.linspace(low, high, count)]
-    if isinstance(value, list):
-        if key == "origin" and not any(isinstance(v, list) for v in value):
-            return [value]
-        if not value:
-            raise InputError(f"{where} is an empty list")
-        return value
-    return [value]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
+            raise InputError(f"{key} is {dict(value)!r}; from and to must be finite, count from 1 to {_MOST:,}")
+        return list(np.linspace(low, high, count).tolist())
+    if not isinstance(value, list) or (key == "origin" and not any(isinstance(v, list) for v in value)):
+        return [value]
+    if not value:
+        raise InputError(f"{key} is an empty list")
+    return value

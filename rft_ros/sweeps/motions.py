@@ -12,6 +12,7 @@ unless the caller says otherwise. Positions are those of the tool frame's origin
 """
 
 import math
+import sys
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 
@@ -38,9 +39,10 @@ class Motion(ABC):
     def __post_init__(self) -> None:
         for field in fields(self):
             value, positive = getattr(self, field.name), field.name in ("speed", "travel", "pitch")
-            if not math.isfinite(value) or (positive and value <= 0.0):
+            number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+            if not number or (positive and value <= 0.0):
                 kind = "positive" if positive else "finite"
-                raise InputError(f"{type(self).__name__}.{field.name} is {value}; it must be a {kind} number")
+                raise InputError(f"{type(self).__name__}.{field.name} is {value!r}; it must be a {kind} number")
 
     @property
     @abstractmethod
@@ -64,9 +66,9 @@ class Motion(ABC):
 class Straight(Motion):
     """Insertion, penetration or withdrawal along a line, without turning.
 
-    `start_height`: z of the origin at t = 0 [m]. `speed` [m/s]. `travel`: length of the path [m]. `descent_deg`: angle
-    of the path below the horizontal [deg]; 90 straight down, -90 straight up. `heading_deg`: its horizontal direction,
-    from +x towards +y [deg]. `tilt_deg`, then `yaw_deg`: the tool's attitude, Rz(yaw) Ry(tilt) [deg].
+    `start_height`: z of the origin at t = 0. `descent_deg`: angle of the path below the horizontal; 90 straight down,
+    -90 straight up. `heading_deg`: its horizontal direction, from +x towards +y. `tilt_deg`, then `yaw_deg`: the tool's
+    attitude, Rz(yaw) Ry(tilt).
     """
 
     speed: float = 0.01
@@ -87,10 +89,9 @@ class Straight(Motion):
 class PlateDrag(Motion):
     """A plate dragged along +x without turning (paper Figs. 2 and 3; with `phi_deg`, Figs. 5 and 6).
 
-    The plate's face is the tool's -z: it faces down at `beta_deg` = 0 and forwards at 90 [deg]. `psi_deg`: angle from
-    the horizontal direction of motion to the face's e2 [deg]; 90 moves a vertical plate along itself. `phi_deg`: how
-    far below the horizontal the plate moves [deg]; 0 in Fig. 3. `depth`: of the origin below z = 0 at the start [m].
-    `speed` [m/s], `travel`: length of the path [m].
+    The plate's face is the tool's -z: it faces down at `beta_deg` = 0 and forwards at 90. `psi_deg`: angle from the
+    horizontal direction of motion to the face's e2; 90 moves a vertical plate along itself. `phi_deg`: how far below
+    the horizontal the plate moves; 0 in Fig. 3. `depth`: of the origin below z = 0 at the start.
     """
 
     speed: float = 0.01
@@ -109,8 +110,8 @@ class OscillatingInsertion(Motion):
     """Straight down while pitching about y as amplitude * sin(2π frequency t) (paper Fig. 7; its ellipsoid).
 
     `frequency`: of the pitch [Hz]; 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text.
-    `amplitude_deg` [deg]; 0 for an insertion without oscillation. `start_height`: z of the origin at t = 0 [m]; 18 mm
-    puts the ellipsoid's tip on the surface. `speed` [m/s], `travel`: depth gained [m].
+    `amplitude_deg`: 0 for an insertion without oscillation. `start_height`: z of the origin at t = 0; 18 mm puts the
+    ellipsoid's tip on the surface. `travel`: depth gained.
     """
 
     frequency: float = 0.625
@@ -132,10 +133,10 @@ class OscillatingInsertion(Motion):
 class Circumnutation(Motion):
     """A tilted root tip that descends a helix, turning about the vertical (paper Fig. 8).
 
-    `tilt_deg`: η, angle of the root's axis from the vertical [deg]. `pitch`: P, depth gained per turn [m].
-    `rate_deg_s`: angular velocity about the vertical [deg/s], negative for clockwise from above. `travel`: depth gained
-    [m]. `start_height`: z of the origin, which lies on the axis of turning, at t = 0 [m]; 0 puts the root's base at the
-    surface, as in the released code.
+    `tilt_deg`: η, angle of the root's axis from the vertical. `pitch`: P, depth gained per turn. `rate_deg_s`: angular
+    velocity about the vertical [deg/s], negative for clockwise from above. `travel`: depth gained. `start_height`: z of
+    the origin, which lies on the axis of turning, at t = 0; 0 puts the root's base at the surface, as in the released
+    code.
     """
 
     tilt_deg: float = 10.0
@@ -147,7 +148,7 @@ class Circumnutation(Motion):
     def __post_init__(self) -> None:
         Motion.__post_init__(self)
         if self.rate_deg_s == 0.0:
-            raise InputError("Circumnutation.rate_deg_s is 0.0; it must not be 0; for no turning use Straight")
+            raise InputError("Circumnutation.rate_deg_s is 0; for no turning use Straight")
 
     @property
     def speed(self) -> float:

@@ -7,7 +7,6 @@ same folder continues where it stopped, and computes chunks with failed rows aga
 import csv
 import io
 import json
-import math
 import os
 import threading
 import time
@@ -15,62 +14,102 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from multiprocessing import get_context, parent_process
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
-from rft_ros.errors import InputError, file_errors
+import numpy as np
+from numpy.typing import NDArray
+from scipy.integrate import trapezoid
+
+from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import whole
+from rft_ros.parameters import model_of, tool_request
 from rft_ros.progress import bar
-from rft_ros.sweeps.design import Design, Variant
-from rft_ros.sweeps.outcomes import RESULTS, row_of
+from rft_ros.states_file import read_states, wrenches_along
+from rft_ros.sweeps.design import Design, Variant, motion_of, parameters_of
+from rft_ros.sweeps.motions import sample
+from rft_ros.tool import Tool, ToolRequest
 
-__all__ = ["Report", "run"]
+__all__ = ["RESULTS", "Report", "evaluate", "row_of", "run"]
 
-_CHUNK_SECONDS = 0.5  # of one worker; a scheduler takes about 1 ms per task
-_PROBE_SECONDS = 0.1  # spent on measuring the time per variant
-_RESTARTS = 5  # of the pool, when the system kills a worker
+Array = NDArray[np.float64]
+Rows = list[list[str]]
 
-Rows = tuple[list[list[str]], float]
-"""Rows of a chunk, and the seconds they took."""
+RESULTS = (
+    *(f"{kind}_{axis}" for kind in ("peak", "mean") for axis in ("fx", "fy", "fz", "tx", "ty", "tz")),
+    *("peak_force", "vertical_work", "total_work", "path", "plates"),
+)
+"""Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
+path of the tool frame's origin [m]; number of plates."""
 
-Compute = Callable[[Sequence[Variant]], Rows]
+_CHUNKS, _MOST_ROWS = 32, 100  # enough chunks to share and to continue with; few enough for a scheduler: 1 ms a task
+_PATIENCE = 10.0  # with a scheduler [s]
+_ATTEMPTS = 6  # with new workers, when the system kills one
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Report:
-    """The outcome of a run. `rows`: in the table. `computed`: of these, by this run. `failed`: rows without numbers.
-
-    `seconds`: wall time. `busy`: the workers' time, summed [s]. `workers`: their number. `chunk`: variants per task.
-    """
+class Report(NamedTuple):
+    """The outcome of a run. `rows`: in the table; `computed`: by this run in `seconds`; `failed`: without numbers."""
 
     file: Path
     rows: int
     computed: int
     failed: int
     seconds: float
-    busy: float
-    workers: int
-    chunk: int
 
     def lines(self) -> list[str]:
         """Sentences for the terminal."""
-        text = [f"{self.rows:,} variants, {self.failed:,} without numbers -> {self.file}"]
-        if self.computed:
-            idle = max(0.0, 1.0 - self.busy / (self.seconds * self.workers))
-            text.append(
-                f"{self.computed:,} computed in {self.seconds:.1f} s by {self.workers} workers, {self.chunk} per task,"
-                f" {self.computed / self.seconds:,.0f} per second; workers idle for {100 * idle:.0f} %"
-            )
-        return text
+        rate = f"{self.computed:,} computed in {self.seconds:.1f} s, {self.computed / self.seconds:,.0f} per second"
+        return [f"{self.rows:,} variants, {self.failed:,} without numbers -> {self.file}", *[rate][: self.computed]]
+
+
+def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
+    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed.
+
+    Files are read once for each `fingerprint`, that of the design.
+    """
+    values: Mapping[str, Any] = parameters_of(tool=variant["tool"], medium=variant["medium"])
+    model = model_of(values, tool=_tool(tool_request(values), fingerprint))
+    times, states = _motion(tuple(variant["motion"].items()), fingerprint)
+    scene = {"mobilization_length": model.mobilization_length, "surface_height": values["surface_height"]}
+    wrench = wrenches_along(model.tool.plates, model.law, times, states, **scene, where="motion", threads=1)[:, :6]
+    peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
+    work = trapezoid(-wrench * states[:, 7:13], times, axis=0)  # positive where the grains resist
+    path = np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum()
+    force = np.linalg.norm(wrench[:, :3], axis=1).max()
+    results = [*peak, *wrench.mean(axis=0), force, work[2], work.sum(), path, len(model.tool.plates)]
+    if not np.isfinite(results).all():
+        raise InputError("its forces, work or path are too large")
+    return dict(zip(RESULTS, map(float, results), strict=True))
+
+
+# `_fingerprint` is part of the caches' keys: a worker of a cluster sees files change between studies.
+@lru_cache(maxsize=64)
+def _tool(request: ToolRequest, _fingerprint: int) -> Tool:
+    return request.load()
+
+
+@lru_cache(maxsize=4096)
+def _motion(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Array, Array]:
+    """Times and states of a motion, from the items of its entry."""
+    entry = dict(items)
+    return read_states(Path(entry["states_file"])) if "states_file" in entry else sample(*motion_of(entry))
+
+
+def row_of(variant: Variant, columns: Sequence[str], fingerprint: int = 0) -> list[str]:
+    """A row of the table: the variant's values, then its results or the reason why it has none."""
+    cells = {f"{part}.{key}": value for part, values in variant.items() for key, value in values.items()}
+    try:
+        cells |= evaluate(variant, fingerprint)
+    except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
+        cells["reason"] = reason_of(error)
+    return [str(cells.get(name, "")) for name in columns]
 
 
 def rows_of(variants: Sequence[Variant], columns: Sequence[str], fingerprint: int) -> Rows:
     """Compute rows; runs in a worker."""
-    start = time.perf_counter()
-    return [row_of(variant, columns, fingerprint) for variant in variants], time.perf_counter() - start
+    return [row_of(variant, columns, fingerprint) for variant in variants]
 
 
 def run(
@@ -86,135 +125,94 @@ def run(
     `scheduler`: address of a Dask scheduler, such as tcp://10.0.0.1:8786; without it, `workers` processes here
     (default: one per core). The table has the same bytes however it was computed. Raises InputError.
     """
-    columns = _columns(design)
-    compute = partial(rows_of, columns=columns, fingerprint=design.fingerprint)
-    with file_errors(f"output folder '{out}'", "written"):
-        (out / "chunks").mkdir(parents=True, exist_ok=True)
-        chunk = _chunk_size(design, out, compute)
-        chunks = [range(k, min(k + chunk, len(design))) for k in range(0, len(design), chunk)]
-        missing = [k for k, rows in enumerate(chunks) if not _finished(_file(out, k), len(rows))]
-        start, busy, computed, used = time.perf_counter(), 0.0, 0, 0
-        if missing:
-            tasks = {k: [design.variant(i) for i in chunks[k]] for k in missing}
-            done = len(design) - sum(map(len, tasks.values()))
-            with (
-                _workers(scheduler, workers or os.cpu_count() or 1) as (used, executor),
-                bar(design.file.stem, len(design), delay=0.0) as update,
-            ):
-                update(done, design.file.stem)
-                for k, (rows, seconds) in _answers(executor, tasks, compute):
-                    with whole(_file(out, k)) as part:
-                        part.write_text(_text(rows), encoding="utf-8")
-                    computed, busy = computed + len(rows), busy + seconds
-                    rate, finished = computed / (time.perf_counter() - start), done + computed
-                    update(finished, f"{design.file.stem}: {finished:,} of {len(design):,}, {rate:,.0f}/s")
-        spent = time.perf_counter() - start
-        rows = [row for k in range(len(chunks)) for row in _read(_file(out, k))]
-        file = _table(out, columns, rows, form)
-    failed = sum(bool(row[-1]) for row in rows)
-    return Report(
-        file=file, rows=len(rows), computed=computed, failed=failed, seconds=spent, busy=busy, workers=used, chunk=chunk
-    )
-
-
-def _columns(design: Design) -> list[str]:
     parts = {"tool": design.tools, "motion": design.motions, "medium": design.media}
     own = dict.fromkeys(f"{part}.{key}" for part, entries in parts.items() for entry in entries for key in entry)
-    return [*own, *RESULTS, "reason"]
-
-
-def _chunk_size(design: Design, out: Path, compute: Compute) -> int:
-    """Variants per chunk: as recorded in the folder, or so that a chunk takes a worker half a second."""
-    file = out / "study.json"
-    if file.exists():
-        try:
-            kept = json.loads(file.read_text(encoding="utf-8"))
-            chunk, fingerprint = int(kept["chunk"]), int(kept["fingerprint"])
-        except (ValueError, KeyError, TypeError):
-            raise InputError(f"'{file}' is not a record of a study; choose another output folder") from None
-        if fingerprint != design.fingerprint:
+    columns, total, name = [*own, *RESULTS, "reason"], len(design), design.file.stem
+    with file_errors(f"output folder '{out}'", "written"):
+        (out / "chunks").mkdir(parents=True, exist_ok=True)
+        record, own_record = out / "study.json", json.dumps({"fingerprint": design.fingerprint, "variants": total})
+        if record.exists() and record.read_text(encoding="utf-8") != own_record:
             raise InputError(
                 f"'{out}' holds the rows of a study other than '{design.file}', or of other meshes, states files or"
                 " another version of rft_ros; choose another folder or delete this one"
             )
-        return chunk
-    compute([design.variant(0)])  # compiles
-    count, start = 0, time.perf_counter()
-    while (spent := time.perf_counter() - start) < _PROBE_SECONDS:
-        compute([design.variant(count % len(design))])
-        count += 1
-    chunk = max(1, min(round(_CHUNK_SECONDS * count / spent), math.ceil(len(design) / (4 * (os.cpu_count() or 1)))))
-    with whole(file) as part:
-        part.write_text(
-            json.dumps({"chunk": chunk, "fingerprint": design.fingerprint, "variants": len(design)}) + "\n",
-            encoding="utf-8",
-        )
-    return chunk
+        with whole(record) as part:
+            part.write_text(own_record, encoding="utf-8")
+        size = min(-(-total // _CHUNKS), _MOST_ROWS)
+        chunks = {out / "chunks" / f"{k:06d}.csv": range(k, min(k + size, total)) for k in range(0, total, size)}
+        tasks = {
+            file: [design.variant(i) for i in numbers]
+            for file, numbers in chunks.items()
+            if not (file.exists() and [row[-1:] for row in _read(file)] == [[""]] * len(numbers))
+        }
+        computed, start = sum(map(len, tasks.values())), time.perf_counter()
+        if tasks:
+            compute = partial(rows_of, columns=columns, fingerprint=design.fingerprint)
+            with _workers(scheduler, workers or os.cpu_count()) as executor, bar(name, total, delay=0.0) as update:
+                done = total - computed
+                update(done, name)
+                for file, rows in _answers(executor, tasks, compute):
+                    with whole(file) as part:
+                        part.write_text(_text(rows), encoding="utf-8")
+                    done += len(rows)
+                    update(done, f"{name}: {done:,} of {total:,}")
+        seconds = time.perf_counter() - start
+        rows = [row for file in chunks for row in _read(file)]
+        table = _table(out, [columns, *rows], form)
+    return Report(table, total, computed, sum(bool(row[-1]) for row in rows), seconds)
 
 
 @contextmanager
-def _workers(scheduler: str | None, count: int) -> Iterator[tuple[int, Callable[[], Executor]]]:
-    """The number of workers, and a function that returns a new executor of them."""
+def _workers(scheduler: str | None, count: int | None) -> Iterator[Callable[[], Executor]]:
+    """A function that returns a new executor."""
     if scheduler is None:
-        yield count, partial(ProcessPoolExecutor, count, get_context("spawn"), _end_with_parent)
+        yield partial(ProcessPoolExecutor, count, get_context("spawn"), _end_with_parent)
         return
     try:
         from distributed import Client
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'rft_ros[sweep]'") from None
     try:
-        client = Client(scheduler, timeout="10s")  # type: ignore[no-untyped-call]
+        client = Client(scheduler, timeout=_PATIENCE)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise InputError(f"no Dask scheduler answers at '{scheduler}': {error}") from None
     with client:
-        used = len(client.scheduler_info(n_workers=-1)["workers"])
-        if not used:
+        if not client.scheduler_info(n_workers=-1)["workers"]:
             raise InputError(f"the Dask scheduler at '{scheduler}' has no workers")
-        yield used, partial(client.get_executor, pure=False, retries=3)
+        yield partial(client.get_executor, pure=False, retries=3)
 
 
 def _end_with_parent() -> None:
     """In a worker: end when the parent process has ended, even if it was killed."""
-    parent = parent_process()
-    assert parent is not None
 
     def watch() -> None:
-        parent.join()
+        parent_process().join()  # type: ignore[union-attr]
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
 
 
 def _answers(
-    executor: Callable[[], Executor], tasks: Mapping[int, Sequence[Variant]], compute: Compute
-) -> Iterator[tuple[int, Rows]]:
+    executor: Callable[[], Executor], tasks: Mapping[Path, Sequence[Variant]], compute: Callable[..., Rows]
+) -> Iterator[tuple[Path, Rows]]:
     left = dict(tasks)
-    for restart in range(_RESTARTS + 1):
-        pool, futures = executor(), dict[Future[Rows], int]()
+    for _ in range(_ATTEMPTS):
+        pool, futures = executor(), dict[Future[Rows], Path]()
         try:
-            for k, variants in left.items():
-                futures[pool.submit(compute, variants)] = k
+            for file, variants in left.items():
+                futures[pool.submit(compute, variants)] = file
             for future in as_completed(futures):
                 rows = future.result()
                 del left[futures[future]]
                 yield futures[future], rows
             return
         except BrokenProcessPool:
-            if restart == _RESTARTS:
-                raise InputError(f"workers were killed {restart + 1} times; out of memory?") from None
+            continue
         finally:
             for future in futures:
                 future.cancel()
             pool.shutdown()
-
-
-def _file(out: Path, chunk: int) -> Path:
-    return out / "chunks" / f"{chunk:06d}.csv"
-
-
-def _finished(file: Path, rows: int) -> bool:
-    """Whether the file of a chunk has all its rows, none with a reason why it failed."""
-    return file.exists() and [row[-1:] for row in _read(file)] == [[""]] * rows
+    raise InputError(f"workers were killed {_ATTEMPTS} times; out of memory?")
 
 
 def _text(rows: Iterable[Sequence[str]]) -> str:
@@ -223,16 +221,16 @@ def _text(rows: Iterable[Sequence[str]]) -> str:
     return text.getvalue()
 
 
-def _read(file: Path) -> list[list[str]]:
+def _read(file: Path) -> Rows:
     with file.open(encoding="utf-8", newline="") as lines:
         return list(csv.reader(lines))
 
 
-def _table(out: Path, columns: list[str], rows: list[list[str]], form: str) -> Path:
-    text, file = _text([columns, *rows]), out / f"results.{form}"
+def _table(out: Path, rows: Rows, form: str) -> Path:
+    file, text = out / f"results.{form}", _text(rows).encode()
     if form == "csv":
         with whole(file) as part:
-            part.write_text(text, encoding="utf-8")
+            part.write_bytes(text)
         return file
     try:
         import pyarrow  # type: ignore[import-untyped]
@@ -242,5 +240,5 @@ def _table(out: Path, columns: list[str], rows: list[list[str]], form: str) -> P
         raise InputError("--format parquet needs pyarrow: pip install 'rft_ros[sweep]'") from None
     typed = arrow_csv.ConvertOptions(column_types={"reason": pyarrow.string()})  # it may be empty in every row
     with whole(file) as part:
-        parquet.write_table(arrow_csv.read_csv(io.BytesIO(text.encode()), convert_options=typed), part)
+        parquet.write_table(arrow_csv.read_csv(io.BytesIO(text), convert_options=typed), part)
     return file

@@ -27,19 +27,17 @@ def box(half=0.01):
 @given(st.permutations(list(range(400))))
 def test_the_order_of_points_changes_nothing(order):
     x, y, z = bed(lambda x, y: 0.3 * x + 0.01 * np.sin(300.0 * y))
-    a, b = (
-        HeightMap.unknown(CELL).with_points(x, y, z),
-        HeightMap.unknown(CELL).with_points(x[order], y[order], z[order]),
-    )
+    a = HeightMap.unknown(CELL).with_points(x, y, z)
+    b = HeightMap.unknown(CELL).with_points(x[order], y[order], z[order])
     assert a.corner == b.corner
     assert_array_equal(a.heights, b.heights)
 
 
-def test_a_cell_takes_the_median_of_its_points():
-    x = np.full(5, 0.0005)
-    z = np.array([0.001, 0.002, 0.003, 0.5, -0.5])
-    ground = HeightMap.unknown(CELL).with_points(x, x, z)
-    assert_allclose(ground.points(), [[0.001, 0.001, 0.002]])
+@given(z=st.lists(st.floats(-1.0, 1.0, width=32), min_size=1, max_size=200))
+def test_a_cell_takes_the_median_of_its_points(z):
+    x = np.full(len(z), 0.0005)
+    ground = HeightMap.unknown(CELL).with_points(x, x, np.array(z))
+    assert_allclose(ground.points(), [[0.001, 0.001, np.median(z)]], atol=1e-7)
 
 
 def test_points_that_are_not_finite_and_cells_that_stand_out_are_left_out():
@@ -78,17 +76,17 @@ def test_the_map_is_bounded_whatever_the_points():
 
 def test_some_of_many_points_are_spread_over_the_map():
     ground = HeightMap.unknown(CELL).with_points(*bed(lambda x, _: x))
-    some = ground.points(at_most=50)
+    some, every = ground.points(at_most=50), ground.points(at_most=400)
     assert 20 < len(some) <= 51
-    assert {tuple(p) for p in some} <= {tuple(p) for p in ground.points()}
-    assert np.ptp(some[:, 0]) > 0.8 * np.ptp(ground.points()[:, 0])
-    assert len(ground.points(at_most=len(ground.points()))) == len(ground.points())
-    assert len(HeightMap.unknown(CELL).points(at_most=50)) == 0
+    assert {tuple(p) for p in some} <= {tuple(p) for p in every}
+    assert np.ptp(some[:, 0]) > 0.8 * np.ptp(every[:, 0])
+    assert len(every) == 400
 
 
 def test_no_points_change_nothing():
     ground = HeightMap.unknown(CELL)
-    assert ground.with_points(np.empty(0), np.empty(0), np.empty(0)) is ground
+    assert ground.with_points(*np.empty((3, 0))) is ground
+    assert len(ground.points(at_most=50)) == 0
 
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
@@ -111,7 +109,7 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
     x, y = (v.ravel() for v in np.meshgrid(*(cell * (np.arange(12) + b + offset) for b in begin), indexing="ij"))
     h = 0.3 * x - 0.2 * y
     file = tmp_path_factory.mktemp("grid") / "ground.csv"
-    np.savetxt(file, np.column_stack([x, y, h]), fmt="%.9g", delimiter=",", header="x,y,h", comments="")
+    np.savetxt(file, np.column_stack([x, y, h]), fmt="%.9g", delimiter=",", header="x,y,h", comments="", encoding="utf-8-sig")
     ground = read_height_map(file, cell)
     assert_allclose(ground.points(), np.column_stack([x, y, h]), rtol=1e-6, atol=2e-6 * cell)
     assert_allclose(ground.heights_at(x, y), h, rtol=1e-6, atol=1e-9)
@@ -123,15 +121,11 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
     ("text", "sentence"),
     [
         ("", "no column x"),
-        ("a,b,c\n1,2,3\n", "no column x; its first line must name x,y,h"),
         ("x,y,h\n", "at least one"),
         ("x,y,h\n1,2\n", "line 2 is not 3 numbers"),
-        ("x,y,h\n0,0,0,9\n0,0,0,9\n0,0,0,9\n", "line 2 is not 3 numbers"),
-        ("x,y,h\n1,2,spam\n", "line 2 is not 3 numbers"),
         ("x,y,h\n1,2,nan\n", "not finite"),
         ("x,y,h\n0,0,0\n1e3,1e3,0\n", "must fit in"),
         ("x,y,h\n0.0018,0.001,0\n0.0038,3000.001,0\n", "2 x 1500001 cells"),
-        ("x,y,h\n0,1e6,0\n", "not below 200000 m"),
         ("x,y,h\n0,0,1e7\n", "not below 200000 m"),
     ],
 )
@@ -141,14 +135,3 @@ def test_a_bad_file_is_refused_with_a_sentence(tmp_path, text, sentence):
     with pytest.raises(InputError, match=sentence) as error:
         read_height_map(file, CELL)
     assert str(file) in str(error.value)
-
-
-def test_a_file_may_begin_with_a_byte_order_mark(tmp_path):
-    file = tmp_path / "ground.csv"
-    file.write_text("x,y,h\n0.001,0.001,0.5\n", encoding="utf-8-sig")
-    assert_allclose(read_height_map(file, CELL).points(), [[0.001, 0.001, 0.5]])
-
-
-def test_a_missing_file_is_refused(tmp_path):
-    with pytest.raises(InputError, match="No such file"):
-        read_height_map(tmp_path / "none.csv", CELL)

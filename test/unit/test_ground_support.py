@@ -43,10 +43,11 @@ def test_a_tilted_bed_under_a_sinking_tool_is_found_as_it_is(sx, sy, h):
 
 def test_the_ground_ahead_resists_and_not_the_hole_behind():
     step = ground(lambda x, _: np.where(x > 0.02, 0.0, -0.03))
-    ahead = SUPPORT.local_surface(step, state(FORWARD, z=-0.02, x=0.03), level=0.0)
-    behind = SUPPORT.local_surface(step, state((-0.01, 0.0, 0.0), z=-0.02, x=0.03), level=0.0)
-    middle = 0.03
-    assert ahead.height + ahead.slope[0] * middle > behind.height + behind.slope[0] * middle + 0.005
+    heights = []
+    for velocity in (FORWARD, (-0.01, 0.0, 0.0)):
+        surface = SUPPORT.local_surface(step, state(velocity, z=-0.02, x=0.03), level=0.0)
+        heights.append(surface.height + surface.slope[0] * 0.03)
+    assert heights[0] > heights[1] + 0.005
 
 
 def test_a_tool_on_a_pile_is_below_its_surface():
@@ -57,14 +58,13 @@ def test_a_tool_on_a_pile_is_below_its_surface():
 
 @given(turn=st.floats(0.0, 6.3))
 def test_turning_the_scene_turns_the_plane(turn):
-    c, s = np.cos(turn), np.sin(turn)
     surfaces = []
-    for a, b in ((1.0, 0.0), (c, s)):
-        bed = ground(lambda x, y, a=a, b=b: 0.01 * np.tanh(60.0 * (a * x + b * y)))
-        moved = np.array([0.0, 0.0, -0.02, 0.0, 0.0, np.sin(0.5 * np.arctan2(b, a)), np.cos(0.5 * np.arctan2(b, a))])
-        surfaces.append(
-            SUPPORT.local_surface(bed, np.array([*moved, 0.01 * a, 0.01 * b, 0.0, 0.0, 0.0, 0.0]), level=0.0)
-        )
+    for angle in (0.0, turn):
+        a, b = np.cos(angle), np.sin(angle)
+        bed = ground(lambda x, y, a=a, b=b: 0.01 * np.tanh(60.0 * (a * x + b * y)), half=0.1)
+        pose = 0.0, 0.0, -0.02, 0.0, 0.0, np.sin(angle / 2.0), np.cos(angle / 2.0)
+        moved = np.array([*pose, 0.01 * a, 0.01 * b, 0.0, 0.0, 0.0, 0.0])
+        surfaces.append(SUPPORT.local_surface(bed, moved, level=0.0))
     assert surfaces[0].height == pytest.approx(surfaces[1].height, abs=2e-4)
     assert np.hypot(*surfaces[0].slope) == pytest.approx(np.hypot(*surfaces[1].slope), abs=0.02)
 
@@ -72,8 +72,9 @@ def test_turning_the_scene_turns_the_plane(turn):
 def test_the_height_is_continuous_along_a_path():
     bed = ground(lambda x, y: 0.008 * np.sin(100.0 * x) * np.cos(80.0 * y))
     step = 1e-5
-    heights = [SUPPORT.local_surface(bed, state(FORWARD, z=-0.02, x=x), level=0.0) for x in np.arange(0.0, 0.02, step)]
-    at_tool = [h + s[0] * x for (h, s, *_), x in zip(heights, np.arange(0.0, 0.02, step), strict=True)]
+    places = np.arange(0.0, 0.02, step)
+    planes = [SUPPORT.local_surface(bed, state(FORWARD, z=-0.02, x=x), level=0.0) for x in places]
+    at_tool = [plane.height + plane.slope[0] * x for plane, x in zip(planes, places, strict=True)]
     assert np.abs(np.diff(at_tool)).max() < 2.0 * step
 
 

@@ -37,7 +37,7 @@ ALLOWED = {
         "errors",
     },
     "calibration": {"files", "bags", "estimator", "parameters", "tool", "rft", "report", "errors"},
-    "sweeps": {"tool", "rft", "states_file", "installation", "progress", "errors", "files"},
+    "sweeps": {"parameters", "tool", "rft", "states_file", "installation", "progress", "errors", "files"},
     "commands": {
         *("node", "bags", "estimator", "parameters", "tool", "rft", "report", "errors", "states_file"),
         *("calibration", "sweeps", "progress", "installation", "files"),
