@@ -109,7 +109,9 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
     x, y = (v.ravel() for v in np.meshgrid(*(cell * (np.arange(12) + b + offset) for b in begin), indexing="ij"))
     h = 0.3 * x - 0.2 * y
     file = tmp_path_factory.mktemp("grid") / "ground.csv"
-    np.savetxt(file, np.column_stack([x, y, h]), fmt="%.9g", delimiter=",", header="x,y,h", comments="", encoding="utf-8-sig")
+    np.savetxt(
+        file, np.column_stack([x, y, h]), fmt="%.9g", delimiter=",", header="x,y,h", comments="", encoding="utf-8-sig"
+    )
     ground = read_height_map(file, cell)
     assert_allclose(ground.points(), np.column_stack([x, y, h]), rtol=1e-6, atol=2e-6 * cell)
     assert_allclose(ground.heights_at(x, y), h, rtol=1e-6, atol=1e-9)
