@@ -1,31 +1,24 @@
 """α_y from a plate dragged level along e1, at several β: constant, linear in β, or a table (Treers et al. 2021, IV-B).
 
-The force along e1 is ζ α_y f1 d A with f1(1) = 1; A is the area of one face, as in the paper. The leading edge of a
-real plate also pushes grains. As in the paper's §IV-A the force on the edges is subtracted; here the model predicts it,
-on all facets outside the two faces.
+The force on the faces is linear in α_y, so each run gives the α_y with which the model's force along e1 is the measured
+one. Under the refined rule each face of a plate that slides along itself leads by half: together they count as the one
+face of the paper. The leading edge of a real plate also pushes grains; as in §IV-A its force is subtracted, here the
+model's.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import (
-    FittedValue,
-    NotIdentifiable,
-    error_of_mean,
-    fit_each,
-    fit_measurements,
-    mean_of,
-)
-from rft_ros.calibration.segments import level_runs
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, fit_measurements, fit_series
 from rft_ros.calibration.tool_weight import Sensor
-from rft_ros.calibration.track import Track
-from rft_ros.rft import Law, Medium, Plates, alpha_y_model, wrenches
+from rft_ros.calibration.track import Track, level_runs
+from rft_ros.rft import Constant, Medium, Plates, Treers2021, alpha_y_model, wrenches
 from rft_ros.rft.traction import FLAT
-from rft_ros.rft.velocity_weights import exact_f1
+from rft_ros.tool.refine import refined_plates
 
 __all__ = ["AlphaYFit", "AlphaYModel", "PlateRun", "faces_of", "fit_alpha_y", "plate_runs"]
 
@@ -34,59 +27,43 @@ AlphaYModel = Literal["auto", "constant", "linear", "table"]
 
 _ALIKE = np.cos(np.deg2rad(5.0))
 _FACES = 0.6  # least share of a plate's surface that its two faces make up
-_STEADY = 0.5  # share of a run, at its end, that is used: earlier the force is still building up
-_SHORTEST = 0.01
-_SHALLOWEST = 0.005  # shortest level run, and least depth of the face's centre [m]
 _LEADING = np.sin(np.deg2rad(1.0))
-_SIDEWAYS = np.sin(np.deg2rad(5.0))
+_STEADY = 0.5  # share of a run, at its end, that is used: earlier the force is still building up
+_SHORTEST, _SHALLOWEST = 0.01, 0.005  # shortest level run, and least mean depth of the plate [m]
 
 _ALONG = 80.0  # least ψ [deg] of a run along e1: f1 is within 1 % of 1 there
-_SAME_BETA = 5.0
-_BETA_SPAN = 20.0
+_SAME_BETA, _BETA_SPAN = 5.0, 20.0  # [deg]
 _SURE = 3.0  # standard errors by which a slope in β must differ from 0 to be used
 _LINE_ROWS = np.arange(0.0, 91.0, 15.0)  # β [deg] at which a line is written to a table
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlateRun:
+class PlateRun(NamedTuple):
     """Steady state of one level run.
 
-    `beta`, `psi` [deg]: attack angle; angle between the horizontal motion and e2. `depth` of the face's centre [m].
-    `load`: depth integrated over the submerged part of one face [m³], so that α = force / (ζ load). `along`: force on
-    the faces along e1, against the motion [N]. `error`: its standard error [N], the load cell's zero included.
+    `beta`, `psi` [deg]: attack angle; angle between the motion and the face's normal, seen from above. Mean `depth` of
+    the plate [m]. `alpha`, `error`: α_y and its standard error, the load cell's zero included [N/cm³].
     """
 
     beta: float
     psi: float
     depth: float
-    load: float
-    along: float
+    alpha: float
     error: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class AlphaYFit:
     """α_y as fitted.
 
-    `values` of the `model` with standard `errors`: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y at
-    each β of `rows`. `rows`: β [deg] and α_y [N/cm³] for the node's table. `published`: the published model of the same
-    form agrees within two standard errors at each measured β, so that no table is needed.
+    `value` for the record: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y at each β of `rows`. `rows`:
+    β [deg] and α_y [N/cm³] for the node's table. `published`: the published model of the same form agrees within two
+    standard errors at each measured β, so that no table is needed.
     """
 
     model: Literal["constant", "linear", "table"]
-    values: tuple[float, ...]
-    errors: tuple[float, ...]
+    value: FittedValue
     rows: tuple[tuple[float, float], ...]
     published: bool
-    goodness: str
-    runs: int
-
-    def value(self) -> FittedValue:
-        """For the record; the node takes `rows` or `model`."""
-        unit = "N/cm³, N/cm³/deg" if self.model == "linear" else "N/cm³"
-        goodness = self.goodness + ("; agrees with the published model" if self.published else "")
-        source = f"{self.runs} level runs along e1"
-        return FittedValue(f"alpha_y ({self.model})", self.values, self.errors, unit, goodness, source)
 
 
 def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -108,57 +85,49 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
     return normal, faces
 
 
-def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Law, surface: float) -> PlateRun:
+def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treers2021, surface: float) -> PlateRun:
     """The steady force of one level run.
 
     Raises NotIdentifiable for a tool that is not a plate, a run that is too short or shallow, and a horizontal plate,
     which has no e1.
     """
-    packed = track.tool.plates.packed
-    normal, faces = faces_of(track.tool.plates, track.tool.name)
-    centers, areas = packed[:3, faces], 0.5 * packed[6, faces]  # areas of both faces add up to one
+    plates = refined_plates(track.tool.vertices, track.tool.faces)
+    normal, faces = faces_of(plates, track.tool.name)
     path = np.linalg.norm(np.diff(track.states[rows, :2], axis=0), axis=1).cumsum()
-    length = float(path[-1])
-    steady = rows[1:][path >= (1.0 - _STEADY) * length]
-    rotation = track.rotations()[steady]
-    depths = surface - track.states[steady, 2, None] - rotation[:, 2] @ centers
-    depth = float((depths @ areas).mean() / areas.sum())
-    if length < _SHORTEST or depth < _SHALLOWEST or len(steady) < 20:
+    steady = rows[1:][path >= (1.0 - _STEADY) * path[-1]]
+    states, rotation = track.smooth_states()[steady], track.rotations()[steady].mean(axis=0)
+    center = plates.packed[:3] @ plates.packed[6] / plates.area
+    depth = surface - float(states[:, 2].mean() + rotation[2] @ center)
+    if path[-1] < _SHORTEST or depth < _SHALLOWEST or len(steady) < 20:
         raise NotIdentifiable(
-            f"{track.name}: a level run of {1e3 * length:.1f} mm, {1e3 * depth:.1f} mm deep, in {len(steady)} steady"
+            f"{track.name}: a level run of {1e3 * path[-1]:.1f} mm, {1e3 * depth:.1f} mm deep, in {len(steady)} steady"
             f" samples; it needs {1e3 * _SHORTEST:g} mm, {1e3 * _SHALLOWEST:g} mm and 20"
         )
-    velocity = track.smooth_twists()[steady, :3].mean(axis=0)
-    normal = (rotation @ normal).mean(axis=0)
-    normal /= np.linalg.norm(normal)
-    facing = float(normal[:2] @ velocity[:2] / np.linalg.norm(velocity))
-    # take the leading face; if the plate moves along itself, the face that looks down, so that β is at most 90°
-    if (normal[2] > 0.0) if abs(facing) < _SIDEWAYS else (facing < 0.0):
-        normal = -normal
+    normal = rotation @ normal
     if abs(normal[2]) >= FLAT:
         raise NotIdentifiable(f"{track.name}: the plate is horizontal (β = 0) and has no e1; tilt it")
-    e2 = np.append(normal[:2], 0.0) / np.hypot(*normal[:2])
-    e1 = np.array([e2[1], -e2[0], 0.0])
+    e2, velocity = normal[:2] / np.hypot(*normal[:2]), states[:, 7:10].mean(axis=0)
+    e1, speed = np.array([e2[1], -e2[0], 0.0]), np.linalg.norm(velocity)
+    # the plate slides along its other edges, which the paper does not count
+    edges = ~faces & (velocity @ rotation @ plates.packed[3:6] > _LEADING * speed)
 
-    force = track.grain_forces(sensor.cell)[steady]
-    velocity_in_tool = rotation.mean(axis=0).T @ velocity
-    # the plate slides along its other edges, and rounding would decide whether they lead
-    edges = packed[:, ~faces & (velocity_in_tool @ packed[3:6] > _LEADING * np.linalg.norm(velocity_in_tool))]
-    if edges.size:
-        leading = Plates.from_arrays(edges[:3].T, edges[3:6].T, edges[6])
-        force = force - wrenches(leading, law, track.smooth_states()[steady], surface_height=surface, threads=1)[:, :3]
-    along = -(np.sign(velocity @ e1) or 1.0) * (force @ e1)
+    def force(which: NDArray[np.bool_], law: Treers2021) -> NDArray[np.float64]:
+        some = Plates(plates.rows[:, which])
+        return np.asarray(wrenches(some, law, states, surface_height=surface, threads=1)[:, :3] @ e1)
+
+    measured = track.grain_forces(sensor.cell)[steady] @ e1 - (force(edges, law) if edges.any() else 0.0)
+    fit = fit_series(force(faces, law._replace(alpha_y=Constant(1.0)))[:, None], measured)
+    by_zero = float(fit.inverse.sum()) * sensor.force_error(track, int(steady[-1]), e1)
     return PlateRun(
-        beta=float(np.degrees(np.arctan2(normal[2], normal[:2] @ e2[:2]) + 0.5 * np.pi)),
-        psi=float(np.degrees(np.arctan2(abs(velocity @ e1), abs(velocity @ e2)))),
+        beta=float(np.degrees(np.arccos(abs(normal[2])))),
+        psi=float(np.degrees(np.arccos(min(abs(velocity[:2] @ e2) / speed, 1.0)))),
         depth=depth,
-        load=float((np.maximum(depths, 0.0) @ areas).mean()),
-        along=float(along.mean()),
-        error=float(np.hypot(error_of_mean(along), sensor.level_error())),
+        alpha=float(fit.coefficients[0]),
+        error=float(np.hypot(fit.errors[0], by_zero)),
     )
 
 
-def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> list[PlateRun]:
+def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Treers2021, *, surface: float) -> list[PlateRun]:
     """The steady forces of all level runs. `law`: at the grains' ζ. `surface`: height [m].
 
     Raises NotIdentifiable if no run is usable.
@@ -171,35 +140,26 @@ def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: fl
 
 
 def fit_alpha_y(
-    runs: Sequence[PlateRun],
-    medium: Medium,
-    *,
-    zeta: float,
-    zeta_error: float = 0.0,
-    surface_error: float = 0.0,
-    model: AlphaYModel = "auto",
+    runs: Sequence[PlateRun], medium: Medium, *, shared_error: float = 0.0, model: AlphaYModel = "auto"
 ) -> AlphaYFit:
     """Fit α_y to the runs along e1.
 
-    `zeta_error`, `surface_error`: standard errors of ζ and of the surface height [m]; they widen the result's errors.
-    `model`: "auto" is linear if β spans 20° in three or more steps and the slope is significant, else constant.
+    `shared_error`: relative standard error that all runs share, of ζ and of the surface height. `model`: "auto" is
+    linear if β spans 20° in three or more steps and the slope is significant, else constant.
 
     Raises NotIdentifiable for too few runs or directions, and for an α_y that is not positive.
     """
-    used = [run for run in runs if run.psi >= _ALONG]
+    used = sorted(run for run in runs if run.psi >= _ALONG)
     if not used:
         angles = ", ".join(f"{run.psi:.0f}°" for run in runs)
         raise NotIdentifiable(f"no level run of a plate along e1 (ψ of {_ALONG:g}° or more); ψ of the runs: {angles}")
     beta = np.array([run.beta for run in used])
-    factor = np.array([1e-6 / (zeta * run.load * exact_f1(np.sin(np.deg2rad(run.psi)))) for run in used])
-    alpha = (factor * [run.along for run in used])[:, None]
-    errors = (factor * [run.error for run in used])[:, None]
-    order = np.argsort(beta, kind="stable")
-    steps = np.split(order, np.flatnonzero(np.diff(beta[order]) > _SAME_BETA) + 1)
-    span = float(np.ptp(beta))
-    if model in ("linear", "table") and (len(steps) < 2 or span < _BETA_SPAN):
+    alpha, errors = np.array([[run.alpha] for run in used]), np.array([[run.error] for run in used])
+    steps = np.append(0, (np.diff(beta) > _SAME_BETA).cumsum())  # the runs' β, numbered
+    count, span = int(steps[-1]) + 1, float(np.ptp(beta))
+    if model in ("linear", "table") and (count < 2 or span < _BETA_SPAN):
         raise NotIdentifiable(
-            f"the {len(used)} runs along e1 span {span:.0f}° of β in {len(steps)} steps; α_y {model} in β needs"
+            f"the {len(used)} runs along e1 span {span:.0f}° of β in {count} steps; α_y {model} in β needs"
             f" {_BETA_SPAN:g}° and two steps"
         )
     if float(alpha.mean()) <= 0.0:
@@ -207,42 +167,35 @@ def fit_alpha_y(
             f"the mean α_y is {alpha.mean():.4f} N/cm³, but the grains oppose the motion; check sensor.sign,"
             " sensor.quaternion and medium.zeta (it scales the edges' force, which is subtracted)"
         )
-
-    ones = np.ones_like(beta)
-    line, r2 = fit_measurements(np.column_stack([ones, beta]), alpha, errors)
+    line = np.column_stack([np.ones_like(beta), beta])
     if model == "auto":
-        sure = len(steps) >= 3 and span >= _BETA_SPAN and abs(line.coefficients[1]) > _SURE * line.errors[1]
+        trial, _ = fit_measurements(line, alpha, errors)
+        sure = count >= 3 and span >= _BETA_SPAN and abs(trial.coefficients[1]) > _SURE * trial.errors[1]
         model = "linear" if sure else "constant"
-    if model == "table":
-        means = [mean_of(alpha[step, 0].tolist(), errors[step, 0].tolist()) for step in steps]
-        values, cov = np.array([a for a, _ in means]), np.diag([e**2 for _, e in means])
-        rows = tuple(
-            (round(float(beta[step].mean()), 1), max(a, 0.0)) for step, (a, _) in zip(steps, means, strict=True)
-        )
-        goodness = f"{len(used)} runs at {len(steps)} β"
-    elif model == "linear":
-        values, cov = line.coefficients, line.covariance
-        rows = tuple((float(b), max(float(values[0] + values[1] * b), 0.0)) for b in _LINE_ROWS)
-        goodness = f"R² {r2:.3f} over {len(used)} runs"
-    else:
-        flat, _ = fit_measurements(ones[:, None], alpha, errors)
-        values, cov = flat.coefficients, flat.covariance
-        rows = ((90.0, float(values[0])),)
-        goodness = f"scatter {100 * flat.rms / values[0]:.1f} % over {len(used)} runs"
-    # errors of ζ and of the surface scale all values by the same factor
-    shared = float(np.hypot(zeta_error / zeta, surface_error / np.mean([run.depth for run in used])))
-    cov = cov + shared**2 * np.outer(values, values)
+    design = {"constant": line[:, :1], "linear": line, "table": np.eye(count)[steps]}[model]
+    fit, r2 = fit_measurements(design, alpha, errors)
+    values = fit.coefficients
+    covariance = fit.covariance + shared_error**2 * np.outer(values, values)
     published = False
     if model != "table":
-        at = np.column_stack([ones, beta])[:, : len(values)]
-        differences = at @ (values - np.array(alpha_y_model(model, medium)))
-        published = bool(np.all(np.abs(differences) <= 2.0 * np.sqrt(np.einsum("ni,ij,nj->n", at, cov, at))))
-    return AlphaYFit(
-        model=model,
+        differences = design @ (values - np.array(alpha_y_model(model, medium)))
+        published = bool((differences**2 <= 4.0 * np.einsum("ni,ij,nj->n", design, covariance, design)).all())
+    if model == "table":
+        at, found = (beta @ design / design.sum(axis=0)).round(1), values
+        goodness = f"{len(used)} runs at {count} β"
+    elif model == "linear":
+        at, found = _LINE_ROWS, values[0] + values[1] * _LINE_ROWS
+        goodness = f"R² {r2:.3f} over {len(used)} runs"
+    else:
+        at, found = np.array([90.0]), values
+        goodness = f"scatter {100 * fit.rms / values[0]:.1f} % over {len(used)} runs"
+    value = FittedValue(
+        name=f"alpha_y ({model})",
         values=tuple(values.tolist()),
-        errors=tuple(np.sqrt(np.diag(cov)).tolist()),
-        rows=rows,
-        published=published,
-        goodness=goodness,
-        runs=len(used),
+        errors=tuple(np.sqrt(np.diag(covariance)).tolist()),
+        unit="N/cm³, N/cm³/deg" if model == "linear" else "N/cm³",
+        goodness=goodness + ("; agrees with the published model" if published else ""),
+        source=f"{len(used)} level runs along e1",
     )
+    rows = tuple(zip(at.tolist(), np.maximum(found, 0.0).tolist(), strict=True))
+    return AlphaYFit(model, value, rows, published)

@@ -9,14 +9,12 @@ import numpy as np
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
 from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.surface import fit_surface
+from rft_ros.calibration.penetration import ZetaFit, fit_surface, fit_zeta
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
 from rft_ros.calibration.track import Track
-from rft_ros.calibration.zeta import ZetaFit, fit_zeta
 from rft_ros.errors import InputError
-from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import Law, Treers2021, medium_named, wrenches
+from rft_ros.rft import Treers2021, medium_named, wrenches
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -24,11 +22,11 @@ PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
 """What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
 
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
-_ROUNDS = 4  # the surface and the force of inertia depend on each other
+_ROUNDS = 5  # the surface and the force of inertia depend on each other
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 
 
-@dataclass(slots=True, kw_only=True)
+@dataclass(slots=True)
 class Calibration:
     """Fitted values, the reason by name for each that is not identifiable, and notes for the user.
 
@@ -41,21 +39,13 @@ class Calibration:
     zeta: ZetaFit | None = None
     alpha_y: AlphaYFit | None = None
 
-
-@contextmanager
-def _or_reason(result: Calibration, name: str) -> Iterator[None]:
-    """Run the block; if it raises NotIdentifiable, record the reason under `name`."""
-    try:
-        yield
-    except NotIdentifiable as reason:
-        result.not_identifiable[name] = str(reason)
-
-
-def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
-    """The track without the force of the grains' inertia, which ζ does not scale; `height` of the surface [m]."""
-    with_it, without = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
-    force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (with_it - without)[:, :3])
-    return replace(track, readings=track.readings - cell.sign * np.pad(force, ((0, 0), (0, 3))))
+    @contextmanager
+    def or_reason(self, name: str) -> Iterator[None]:
+        """Run the block; if it raises NotIdentifiable, record the reason under `name`."""
+        try:
+            yield
+        except NotIdentifiable as reason:
+            self.not_identifiable[name] = str(reason)
 
 
 def calibrate(
@@ -76,57 +66,68 @@ def calibrate(
         if not (largest := float(np.abs(track.readings).max())) <= _LARGEST:
             raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; the limit is {_LARGEST:g}")
     settings, result = settings_of(values), Calibration()
-    medium = medium_named(str(values["medium.name"]))
+    sensor, recorded = Sensor(settings.load_cell), tracks
     # any tool: the law has none; fits know level ground only
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
-    inertial = model_of(at_one, tool=tracks[0].tool).law
-    law = model_of({**at_one, "medium.density": 0.0}, tool=tracks[0].tool).law
-    sensor = Sensor(cell=settings.load_cell)
-    recorded = tracks
-    height, height_error = settings.surface_height, 0.0
-    zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
+    inertial, law = (
+        model_of({**at_one, "medium.density": density}, tool=tracks[0].tool).law
+        for density in (values["medium.density"], 0.0)
+    )
 
-    air = height  # fitted in any case: what counts as air depends on it
-    with _or_reason(result, "surface_height"):
-        surface = fit_surface(tracks, sensor.cell, law)
-        for _ in range(_ROUNDS if values["medium.density"] else 0):
-            tracks = [_without_inertia(t, sensor.cell, inertial, law, surface.height) for t in recorded]
-            surface = fit_surface(tracks, sensor.cell, law)
+    def without_inertia(height: float) -> Sequence[Track]:
+        """The recordings without the force of the grains' inertia, which ζ does not scale; surface at `height` [m]."""
+        if inertial == law:
+            return recorded
+        found = []
+        for track in recorded:
+            fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
+            force = np.einsum("nji,nj->ni", track.sensor_rotations(sensor.cell), (fast - slow)[:, :3])
+            readings = track.readings - sensor.cell.sign * np.pad(force, ((0, 0), (0, 3)))
+            found.append(replace(track, readings=readings))
+        return found
+
+    height, height_error = settings.surface_height, 0.0
+    air = height
+    try:  # in any case: what counts as air depends on it
+        for _ in range(1 if inertial == law else _ROUNDS):
+            surface, contacts, notes = fit_surface(tracks, sensor.cell, law)
+            tracks = without_inertia(surface.values[0])
         if "surface" in parts:
-            result.fitted.append(surface.value())
-            height, height_error = surface.height, surface.error
-            result.notes += surface.notes()
-        air = max([height, *(contact.height for contact in surface.contacts)])
-    if "surface" not in parts:
-        result.not_identifiable.clear()
-    if values["medium.density"]:
-        tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in recorded]
+            (height,), (height_error,) = surface.values, surface.errors
+            result.fitted.append(surface)
+            result.notes += notes
+        air = max(height, *(contact.height for contact in contacts))
+    except NotIdentifiable as reason:
+        if "surface" in parts:
+            result.not_identifiable["surface_height"] = str(reason)
     air += _CLEAR
+    tracks = without_inertia(height)
 
     if "sensor" in parts:
-        with _or_reason(result, "sensor.bias"):
+        with result.or_reason("sensor.bias"):
             sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air)
             result.fitted += fitted
             result.not_identifiable |= reasons
     if tare:
         tracks, sensor = tared(tracks, sensor, seconds=tare, air=air)
+    zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
     if "zeta" in parts:
-        with _or_reason(result, "medium.zeta"):
+        with result.or_reason("medium.zeta"):
             found = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
-            result.fitted += found.values()
-            zeta, zeta_error = found.zeta, found.error
-            result.zeta = found
+            result.fitted += found.values(height_error)
             result.notes += found.notes()
+            result.zeta, zeta, zeta_error = found, found.zeta, found.error
     if "mobilization" in parts:
-        with _or_reason(result, "medium.mobilization_length"):
+        with result.or_reason("medium.mobilization_length"):
             result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height))
     if "alpha_y" in parts:
-        with _or_reason(result, "alpha_y"):
+        with result.or_reason("alpha_y"):
             if not isinstance(law, Treers2021):
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
-            scaled = law._replace(stiffness=law.stiffness * zeta)
-            runs = plate_runs(tracks, sensor, scaled, surface=height)
-            fit = fit_alpha_y(runs, medium, zeta=zeta, zeta_error=zeta_error, surface_error=height_error, model=alpha_y)
-            result.fitted.append(fit.value())
+            runs = plate_runs(tracks, sensor, law._replace(stiffness=law.stiffness * zeta), surface=height)
+            shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
+            medium = medium_named(str(values["medium.name"]))
+            fit = fit_alpha_y(runs, medium, shared_error=shared, model=alpha_y)
+            result.fitted.append(fit.value)
             result.alpha_y = fit
     return result

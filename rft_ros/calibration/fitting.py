@@ -20,14 +20,15 @@ __all__ = [
     "Fit",
     "FittedValue",
     "NotIdentifiable",
-    "ProfileFit",
     "error_of_mean",
+    "fit_curve",
     "fit_each",
     "fit_measurements",
-    "fit_profile",
     "fit_series",
     "mean_of",
 ]
+
+Array = NDArray[np.float64]
 
 _GRID = 24  # values of the nonlinear parameter tried before the best one is refined
 
@@ -61,16 +62,20 @@ class FittedValue:
                 raise NotIdentifiable(f"the fitted {error}") from None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Fit:
-    """Coefficients, shape [k], their covariance, shape [k, k], and the residuals, shape [n], in the data's units."""
+    """Coefficients, shape [k], their covariance, shape [k, k], and the residuals, shape [n], in the data's units.
 
-    coefficients: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    residuals: NDArray[np.float64]
+    `inverse`: shape [k, n]; times a change of the data, the change of the coefficients.
+    """
+
+    coefficients: Array
+    covariance: Array
+    residuals: Array
+    inverse: Array
 
     @property
-    def errors(self) -> NDArray[np.float64]:
+    def errors(self) -> Array:
         """Standard errors of the coefficients, shape [k], in their units."""
         return np.sqrt(np.diag(self.covariance))
 
@@ -80,32 +85,22 @@ class Fit:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ProfileFit:
-    """The nonlinear `parameter` with its standard `error`, and the `linear` fit at that value."""
-
-    parameter: float
-    error: float
-    linear: Fit
-
-
-def _lag_one(series: NDArray[np.float64]) -> float:
+def _lag_one(series: Array) -> float:
     """Lag-one correlation, clipped to ±0.97: at ±1 the variance of a mean is unbounded."""
     power = float(series @ series)
     return min(max(float(series[1:] @ series[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
 
 
-def _covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Covariance of least-squares coefficients under serially correlated residuals, shape [k, k].
+def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
+    """A fit to a time series, with the covariance under serially correlated residuals; `jacobian`: shape [n, k].
 
-    `design`: shape [n, k], rows in time order. Newey and West's estimate (Econometrica 55, 1987) with Bartlett weights
-    and Andrews' number of lags (Econometrica 59, 1991), on scores whitened by the residuals' lag-one correlation
-    (Andrews and Monahan, Econometrica 60, 1992). Without whitening, errors from a few hundred samples of filtered noise
-    are a third too small.
+    Newey and West's estimate (Econometrica 55, 1987) with Bartlett weights and Andrews' number of lags (Econometrica
+    59, 1991), on scores whitened by the residuals' lag-one correlation (Andrews and Monahan, Econometrica 60, 1992).
+    Without whitening, errors from a few hundred samples of filtered noise are a third too small.
     """
-    n, k = design.shape
+    n, k = jacobian.shape
     e = residuals - residuals.mean()
-    scores = design * residuals[:, None]
+    scores = jacobian * residuals[:, None]
     first = _lag_one(e)
     scores = scores[1:] - first * scores[:-1]
     rho = _lag_one(e[1:] - first * e[:-1])
@@ -115,14 +110,68 @@ def _covariance(design: NDArray[np.float64], residuals: NDArray[np.float64]) -> 
     for lag in range(1, lags + 1):
         product = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    bread = np.linalg.pinv(design.T @ design)
+    bread = np.linalg.pinv(jacobian.T @ jacobian)
     # the coefficients and the kernel's width reduce the degrees of freedom
-    return np.asarray(bread @ total @ bread / (1.0 - first) ** 2 * n / max(n - k - lags, 1))
+    covariance = bread @ total @ bread / (1.0 - first) ** 2 * n / max(n - k - lags, 1)
+    return Fit(coefficients, np.asarray(covariance), residuals, bread @ jacobian.T)
 
 
-def error_of_mean(series: NDArray[np.float64]) -> float:
+def fit_series(design: Array, observed: Array) -> Fit:
+    """Least squares of a time series, shape [n], any unit, on the columns of `design`, shape [n, k], in time order."""
+    coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
+    return _series_fit(coefficients, design, observed - design @ coefficients)
+
+
+def fit_curve(
+    observed: Array, shape: Callable[[float], Array], *, low: float, high: float, offset: bool = False
+) -> Fit:
+    """Least squares of scale · shape(parameter), plus a constant with `offset`; the parameter between low and high.
+
+    `observed` and what `shape` returns: a time series, shape [n], any unit. Coefficients: parameter, scale, constant.
+    """
+
+    def design(parameter: float) -> Array:
+        column = shape(parameter)
+        return np.column_stack([column, np.ones_like(column)] if offset else [column])
+
+    def misfit(parameter: float) -> float:
+        x = design(parameter)
+        # normal equations are fast and accurate enough for at most two columns
+        xx, xy = x.T @ x, x.T @ observed
+        return float(-(xy @ np.linalg.pinv(xx) @ xy))
+
+    grid = np.linspace(low, high, _GRID)
+    best = int(np.argmin([misfit(p) for p in grid]))
+    bounds = grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)]
+    parameter = float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x)
+    x = design(parameter)
+    linear = np.linalg.lstsq(x, observed, rcond=None)[0]
+    step = 1e-4 * (high - low)
+    slope = linear[0] * (shape(parameter + step) - shape(parameter - step)) / (2.0 * step)
+    return _series_fit(np.append(parameter, linear), np.column_stack([slope, x]), observed - x @ linear)
+
+
+def fit_measurements(design: Array, observed: Array, errors: Array) -> tuple[Fit, float]:
+    """Least squares of independent measurements with standard errors of their own; the fit and R².
+
+    `observed`, `errors`: shape [m, axes]; `design`: shape [m * axes, k]. The variance of a measurement is the greater
+    of its axis' scatter about the fit and its own error squared.
+    """
+    y = observed.ravel()
+    inverse = np.asarray(np.linalg.pinv(design), dtype=np.float64)
+    found = inverse @ y
+    residuals = y - design @ found
+    freedom = max(1.0 - design.shape[1] / len(y), 1.0 / len(y))
+    scatter = (residuals.reshape(observed.shape) ** 2).mean(axis=0) / freedom
+    variance = np.maximum(scatter, errors**2).ravel()
+    spread = float(((observed - observed.mean(axis=0)) ** 2).sum())
+    r2 = 1.0 - float((residuals**2).sum()) / spread if spread > 0.0 else 1.0
+    return Fit(found, (inverse * variance) @ inverse.T, residuals, inverse), r2
+
+
+def error_of_mean(series: Array) -> float:
     """Standard error of the mean of a time series, shape [n], in its unit."""
-    return float(np.sqrt(_covariance(np.ones((len(series), 1)), series - series.mean())[0, 0]))
+    return float(fit_series(np.ones((len(series), 1)), series).errors[0])
 
 
 def mean_of(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
@@ -151,65 +200,3 @@ def fit_each(fit: Callable[..., _Result], cases: Iterable[tuple[Any, ...]], *, n
     if not fits:
         raise NotIdentifiable(reasons[0] if reasons else none)
     return fits
-
-
-def fit_series(design: NDArray[np.float64], observed: NDArray[np.float64]) -> Fit:
-    """Least squares of a time series, shape [n], any unit, on the columns of `design`, shape [n, k], in time order."""
-    coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
-    residuals = observed - design @ coefficients
-    return Fit(coefficients=coefficients, covariance=_covariance(design, residuals), residuals=residuals)
-
-
-def fit_measurements(
-    design: NDArray[np.float64], observed: NDArray[np.float64], errors: NDArray[np.float64]
-) -> tuple[Fit, float]:
-    """Least squares of independent measurements with standard errors of their own; the fit and R².
-
-    `observed`, `errors`: shape [m, axes]; `design`: shape [m * axes, k]. The variance of a measurement is the greater
-    of its axis' scatter about the fit and its own error squared.
-    """
-    y = observed.ravel()
-    inverse = np.linalg.pinv(design)
-    found = inverse @ y
-    residuals = y - design @ found
-    freedom = max(1.0 - design.shape[1] / len(y), 1.0 / len(y))
-    scatter = (residuals.reshape(observed.shape) ** 2).mean(axis=0) / freedom
-    variance = np.maximum(scatter, errors**2).ravel()
-    spread = float(((observed - observed.mean(axis=0)) ** 2).sum())
-    r2 = 1.0 - float((residuals**2).sum()) / spread if spread > 0.0 else 1.0
-    return Fit(coefficients=found, covariance=(inverse * variance) @ inverse.T, residuals=residuals), r2
-
-
-def fit_profile(
-    observed: NDArray[np.float64],
-    shape: Callable[[float], NDArray[np.float64]],
-    *,
-    low: float,
-    high: float,
-    offset: bool,
-) -> ProfileFit:
-    """Least squares of scale · shape(parameter), plus a constant with `offset`; the parameter between low and high.
-
-    `observed` and what `shape` returns: shape [n], any unit. The linear coefficients are the scale and, with `offset`,
-    the constant.
-    """
-
-    def design(parameter: float) -> NDArray[np.float64]:
-        column = shape(parameter)
-        return np.column_stack([column, np.ones_like(column)] if offset else [column])
-
-    def misfit(parameter: float) -> float:
-        x = design(parameter)
-        # normal equations are fast and accurate enough for at most two columns
-        xx, xy = x.T @ x, x.T @ observed
-        return float(-(xy @ np.linalg.pinv(xx) @ xy))
-
-    grid = np.linspace(low, high, _GRID)
-    best = int(np.argmin([misfit(p) for p in grid]))
-    bounds = grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)]
-    parameter = float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x)
-    linear = fit_series(design(parameter), observed)
-    step = 1e-4 * (high - low)
-    slope = linear.coefficients[0] * (shape(parameter + step) - shape(parameter - step)) / (2.0 * step)
-    both = _covariance(np.column_stack([slope, design(parameter)]), linear.residuals)
-    return ProfileFit(parameter=parameter, error=float(np.sqrt(both[0, 0])), linear=linear)

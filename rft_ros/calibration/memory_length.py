@@ -10,18 +10,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import (
-    FittedValue,
-    NotIdentifiable,
-    ProfileFit,
-    fit_each,
-    fit_profile,
-    fit_series,
-    mean_of,
-)
-from rft_ros.calibration.segments import Turn, turns_in_grains
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_curve, fit_each, fit_series, mean_of
 from rft_ros.calibration.tool_weight import Sensor
-from rft_ros.calibration.track import Track
+from rft_ros.calibration.track import Track, Turn, turns_in_grains
 from rft_ros.rft import SLACK, Law, Memory, wrenches_in_time
 
 __all__ = ["fit_memory_length", "forces_in_time"]
@@ -48,21 +39,16 @@ def forces_in_time(
 
     `length`: mobilization length λ [m]. The memory is empty at `first`.
     """
-    states = track.states[first : last + 1]
     durations = np.diff(track.time[first : last + 1], prepend=track.time[first])
-    return wrenches_in_time(
-        track.tool.plates,
-        law,
-        states,
-        durations,
-        Memory(track.tool.plates, slack=SLACK),
-        mobilization_length=length,
-        surface_height=surface,
-    )[:, :3]
+    plates, states = track.tool.plates, track.states[first : last + 1]
+    memory = Memory(plates, slack=SLACK)
+    return wrenches_in_time(plates, law, states, durations, memory, mobilization_length=length, surface_height=surface)[
+        :, :3
+    ]
 
 
-def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: float) -> _TurnFit:
-    """λ of one turn by least squares of the three force components, with a free scale.
+def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float) -> _TurnFit:
+    """λ of one turn by least squares of the three force components over log λ, with a free scale.
 
     Raises NotIdentifiable if the data do not determine λ.
     """
@@ -78,19 +64,12 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
         return forces[turn.rows - turn.first].T.ravel()
 
     low, high = np.log(_SHORTEST), np.log(_LONGEST)
-
-    def fit(forces: NDArray[np.float64]) -> ProfileFit:
-        return fit_profile(forces.T.ravel(), shape, low=low, high=high, offset=False)
-
-    found = fit(measured)
-    misfit = found.linear.rms / peak
-    relative = found.error  # the parameter is log λ
-    force_error = sensor.vertical_error(track, turn.at)
-    if force_error > 0.0:
-        shift = fit(measured + np.array([0.0, 0.0, force_error])).parameter - found.parameter
-        relative = float(np.hypot(relative, shift))
-    length = float(np.exp(found.parameter))
-    if found.parameter < low + 0.02 * (high - low):
+    observed = measured.T.ravel()
+    found = fit_curve(observed, shape, low=low, high=high)
+    up = np.array([0.0, 0.0, 1.0])
+    by_zero = found.inverse[0] @ np.repeat(up * sensor.force_error(track, turn.at, up), len(measured))
+    length, relative = float(np.exp(found.coefficients[0])), float(np.hypot(found.errors[0], by_zero))
+    if found.coefficients[0] < low + 0.02 * (high - low):
         raise NotIdentifiable(
             f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
@@ -99,12 +78,12 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, *, surface: fl
         raise NotIdentifiable(f"{fitted}; its error must be at most {100 * _UNSURE:.0f} %")
     if length > turn.after:
         raise NotIdentifiable(f"{fitted}; it must be below the {1e3 * turn.after:.3g} mm of path after the turn")
-    if misfit > _UNLIKE or found.linear.coefficients[0] <= 0.0:
+    misfit, without = found.rms / peak, fit_series(shape(low)[:, None], observed).rms / peak
+    if misfit > _UNLIKE or found.coefficients[1] <= 0.0:
         raise NotIdentifiable(
             f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
         )
-    without = fit_series(shape(low)[:, None], measured.T.ravel())
-    return _TurnFit(track.name, length, length * relative, misfit, without.rms / peak)
+    return _TurnFit(track.name, length, length * relative, misfit, without)
 
 
 def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> FittedValue:
@@ -113,7 +92,7 @@ def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surf
     `law`: at any ζ. `surface`: height [m].
     """
     turns = fit_each(
-        lambda track, turn: _fit_turn(track, turn, sensor, law, surface=surface),
+        lambda track, turn: _fit_turn(track, turn, sensor, law, surface),
         [(track, turn) for track in tracks for turn in turns_in_grains(track, surface)],
         none="the tool never turns in the grains, and no recording begins with it at rest there",
     )

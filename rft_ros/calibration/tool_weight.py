@@ -10,13 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, error_of_mean, fit_measurements
-from rft_ros.calibration.segments import still_intervals
-from rft_ros.calibration.track import Track
+from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY, drift
 
 __all__ = ["Sensor", "fit_tool_weight", "tared"]
+
+Array = NDArray[np.float64]
 
 _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
 _LEAST = 1e-6  # a mass below this [kg] is rounding
@@ -26,27 +27,18 @@ _NOTHING = 0.01  # kg; a mass near 0 whose error is below is none: the driver ta
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Sensor:
-    """The load cell, and the uncertainty of its zero.
-
-    `force_covariance`: of bias fx, fy, fz [N] and mass [kg], shape [4, 4]; 0 for what is not fitted.
-    `tare_error`: standard error of the tare's mean force [N].
-    """
+    """The load cell; covariance of its force zero fx, fy, fz [N] and mass [kg], shape [4, 4], 0 for what is given."""
 
     cell: LoadCell
-    force_covariance: NDArray[np.float64] = field(default_factory=lambda: np.zeros((4, 4)))
-    tare_error: float = 0.0
+    covariance: Array = field(default_factory=lambda: np.zeros((4, 4)))
 
-    def level_error(self) -> float:
-        """Standard error of the compensated force's zero in its worst direction across gravity [N]."""
-        return float(np.hypot(np.sqrt(np.linalg.eigvalsh(self.force_covariance[:3, :3])[-1]), self.tare_error))
-
-    def vertical_error(self, track: Track, row: int) -> float:
-        """Standard error of the compensated vertical force's zero in a row's orientation [N]."""
-        up = track.sensor_rotations(self.cell)[row, 2]
-        x = np.append(up, -self.cell.sign * GRAVITY)
-        return float(np.hypot(np.sqrt(x @ self.force_covariance @ x), self.tare_error))
+    def force_error(self, track: Track, row: int, direction: Array) -> float:
+        """Standard error of the compensated force's zero along a world direction, shape [3], in a row's pose [N]."""
+        in_sensor = direction @ track.sensor_rotations(self.cell)[row]
+        x = np.append(in_sensor, -self.cell.sign * GRAVITY * direction[2])
+        return float(np.sqrt(x @ self.covariance @ x))
 
 
 def fit_tool_weight(
@@ -71,19 +63,16 @@ def fit_tool_weight(
     errors = np.array([[error_of_mean(column) for column in r.T] for r, _ in poses])
     units = gravity / np.linalg.norm(gravity, axis=1)[:, None]
     widest = float(np.degrees(np.arccos(np.clip((units @ units.T).min(), -1.0, 1.0))))
-    spreads = np.linalg.svd(units - units.mean(axis=0), compute_uv=False) / np.sqrt(len(units))
-    second = float(spreads[1]) if len(spreads) > 1 else 0.0
+    spreads = np.append(np.linalg.svd(units - units.mean(axis=0), compute_uv=False), 0.0) / np.sqrt(len(units))
     source = f"{len(poses)} poses in the air, gravity turned by up to {widest:.1f}°"
-
-    def value(name: str, values: NDArray[np.float64], own: NDArray[np.float64], unit: str, goodness: str) -> None:
-        fitted.append(FittedValue(name, tuple(values.tolist()), tuple(own.tolist()), unit, goodness, source))
-
+    constant = np.tile(np.eye(3), (len(poses), 1))
     fitted: list[FittedValue] = []
     reasons: dict[str, str] = {}
-    constant = np.tile(np.eye(3), (len(poses), 1))
-    cov, mass, error, why = np.zeros((4, 4)), 0.0, 0.0, ""
+
+    unknown = ""  # why the mass is
     if widest < _WIDEST:
-        why = f"gravity turns by {widest:.1f}° in the sensor frame over {len(poses)} poses; it needs {_WIDEST:g}°"
+        unknown = f"gravity turns by {widest:.1f}° in the sensor frame over {len(poses)} poses; it needs {_WIDEST:g}°"
+        mass = error = 0.0
     else:
         design = np.column_stack([constant, cell.sign * gravity.ravel()])
         forces, r2 = fit_measurements(design, readings[:, :3], errors[:, :3])
@@ -92,47 +81,51 @@ def fit_tool_weight(
         if mass < -max(_SURE * error, _LEAST):
             raise NotIdentifiable(f"{found}: sensor.sign or sensor.quaternion is wrong")
         if error > _NOTHING and (mass <= _SURE * error or r2 < _EXPLAINED):
-            why = (
+            unknown = (
                 f"{found} (R² {r2:.3f}); it needs {_SURE:g} times its error and R² {_EXPLAINED:g}: check"
                 " sensor.quaternion, and that nothing pulls at the tool"
             )
-    if why:
-        reasons["sensor.mass"] = f"{why} (kept: {cell.mass:g} kg)"
+    covariance = np.zeros((4, 4))
+    if unknown:
+        reasons["sensor.mass"] = f"{unknown} (kept: {cell.mass:g} kg)"
         forces, _ = fit_measurements(constant, readings[:, :3] - cell.sign * cell.mass * gravity, errors[:, :3])
-        cov[:3, :3] = forces.covariance
+        covariance[:3, :3] = forces.covariance
     else:
-        cov = forces.covariance
+        covariance = forces.covariance
         cell = replace(cell, mass=max(mass, 0.0))
-        value("sensor.mass", np.array([cell.mass]), forces.errors[3:], "kg", f"R² {r2:.5f}")
+        fitted.append(FittedValue("sensor.mass", (cell.mass,), (error,), "kg", f"R² {r2:.5f}", source))
 
-    if not why and second >= _SPREAD and mass > max(_SURE * error, _LEAST):
+    if unknown:
+        reasons["sensor.center_of_mass"] = "mass unknown"
+    elif spreads[1] < _SPREAD:
+        reasons["sensor.center_of_mass"] = (
+            f"{len(poses)} directions of gravity spread by {spreads[1]:.3f} in a second direction; it needs {_SPREAD:g}"
+        )
+    elif mass <= max(_SURE * error, _LEAST):
+        reasons["sensor.center_of_mass"] = (
+            f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
+        )
+    else:
         # columns: e_k × gravity, the torque for each component of mass times centre
         levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
         torques, r2 = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
-        center = torques.coefficients[3:] / mass
-        own = np.sqrt(np.diag(torques.covariance)[3:] + (center * error) ** 2) / mass
-        cell = replace(cell, center_of_mass=(float(center[0]), float(center[1]), float(center[2])))
-        value("sensor.center_of_mass", center, own, "m", f"R² {r2:.5f}")
-    else:
-        reasons["sensor.center_of_mass"] = (
-            "mass unknown"
-            if why
-            else f"{len(poses)} directions of gravity spread by {second:.3f} in a second direction; it needs"
-            f" {_SPREAD:g}"
-            if second < _SPREAD
-            else f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
-        )
+        x, y, z = center = torques.coefficients[3:] / mass
+        own = np.hypot(torques.errors[3:], center * error) / mass
+        cell = replace(cell, center_of_mass=(float(x), float(y), float(z)))
+        values = cell.center_of_mass, tuple(own.tolist())
+        fitted.append(FittedValue("sensor.center_of_mass", *values, "m", f"R² {r2:.5f}", source))
+    if "sensor.center_of_mass" in reasons:
         weight_torques = np.cross(np.array(cell.center_of_mass), cell.sign * cell.mass * gravity)
         torques, _ = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
 
     bias = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]])
     rms = np.sqrt(np.mean((readings[:, :3] - bias[:3] - cell.sign * cell.mass * gravity) ** 2))
-    kept = f", with the mass of {cell.mass:g} kg as given" if why else ""
+    goodness = f"RMS {rms:.3f} N between poses" + (f", with the mass of {cell.mass:g} kg as given" if unknown else "")
     own = np.concatenate([forces.errors[:3], torques.errors[:3]])
-    value("sensor.bias", bias, own, "N, N m", f"RMS {rms:.3f} N between poses{kept}")
     fx, fy, fz, tx, ty, tz = bias.tolist()
     cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
-    return Sensor(cell=cell, force_covariance=cov), [fitted[-1], *fitted[:-1]], reasons
+    fitted.insert(0, FittedValue("sensor.bias", cell.bias, tuple(own.tolist()), "N, N m", goodness, source))
+    return Sensor(cell, covariance), fitted, reasons
 
 
 def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float) -> tuple[list[Track], Sensor]:
@@ -155,4 +148,4 @@ def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float
         excess = track.readings[rows, :3] - weight
         error = max(error, *(error_of_mean(column) for column in excess.T))
         shifted.append(replace(track, readings=track.readings - np.append(excess.mean(axis=0), np.zeros(3))))
-    return shifted, replace(sensor, tare_error=error)
+    return shifted, Sensor(cell, sensor.covariance + np.diag([error**2] * 3 + [0.0]))

@@ -1,11 +1,13 @@
-"""A recording as arrays: the tool's states, and the load cell's raw reading at each."""
+"""A recording as arrays, and its parts that fits use: rest, ways down, level runs, turns; from pose and speed."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
+from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
@@ -16,12 +18,27 @@ from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.tool import Tool
 
-__all__ = ["Track", "read_track"]
+__all__ = ["Stroke", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals", "turns_in_grains"]
 
-_BOTTOMLESS = -1e9
-"""A surface height [m] that no tool reaches, so that the estimator also answers poses at rest in the grains."""
+Array = NDArray[np.float64]
+Rows = NDArray[np.int64]
 
+_BOTTOMLESS = -1e9  # a surface height [m] that no tool reaches: the estimator also answers poses at rest in the grains
 _SMOOTHING = 0.1  # time over which velocities are averaged before they classify the motion [s]
+
+_GAP = 0.5  # a longer time between samples [s] ends a segment
+_FEWEST = 20  # samples of a usable segment in motion
+_SETTLING = 0.1  # time [s] that is left out after a stop and before a start: the arm vibrates and velocities lag
+_SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
+_UP = 0.002  # shortest movement up that ends a stroke down [m]
+_TILT = np.deg2rad(3.0)  # greatest difference of orientations that count as one [rad]
+_STEEP = np.tan(np.deg2rad(15.0))
+_LEVEL = np.sin(np.deg2rad(5.0))
+_TURNING = 0.2  # greatest speed from rotation in a straight motion, relative to that from translation
+_CHORD = 0.001  # path over which the directions before and after a turn are taken [m]
+_TURNED = 0.5  # cosine of the least angle of a turn, 60°
+_BEFORE, _AFTER = 0.003, 0.010
+"""Path used before and after a turn [m]: long enough for the force to settle, short enough to miss the next turn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -35,46 +52,48 @@ class Track:
 
     name: str
     begin: int
-    time: NDArray[np.float64]
-    states: NDArray[np.float64]
-    readings: NDArray[np.float64]
+    time: Array
+    states: Array
+    readings: Array
     tool: Tool
     rest_speed: float
 
-    def rotations(self) -> NDArray[np.float64]:
+    def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
         return np.asarray(Rotation.from_quat(self.states[:, 3:7]).as_matrix())
 
-    def heights(self) -> NDArray[np.float64]:
+    def heights(self) -> Array:
         """World z of the tool's lowest point [m], shape [n]."""
         return np.asarray(self.states[:, 2] + (self.rotations()[:, 2] @ self.tool.corners.T).min(axis=1))
 
-    def smooth_twists(self) -> NDArray[np.float64]:
-        """Velocity of the tool frame's origin [m/s], angular velocity [rad/s], world axes, over 0.1 s, shape [n, 6]."""
+    def smooth_states(self) -> Array:
+        """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise is not motion."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / step))
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
-        return np.asarray(correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest"))
+        mean = correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest")
+        return np.hstack([self.states[:, :7], mean])
 
-    def smooth_states(self) -> NDArray[np.float64]:
-        """The states with averaged velocities, shape [n, 13], units of `STATE`: noise must not look like rest."""
-        return np.hstack([self.states[:, :7], self.smooth_twists()])
+    def motion(self) -> tuple[Array, Array, Array]:
+        """Smooth velocity of the tool frame's origin [m/s], shape [n, 3]; its speed; the most that turning adds."""
+        twists = self.smooth_states()[:, 7:13]
+        speed, spin = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).T
+        return twists[:, :3], speed, spin * self.tool.plates.reach
 
-    def speeds(self) -> NDArray[np.float64]:
-        """An upper bound on the speed of the tool's plates [m/s], shape [n]."""
-        twists = self.smooth_twists()
-        turning = np.linalg.norm(twists[:, 3:], axis=1) * self.tool.plates.reach
-        return np.asarray(np.linalg.norm(twists[:, :3], axis=1) + turning)
+    def moving(self) -> NDArray[np.bool_]:
+        """Whether the speed of a plate may reach `rest_speed`, shape [n], no unit."""
+        _, speed, turning = self.motion()
+        return np.asarray(speed + turning >= self.rest_speed)
 
-    def sensor_rotations(self, cell: LoadCell) -> NDArray[np.float64]:
+    def sensor_rotations(self, cell: LoadCell) -> Array:
         """Rotation of the sensor frame into the world at each moment, shape [n, 3, 3], no unit."""
         return np.asarray(self.rotations() @ Rotation.from_quat(cell.quaternion).as_matrix())
 
-    def gravity_in_sensor(self, cell: LoadCell) -> NDArray[np.float64]:
+    def gravity_in_sensor(self, cell: LoadCell) -> Array:
         """Acceleration of gravity in sensor axes [m/s²], shape [n, 3]."""
         return -GRAVITY * self.sensor_rotations(cell)[:, 2, :]
 
-    def grain_forces(self, cell: LoadCell) -> NDArray[np.float64]:
+    def grain_forces(self, cell: LoadCell) -> Array:
         """Measured force of the grains on the tool, minus bias and weight, world axes [N], shape [n, 3]."""
         measured = cell.sign * (self.readings[:, :3] - np.array(cell.bias[:3]))
         in_sensor = measured - cell.mass * self.gravity_in_sensor(cell)
@@ -91,10 +110,9 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     # the error of a reduced tool would bias every fit; the fits know level ground only
     values = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
     topics, model = topics_of(values, options.remap), model_of(values)
-    # without bias and weight the estimator's compensated wrench is the raw reading
     settings = replace(
         settings_of(values),
-        load_cell=LoadCell(),
+        load_cell=LoadCell(),  # without bias and weight the estimator's compensated wrench is the raw reading
         sensor_source="parameters",
         surface_height=_BOTTOMLESS,
         max_rate=0.0,
@@ -125,3 +143,110 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         tool=model.tool,
         rest_speed=settings.rest_speed,
     )
+
+
+class Stroke(NamedTuple):
+    """A movement down in one orientation: `rows` of the track in time order, pauses included, to its deepest point.
+
+    `moving`: whether the tool moves straight down in each of the rows, shape [len(rows)], no unit.
+    """
+
+    rows: Rows
+    moving: NDArray[np.bool_]
+
+
+class Turn(NamedTuple):
+    """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
+
+    `first`: row from which the memory of the grains is known. `at`: row of the turn; if the tool rests there, the row
+    before the rest. `rows`: rows in motion, shape [n], from 3 mm of path before the turn to 10 mm after it or to the
+    next turn. `after`: path from the turn to the last row [m].
+    """
+
+    first: int
+    at: int
+    rows: Rows
+    after: float
+
+
+def _segments(mask: NDArray[np.bool_], time: Array) -> list[Rows]:
+    rows = np.flatnonzero(mask)
+    broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > _GAP)
+    return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]
+
+
+def still_intervals(track: Track) -> list[Rows]:
+    """Rows of each interval at rest, without the time to settle, as indices of `Track`'s rows, shape [n], no unit."""
+    found = []
+    for rows in _segments(~track.moving(), track.time):
+        time = track.time[rows]
+        settled = (time >= time[0] + _SETTLING) & (time <= time[-1] - _SETTLING)
+        if settled.sum() >= 8 and np.ptp(time[settled]) >= _SHORTEST_STILL:
+            found.append(rows[settled])
+    return found
+
+
+def down_strokes(track: Track) -> list[Stroke]:
+    """Each movement down with at least 20 rows of straight motion in the orientation of its deepest point."""
+    heights, rotations, (velocity, _, turning) = track.heights(), track.rotations(), track.motion()
+    sinking = -velocity[:, 2]
+    straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
+    straight &= sinking >= track.rest_speed
+    # padding lets the ends be the bottoms of movements down, which movements up of over 2 mm separate
+    bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_UP)
+    found, begin = [], 0
+    for end in bottoms.tolist():  # a row after the bottom; the tool may rest there
+        top = begin + int(np.argmax(heights[begin:end]))
+        begin = top + int(np.argmin(heights[top:end]))
+        rows = np.arange(top, begin + 1)
+        alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(_TILT)
+        rows = rows[alike]
+        if straight[rows].sum() >= _FEWEST:
+            found.append(Stroke(rows, straight[rows]))
+    return found
+
+
+def level_runs(track: Track, surface: float) -> list[Rows]:
+    """Rows, shape [n], no unit, of each unbroken straight level motion with the lowest point below the surface."""
+    velocity, speed, turning = track.motion()
+    level = (np.abs(velocity[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed) & (speed >= track.rest_speed)
+    return [rows for rows in _segments(level & (track.heights() < surface), track.time) if len(rows) >= _FEWEST]
+
+
+def turns_in_grains(track: Track, surface: float) -> list[Turn]:
+    """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
+    center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
+    places, moving = track.states[:, :3] + track.rotations() @ center, track.moving()
+    found = []
+    for segment in _segments(track.heights() < surface, track.time):
+        rows = segment[moving[segment]]
+        if len(rows) < _FEWEST:
+            continue
+        path = np.append(0.0, np.linalg.norm(np.diff(places[rows], axis=0), axis=1).cumsum())
+        turns = _sharp_turns(path, places[rows])
+        if segment[0] == 0 and not moving[0]:
+            turns.insert(0, 0)
+        for turn, before, after in zip(turns, [0, *turns], [*turns[1:], -1], strict=False):
+            end = min(path[after], path[turn] + _AFTER)
+            near = (path >= max(path[before], path[turn] - _BEFORE)) & (path <= end)
+            if end - path[turn] >= 2.0 * _CHORD and near.sum() >= _FEWEST:
+                found.append(Turn(max(int(segment[0]) - 1, 0), int(rows[turn]), rows[near], float(end - path[turn])))
+    return found
+
+
+def _sharp_turns(path: Array, places: Array) -> list[int]:
+    """Index of the sharpest turn in each group of neighbouring places where the path turns by 60° or more.
+
+    `path`: arc length [m], shape [n]. `places` [m], shape [n, 3].
+    """
+
+    def at(s: Array) -> Array:
+        return np.column_stack([np.interp(s, path, column) for column in places.T])
+
+    inner = np.flatnonzero((path >= _CHORD) & (path <= path[-1] - _CHORD))
+    behind, ahead = places[inner] - at(path[inner] - _CHORD), at(path[inner] + _CHORD) - places[inner]
+    lengths = np.linalg.norm(behind, axis=1) * np.linalg.norm(ahead, axis=1)
+    cosine = np.einsum("ni,ni->n", behind, ahead) / np.maximum(lengths, 1e-12)
+    turned = np.flatnonzero(cosine < _TURNED)
+    groups = np.split(turned, np.flatnonzero(np.diff(turned) > 1) + 1)
+    return [int(inner[group[np.argmin(cosine[group])]]) for group in groups if len(group)]

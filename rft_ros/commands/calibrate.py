@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rft_ros.calibration.calibrate import Calibration
-    from rft_ros.calibration.zeta import ZetaFit
+    from rft_ros.calibration.penetration import ZetaFit
 
 
 def add_options(command: argparse.ArgumentParser) -> None:

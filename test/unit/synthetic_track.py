@@ -9,8 +9,7 @@ from rft_ros.calibration.track import Track
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.parameters import defaults
-from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
-from rft_ros.rft.memory import SLACK
+from rft_ros.rft import MEDIA, SLACK, Constant, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 
 RATE = 100.0
@@ -24,8 +23,8 @@ TOOL = load_tool("abb_plate", scale=0.001)
 ROTATED = tuple(float(v) for v in Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_quat())
 
 
-def law(zeta=1.0, alpha_y="constant", table=None):
-    return treers2021(GENERIC, alpha_y_model(alpha_y, GENERIC, table), zeta=zeta)
+def law(zeta=1.0, alpha_y=None):
+    return treers2021(GENERIC, alpha_y or alpha_y_model("constant", GENERIC), zeta=zeta)
 
 
 def parameters(**given):
@@ -79,8 +78,8 @@ def grain_wrenches(time, states, law, *, surface, length=1e-9, tool=TOOL):
     )
 
 
-def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0), memory=0.8):
-    """What the load cell reads: raw sign, sensor axes. `noise`: [N], [N m], with that lag-one correlation."""
+def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0)):
+    """What the load cell reads: raw sign, sensor axes. `noise`: as in `noisy`."""
     frame = LoadCellFrame(cell)
     rows = []
     for state, wrench in zip(states, wrench_rows, strict=True):
@@ -88,11 +87,11 @@ def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0), memory=0.8
         numbers = np.concatenate(frame.into_sensor(state[3:7], answer)[:2])
         rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:]))
     readings = np.array(rows)
-    return readings if rng is None else noisy(readings, rng, noise=noise, memory=memory)
+    return readings if rng is None else noisy(readings, rng, noise)
 
 
-def noisy(readings, rng, *, noise, memory=0.8):
-    """The readings with white noise, or noise of that lag-one correlation."""
+def noisy(readings, rng, noise, memory=0.8):
+    """The readings with noise [N], [N m] of that lag-one correlation."""
     white = rng.normal(size=readings.shape) * np.repeat(noise, 3) * np.sqrt(1.0 - memory**2)
     return readings + lfilter([1.0], [1.0, -memory], white, axis=0)
 
@@ -113,44 +112,41 @@ LOAD_CELL = LoadCell(
 """A mounting, sign, bias and weight that a calibration has to deal with."""
 
 
-def unknown(cell=LOAD_CELL):
+def unknown():
     """Parameters with the mounting of the load cell only."""
+    cell = LOAD_CELL
     return parameters(sensor__position=cell.position, sensor__quaternion=cell.quaternion, sensor__sign=cell.sign)
 
 
-def known(cell=LOAD_CELL, **given):
+def known(**given):
     """Parameters with all of the load cell."""
-    return {**unknown(cell), **parameters_of_cell(cell), **{n.replace("__", "."): v for n, v in given.items()}}
-
-
-def parameters_of_cell(cell):
-    return {"sensor.bias": cell.bias, "sensor.mass": cell.mass, "sensor.center_of_mass": cell.center_of_mass}
-
-
-def in_the_air(path, orientations):
-    """The tool waits in each orientation and comes back level."""
-    for angles in orientations:
-        path.turn_to(Rotation.from_euler("xyz", angles, degrees=True)).wait(0.8)
-    return path.turn_to(Rotation.identity()).wait(0.8)
+    cell = LOAD_CELL
+    own = {"sensor.bias": cell.bias, "sensor.mass": cell.mass, "sensor.center_of_mass": cell.center_of_mass}
+    return {**unknown(), **own, **{name.replace("__", "."): value for name, value in given.items()}}
 
 
 ORIENTATIONS = ((40, 0, 0), (-40, 0, 0), (0, 40, 0), (0, -40, 0), (90, 0, 0))
 
 
-def dragged(betas, alpha_y, *, zeta, depth=0.06, speed=0.01):
-    """The plate dragged along itself at each β: time, states, and what the grains do, the front edge by the model."""
-    path = Path((0.0, 0.0, -depth), Rotation.from_euler("x", betas[0], degrees=True))
+def in_the_air(orientations=ORIENTATIONS):
+    """A path on which the tool waits 6 cm above z = 0 in each orientation, and comes back level."""
+    path = Path((0.0, 0.0, 0.06))
+    for angles in orientations:
+        path.turn_to(Rotation.from_euler("xyz", angles, degrees=True)).wait(0.8)
+    return path.turn_to(Rotation.identity()).wait(0.8)
+
+
+def dragged(betas, alpha_y, *, zeta):
+    """The plate dragged along itself at each β: time, states, the grains' wrenches on its faces and front edge."""
+    path = Path((0.0, 0.0, -0.06), Rotation.from_euler("x", betas[0], degrees=True))
     for beta in betas:
-        path.turn_to(Rotation.from_euler("x", beta, degrees=True)).move((0.03, 0.0, 0.0), speed).wait(0.3)
+        path.turn_to(Rotation.from_euler("x", beta, degrees=True)).move((0.03, 0.0, 0.0), 0.01).wait(0.3)
     time, states = path.states()
-    plates = TOOL.plates.packed
-    normal, faces = faces_of(TOOL.plates, TOOL.name)
-    edges = plates[:, ~faces & (plates[3] > 0.5)]
     pushing = states.copy()  # grains hold their force while the plate waits
-    pushing[:, 7:13] = (speed, 0.0, 0.0, 0.0, 0.0, 0.0)
-    found = wrenches(Plates.from_arrays(edges[:3].T, edges[3:6].T, edges[6]), law(zeta), pushing)[:, :6]
-    rotation = Rotation.from_quat(states[:, 3:7]).as_matrix()
-    depths = -states[:, 2, None] - rotation[:, 2] @ plates[:3, faces]
-    beta = np.degrees(np.arccos(np.abs(rotation[:, 2] @ normal)))
-    found[:, 0] -= zeta * alpha_y(beta) * 1e6 * (depths @ plates[6, faces] / 2.0)
-    return time, states, found
+    pushing[:, 7:13] = (0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
+    normal, faces = faces_of(TOOL.plates, TOOL.name)
+    front = ~faces & (TOOL.plates.packed[3] > 0.5)
+    of_front, of_faces = (Plates(TOOL.plates.rows[:, which]) for which in (front, faces))
+    beta = np.degrees(np.arccos(np.abs(Rotation.from_quat(states[:, 3:7]).as_matrix()[:, 2] @ normal)))
+    unit = wrenches(of_faces, law(zeta, Constant(1.0)), pushing)
+    return time, states, wrenches(of_front, law(zeta), pushing) + alpha_y(beta)[:, None] * unit

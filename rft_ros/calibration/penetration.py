@@ -1,0 +1,257 @@
+"""From the tool's ways down: the surface height, where the force begins, and ζ, measured over predicted force.
+
+ζ as in Treers et al. 2021, IV, by least squares through the origin.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.fitting import (
+    Fit,
+    FittedValue,
+    NotIdentifiable,
+    fit_curve,
+    fit_each,
+    fit_series,
+    mean_of,
+)
+from rft_ros.calibration.tool_weight import Sensor
+from rft_ros.calibration.track import Stroke, Track, down_strokes
+from rft_ros.estimator import LoadCell
+from rft_ros.rft import Law, wrenches
+
+__all__ = ["BEDS_DIFFER", "Contact", "Penetration", "ZetaFit", "fit_surface", "fit_zeta"]
+
+Array = NDArray[np.float64]
+
+BEDS_DIFFER = 0.1
+"""Relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)."""
+
+_NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
+_SCATTERED = 0.002  # greatest difference of heights of first contact [m] without a note
+
+_AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
+_CLEAR = 0.001  # height above the surface [m] from which samples at rest are used as well
+_SHALLOW, _AT_LEAST = 0.25, 0.004
+"""First contact is fitted to this share of the stroke's depth, but at least this depth [m]. Over the whole depth, a
+pressure that grows faster than linearly would shift the surface down."""
+
+_SHALLOWEST = 0.005  # a penetration's least depth [m]: below it the force depends more on the surface height than on ζ
+_ALIKE = 0.9
+"""Least correlation of the measured and the modelled force, over components and moments: below it the RMS residual is
+over a quarter of the peak of a force that grows with depth."""
+
+
+class Contact(NamedTuple):
+    """World z of the surface [m] with its standard error, and the RMS residual over the force's rise within the fit."""
+
+    bag: str
+    height: float
+    error: float
+    misfit: float
+
+
+def _first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Contact:
+    """Height at which a stroke meets the surface: fit the predicted force over depth with a free scale plus a constant.
+
+    The constant absorbs bias and weight, which do not change in one orientation. Raises NotIdentifiable if the force
+    does not rise, or too few samples are above the surface.
+    """
+    rows, moving = stroke
+    up = track.sensor_rotations(cell)[rows][:, 2]
+    force = cell.sign * np.einsum("nj,nj->n", up, track.readings[rows, :3])
+    height = track.heights()[rows]
+    low, high = float(height.min()), float(height.max())
+    # the force over the depth of the lowest point, in the orientation at the bottom
+    depths = np.linspace(0.0, high - low, 256)
+    states = np.repeat(track.states[rows[-1:]], len(depths), axis=0)
+    states[:, 2] -= height[-1] + depths
+    states[:, 7:13] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+    predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
+
+    def fit(used: NDArray[np.bool_], least: float, most: float) -> Fit:
+        z = height[used]
+        return fit_curve(force[used], lambda s: np.interp(s - z, depths, predicted), low=least, high=most, offset=True)
+
+    used, bottom, found = moving, low, fit(moving, low, high)
+    for _ in range(6):
+        surface = float(found.coefficients[0])
+        bottom = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
+        used = (height > bottom) & (height < surface + _AIR) & (moving | (height > surface + _CLEAR))
+        if used.sum() < 20 or surface <= low:
+            break
+        found = fit(used, bottom, min(high, surface + 0.5 * _AIR))
+        if abs(found.coefficients[0] - surface) < 1e-6:
+            break
+    surface, scale, _ = found.coefficients.tolist()
+    rise = scale * float(np.interp(surface - bottom, depths, predicted))
+    in_air = int((used & (height > surface)).sum())
+    if in_air < 10 or surface >= high - 1e-6:
+        raise NotIdentifiable(
+            f"{track.name}: {in_air} samples above the surface on the way down; first contact needs 10"
+        )
+    if not rise > 6.0 * found.rms:
+        raise NotIdentifiable(
+            f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: the vertical force rises by"
+            f" {rise:.2f} N with {found.rms:.2f} N of scatter; it must rise by 6 times that"
+        )
+    return Contact(track.name, surface, float(found.errors[0]), found.rms / rise)
+
+
+def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[FittedValue, list[Contact], list[str]]:
+    """`surface_height`, the mean over first contacts; the contacts, and a note if they differ. `law`: at any ζ.
+
+    Raises NotIdentifiable without a first contact.
+    """
+    contacts = fit_each(
+        lambda track, stroke: _first_contact(track, stroke, cell, law),
+        [(track, stroke) for track in tracks for stroke in down_strokes(track)],
+        none="the tool never goes straight down",
+    )
+    heights = [c.height for c in contacts]
+    height, error = mean_of(heights, [c.error for c in contacts])
+    goodness = f"RMS up to {100 * max(c.misfit for c in contacts):.1f} % of the force's rise"
+    source = f"first contact of {len(contacts)} ways down"
+    each = ", ".join(f"{c.bag} {1e3 * c.height:.1f} ± {1e3 * c.error:.1f} mm" for c in contacts)
+    notes = [f"First contact lies at different heights: {each}."] if np.ptp(heights) > _SCATTERED else []
+    return FittedValue("surface_height", (height,), (error,), "m", goodness, source), contacts, notes
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Penetration:
+    """One vertical penetration, n moments in time order.
+
+    `depth` of the tool's lowest point [m], shape [n]. `measured`, `predicted`: vertical force of the grains, and the
+    model's at ζ = 1 [N], shape [n]. `error`: standard error of `zeta`, including those of the surface height and of the
+    load cell's zero.
+    """
+
+    bag: str
+    depth: Array
+    measured: Array
+    predicted: Array
+    zeta: float
+    error: float
+
+    def misfit(self, zeta: float) -> float:
+        """RMS residual at a ζ, relative to the greatest measured force."""
+        return float(np.sqrt(np.mean((self.measured - zeta * self.predicted) ** 2)) / np.abs(self.measured).max())
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ZetaFit:
+    """Mean ζ of the penetrations and its standard error."""
+
+    zeta: float
+    error: float
+    penetrations: tuple[Penetration, ...]
+
+    def zeta_of_others(self, number: int) -> float:
+        """Mean ζ of all penetrations but one. Needs two or more."""
+        return float(np.mean([p.zeta for k, p in enumerate(self.penetrations) if k != number]))
+
+    def values(self, surface_error: float) -> tuple[FittedValue, ...]:
+        """`medium.zeta` and `medium.calibrated_depth`; `surface_error`: standard error of the depths [m]."""
+        found = self.penetrations
+        goodness = f"RMS {100 * max(p.misfit(self.zeta) for p in found):.1f} % of the peak at worst"
+        if len(found) > 1:
+            held_out = max(p.misfit(self.zeta_of_others(k)) for k, p in enumerate(found))
+            goodness += f"; each predicted by the others' ζ: {100 * held_out:.1f} %"
+        each = ", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found)
+        depth, bag = max((float(p.depth.max()), p.bag) for p in found)
+        source = f"deepest penetration, {bag}"
+        return (
+            FittedValue("medium.zeta", (self.zeta,), (self.error,), "", goodness, each),
+            FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", source),
+        )
+
+    def notes(self) -> list[str]:
+        """A sentence if ζ differs between penetrations, and one if the fit is surer than beds are alike."""
+        notes = []
+        if (own := self.error / self.zeta) < BEDS_DIFFER:
+            notes.append(
+                f"medium.zeta_error is {BEDS_DIFFER:g}, although the fit's own relative error is {own:.2g}: ζ differs"
+                f" by {100 * BEDS_DIFFER:g} % from one levelling of the same grains to the next."
+            )
+        low, high = (f(self.penetrations, key=lambda p: p.zeta) for f in (min, max))
+        apart = high.zeta - low.zeta
+        if apart > max(_NOTEWORTHY * low.zeta, 3.0 * float(np.hypot(low.error, high.error))):
+            notes.append(
+                f"ζ differs by {100 * apart / low.zeta:.0f} % between {low.bag} ({low.zeta:.2f}) and {high.bag}"
+                f" ({high.zeta:.2f}): tools of different size, and grains that differ, need a ζ of their own."
+            )
+        return notes
+
+
+def _cause(forces: Array, alike: float) -> str:
+    """Why measured forces, shape [n, 3], are probably not like those of the model."""
+    x, y, z = forces.mean(axis=0)
+    if np.linalg.norm((x, y, z)) < 0.5 * np.linalg.norm(forces) / np.sqrt(len(forces)):
+        return "they are mostly noise; check that the load cell measures and that the tool is in the grains"
+    if np.hypot(x, y) > abs(z):
+        return "the force points sideways; check sensor.quaternion"
+    if alike < -_ALIKE:
+        return "the force pulls the sinking tool down; check sensor.sign and sensor.quaternion"
+    return "the force grows otherwise; check surface_height, the tare and mesh.file"
+
+
+def _penetration(
+    track: Track, stroke: Stroke, sensor: Sensor, law: Law, surface: float, surface_error: float
+) -> Penetration:
+    """ζ of the part of a stroke in which the tool moves down below the surface.
+
+    Raises NotIdentifiable if it is too short or shallow, or the model does not explain the force.
+    """
+    bag, depth = track.name, surface - track.heights()[stroke.rows]
+    used = stroke.moving & (depth > 0.0)
+    rows, depth = stroke.rows[used], depth[used]
+    deepest = float(depth.max(initial=0.0))
+    if len(depth) < 20 or deepest < _SHALLOWEST:
+        raise NotIdentifiable(
+            f"{bag}: a penetration of {1e3 * deepest:.1f} mm in {len(depth)} samples is too shallow; ζ needs"
+            f" {1e3 * _SHALLOWEST:g} mm and 20 samples"
+        )
+    states, forces = track.smooth_states()[rows], track.grain_forces(sensor.cell)[rows]
+    modelled, higher = (
+        wrenches(track.tool.plates, law, states, surface_height=z, threads=1)[:, :3]
+        for z in (surface, surface + surface_error)
+    )
+    measured, g = forces[:, 2], modelled[:, 2]
+    if not g @ g > 0.0:
+        raise NotIdentifiable(f"{bag}: the model predicts no vertical force for this penetration; check mesh.file")
+    fit = fit_series(g[:, None], measured)
+    zeta = float(fit.coefficients[0])
+    by_surface = higher[:, 2] @ measured / (higher[:, 2] @ higher[:, 2]) - zeta
+    by_zero = fit.inverse.sum() * sensor.force_error(track, int(stroke.rows[-1]), np.array([0.0, 0.0, 1.0]))
+    error = float(np.linalg.norm((fit.errors[0], by_surface, by_zero)))
+    scale = float(np.linalg.norm(forces) * np.linalg.norm(modelled))
+    alike = float(np.sum(forces * modelled)) / scale if scale > 0.0 else 0.0
+    if not (zeta > error and alike > _ALIKE):
+        raise NotIdentifiable(
+            f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, and measured and modelled force correlate by"
+            f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: {_cause(forces, alike)}"
+        )
+    return Penetration(bag, depth, measured, g, zeta, error)
+
+
+def fit_zeta(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float) -> ZetaFit:
+    """The mean ζ over the penetrations of the tracks. Raises NotIdentifiable if no penetration is usable.
+
+    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m].
+    """
+    found = fit_each(
+        lambda track, stroke: _penetration(track, stroke, sensor, law, surface, surface_error),
+        [
+            (track, stroke)
+            for track in tracks
+            for stroke in down_strokes(track)
+            if track.heights()[stroke.rows].min() < surface
+        ],
+        none="no vertical penetration in the grains",
+    )
+    zeta, error = mean_of([p.zeta for p in found], [p.error for p in found])
+    return ZetaFit(zeta, error, tuple(found))
