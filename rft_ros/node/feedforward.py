@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Callable
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
@@ -65,11 +64,10 @@ class FeedForward:
     no trust, for any pose without an estimate within `max_input_age`, with the gain at 0, and when the node ends.
     """
 
-    def __init__(self, node: Node, estimator: Estimator, qos: QoSProfile, clock: Callable[[], float] = time.monotonic):
+    def __init__(self, node: Node, estimator: Estimator, qos: QoSProfile) -> None:
         self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", qos)
-        self._now = node.get_clock().now
+        self._clock = node.get_clock()
         self._estimator = estimator
-        self._clock = clock
         self._ramp = Ramp()
         self._gain = 0.0
         self._moved = self._estimated = -math.inf
@@ -77,33 +75,28 @@ class FeedForward:
 
     def use(self, values: Values) -> None:
         """Take the parameters."""
-        frame = str(values["feedforward.frame"])
-        frame_id = str(values[frame])
         self._gain = float(values["feedforward.gain"])  # type: ignore[arg-type]
         self._ramp.limit = values["feedforward.limit"]  # type: ignore[assignment]
         self._ramp.rise_time = float(values["feedforward.rise_time"])  # type: ignore[arg-type]
-        self._frame, self._serialise = frame, wrench_cdr(frame_id)
+        self._frame = str(values["feedforward.frame"])
+        self._serialise = wrench_cdr(str(values[self._frame]))
 
     def estimated(self, estimate: Estimate) -> None:
         """Publish what follows from an estimate, at its stamp."""
-        if self._gain == 0.0:
-            return
-        self._active = True
-        self._estimated = self._clock()
-        trusted = trust(estimate.quality_flags) is not Trust.NO
-        self._publish(self._target(estimate.predicted) if trusted else _ZERO, estimate.stamp)
+        if self._gain != 0.0:
+            self._active, self._estimated = True, time.monotonic()
+            trusted = trust(estimate.quality_flags) is not Trust.NO
+            self._publish(self._target(estimate.predicted) if trusted else _ZERO, estimate.stamp)
 
     def without_estimate(self) -> None:
         """Ramp down if no estimate has come for `max_input_age`; to be called every `FEEDFORWARD_PERIOD`."""
-        late = self._clock() - self._estimated > self._estimator.settings.max_input_age
+        late = time.monotonic() - self._estimated > self._estimator.settings.max_input_age
         if self._active and (late or self._gain == 0.0):
-            self._publish(_ZERO, self._now().nanoseconds)
+            self._publish(_ZERO, self._clock.now().nanoseconds)
             self._active = self._gain != 0.0 or self._ramp.wrench != _ZERO
 
     def end(self) -> None:
         """Ramp down to zero in at most 0.25 s and wait until the subscribers have it."""
-        if not self._active:
-            return
         self._ramp.rise_time = min(self._ramp.rise_time, _END)
         self._gain = 0.0
         while self._active:
@@ -111,8 +104,7 @@ class FeedForward:
             time.sleep(FEEDFORWARD_PERIOD)
         self._publisher.wait_for_all_acked(Duration(seconds=0.1))
 
-    def _target(self, predicted: Wrench) -> Wrench:
-        wrench = predicted
+    def _target(self, wrench: Wrench) -> Wrench:
         if self._frame != "sensor_frame":
             cell = self._estimator.settings.load_cell
             wrench = Placement(cell.position, cell.quaternion).wrench(wrench)
@@ -122,7 +114,7 @@ class FeedForward:
         return tuple(self._gain * c for c in wrench)  # type: ignore[return-value]
 
     def _publish(self, target: Wrench, stamp: int) -> None:
-        now = self._clock()
+        now = time.monotonic()
         wrench = self._ramp.follow(target, min(now - self._moved, _LONGEST_STEP))
         self._moved = now
         self._publisher.publish(self._serialise(stamp, wrench))

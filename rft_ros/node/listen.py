@@ -23,12 +23,7 @@ from rft_ros.parameters import FILES, Value, Values, checked
 __all__ = ["Listener"]
 
 _INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
-_MESSAGES: dict[Role, Any] = {
-    "pose": PoseStamped,
-    "twist": TwistStamped,
-    "wrench": WrenchStamped,
-    "surface": PointCloud2,
-}
+_MESSAGES = {"pose": PoseStamped, "twist": TwistStamped, "wrench": WrenchStamped, "surface": PointCloud2}
 _DISCOVERY = 6.0  # s: DDS announces a node at the latest after 3 s, on a busy machine later
 _MOST_NAMED = 5
 _OURS = "rft_doctor"
@@ -51,24 +46,19 @@ class Listener:
 
     def compare(self, values: Values, file: Path) -> tuple[Finding, Value]:
         """Whether the node runs with the parameters of `file`, `values`; and the bias in force, which a tare sets."""
-        running = self._running(list(values))
-        if running is None:
-            missing = f"no node {self._name} was found; start it with ros2 launch rft_ros rft.launch.py, or give --node"
-            return Finding(False, f"node: {missing}"), values["sensor.bias"]
-        other = [
-            f"{name} {running[name]} (file: {value})"
-            for name, value in values.items()
-            if name != "sensor.bias" and not _same(name, running[name], value)
-        ]
-        tared = running["sensor.bias"] != values["sensor.bias"]
-        if not other:
-            own = f"; sensor.bias is its own: {running['sensor.bias']}" if tared else ""
-            return Finding(True, f"node: {self._name} runs with the parameters of {file}{own}"), running["sensor.bias"]
-        named = ", ".join(other[:_MOST_NAMED]) + (
-            f" and {len(other) - _MOST_NAMED} more" if other[_MOST_NAMED:] else ""
-        )
+        bias = values["sensor.bias"]
+        if (running := self._running(list(values))) is None:
+            advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
+            return Finding(False, f"node: no node {self._name} was found; {advice}"), bias
+        own = running["sensor.bias"]
+        differs = [name for name in values if name != "sensor.bias" and not _same(name, running[name], values[name])]
+        if not differs:
+            note = f"; sensor.bias is its own: {own}" if own != bias else ""
+            return Finding(True, f"node: {self._name} runs with the parameters of {file}{note}"), own
+        named = ", ".join(f"{name} {running[name]} (file: {values[name]})" for name in differs[:_MOST_NAMED])
+        named += f" and {len(differs) - _MOST_NAMED} more" if len(differs) > _MOST_NAMED else ""
         advice = "restart it with the file, whose section must be for its name, or set them"
-        return Finding(False, f"node: {self._name} runs with {named}; {advice}"), running["sensor.bias"]
+        return Finding(False, f"node: {self._name} runs with {named}; {advice}"), own
 
     def _running(self, names: list[str]) -> Values | None:
         client = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
@@ -94,8 +84,8 @@ class Listener:
             if "tf" in topics:
                 wanted["tf"] = tf, message
         for role, (topic, kind) in wanted.items():
-            callback = partial(self._take, decoder(role, ros1=False), push)
-            self._node.create_subscription(kind, topic, callback, TRANSFORMS_QOS.get(role, _INPUTS), raw=True)
+            take = partial(self._take, decoder(role, ros1=False), push)
+            self._node.create_subscription(kind, topic, take, TRANSFORMS_QOS.get(role, _INPUTS), raw=True)
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(self._node, timeout_sec=min(left, 0.1))
@@ -110,31 +100,26 @@ class Listener:
 
     def _of_topic(self, role: Role, topic: str, kind: Any) -> list[Finding]:
         """Findings about the type and the QoS of a topic's publishers, by those that node and doctor ask for."""
-        wanted = "/".join([kind.__module__.partition(".")[0], "msg", kind.__name__])
+        wanted = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+        names = self._name, f"/{_OURS}"
         publishers = self._node.get_publishers_info_by_topic(topic)
-        subscriptions = [
-            s
-            for s in self._node.get_subscriptions_info_by_topic(topic)
-            if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in (self._name, f"/{_OURS}")
-        ]
-        found = []
+        others = self._node.get_subscriptions_info_by_topic(topic)
+        subscriptions = [s for s in others if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in names]
+        faults = []
         for publisher in publishers:
             if publisher.topic_type != wanted:
-                found.append(Finding(False, f"{role}: {topic} is {publisher.topic_type}; it must be {wanted}"))
+                faults.append(f"{role}: {topic} is {publisher.topic_type}; it must be {wanted}")
             for subscription in subscriptions:
                 compatible, why = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
                 if compatible != QoSCompatibility.OK:
                     pair = f"{publisher.node_name} publishes {topic} so that {subscription.node_name} cannot receive it"
-                    advice = "change qos_overrides or the publisher"
-                    found.append(Finding(False, f"{role}: {pair} ({why.strip()}); {advice}"))
-        if publishers and not found:
-            found.append(Finding(True, f"{role}: {len(publishers)} publishers on {topic}, QoS compatible"))
-        return found
+                    faults.append(f"{role}: {pair} ({why.strip()}); change qos_overrides or the publisher")
+        if publishers and not faults:
+            return [Finding(True, f"{role}: {len(publishers)} publishers on {topic}, QoS compatible")]
+        return [Finding(False, fault) for fault in faults]
 
 
 def _same(name: str, running: Value, written: Value) -> bool:
     if name in FILES and running and written:
-        return (
-            running == written or Path(str(running)).expanduser().resolve() == Path(str(written)).expanduser().resolve()
-        )
+        running, written = (str(Path(str(file)).expanduser().resolve()) for file in (running, written))
     return running == written

@@ -72,24 +72,8 @@ def _raw_reading(
     return fx, fy, fz, tx, ty, tz
 
 
-def main() -> int:
-    """Run the arm until its time is up."""
-    parser = argparse.ArgumentParser(description="The demo's virtual arm.")
-    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="how long it moves [s] (default 12)")
-    parser.add_argument(
-        "--listeners", type=int, default=1, metavar="N", help="start once N subscribe to the pose (default 1)"
-    )
-    arguments = parser.parse_args()
-
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
-    with suppress(KeyboardInterrupt):  # SIGINT or SIGTERM
-        _move(arguments.seconds, arguments.listeners)
-    return 0
-
-
 def _move(seconds: float, listeners: int) -> None:
-    tool = load_tool("ellipsoid")
-    medium = MEDIA["generic"]
+    tool, medium = load_tool("ellipsoid"), MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("constant", medium), zeta=0.33)
     frame = LoadCellFrame(_LOAD_CELL)
     _grain_wrench(tool, law, _state(0.0))  # compiles
@@ -123,6 +107,18 @@ def _move(seconds: float, listeners: int) -> None:
     finally:
         node.destroy_node()
         rclpy.try_shutdown()
+
+
+def main() -> int:
+    """Run the arm until its time is up, or SIGINT or SIGTERM."""
+    parser = argparse.ArgumentParser(description="The demo's virtual arm.")
+    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="how long it moves [s] (default 12)")
+    parser.add_argument("--listeners", type=int, default=1, metavar="N", help="start once N subscribe to the pose")
+    arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    with suppress(KeyboardInterrupt):
+        _move(arguments.seconds, arguments.listeners)
+    return 0
 
 
 if __name__ == "__main__":

@@ -57,7 +57,8 @@ def _as_if_made(project: Path) -> None:
     """`make` finds its environment ready: the one that the tests run in."""
     (project / ".venv").mkdir()
     (project / ".venv" / "bin").symlink_to(sysconfig.get_path("scripts"))
-    (project / ".venv" / ".installed").touch()
+    for stamp in (".demo", ".installed"):
+        (project / ".venv" / stamp).touch()
 
 
 def _plunge() -> tuple[np.ndarray, np.ndarray]:
