@@ -17,14 +17,14 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["FILTER", "GAUSSIAN", "absorb", "begin", "begin_again", "copy", "correct", "design", "dot", "grow"]
+__all__ = ["FILTER", "absorb", "begin", "begin_again", "copy", "correct", "dot", "grow"]
 
 _PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
 _PRIOR_SURFACE = 0.003  # deviation of δ [m]
 _NOISE = 0.093  # deviation over the predicted force
 _NOISE_FLOOR = 0.025  # deviation [N]
 _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
-_GATE = 3.0  # a larger innovation, in deviations, is reduced to this
+_GATE = 2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
 _LEVER = 0.07  # deviation of the point where the force acts, over the tool's reach
 _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
 _SCALE_RISE, _SCALE_FALL = 0.0025, 0.004  # of the mean of the squared errors, while it grows and while it falls
@@ -39,17 +39,16 @@ def _covariance(common: float, each: float, surface: float) -> NDArray[np.float6
 
 _GROWTH = _covariance(0.153, 0.23, 0.00126) / 0.01  # of P over a metre of path: G of (L2)
 
-GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
-"""Mean and covariance of θ."""
+_GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
 
 FILTER = [
-    ("latest", GAUSSIAN),  # after the last record taken
-    ("push", GAUSSIAN),  # the same, without what withdrawals and fast motion taught
-    ("prior", GAUSSIAN),
+    ("latest", _GAUSSIAN),  # mean and covariance of θ after the last record taken
+    ("push", _GAUSSIAN),  # the same, without what withdrawals and fast motion taught
+    ("prior", _GAUSSIAN),
+    ("now", _GAUSSIAN),  # at the pose that is predicted
     ("learned", float),  # path of the last record that taught
     ("scale", float, 3),  # c of (L6) by component; x and y are equal
     ("fitted", float, 3),  # work space
-    ("s", float, (3, 3)),
     ("gain", float, 4),
     ("a", float, (4, 4)),
 ]
@@ -83,20 +82,6 @@ def _form(a, m, b):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _mahalanobis(s, y, predicted):  # type: ignore[no-untyped-def]
-    """eᵀ S⁻¹ e of e = y - predicted, by the Cholesky factor of S, shape [3, 3]; finite if S is nearly singular."""
-    l00 = math.sqrt(s[0, 0])
-    l10, l20 = s[1, 0] / l00, s[2, 0] / l00
-    l11 = math.sqrt(max(s[1, 1] - l10 * l10, 1e-12 * s[1, 1]))
-    l21 = (s[2, 1] - l20 * l10) / l11
-    l22 = math.sqrt(max(s[2, 2] - l20 * l20 - l21 * l21, 1e-12 * s[2, 2]))
-    u = (y[0] - predicted[0]) / l00
-    v = (y[1] - predicted[1] - l10 * u) / l11
-    w = (y[2] - predicted[2] - l20 * u - l21 * v) / l22
-    return u * u + v * v + w * w
-
-
-@inlined
 def copy(target, source):  # type: ignore[no-untyped-def]
     """Copy a belief."""
     for i in range(4):  # assigning arrays compiles numba's error for shapes that differ: 4 s each
@@ -106,19 +91,13 @@ def copy(target, source):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def design(h, row):  # type: ignore[no-untyped-def]
-    """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
-    f, g, m = row[0:3], row[7:10], row[10:19]  # F, dF/dh, and Σ r_j f_l row by row
-    square = dot(f, f)
-    per_force = dot(f, g) / square if square > 1e-200 else 0.0  # whose square does not lose its digits
-    h[0, 0], h[0, 1], h[0, 2], h[0, 3] = 0.0, f[0], -f[1], g[0]
-    h[1, 0], h[1, 1], h[1, 2], h[1, 3] = 0.0, f[1], f[0], g[1]
-    h[2, 0], h[2, 1], h[2, 2], h[2, 3] = f[2], 0.0, 0.0, g[2]
-    h[3, 0], h[3, 1], h[3, 2] = m[5], -m[7], -m[6]
-    h[4, 0], h[4, 1], h[4, 2] = -m[2], m[6], -m[7]
-    h[5, 0], h[5, 1], h[5, 2] = 0.0, m[1] - m[3], m[0] + m[4]
-    for i in range(3, 6):
-        h[i, 3] = per_force * (h[i, 0] + h[i, 1])
+def begin_again(belief, push, prior, elsewhere):  # type: ignore[no-untyped-def]
+    """The belief of the last push; `elsewhere`: after air, where surface and turn are those of the prior."""
+    copy(belief, push)
+    for i in range(2 if elsewhere else 4, 4):
+        belief.theta[i] = prior.theta[i]
+        for j in range(4):
+            belief.p[i, j] = belief.p[j, i] = prior.p[i, j]
 
 
 @inlined
@@ -143,35 +122,34 @@ def grow(belief, path):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def begin_again(belief, push, prior, elsewhere):  # type: ignore[no-untyped-def]
-    """The belief of the last push; `elsewhere`: after air, where surface and turn are those of the prior."""
-    copy(belief, push)
-    for i in range(2 if elsewhere else 4, 4):
-        belief.theta[i] = prior.theta[i]
-        for j in range(4):
-            belief.p[i, j] = prior.p[i, j]
-            belief.p[j, i] = prior.p[j, i]
-
-
-@inlined
-def _innovate(s, h, belief, r):  # type: ignore[no-untyped-def]
-    """S = H P Hᵀ + r I of the force."""
-    for i in range(3):
-        for j in range(3):
-            s[i, j] = _form(h[i], belief.p, h[j]) + (r if i == j else 0.0)
+def _design(h, row):  # type: ignore[no-untyped-def]
+    """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
+    f, g, m = row[0:3], row[7:10], row[10:19]  # F, dF/dh, and Σ r_j f_l row by row
+    square = dot(f, f)
+    per_force = dot(f, g) / square if square > 1e-200 else 0.0  # whose square does not lose its digits
+    h[0, 0], h[0, 1], h[0, 2], h[0, 3] = 0.0, f[0], -f[1], g[0]
+    h[1, 0], h[1, 1], h[1, 2], h[1, 3] = 0.0, f[1], f[0], g[1]
+    h[2, 0], h[2, 1], h[2, 2], h[2, 3] = f[2], 0.0, 0.0, g[2]
+    h[3, 0], h[3, 1], h[3, 2] = m[5], -m[7], -m[6]
+    h[4, 0], h[4, 1], h[4, 2] = -m[2], m[6], -m[7]
+    h[5, 0], h[5, 1], h[5, 2] = 0.0, m[1] - m[3], m[0] + m[4]
+    for i in range(3, 6):
+        h[i, 3] = per_force * (h[i, 0] + h[i, 1])
 
 
 @inlined
 def correct(now, scale, record, row, out, reach, apply):  # type: ignore[no-untyped-def]
-    """(L1), (L3) and (L4): write H, F', S and r to the record, wrench and deviations to `out`."""
+    """(L1), (L3) and (L4): write F, H, F', S and r to the record, wrench and deviations to `out`."""
     h = record.h
-    design(h, row)
+    _design(h, row)
     for i in range(3):
         record.force[i] = row[i]
         record.predicted[i] = dot(h[i], now.theta)
     square = dot(record.predicted, record.predicted)
     record.r = _NOISE**2 * square + _NOISE_FLOOR**2
-    _innovate(record.s, h, now, record.r)
+    for i in range(3):
+        for j in range(3):
+            record.s[i, j] = _form(h[i], now.p, h[j]) + (record.r if i == j else 0.0)
     for i in range(6):
         model, learned = h[i, 0] + h[i, 1], dot(h[i], now.theta)
         if i < 3:
@@ -222,11 +200,12 @@ def absorb(state, record):  # type: ignore[no-untyped-def]
     state.learned = record.path
     _adapt(state.scale, record, step)
     grow(belief, step)
+    square = trace = 0.0
     for i in range(3):
         state.fitted[i] = dot(h[i], belief.theta)
-    _innovate(state.s, h, belief, record.r)
-    distance = math.sqrt(_mahalanobis(state.s, record.y, state.fitted))
-    share = min(1.0, _GATE / max(distance, 1e-300))
+        square += (record.y[i] - state.fitted[i]) ** 2
+        trace += _form(h[i], belief.p, h[i]) + record.r
+    share = min(1.0, _GATE * math.sqrt(trace / max(square, 1e-300)))
     variance = record.r * max(1.0, _NOISE_LENGTH / step)
     for i in range(3):
         _update(state, belief, h[i], state.fitted[i] + share * (record.y[i] - state.fitted[i]), variance)

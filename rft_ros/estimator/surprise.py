@@ -7,7 +7,7 @@ from rft_ros.estimator.medium_filter import dot
 from rft_ros.rft.compilation import inlined
 
 __all__ = ["JUDGE", "BeliefIssue", "Surprise"]
-__all__ += ["FAULT", "STUCK", "compare", "feel_air", "find_issues", "judge", "offset_in_air", "watch_reading"]
+__all__ += ["FAULT", "compare", "feel_air", "find_issues", "judge", "offset_in_air", "watch_reading"]
 
 _ENTRY = 0.008  # not judged over this path [m] after entering, while δ is being learned
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
@@ -17,8 +17,7 @@ _SHARE_MOST = 0.34  # of one sample in that mean: two spikes in a row are no sur
 _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
 _OPPOSING = 0.05  # [N]; below this the direction of a force is chance
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
-_STUCK_LENGTH = 0.0005  # path [m] over which a cell that resolves the force does not repeat itself
-_STUCK_SAMPLES = 3
+_STUCK_LENGTH, _STUCK_SAMPLES = 0.005, 3  # path [m] over which a cell that resolves the force does not repeat itself
 _FELT = 0.2  # [N] in the air; a tared cell reads less
 _AIR_SAMPLES = 64.0  # of the mean in the air
 
@@ -35,9 +34,8 @@ JUDGE = [
     ("flat_along", float),
     ("flat_cross", float),
     ("flat_square", float),
-    ("repeated_path", float),  # of the reading that repeats, how often, and F' when it began
+    ("repeated_path", float),  # of the reading that repeats, and how often
     ("repeats", int),
-    ("repeated_from", float, 3),
     ("last", float, 3),  # the last reading
     ("quantum", float),  # least change of the reading that was seen [N]; 0 before any
     ("air", float, 3),  # mean reading in the air [N]
@@ -47,7 +45,7 @@ JUDGE = [
 ]
 """Fields of a state that the functions below use."""
 
-STUCK, _OPPOSED, _WEAK, _STRONG, _TURNED, _OFFSET, FAULT = 1, 2, 4, 8, 16, 32, 64
+_STUCK, _OPPOSED, _WEAK, _STRONG, _TURNED, _OFFSET, FAULT = 1, 2, 4, 8, 16, 32, 64
 """Bits of issues in the order of `BeliefIssue`; `FAULT`: the force lies outside of what θ can be and must not teach."""
 
 
@@ -73,65 +71,11 @@ class BeliefIssue(str, Enum):
 
 
 @inlined
-def _toward(mean, value, step, length):  # type: ignore[no-untyped-def]
-    """Exponential mean over `length` of path."""
-    return mean + (1.0 - math.exp(-step / length)) * (value - mean)
-
-
-@inlined
 def feel_air(state, y):  # type: ignore[no-untyped-def]
     """A reading in the air, where a tared cell shows nothing."""
     state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
     for i in range(3):
         state.air[i] += (y[i] - state.air[i]) / state.air_samples
-
-
-@inlined
-def watch_reading(state, record, y, step, repeated):  # type: ignore[no-untyped-def]
-    """Follow a reading that repeats itself, and the least change between two."""
-    if repeated:
-        state.repeated_path += step
-        state.repeats += 1
-        return
-    change = 0.0
-    for i in range(3):
-        change += (y[i] - state.last[i]) ** 2
-        state.last[i] = y[i]
-        state.repeated_from[i] = record.predicted[i]
-    change = math.sqrt(change)
-    state.quantum = min(change, 2.0 * state.quantum) if state.quantum > 0.0 else change
-    state.repeated_path, state.repeats = 0.0, 0
-
-
-@inlined
-def _is_stuck(state, record):  # type: ignore[no-untyped-def]
-    """Whether the reading repeats although it must have changed, or for longer than steps of the cell explain."""
-    if state.repeats < _STUCK_SAMPLES or state.repeated_path <= _STUCK_LENGTH:
-        return False
-    change = 0.0
-    for i in range(3):
-        change += (record.predicted[i] - state.repeated_from[i]) ** 2
-    size = math.sqrt(dot(record.predicted, record.predicted))
-    known = state.quantum > 0.0
-    moved = math.sqrt(change) > 2.0 * state.quantum + 0.25 * size
-    return (known and moved) or (state.repeated_path > _SUM_LENGTH and (moved or state.quantum < 0.1 * size))
-
-
-@inlined
-def compare(state, record, y, step):  # type: ignore[no-untyped-def]
-    """Means of the measured against the model's force."""
-    if record.passing:
-        return
-    f = record.force
-    flat, square = f[0] * f[0] + f[1] * f[1], dot(f, f)
-    if square < _OPPOSING**2:
-        state.felt = record.path
-    share = min(1.0, (_RATIO_MOST * math.sqrt(square) + _OPPOSING) / max(math.sqrt(dot(y, y)), 1e-300))
-    state.along = _toward(state.along, share * dot(y, f), step, _SUM_LENGTH)
-    state.square = _toward(state.square, square, step, _SUM_LENGTH)
-    state.flat_along = _toward(state.flat_along, share * (y[0] * f[0] + y[1] * f[1]), step, _SUM_LENGTH)
-    state.flat_cross = _toward(state.flat_cross, share * (y[1] * f[0] - y[0] * f[1]), step, _SUM_LENGTH)
-    state.flat_square = _toward(state.flat_square, flat, step, _SUM_LENGTH)
 
 
 @inlined
@@ -141,13 +85,48 @@ def offset_in_air(state):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def watch_reading(state, y, step, repeated):  # type: ignore[no-untyped-def]
+    """Follow a reading that repeats itself, and the least change between two."""
+    if repeated:
+        state.repeated_path += step
+        state.repeats += 1
+        return
+    change = 0.0
+    for i in range(3):
+        change += (y[i] - state.last[i]) ** 2
+        state.last[i] = y[i]
+    change = math.sqrt(change)
+    state.quantum = min(change, 2.0 * state.quantum) if state.quantum > 0.0 else change
+    state.repeated_path, state.repeats = 0.0, 0
+
+
+@inlined
+def compare(state, record, y, step):  # type: ignore[no-untyped-def]
+    """Means of the measured against the model's force."""
+    if record.passing:
+        return
+    f = record.force
+    square = dot(f, f)
+    if square < _OPPOSING**2:
+        state.felt = record.path
+    ratio = min(1.0, (_RATIO_MOST * math.sqrt(square) + _OPPOSING) / max(math.sqrt(dot(y, y)), 1e-300))
+    share = 1.0 - math.exp(-step / _SUM_LENGTH)
+    state.along += share * (ratio * dot(y, f) - state.along)
+    state.square += share * (square - state.square)
+    state.flat_along += share * (ratio * (y[0] * f[0] + y[1] * f[1]) - state.flat_along)
+    state.flat_cross += share * (ratio * (y[1] * f[0] - y[0] * f[1]) - state.flat_cross)
+    state.flat_square += share * (f[0] * f[0] + f[1] * f[1] - state.flat_square)
+
+
+@inlined
 def find_issues(state, record, wet):  # type: ignore[no-untyped-def]
     """Set the issues. The model is judged from `_ENTRY` after the tool entered and after its force was felt."""
-    issues, square = 0 if wet else state.issues & STUCK, state.square
+    issues, square = 0 if wet else state.issues & _STUCK, state.square
     if offset_in_air(state) > max(_FELT, 0.1 * math.sqrt(square)):
         issues |= _OFFSET
-    if wet and _is_stuck(state, record):
-        issues |= STUCK
+    resolves = state.quantum**2 < 0.01 * dot(record.predicted, record.predicted)
+    if wet and resolves and state.repeats >= _STUCK_SAMPLES and state.repeated_path > _STUCK_LENGTH:
+        issues |= _STUCK
     if state.along < -(_OPPOSING**2):
         issues |= FAULT
     if square > 0.0 and state.judged - max(state.entered, state.felt) >= _ENTRY:
@@ -161,6 +140,7 @@ def find_issues(state, record, wet):  # type: ignore[no-untyped-def]
         if state.along >= 0.0 and sideways and abs(state.flat_cross) > state.flat_along:
             issues |= _TURNED | FAULT
     state.issues = issues
+    state.doubts |= issues if wet else 0
 
 
 @inlined
