@@ -97,9 +97,10 @@ def study() -> StudyResult:
             ("pitch at which the root meets its own wake", "below 40 mm", "not in the model; shaded"),
             ("work of inserting, as P falls", "falls", _falls(works, limits)),
             *rows,
-            *(
-                (f"observed order of the work in Δt, {rule}", NOT_STATED, f"{found.order:.2f}")
-                for rule, found in converging.items()
+            (
+                f"observed order of the work in Δt: {', '.join(converging)}",
+                NOT_STATED,
+                ", ".join(f"{found.order:.2f}" for found in converging.values()),
             ),
         ),
     )
@@ -116,11 +117,11 @@ def _falls(works: dict[float, list[Work]], limits: dict[float, Work]) -> str:
 
 
 def _rows_of_tilt(tilt: float, works: list[Work], limit: Work) -> list[tuple[str, str, str]]:
-    rows = [(f"η {tilt:g}°, straight limit", NOT_STATED, f"{1e3 * limit.total:.1f} mJ")]
+    rows = []
     for pitch in SHOWN:
         w = works[int(np.argmin(np.abs(PITCHES - pitch)))]
         less, more = 100.0 * (w.vertical / limit.vertical - 1.0), 100.0 * (w.total / limit.total - 1.0)
-        text = f"{1e3 * w.vertical:.1f} mJ ({less:+.1f} %), {1e3 * w.total:.1f} mJ ({more:+.1f} %)"
+        text = f"{1e3 * w.vertical:.1f} mJ ({less:+.0f} %), {1e3 * w.total:.1f} mJ ({more:+.0f} %)"
         rows.append((f"η {tilt:g}°, P {1e3 * pitch:g} mm: vertical, total work (against straight)", NOT_STATED, text))
     return rows
 

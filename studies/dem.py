@@ -3,7 +3,7 @@
 ``test/data/dem/README.md`` says how the runs were made and defines the error measure.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import STATE, Law, Memory, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
-from studies.paper import ALPHA_Y, NOT_STATED, law
+from studies.paper import ALPHA_Y, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = [
@@ -252,17 +252,17 @@ def study() -> StudyResult:
 
 
 def _table(found: Accuracy) -> TextTable:
+    def row(text: str, errors: Sequence[float]) -> tuple[str, ...]:
+        return (text, *(f"{100.0 * error:.1f}" for error in errors))
+
     rows = []
     for name, errors in found.errors.items():
-        calibration = name == CALIBRATION
-        text = f"{RUNS[name]} (calibration: ζ = {found.zeta:.2f})" if calibration else RUNS[name]
-        paper = "" if calibration else PUBLISHED_PLATES if name.startswith("plate") else NOT_STATED
-        rows.append((text, *(f"{100.0 * errors[column]:.1f} %" for column in _COLUMNS), paper))
-    means = (f"{100.0 * found.mean(column):.1f} %" for column in _COLUMNS)
-    rows.append(("mean, without the plate that moves along itself", *means, NOT_STATED))
+        text = f"{RUNS[name]} (calibration: ζ = {found.zeta:.2f})" if name == CALIBRATION else RUNS[name]
+        rows.append(row(text, [errors[column] for column in _COLUMNS]))
+    rows.append(row("mean, without the plate that moves along itself", [found.mean(column) for column in _COLUMNS]))
     for name, errors in found.cycles.items():
-        rows.append((f"{CYCLE_RUNS[name]}: error of cycles", *(f"{100.0 * errors[c]:.1f} %" for c in _COLUMNS), ""))
-    return TextTable(header=("run", *_COLUMNS.values(), "the paper, in its beads"), rows=tuple(rows))
+        rows.append(row(f"{CYCLE_RUNS[name]}: error of cycles", [errors[column] for column in _COLUMNS]))
+    return TextTable(header=("run", *(f"{label} [%]" for label in _COLUMNS.values())), rows=tuple(rows))
 
 
 def _draw(found: Accuracy) -> Figure:

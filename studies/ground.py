@@ -79,14 +79,14 @@ def study() -> StudyResult:
     table = []
     for name, (series, out) in cases.items():
         errors = pass_errors(series, out)
-        table.append((name, *(f"{100.0 * e:.0f} %" for e in errors), f"{100.0 * np.mean(errors):.1f} %"))
+        table.append((name, *(f"{100.0 * e:.0f}" for e in errors), f"{100.0 * np.mean(errors):.1f}"))
     return StudyResult(
         name="ground",
         title="Four passes in one trench: level plane and ground seen before each pass",
         figure=_draw(level, ground),
         numbers={"ground": {"what": list(cases), **{f"pass_{k}": [row[k] for row in table] for k in range(1, 5)}}},
         table=TextTable(
-            header=("median vector error", "pass 1", "pass 2", "pass 3", "pass 4", "mean"), rows=tuple(table)
+            header=("median vector error [%]", "pass 1", "pass 2", "pass 3", "pass 4", "mean"), rows=tuple(table)
         ),
     )
 

@@ -86,16 +86,9 @@ def study() -> StudyResult:
             (
                 "what the thin edges carry",
                 f"{PUBLISHED['F1 raw'] - PUBLISHED['F1']:.1f} N",
-                f"{edges:.2f} N (our plate is 3.2 mm thick)",
+                f"{edges:.2f} N (3.2 mm thick)",
             ),
             ("maximum F23", f"{PUBLISHED['F23']} N", f"{f23_max:.2f} N ({f2_max:.2f} N of it horizontal)"),
-            ("maximum F1 of the published fit", f"{PUBLISHED['F1']} N measured", f"{fit1.max():.2f} N (N1)"),
-            ("maximum F23 of the published fit", f"{PUBLISHED['F23']} N measured", f"{fit23.max():.2f} N (N23)"),
-            (
-                "depth of the centre at which our F23 is the published",
-                "–",
-                f"{1e3 * DEPTH * PUBLISHED['F23'] / f23_max:.1f} mm (computed at {1e3 * DEPTH:.1f} mm)",
-            ),
             (
                 "F1 over F23, maximum values (no depth in it)",
                 f"{PUBLISHED['F1'] / PUBLISHED['F23']:.2f}",

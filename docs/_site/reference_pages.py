@@ -81,34 +81,41 @@ def _arguments(command: argparse.ArgumentParser) -> list[argparse.Action]:
     return [action for action in command._actions if action.dest != "help"]
 
 
-def _usage(name: str, command: argparse.ArgumentParser) -> str:
-    arguments = _arguments(command)
-    optional = ["[OPTIONS]"] if any(a.option_strings and not a.required for a in arguments) else []
-    required = [_named(a) for a in arguments if a.option_strings and a.required]
-    positional = [_named(a) for a in arguments if not a.option_strings]
-    return " ".join(["rft", name, *positional, *required, *optional])
+_AS_PARAMETERS = {
+    "--scale": "mesh.scale",
+    "--origin": "mesh.origin",
+    "--law": "law",
+    "--medium": "medium.name",
+    "--zeta": "medium.zeta",
+    "--density": "medium.density",
+    "--inertia": "medium.inertia",
+    "--surface-friction": "medium.surface_friction",
+    "--mobilization-length": "medium.mobilization_length",
+    "--surface-height": "surface_height",
+}
+"""Options that mean what a parameter of the node means."""
 
 
 def _command(name: str, command: argparse.ArgumentParser, described: dict[str, str]) -> str:
     """The section of a command. What an argument above has described, by its help in `described`, is not repeated."""
-    rows, as_above = [], []
+    rows, as_above, as_parameters = [], [], []
     for action in _arguments(command):
         typed, meaning = f"`{', '.join([*action.option_strings[:-1], _named(action)])}`", action.help or ""
-        if meaning not in described:
+        if any(option in _AS_PARAMETERS for option in action.option_strings):
+            as_parameters.append(typed)
+        elif meaning not in described:
             described[meaning] = typed
-            rows.append(f"- {typed}: {meaning}")
+            needed = " (required)" if action.required and action.option_strings else ""
+            rows.append(f"- {typed}{needed}: {meaning}")
         elif described[meaning] == typed:
             as_above.append(typed)
         else:
             rows.append(f"- {typed}: as {described[meaning]} above")
-    examples = [f"`{line.strip()}`" for line in (command.epilog or "").splitlines()[1:]]
-    parts = [f"## rft {name}", command.description or "", f"Usage: `{_usage(name, command)}`"]
-    if rows:
-        parts.append("\n".join(rows))
+    if as_parameters:
+        rows.append(f"- {', '.join(as_parameters)}: as the node's [parameters](node.md#parameters)")
     if as_above:
-        parts.append(f"As above: {', '.join(as_above)}")
-    parts.append(f"{'Example' if len(examples) == 1 else 'Examples'}: {', '.join(examples)}")
-    return "\n\n".join(parts) + "\n"
+        rows.append(f"- {', '.join(as_above)}: as above")
+    return "\n\n".join([f"## rft {name}", command.description or "", "\n".join(rows)]).rstrip() + "\n"
 
 
 def commands_page() -> str:
@@ -118,10 +125,9 @@ def commands_page() -> str:
     status = (whole.epilog or "").partition("Exit status: ")[2]
     head = [
         "# Commands\n\n<!-- made by python docs/_site/reference_pages.py from rft_ros/cli.py -->\n",
-        f"{whole.description} Only `rft demo`, and `rft doctor` without `--bag`, need ROS. After `colcon build`, type"
-        " `ros2 run rft_ros rft` instead of `rft`.\n",
-        f"Every error is one sentence on stderr. Exit status: {status}",
-        "A recording is a rosbag2 folder (MCAP or sqlite3), an .mcap or .db3 file, or a ROS 1 .bag file.\n",
+        "Only `rft demo`, and `rft doctor` without `--bag`, need ROS. After `colcon build`, type `ros2 run rft_ros rft`"
+        " instead of `rft`.\n",
+        f"Every error is one sentence on stderr. Exit status: {status}\n",
     ]
     described: dict[str, str] = {}
     return "\n".join([*head, *(_command(name, command, described) for name, command in commands.items())])
@@ -171,14 +177,14 @@ _FIRST = (
 
 
 def _parameters(names: Collection[str] = ()) -> str:
-    """The table of these parameters, or of all."""
-    rows = ["| parameter | default; others | meaning |", "|---|---|---|"]
+    """These parameters, or all, each with its default and what else it may be."""
+    rows = []
     for p in (p for p in PARAMETERS if p.name in names or not names):
-        value = _yaml(p.default).replace('"', "") or '""'
+        value = _yaml(p.default).replace('"', "")
+        default = f"`{value}` {p.unit}".strip() if value else "none"
         others = ", ".join(f"`{choice}`" for choice in p.choices if choice != value)
-        default = f"`{value}` {p.unit}".strip() + (f"; {others}" if others else "")
         restart = "" if p.applies == "live" else " Needs a restart."
-        rows.append(f"| `{p.name}` | {default} | {p.description}{restart} |")
+        rows.append(f"- `{p.name}` ({default}{others and f'; or {others}'}): {p.description}{restart}")
     return _table(*rows)
 
 
@@ -193,7 +199,7 @@ def _with_tables(file: Path, tables: dict[str, str]) -> str:
 
 
 def readme() -> str:
-    """README.md with its table of the parameters that a first cell needs."""
+    """README.md with its list of the parameters that a first cell needs."""
     return _with_tables(ROOT / "README.md", {"parameters": _parameters(_FIRST)})
 
 
@@ -201,7 +207,7 @@ _TRUST = {Trust.CAUTION: "", Trust.NO: "; trust NO"}
 
 
 def node_page() -> str:
-    """docs/node.md with its tables of parameters, reasons and quality flags."""
+    """docs/node.md with its lists of parameters, reasons and quality flags."""
     tables = {
         "parameters": _parameters(),
         "reasons": _table(

@@ -9,6 +9,7 @@ from rft_ros.parameters import defaults
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
+NAMED = ("rft_ros", "test", "studies", "bench", "docs", "examples")
 
 
 def commands(page):
@@ -43,3 +44,10 @@ def test_the_readme_names_every_command():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     names = next(a for a in parser()._actions if a.dest == "command").choices
     assert [name for name in names if f"rft {name}" not in text and name != "demo"] == []
+
+
+def test_every_module_that_the_docs_name_is_there():
+    files = {file.relative_to(ROOT).as_posix() for folder in NAMED for file in (ROOT / folder).rglob("*.py")}
+    for page in PAGES:
+        for name in re.findall(r"`([\w/]+\.py)\b", page.read_text(encoding="utf-8")):
+            assert any(f"/{file}".endswith(f"/{name}") for file in files), f"{page.name}: {name}"

@@ -38,14 +38,15 @@ def test_the_default_file_reads_back_as_the_defaults():
     assert read_parameter_file(ROOT / "config" / "default.yaml") == defaults()
 
 
-def test_every_option_of_every_command_has_a_row(pages):
+def test_every_option_of_every_command_is_described_there_or_as_a_parameter(pages):
     text = pages.commands_page()
+    assert set(pages._AS_PARAMETERS.values()) <= set(defaults())
     for name, command in next(a for a in parser()._actions if a.dest == "command").choices.items():
         section = text.partition(f"## rft {name}\n")[2].partition("\n## ")[0]
         for action in command._actions:
             if action.dest != "help":
                 assert all(option in section for option in action.option_strings), (name, action.dest)
-                assert action.help in text
+                assert action.help in text or set(action.option_strings) & set(pages._AS_PARAMETERS)
 
 
 def test_every_reason_and_quality_flag_has_a_row(pages):
