@@ -11,26 +11,31 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
-from types import ModuleType
+from inspect import getdoc
 from typing import Any, NoReturn
 
-from rft_ros.commands import calibrate, check_mesh, demo, doctor, predict, reduce, replay, sweep, view, warm_up
+from rft_ros.commands import calibrate, cell, predict, replay, tools
 from rft_ros.errors import InputError, reason_of, suggestion
 from rft_ros.installation import program, release
 
 __all__ = ["main", "parser"]
 
-# The modules import what they need when they run, so that `rft --help` answers at once.
-_MODULES: tuple[ModuleType, ...] = (predict, check_mesh, reduce, replay, calibrate, sweep, view, doctor, demo, warm_up)
-_COMMANDS = {module.__name__.rpartition(".")[2].replace("_", "-"): module for module in _MODULES}
+_COMMANDS = {
+    "predict": predict.PREDICT,
+    "check-mesh": tools.CHECK_MESH,
+    "reduce": tools.REDUCE,
+    "replay": replay.REPLAY,
+    "calibrate": calibrate.CALIBRATE,
+    "sweep": tools.SWEEP,
+    "view": predict.VIEW,
+    "doctor": cell.DOCTOR,
+    "demo": cell.DEMO,
+    "warm-up": cell.WARM_UP,
+}
 
 
 def parser(rft: str = "rft") -> argparse.ArgumentParser:
-    """The whole command line: one subcommand for each module, with the module's name.
-
-    The first line of a module's docstring describes its command; the lines after it are examples.
-    `rft`: what the user types to run this program; help and errors show it.
-    """
+    """The whole command line. `rft`: what the user types to run this program; help and errors show it."""
     whole = _Parser(
         prog=rft,
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
@@ -39,13 +44,12 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
     )
     whole.add_argument("--version", action="version", version=f"rft {release()}", help="show the version and exit")
     commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
-    for name, module in _COMMANDS.items():
-        text, _, examples = (module.__doc__ or "").strip().partition("\n\n")
-        typed = [f"  {rft}{line.removeprefix('rft')}" for line in examples.splitlines()]
-        epilog = "\n".join(["example:", *typed])
+    for name, (add_options, run) in _COMMANDS.items():
+        text, _, examples = (getdoc(run) or "").partition("\n\n")
+        epilog = "\n".join(["example:", *(f"  {rft}{line.removeprefix('rft')}" for line in examples.splitlines())])
         command = commands.add_parser(name, help=text, description=text, epilog=epilog, formatter_class=_Help)
-        module.add_options(command)
-        command.set_defaults(run=module.run, own=command)
+        add_options(command)
+        command.set_defaults(run=run, own=command)
     return whole
 
 
@@ -57,12 +61,8 @@ class _Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse's own takes -1e-3 for an option
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{_short(self.prog)}: {message}; see {self.prog} --help\n")
-
-
-def _short(prog: str) -> str:
-    """``rft`` and the command's name, however the user called it."""
-    return f"rft {prog.rpartition(' ')[2]}" if prog.rpartition(" ")[2] in _COMMANDS else "rft"
+        name = self.prog.rpartition(" ")[2]  # the user may call it in many ways
+        self.exit(2, f"{f'rft {name}' if name in _COMMANDS else 'rft'}: {message}; see {self.prog} --help\n")
 
 
 class _Help(argparse.HelpFormatter):

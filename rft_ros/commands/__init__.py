@@ -1,1 +1,1 @@
-"""One module for each `rft` command: its options, and `run`, which imports what it needs when it runs."""
+"""The `rft` commands: their options, and what runs them, which imports what it needs when it runs."""

@@ -1,22 +1,11 @@
-"""Fit load cell, surface, ζ, memory and α_y to recorded bags.
-
-rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.html -o calibrated.yaml
-"""
+"""The command that fits parameters to recorded bags."""
 
 import argparse
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import (
-    BAG,
-    number_option,
-    output_option,
-    recording,
-    recording_options,
-    refuse_inputs,
-    warn_of,
-)
+from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -27,40 +16,30 @@ if TYPE_CHECKING:
     from rft_ros.calibration.penetration import ZetaFit
 
 
-def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=BAG)
-    recording_options(command, required=True)
-    output_option(command, "CALIBRATED.yaml", "file to write")
-    command.add_argument(
-        "--fit",
-        action="append",
-        metavar="PART",
-        help="fit only sensor, surface, zeta, mobilization or alpha_y, and exit with 1 if it is not identifiable;"
-        " may be repeated (default: all that are identifiable)",
-    )
-    command.add_argument(
-        "--alpha-y",
-        choices=("auto", "constant", "linear", "table"),
-        default="auto",
-        metavar="MODEL",
-        help="α_y over β: constant, linear, table or auto: linear if the slope is significant (default auto)",
-    )
-    command.add_argument(
-        "--mesh",
-        action="append",
-        default=[],
-        metavar="BAG=FILE",
-        help="mesh of the tool in the bag of that name, if not the parameter file's; may be repeated",
-    )
-    command.add_argument(
-        "--figure", type=Path, metavar="FILE.html", help="draw the penetrations to this file (default: no figure)"
-    )
+def _options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=options.BAG)
+    options.add(command, "--params", "FILE.yaml", "the node's own parameter file", type=Path, required=True)
+    options.share(command, *options.OF_RECORDING[1:])
+    options.output(command, "CALIBRATED.yaml", "file to write")
+    fit = "fit only sensor, surface, zeta, mobilization or alpha_y, and exit with 1 if it is not identifiable;"
+    every = "may be repeated (default: all that are identifiable)"
+    options.add(command, "--fit", "PART", f"{fit} {every}", action="append")
+    models = "α_y over β: constant, linear, table or auto: linear if the slope is significant (default auto)"
+    choices = ("auto", "constant", "linear", "table")
+    options.add(command, "--alpha-y", "MODEL", models, "auto", choices=choices)
+    mesh = "mesh of the tool in the bag of that name, if not the parameter file's; may be repeated"
+    options.add(command, "--mesh", "BAG=FILE", mesh, [], action="append")
+    figure = "draw the penetrations to this file (default: no figure)"
+    options.add(command, "--figure", "FILE.html", figure, type=Path)
     tare = "zero each bag's load cell over its first S seconds; 0: none (default: the parameter file's, else none)"
-    number_option(command, "--tare", "S", tare)
+    options.add_number(command, "--tare", "S", tare)
 
 
-def run(arguments: argparse.Namespace) -> int:
-    """Calibrate; exit status 1 if nothing is identifiable, or a part named by --fit is not."""
+def _calibrate(arguments: argparse.Namespace) -> int:
+    """Fit load cell, surface, ζ, memory and α_y to recorded bags.
+
+    rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.html -o calibrated.yaml
+    """
     from rich.console import Console
 
     from rft_ros.bags.playback import mounted
@@ -77,18 +56,18 @@ def run(arguments: argparse.Namespace) -> int:
     figure, output = arguments.figure, arguments.output
     if figure and figure.suffix != ".html":
         raise InputError(f"--figure '{figure}' does not end in .html")
-    values, options = recording(arguments)
-    refuse_inputs(arguments, *filter(None, (output, alpha_y_table(output), figure)), also=named_files(values))
-    values = mounted(arguments.bags[0], values, options)
+    values, chosen = options.recording(arguments)
+    options.refuse_inputs(arguments, *filter(None, (output, alpha_y_table(output), figure)), also=named_files(values))
+    values = mounted(arguments.bags[0], values, chosen)
     meshes = _meshes(arguments.mesh, [bag_name(bag) for bag in arguments.bags])
     tracks = [
-        read_track(bag, {**values, "mesh.file": meshes.get(bag_name(bag), values["mesh.file"])}, options)
+        read_track(bag, {**values, "mesh.file": meshes.get(bag_name(bag), values["mesh.file"])}, chosen)
         for bag in arguments.bags
     ]
     for tool in {track.tool.file: track.tool for track in tracks}.values():
-        warn_of(tool)
+        options.warn_of(tool)
     with busy("fitting"):
-        result = calibrate(tracks, values, parts=parts, tare=options.tare, alpha_y=arguments.alpha_y)
+        result = calibrate(tracks, values, parts=parts, tare=chosen.tare, alpha_y=arguments.alpha_y)
     console = Console()
     print_overview(result, console)
     if not result.fitted:
@@ -161,3 +140,6 @@ def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
     title = f"Vertical penetration: ζ = {fit.zeta:.3f} ± {fit.error:.3f}"
     panels.figure.update_layout(title=title)
     write_figure(file, panels.figure, title=title)
+
+
+CALIBRATE = options.Command(_options, _calibrate)

@@ -1,30 +1,36 @@
-"""Options shared by several commands, and the objects that they describe."""
+"""Options that several commands share, and the objects that they describe."""
 
 import argparse
 import math
 import sys
+from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rft_ros.errors import InputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
-
     from rft_ros.bags.playback import ReplayOptions
     from rft_ros.parameters import Values
     from rft_ros.rft import Law
     from rft_ros.tool import Tool
 
-# Copies of names in rft_ros.rft and rft_ros.tool: importing those would delay the help text by a second.
-_INTEGRATIONS = ("centroid", "refined")
-_LAWS = ("treers2021", "agarwal2023")
-_MEDIA = "generic, poppy_seeds_loose or poppy_seeds_close"
 MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
 """Help text for an argument that names a mesh."""
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
 """Help text for an argument that names a recording."""
+
+
+class Command(NamedTuple):
+    """A command of `rft`: what adds its options, and what runs it and returns the exit status.
+
+    The first line of the docstring of `run` describes the command; the lines after it are examples.
+    """
+
+    options: Callable[[argparse.ArgumentParser], None]
+    run: Callable[[argparse.Namespace], int]
 
 
 def finite(text: str) -> float:
@@ -38,72 +44,79 @@ def finite(text: str) -> float:
     return value
 
 
-def number_option(
-    command: argparse._ActionsContainer, name: str, metavar: str, meaning: str, default: float | None = None
+def _option(metavar: str | tuple[str, ...], meaning: str, default: object = None, **further: Any) -> dict[str, Any]:
+    return {"metavar": metavar, "help": meaning, "default": default, **further}
+
+
+_number = partial(_option, type=finite)
+
+# Copies of names in rft_ros.rft: importing that would delay the help text by a second.
+_LAWS = ("treers2021", "agarwal2023")
+_INTEGRATIONS = ("centroid", "refined")
+
+_ORIGIN = "where the tool frame's origin lies, in mesh-file coordinates and units (default 0 0 0)"
+_INTEGRATION = "refined, or centroid: the published rule (default refined; a reduced tool keeps its own)"
+_LAW = "treers2021, or agarwal2023, which uses neither --medium nor --alpha-y (default treers2021)"
+_ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)"
+_REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"
+_SHARED = {
+    "--scale": _number("M", "metres per mesh unit (default 0.001: millimetres)", 0.001),
+    "--origin": _number(("X", "Y", "Z"), _ORIGIN, (0.0, 0.0, 0.0), nargs=3),
+    "--integration": _option("RULE", _INTEGRATION, choices=_INTEGRATIONS),
+    "--surface-height": _number("Z", "world z of the surface [m] (default 0)", 0.0),
+    "--law": _option("LAW", _LAW, "treers2021", choices=_LAWS),
+    "--medium": _option("NAME", "generic, poppy_seeds_loose or poppy_seeds_close (default generic)", "generic"),
+    "--zeta": _number("FACTOR", "the medium's scale factor, no unit (default 1)", 1.0),
+    "--alpha-y": _option("MODEL", _ALPHA_Y, "constant"),
+    "--density": _number("RHO", "bulk density [kg/m³] for inertia (default 0: none)", 0.0),
+    "--inertia": _number("FACTOR", "inertia of an upright plate, no unit (default 1.4)", 1.4),
+    "--surface-friction": _number("MU", "of the tool, no unit, for agarwal2023 (default 0.3)", 0.3),
+    "--params": _option("FILE.yaml", "the node's own parameter file (default: the node's defaults)", type=Path),
+    "--remap": _option("FROM:=TO", _REMAP, [], action="append"),
+    "--start": _number("S", "begin S seconds into the recording (default: at its beginning)"),
+    "--end": _number("S", "stop S seconds into the recording (default: at its end)"),
+}
+PLACED = ("--scale", "--origin")
+"""How a mesh file becomes a tool."""
+OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")
+"""The traction law, for states."""
+OF_RECORDING = ("--params", "--remap", "--start", "--end")
+"""How a recording is read."""
+
+
+def add(
+    command: argparse._ActionsContainer, name: str, metavar: str, meaning: str, *default: object, **how: Any
 ) -> None:
-    """Add an option with one finite number; `meaning` states its unit and default."""
-    command.add_argument(name, type=finite, default=default, metavar=metavar, help=meaning)
+    """Add an option; `meaning` states its unit and default, `how` is argparse's."""
+    command.add_argument(name, **_option(metavar, meaning, *default, **how))
 
 
-def output_option(command: argparse._ActionsContainer, metavar: str, meaning: str, default: Path | None = None) -> None:
+add_number = partial(add, type=finite)
+"""As `add`, of a finite number."""
+
+
+def share(command: argparse._ActionsContainer, *names: str) -> None:
+    """Add options that several commands have."""
+    for name in names:
+        command.add_argument(name, **_SHARED[name])
+
+
+def output(command: argparse._ActionsContainer, metavar: str, meaning: str, default: Path | None = None) -> None:
     """``-o``, required unless there is a default."""
-    command.add_argument(
-        "-o", "--output", type=Path, required=default is None, default=default, metavar=metavar, help=meaning
-    )
+    how = _option(metavar, meaning, default, type=Path, required=default is None)
+    command.add_argument("-o", "--output", **how)
 
 
-def mesh_options(command: argparse._ActionsContainer) -> None:
-    """``--scale`` and ``--origin``: how a mesh file becomes a tool."""
-    number_option(command, "--scale", "M", "metres per mesh unit (default 0.001: millimetres)", 0.001)
-    command.add_argument(
-        "--origin",
-        type=finite,
-        nargs=3,
-        default=(0.0, 0.0, 0.0),
-        metavar=("X", "Y", "Z"),
-        help="where the tool frame's origin lies, in mesh-file coordinates and units (default 0 0 0)",
-    )
+def tool_of(arguments: argparse.Namespace, mesh: str, **further: Any) -> "Tool":
+    """The tool of a mesh with `PLACED` and, if there, ``--integration``; its issues go to stderr."""
+    from rft_ros.tool import load_tool
 
-
-def integration_option(command: argparse._ActionsContainer) -> None:
-    """``--integration``: the rule for plates."""
-    command.add_argument(
-        "--integration",
-        choices=_INTEGRATIONS,
-        metavar="RULE",
-        help="refined, or centroid: the published rule (default refined; a reduced tool keeps its own)",
-    )
-
-
-def surface_option(command: argparse._ActionsContainer) -> None:
-    """``--surface-height``, for states."""
-    number_option(command, "--surface-height", "Z", "world z of the surface [m] (default 0)", 0.0)
-
-
-def law_options(command: argparse._ActionsContainer) -> None:
-    """``--law``, ``--medium``, ``--zeta``, ``--alpha-y`` and more: the traction law, for states."""
-    command.add_argument(
-        "--law",
-        choices=_LAWS,
-        default="treers2021",
-        metavar="LAW",
-        help="treers2021, or agarwal2023, which uses neither --medium nor --alpha-y (default treers2021)",
-    )
-    command.add_argument("--medium", default="generic", metavar="NAME", help=f"{_MEDIA} (default generic)")
-    number_option(command, "--zeta", "FACTOR", "the medium's scale factor, no unit (default 1)", 1.0)
-    command.add_argument(
-        "--alpha-y",
-        default="constant",
-        metavar="MODEL",
-        help="constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)",
-    )
-    number_option(command, "--density", "RHO", "bulk density [kg/m³] for inertia (default 0: none)", 0.0)
-    number_option(command, "--inertia", "FACTOR", "inertia of an upright plate, no unit (default 1.4)", 1.4)
-    number_option(command, "--surface-friction", "MU", "of the tool, no unit, for agarwal2023 (default 0.3)", 0.3)
+    rule = getattr(arguments, "integration", None)
+    return load_tool(mesh, scale=arguments.scale, origin=arguments.origin, integration=rule, **further)
 
 
 def law_of(arguments: argparse.Namespace) -> "Law":
-    """The law of `law_options`; InputError names a value that cannot be used."""
+    """The law of `OF_LAW`; InputError names a value that cannot be used."""
     from rft_ros.parameters import read_alpha_y_table
     from rft_ros.rft import ALPHA_Y_MODELS, alpha_y_model, law_named, medium_named
 
@@ -121,7 +134,7 @@ def law_of(arguments: argparse.Namespace) -> "Law":
         raise InputError(str(error)) from None
 
 
-def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: "Iterable[Path]" = ()) -> None:
+def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path] = ()) -> None:
     """Raise InputError where an output would overwrite an input: `also`, and each file that another argument names."""
     from rft_ros.files import refuse_overwriting
     from rft_ros.tool import locate_mesh
@@ -138,31 +151,6 @@ def warn_of(tool: "Tool") -> None:
     """Print the issues of a tool's mesh on stderr."""
     for issue in tool.issues:
         print(f"warning: {tool.name}: {issue.message}", file=sys.stderr, flush=True)
-
-
-def recording_options(command: argparse._ActionsContainer, *, required: bool = False) -> None:
-    """``--params``, ``--remap``, ``--start`` and ``--end``: how a recording is read."""
-    command.add_argument(
-        "--params",
-        type=Path,
-        required=required,
-        metavar="FILE.yaml",
-        help="the node's own parameter file" + ("" if required else " (default: the node's defaults)"),
-    )
-    remap_option(command)
-    number_option(command, "--start", "S", "begin S seconds into the recording (default: at its beginning)")
-    number_option(command, "--end", "S", "stop S seconds into the recording (default: at its end)")
-
-
-def remap_option(command: argparse._ActionsContainer) -> None:
-    """``--remap``: the topics of the inputs."""
-    command.add_argument(
-        "--remap",
-        action="append",
-        default=[],
-        metavar="FROM:=TO",
-        help="topic of the recording, such as ~/pose:=/tool_pose; may be repeated",
-    )
 
 
 def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":

@@ -1,7 +1,4 @@
-"""Run recorded bags through the estimator.
-
-rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
-"""
+"""The command that runs recorded bags through the estimator."""
 
 import argparse
 import json
@@ -10,15 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rft_ros.commands.options import (
-    BAG,
-    number_option,
-    output_option,
-    recording,
-    recording_options,
-    refuse_inputs,
-    warn_of,
-)
+from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
 
@@ -26,19 +15,24 @@ if TYPE_CHECKING:
     from rft_ros.bags.summary import Limit, Summary
 
 
-def add_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=f"{BAG}; several get a folder each below DIR")
-    output_option(command, "DIR", "folder for the results")
-    recording_options(command)
-    tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
-    number_option(command, "--tare", "S", tare)
+def _options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
-        "--check", type=Path, metavar="LIMITS.yaml", help="exit with 1 if a metric of a bag's summary exceeds a limit"
+        "bag", type=Path, nargs="+", metavar="BAG", help=f"{options.BAG}; several get a folder each below DIR"
     )
+    options.output(command, "DIR", "folder for the results")
+    options.share(command, *options.OF_RECORDING)
+    tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
+    options.add_number(command, "--tare", "S", tare)
+    limits = "exit with 1 if a metric of a bag's summary exceeds a limit"
+    options.add(command, "--check", "LIMITS.yaml", limits, type=Path)
     command.add_argument("--no-report", action="store_true", help="write no report.html")
 
 
-def run(arguments: argparse.Namespace) -> int:
+def _replay(arguments: argparse.Namespace) -> int:
+    """Run recorded bags through the estimator.
+
+    rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
+    """
     from rft_ros.bags.replay import replay, replay_model, results
     from rft_ros.bags.summary import read_limits
     from rft_ros.files import whole
@@ -46,20 +40,20 @@ def run(arguments: argparse.Namespace) -> int:
 
     bags, out = arguments.bag, arguments.output
     limits = read_limits(arguments.check) if arguments.check else []
-    values, options = recording(arguments)
+    values, chosen = options.recording(arguments)
     folders = [out / name for name in folder_names(bags)] if len(bags) > 1 else [out]
     for folder in folders:
-        refuse_inputs(arguments, out / "summary.json", *results(folder), also=named_files(values))
+        options.refuse_inputs(arguments, out / "summary.json", *results(folder), also=named_files(values))
     with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
-    warn_of(model.tool)
+    options.warn_of(model.tool)
 
-    one = partial(replay, values=values, options=options, model=model, report=not arguments.no_report)
+    one = partial(replay, values=values, options=chosen, model=model, report=not arguments.no_report)
     if len(bags) == 1:
         summary = one(bags[0], out)
         print("\n".join(summary.lines()), flush=True)
         print(f"-> {out / ('summary.json' if arguments.no_report else 'report.html')}")
-        return max(_checked({summary.bag: summary}, limits), _empty(summary))
+        return _status({summary.bag: summary}, limits)
     summaries: dict[str, Summary] = {}
     failures: dict[str, str] = {}
     for number, (bag, folder) in enumerate(zip(bags, folders, strict=True), start=1):
@@ -73,8 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
     with whole(out / "summary.json") as part:
         part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     print("\n".join([f"{len(summaries)} of {len(bags)} bags replayed", *_comparison(summaries)]))
-    empty = max(map(_empty, summaries.values()), default=0)
-    return max(_checked(summaries, limits), empty, 1 if failures else 0)
+    return max(_status(summaries, limits), 1 if failures else 0)
 
 
 def folder_names(bags: list[Path]) -> list[str]:
@@ -103,24 +96,24 @@ def _comparison(summaries: "dict[str, Summary]") -> list[str]:
     return text
 
 
-def _empty(summary: "Summary") -> int:
-    """Print an error for a bag without any estimate; exit status 1 for it."""
-    if summary.estimates:
-        return 0
-    poses, why = summary.messages["pose"], ""
-    if summary.reasons:
-        reason = max(summary.reasons, key=summary.reasons.__getitem__)
-        why = f"; most often {summary.unknown_frames.get(reason, reason)}"
-    print(f"rft replay: bag '{summary.bag}' has no estimate for its {poses:,} poses{why}", file=sys.stderr, flush=True)
-    return 1
-
-
-def _checked(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
+def _status(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
+    """Exit status: 1 if a limit is exceeded, or a bag has no estimate, which gets an error."""
     from rft_ros.bags.summary import check, limit_lines
 
-    kept = True
-    for name, summary in summaries.items() if limits else ():
-        checks = check(limits, summary)
-        print("\n".join([f"{name}: limits", *limit_lines(checks)]))
-        kept &= all(limit.allows(value) for limit, value in checks)
-    return 0 if kept else 1
+    status = 0
+    for name, summary in summaries.items():
+        if limits:
+            checks = check(limits, summary)
+            print("\n".join([f"{name}: limits", *limit_lines(checks)]))
+            status |= not all(limit.allows(value) for limit, value in checks)
+        if not summary.estimates:
+            status, why = 1, ""
+            if summary.reasons:
+                reason = max(summary.reasons, key=summary.reasons.__getitem__)
+                why = f"; most often {summary.unknown_frames.get(reason, reason)}"
+            none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
+            print(f"rft replay: {none}", file=sys.stderr, flush=True)
+    return status
+
+
+REPLAY = options.Command(_options, _replay)

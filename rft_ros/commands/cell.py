@@ -1,0 +1,130 @@
+"""Commands around the running node: check a cell's set-up, show a virtual one, compile beforehand."""
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rft_ros.commands import options
+from rft_ros.errors import InputError
+from rft_ros.progress import busy
+
+if TYPE_CHECKING:
+    from rft_ros.bags.checkup import Finding
+    from rft_ros.parameters import Model, Settings
+
+
+def _doctor_options(command: argparse.ArgumentParser) -> None:
+    command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
+    options.add(command, "--bag", "BAG", f"{options.BAG} (default: listen to ROS)", type=Path)
+    options.add(command, "--node", "NAME", "the node with its namespace (default /rft)", "/rft")
+    options.share(command, "--remap")
+    options.add_number(command, "--seconds", "S", "how long to listen to ROS [s] (default 5)", 5.0)
+
+
+def _doctor(arguments: argparse.Namespace) -> int:
+    """Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node.
+
+    rft doctor my_cell.yaml --bag recording
+    rft doctor my_cell.yaml --remap ~/pose:=/tool_pose --seconds 10
+    """
+    from rft_ros.bags.checkup import Checkup
+    from rft_ros.bags.playback import topics_of
+    from rft_ros.bags.reading import Recording
+    from rft_ros.parameters import model_of, node_parameters, settings_of
+
+    arguments.node = "/" + arguments.node.strip("/")
+    values, chosen = options.recording(arguments)
+    topics = topics_of(values, chosen.remap, arguments.node)
+    named = node_parameters(arguments.params, arguments.node)
+    with busy("preparing the tool"):
+        model = model_of({**values, "tolerance": 0.0})
+    findings = [_compiled(model, settings_of(values))]
+    if arguments.bag:
+        checkup = Checkup(values, model, named=named, topics=topics, tare=chosen.tare)
+        with Recording(arguments.bag, topics, start=chosen.start, end=chosen.end, optional=tuple(topics)) as messages:
+            checkup.push(messages.fixed, messages.first)
+            for sample in messages:
+                checkup.push(sample, messages.time)
+    else:
+        try:
+            from rft_ros.node.listen import Listener
+        except ImportError as error:
+            needs = f"listening needs ROS 2 ({error.name} is missing)"
+            raise InputError(f"{needs}: source a ROS 2 setup file, or give --bag") from None
+        with ExitStack() as stack:
+            stack.enter_context(busy(f"listening for {arguments.seconds:g} s"))
+            listener = stack.enter_context(Listener(arguments.node))
+            finding, bias = listener.compare(values, arguments.params)
+            checkup = Checkup({**values, "sensor.bias": bias}, model, named=named, topics=topics)
+            findings += [finding, *listener.listen(topics, arguments.seconds, checkup.push)]
+    findings += checkup.findings()
+    print("\n".join(map(str, findings)))
+    return 0 if all(finding.ok for finding in findings) else 1
+
+
+def _compiled(model: "Model", settings: "Settings") -> "Finding":
+    from rft_ros.bags.checkup import Finding
+    from rft_ros.estimator.warm_up import code_of, prepare
+
+    def stop() -> None:
+        raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
+
+    try:
+        prepare(code_of(model, settings), on_cold_cache=stop)
+    except InputError as error:
+        return Finding(False, f"compiled: no; {error}")
+    return Finding(True, "compiled: yes")
+
+
+def _demo_options(command: argparse.ArgumentParser) -> None:
+    options.output(command, "DIR", "folder for bag and report (default out/demo)", Path("out/demo"))
+    options.add_number(command, "--seconds", "S", "how long the arm moves [s] (default 12)", 12.0)
+    feels = "a simulated arm that feels the node's forces (needs mujoco)"
+    command.add_argument("--mujoco", action="store_true", help=feels)
+
+
+def _demo(arguments: argparse.Namespace) -> int:
+    """Run a virtual arm, a real node and a live table (needs ROS).
+
+    rft demo --seconds 20 -o out/demo
+    rft demo --mujoco -o out/demo_mujoco
+    """
+    try:
+        from rft_ros.node.demo import demo
+    except ImportError as error:
+        raise InputError(
+            f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
+            " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
+        ) from None
+    from rft_ros.bags.playback import ReplayOptions
+    from rft_ros.bags.replay import replay
+    from rft_ros.installation import program, share_directory
+    from rft_ros.parameters import read_parameter_file
+
+    parameters = share_directory("rft_ros") / "config" / ("mujoco_arm.yaml" if arguments.mujoco else "demo.yaml")
+    tare = 1.5 if arguments.mujoco else 2.0  # s in which the arm rests in the air
+    bag, out = arguments.output / "bag", arguments.output / "replay"
+    if not demo(bag, parameters, seconds=arguments.seconds, mujoco=arguments.mujoco):
+        return 1
+    print(f"the same offline: {program('rft')} replay {bag} --params {parameters} --tare {tare:g} -o {out}")
+    summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
+    print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
+    return 0
+
+
+def _warm_up(_arguments: argparse.Namespace) -> int:
+    """Compile all machine code that node and replay can need, so that no start or change of a parameter waits for it.
+
+    rft warm-up
+    """
+    from rft_ros.estimator.warm_up import EVERY_CODE, prepare
+
+    prepare(*EVERY_CODE, on_cold_cache=lambda: print("compiling, half a minute or more ...", flush=True))
+    print("everything is compiled")
+    return 0
+
+
+DOCTOR = options.Command(_doctor_options, _doctor)
+DEMO = options.Command(_demo_options, _demo)
+WARM_UP = options.Command(lambda _command: None, _warm_up)
