@@ -7,7 +7,9 @@ import signal
 import subprocess
 import sys
 import threading
+import zipfile
 from collections.abc import Iterable, Sequence
+from email import message_from_bytes
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -61,6 +63,14 @@ def required(lines: Iterable[str], *, extra: str) -> Iterable[Distribution]:
             found[one.name, of_it] = one
             left += [(each, of_it) for each in one.requires or ()]
     return {name: one for (name, _), one in found.items()}.values()
+
+
+def metadata(wheel: Path) -> dict[str, list[str]]:
+    """What a wheel says of itself, by key."""
+    with zipfile.ZipFile(wheel) as files:
+        (name,) = (n for n in files.namelist() if n.endswith(".dist-info/METADATA"))
+        message = message_from_bytes(files.read(name))
+    return {key: message.get_all(key, []) for key in message}
 
 
 def place(package: Distribution, folder: Path) -> None:

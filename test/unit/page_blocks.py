@@ -6,7 +6,6 @@ import re
 import shlex
 import subprocess
 import sys
-import sysconfig
 import textwrap
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +13,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from distribution import ROOT, own_domain, without_ros
 from test_cli import rft
 
 from rft_ros.bags.playback import read_replay_options
@@ -21,7 +21,6 @@ from rft_ros.bags.summary import read_limits
 from rft_ros.parameters import read_parameter_file
 from rft_ros.sweeps.design import read_design
 
-ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 
@@ -126,13 +125,8 @@ def _inside(folder: Path) -> Iterator[None]:
 
 
 def _bash(block: Block, folder: Path) -> None:
-    scripts = sysconfig.get_path("scripts")
-    environment = {
-        **os.environ,
-        "PATH": f"{scripts}{os.pathsep}{os.environ['PATH']}",
-        "ROS_DOMAIN_ID": str(10 + os.getpid() % 90),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    }
+    path = f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    environment = without_ros() | own_domain() | {"PATH": path}
     done = subprocess.run(
         ["bash", "-e", "-o", "pipefail", "-c", block.text],
         cwd=folder,

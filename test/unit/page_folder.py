@@ -23,11 +23,12 @@ _START = 1_700_000_000_000_000_000
 _CELL = LoadCell(bias=LOAD_CELL.bias)
 
 
-def prepared(folder: Path, *, more_cell: str = "") -> Path:
+def prepared(folder: Path, *, more_cell: str = "", scripts: str = sysconfig.get_path("scripts")) -> Path:
     """A copy of the project below `folder`, with what the pages assume: the reader's files, named as on the pages.
 
     The package itself is not copied, so that what runs is the installed one, which numba has compiled before.
-    `my_cell.yaml` is the README's block, its ``/path/to`` this folder, and `more_cell` what a page adds to it.
+    `make` finds its environment ready: that of `scripts`. `my_cell.yaml` is the README's block, its ``/path/to`` this
+    folder, and `more_cell` what a page adds to it.
     """
     project = folder / "project"
     for name in ("bench", "config", "docs", "meshes"):
@@ -38,7 +39,10 @@ def prepared(folder: Path, *, more_cell: str = "") -> Path:
     if reference.is_dir():
         (folder / "shared").mkdir()
         (folder / "shared" / "data").symlink_to(reference.resolve())
-    _as_if_made(project)
+    (project / ".venv").mkdir()
+    (project / ".venv" / "bin").symlink_to(scripts)
+    for stamp in (".demo", ".installed"):
+        (project / ".venv" / stamp).touch()
     study = project / "config" / "sweep_example.yaml"  # a tenth of its variants, of shorter motions
     study.write_text(study.read_text().replace("count: 50", "count: 5").replace("samples: 200", "samples: 50"))
     shutil.copy(project / "meshes" / "abb_plate.stl", project / "my_tool.stl")
@@ -51,14 +55,6 @@ def prepared(folder: Path, *, more_cell: str = "") -> Path:
     (project / "friday" / "friday.mcap").rename(project / "friday.mcap")
     shutil.rmtree(project / "friday")
     return project
-
-
-def _as_if_made(project: Path) -> None:
-    """`make` finds its environment ready: the one that the tests run in."""
-    (project / ".venv").mkdir()
-    (project / ".venv" / "bin").symlink_to(sysconfig.get_path("scripts"))
-    for stamp in (".demo", ".installed"):
-        (project / ".venv" / stamp).touch()
 
 
 def _plunge() -> tuple[np.ndarray, np.ndarray]:

@@ -22,8 +22,9 @@ def test_the_blocks_of_a_page_work(page, project):
     assert try_page(page, project) > 0
 
 
-def test_the_blocks_of_the_readme_work_in_its_order(project):
+def test_the_blocks_of_the_readme_work_in_its_order_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
     skip_without_ros()
+    project = prepared(tmp_path, scripts=str(installed / "bin"))
     assert try_page(README, project) > 0
     assert (project / "out" / "demo" / "replay" / "report.html").is_file()
 

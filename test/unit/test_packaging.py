@@ -1,78 +1,14 @@
-"""A release as a user gets it: sdist, the wheel built from it, and that wheel installed where nothing else is."""
+"""A release as a user gets it: sdist, the wheel built from it, and that wheel installed where nothing else is.
+
+The README's blocks run in that environment: `test_docs_blocks.py`.
+"""
 
 import os
 import subprocess
-import sys
 import tarfile
-import venv
 import zipfile
-from email import message_from_bytes
-from pathlib import Path
 
-import pytest
-from distribution import (
-    ROOT,
-    clean_copy,
-    manifest,
-    own_domain,
-    place,
-    required,
-    share_machine_code,
-    third_party_imports,
-    without_ros,
-)
-
-pytest.importorskip("build", reason="building a release needs build: pip install 'rft_ros[test]'")
-
-
-@pytest.fixture(scope="module")
-def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder that ``make dist`` fills: an sdist, and a wheel built from nothing but the sdist."""
-    folder = tmp_path_factory.mktemp("dist")
-    source = clean_copy(tmp_path_factory.mktemp("source") / "rft_ros")
-    command = [sys.executable, "-m", "build", "--outdir", str(folder), str(source)]
-    done = subprocess.run(command, capture_output=True, text=True, env=without_ros())
-    assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-    return folder
-
-
-@pytest.fixture(scope="module")
-def wheel(dist: Path) -> Path:
-    (wheel,) = dist.glob("rft_ros-*.whl")
-    return wheel
-
-
-@pytest.fixture(scope="module")
-def installed(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An empty environment, without even setuptools, with the wheel and the packages that it asks for, and no others.
-
-    pip installs the wheel; the others, of the versions that the wheel allows, come from this process's environment.
-    """
-    environment = tmp_path_factory.mktemp("installed") / "env"
-    venv.create(environment, with_pip=False)
-    python = str(environment / "bin" / "python")
-    pip = [sys.executable, "-m", "pip", "--quiet", "--python", python, "install", "--no-deps", "--no-index", str(wheel)]
-    subprocess.run(pip, check=True, cwd=environment, env=without_ros())
-    (package,) = environment.glob("lib/python*/site-packages/rft_ros")
-    for distribution in required(metadata(wheel)["Requires-Dist"], extra="ros"):
-        place(distribution, package.parent)
-    share_machine_code(package)
-    return environment
-
-
-def surroundings(**extra: str) -> dict[str, str]:
-    return without_ros() | own_domain() | extra
-
-
-def run(environment: Path, *command: str, **extra: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, capture_output=True, text=True, cwd=environment, env=surroundings(**extra))
-
-
-def metadata(wheel: Path) -> dict[str, list[str]]:
-    with zipfile.ZipFile(wheel) as files:
-        (name,) = (n for n in files.namelist() if n.endswith(".dist-info/METADATA"))
-        message = message_from_bytes(files.read(name))
-    return {key: message.get_all(key, []) for key in message}
+from distribution import ROOT, manifest, metadata, third_party_imports, without_ros
 
 
 def test_the_wheel_holds_every_module_and_every_shared_file(wheel):
@@ -120,38 +56,22 @@ def test_every_package_that_is_imported_is_required(wheel):
     assert missing == set()
 
 
-def test_data_files_land_where_ros_looks_for_them(installed):
-    share = installed / "share" / "rft_ros"
+def test_the_installed_wheel_is_found_by_ros_and_by_itself(installed, wheel):
+    """Where ROS looks; without ROS, too, `package://` finds the shipped meshes."""
+    share, node = installed / "share" / "rft_ros", installed / "lib" / "rft_ros"
     assert (installed / "share" / "ament_index" / "resource_index" / "packages" / "rft_ros").is_file()
     for file in ("package.xml", "config/default.yaml", "launch/rft.launch.py", "rviz/rft.rviz", "meshes/plate.stl"):
         assert (share / file).is_file(), file
-
-
-def test_ros2_run_finds_executables(installed):
-    for name in ("rft_node", "rft"):
-        assert os.access(installed / "lib" / "rft_ros" / name, os.X_OK)
-    done = run(installed, str(installed / "bin" / "python"), str(installed / "lib" / "rft_ros" / "rft"), "--help")
-    assert done.returncode == 0, done.stderr
-    assert "replay" in done.stdout
-
-
-@pytest.mark.parametrize("with_ros", [False, True])
-def test_package_uris_are_found_with_and_without_ros(installed, with_ros):
-    extra = {"AMENT_PREFIX_PATH": str(installed)} if with_ros else {}
-    names = ("package://rft_ros/meshes/ellipsoid.stl", "ellipsoid")
-    code = f"from rft_ros.tool import locate_mesh; print(*map(locate_mesh, {names}))"
-    done = run(installed, str(installed / "bin" / "python"), "-c", code, **extra)
-    assert done.stdout.split() == [str(installed / "share" / "rft_ros" / "meshes" / "ellipsoid.stl")] * 2, done.stderr
-
-
-def test_the_version_is_that_of_the_package_manifest(installed, wheel):
+    assert all(os.access(node / name, os.X_OK) for name in ("rft_node", "rft"))
     package, _ = manifest()
     assert metadata(wheel)["Version"] == [package.version]
-    assert run(installed, str(installed / "bin" / "rft"), "--version").stdout == f"rft {package.version}\n"
-
-
-def test_the_node_and_the_demo_run_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
-    done = run(installed, str(installed / "bin" / "rft"), "demo", "--seconds", "6", "-o", str(tmp_path / "demo"))
-    assert done.returncode == 0, done.stdout + done.stderr
-    assert (tmp_path / "demo" / "replay" / "report.html").stat().st_size > 10_000
-    assert list((tmp_path / "demo" / "bag").glob("*.mcap"))
+    python, mesh = str(installed / "bin" / "python"), str(share / "meshes" / "ellipsoid.stl")
+    code = "from rft_ros.tool import locate_mesh; print(*map(locate_mesh, %r))"
+    names = ("package://rft_ros/meshes/ellipsoid.stl", "ellipsoid")
+    for command, extra, said in (
+        ([python, str(node / "rft"), "--version"], {}, ["rft", package.version]),
+        ([python, "-c", code % (names,)], {}, [mesh, mesh]),
+        ([python, "-c", code % (names,)], {"AMENT_PREFIX_PATH": str(installed)}, [mesh, mesh]),
+    ):
+        done = subprocess.run(command, capture_output=True, text=True, cwd=installed, env=without_ros() | extra)
+        assert done.stdout.split() == said, done.stderr

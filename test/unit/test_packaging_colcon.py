@@ -12,8 +12,8 @@ from distribution import clean_copy, own_domain, share_machine_code, start_and_s
 
 pytest.importorskip("colcon_core", reason="needs colcon: pip install 'rft_ros[test]'")
 
-needs_ros = pytest.mark.skipif(importlib.util.find_spec("rclpy") is None, reason="ROS 2 is not installed")
 SHARED = ("package.xml", "config/default.yaml", "config/demo.yaml", "launch/rft.launch.py", "rviz/rft.rviz")
+RFT = "install/rft_ros/lib/rft_ros/rft"
 
 
 def environment() -> dict[str, str]:
@@ -22,65 +22,38 @@ def environment() -> dict[str, str]:
     return os.environ | {"PATH": path} | own_domain()
 
 
-def sourced(*command: str) -> list[str]:
-    return ["bash", "-c", f". install/setup.bash && exec {shlex.join(command)}"]
+def sourced(script: str) -> list[str]:
+    return ["bash", "-ec", f". install/setup.bash; {script}"]
 
 
 def run(workspace: Path, *command: str) -> str:
-    """What a command prints in the sourced workspace; it must succeed."""
-    done = subprocess.run(sourced(*command), capture_output=True, text=True, cwd=workspace, env=environment())
+    """What a command prints in the workspace; it must succeed."""
+    done = subprocess.run(command, capture_output=True, text=True, cwd=workspace, env=environment())
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
 
 # --symlink-install works with the setuptools below 80 that colcon-core asks for.
-@pytest.fixture(scope="module", params=[(), ("--symlink-install",)], ids=["plain", "symlinks"])
-def workspace(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A workspace with nothing but this package in it, built."""
-    folder = tmp_path_factory.mktemp("workspace")
-    clean_copy(folder / "src" / "rft_ros")
-    command = [sys.executable, "-m", "colcon", "build", *request.param]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=folder, env=environment())
-    assert done.returncode == 0, done.stdout + done.stderr
-    share_machine_code(package_of(folder))
-    return folder
-
-
-def package_of(workspace: Path) -> Path:
-    """The code that runs after sourcing the workspace."""
-    return Path(run(workspace, "python3", "-c", "import rft_ros; print(rft_ros.__path__[0])").strip())
-
-
-def test_ros_finds_the_package_in_its_index(workspace):
-    prefix = workspace / "install" / "rft_ros"
-    assert run(workspace, "printenv", "AMENT_PREFIX_PATH").split(os.pathsep)[0].strip() == str(prefix)
+@pytest.mark.parametrize("options", [(), ("--symlink-install",)], ids=["plain", "symlinks"])
+def test_ros_finds_the_package_of_a_workspace_and_it_runs_from_there(options, tmp_path):
+    clean_copy(tmp_path / "src" / "rft_ros")
+    run(tmp_path, sys.executable, "-m", "colcon", "build", *options)
+    prefix = tmp_path / "install" / "rft_ros"
+    share = prefix / "share" / "rft_ros"
     assert (prefix / "share" / "ament_index" / "resource_index" / "packages" / "rft_ros").is_file()
-    if importlib.util.find_spec("ament_index_python"):
-        code = "import ament_index_python as a; print(a.get_package_share_directory('rft_ros'))"
-        assert Path(run(workspace, "python3", "-c", code).strip()) == prefix / "share" / "rft_ros"
-
-
-def test_shared_files_are_installed(workspace):
-    share = workspace / "install" / "rft_ros" / "share" / "rft_ros"
     assert [file for file in SHARED if not (share / file).is_file()] == []
-
-
-def test_the_code_that_runs_is_the_workspaces(workspace):
-    assert package_of(workspace).is_relative_to(workspace)
-
-
-def test_the_command_runs_from_where_ros2_run_looks(workspace):
-    rft = "install/rft_ros/lib/rft_ros/rft"
-    assert "replay" in run(workspace, rft, "--help")
-    assert f"({workspace}/install/rft_ros/share/rft_ros/meshes/plate.stl)" in run(workspace, rft, "check-mesh", "plate")
-    said = run(workspace, rft, "--version").split()[-1]
-    assert f"<version>{said}</version>" in (workspace / "src" / "rft_ros" / "package.xml").read_text(encoding="utf-8")
-
-
-@needs_ros
-@pytest.mark.parametrize("workspace", [()], ids=["plain"], indirect=True)
-def test_the_node_starts_and_ends_from_where_ros2_launch_looks(workspace):
-    command = sourced("install/rft_ros/lib/rft_ros/rft_node", "--ros-args", "-p", "mesh.file:=plate")
-    status, said = start_and_stop(command, folder=workspace, environment=environment())
+    code = shlex.quote("import rft_ros; print(rft_ros.__path__[0])")
+    script = f"printenv AMENT_PREFIX_PATH; python3 -c {code}; {RFT} --version; {RFT} check-mesh plate"
+    prefixes, package, version, *mesh = run(tmp_path, *sourced(script)).splitlines()
+    assert prefixes.split(os.pathsep)[0] == str(prefix)
+    assert Path(package).is_relative_to(tmp_path)
+    said = version.split()[-1]
+    assert f"<version>{said}</version>" in (tmp_path / "src" / "rft_ros" / "package.xml").read_text(encoding="utf-8")
+    assert f"({share}/meshes/plate.stl)" in "\n".join(mesh)
+    if options or importlib.util.find_spec("rclpy") is None:
+        return
+    share_machine_code(Path(package))
+    node = sourced("exec install/rft_ros/lib/rft_ros/rft_node --ros-args -p mesh.file:=plate")
+    status, said = start_and_stop(node, folder=tmp_path, environment=environment())
     assert "ready: tool plate" in said
     assert status == 0, said
