@@ -18,8 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import COLUMNS, INTEGRATIONS, MEDIA, SENSITIVITIES, Law, Plates, wrenches
-from rft_ros.tool.cubature import chosen_plates
-from rft_ros.tool.merge import Merger
+from rft_ros.tool.fewer_plates import Merger, chosen_plates
 from studies import numpy_rft
 from studies.chart_scenes import Scene, scenes
 from studies.paper import ALPHA_Y, ZETA, law

@@ -58,8 +58,8 @@ def _reduce(arguments: argparse.Namespace) -> int:
 
     rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz
     """
+    from rft_ros.tool.mesh_file import SUFFIX, save_reduced
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
-    from rft_ros.tool.reduced_file import SUFFIX, save_reduced
 
     count, tolerance = arguments.plates, arguments.tolerance
     if count is not None and count < 1:

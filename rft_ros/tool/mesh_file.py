@@ -1,42 +1,59 @@
-"""Mesh files: find the file, read its mesh, and place it in the tool frame, in metres."""
+"""Files of tools: find a mesh, read it and place it in the tool frame; write and read reduced tools.
 
+A reduced tool's file (.npz without pickle) is accepted wherever a mesh file is. Its arrays: `vertices` [n, 3] and
+`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: JSON with the format,
+integration rule, `Reduction`, and for the record the mesh file, its SHA-256 and its placement. Lengths are in the mesh
+file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the same as for the mesh.
+"""
+
+import hashlib
 import io
+import json
 import logging
 import math
 import re
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors
-from rft_ros.files import checked_file, read_file
+from rft_ros.errors import InputError, file_errors, reason_of
+from rft_ros.files import checked_file, read_arrays, read_file, whole
 from rft_ros.installation import share_directory
+from rft_ros.rft import Plates
 from rft_ros.tool.check import degenerate_facets
-from rft_ros.tool.reduced_file import SUFFIX as REDUCED
-from rft_ros.tool.reduced_file import read_reduced
+from rft_ros.tool.reduce import Reduction
 
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MAX_FACETS", "is_mesh_path", "locate_mesh", "read_mesh"]
+    from rft_ros.tool.tool import Tool
+
+__all__ = ["MAX_FACETS", "SUFFIX", "is_mesh_path", "locate_mesh", "read_mesh", "read_reduced", "save_reduced"]
+
+Array = NDArray[np.float64]
 
 MAX_FACETS = 2_000_000
 """The most facets that a mesh may have."""
 
-_SUFFIXES = (".stl", ".obj", ".ply", ".glb", ".dae")
+SUFFIX = ".npz"
+"""Suffix of a reduced tool's file."""
+
+_FORMAT = "rft_ros reduced tool 1"
+_SCHEMES = "package://", "file://"
+_SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
+_POLYGONS = ".obj", ".ply", ".dae"
 # trimesh starts another mesh at these lines, which reorders the facets and drops those with NaN.
 _SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n]*"}
 
-_PLY_CORNERS = ("vertex_indices", "vertex_index")
-_FLAT = 1e-6  # of a polygon's largest triangle: the area of an inverted one that rounding may explain
+_FOLDED = math.pi - 1e-3  # rad between the normals of facets that lie on each other
+_SLIVER = 1e-6  # of the largest facet: the area of one that rounding may have turned over
 _TOO_BIG = 1e60  # beyond this, squared areas overflow
-
-_SCHEMES = "package://", "file://"
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -74,84 +91,36 @@ def locate_mesh(file: str) -> Path:
 
 
 def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
-    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file, or a reduced tool's full mesh.
-
-    Vertices become (vertices - origin) * scale.
+    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file. Vertices become (vertices - origin) * scale.
 
     `scale`: metres per mesh unit; units and up-axes declared in the file are ignored. `origin`: where the tool
     frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh with its transforms
     applied. Facets keep their order and winding; none is dropped or repaired (but pycollada reads NaN in DAE as 0).
     Raises InputError that names the file, or `mesh.scale` or `mesh.origin` with its value.
     """
-    _check_placement(scale, origin)
-    if path.suffix.lower() == REDUCED:
-        reduced = read_reduced(path)
-        return _in_tool_frame(reduced.vertices, reduced.faces, path, scale, origin)
+    name, suffix = f"mesh file '{path}'", path.suffix.lower()
     checked_file(path, "mesh file")  # a folder has no suffix either
-    if path.suffix.lower() not in _SUFFIXES:
-        raise InputError(f"mesh file '{path}' has no supported suffix; these are {', '.join((*_SUFFIXES, REDUCED))}")
+    if suffix not in _SUFFIXES:
+        raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, SUFFIX))}")
     data = read_file(path, "mesh file")
     if not data:
-        raise InputError(f"mesh file '{path}' is empty")
+        raise InputError(f"{name} is empty")
     loaded = _load(data, path)
     if len(getattr(loaded, "faces", ())) == 0:  # a point cloud has no attribute `faces`
-        raise InputError(
-            f"mesh file '{path}' has no facets: it is empty, cut short or not a valid {path.suffix[1:].upper()} file"
-        )
+        raise InputError(f"{name} has no facets: it is empty, cut short or not a valid {suffix[1:].upper()} file")
     if len(loaded.faces) > MAX_FACETS:
-        raise InputError(f"mesh file '{path}' has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
+        raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
     if loaded.vertices.shape[1] != 3:
-        raise InputError(f"mesh file '{path}' has vertices with {loaded.vertices.shape[1]} coordinates instead of 3")
+        raise InputError(f"{name} has vertices with {loaded.vertices.shape[1]} coordinates instead of 3")
     if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
-        raise InputError(f"mesh file '{path}' has facets with vertices that are not in it")
-    if overlapping := sum(map(_overlapping_fans, _polygons(data, path, loaded))):
+        raise InputError(f"{name} has facets with vertices that are not in it")
+    mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
+    if suffix in _POLYGONS and (folds := _folds(mesh)):
         raise InputError(
-            f"mesh file '{path}' has {overlapping:,} concave polygons, which would become facets that overlap;"
+            f"{name} has facets folded onto each other at {folds:,} edges, as readers divide concave polygons;"
             " export it with triangles only"
         )
-    return _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
-
-
-def _polygons(data: bytes, path: Path, loaded: "trimesh.Trimesh") -> Iterator[NDArray[np.float64]]:
-    """Corners of the polygons with n corners that a file has, for each n over 3; shape [k, n, 3], any unit."""
-    groups: list[tuple[Any, Any]] = []  # points and indices
-    suffix = path.suffix.lower()
-    if suffix == ".obj":
-        text = data.replace(b"\\\n", b"")
-        lines = re.findall(rb"(?m)^\s*f((?:[ \t]+[^\s#]+){4,})", text)
-        rows = re.findall(rb"(?m)^\s*v\s+(\S+\s+\S+\s+\S+)", text) if lines else []
-        points = np.array(b" ".join(rows).split(), dtype=np.float64).reshape(-1, 3)
-        groups = [(points, [[int(corner.split(b"/")[0]) - 1 for corner in line.split()] for line in lines])]
-    elif suffix == ".ply":
-        face = loaded.metadata["_ply_raw"]["face"]["data"]
-        name = next(name for name in _PLY_CORNERS if name in (face if isinstance(face, dict) else face.dtype.names))
-        groups = [(loaded.vertices, face[name] if isinstance(face, dict) else face[name]["f1"])]
-    elif suffix == ".dae" and re.search(b"<(polylist|polygons)[ >]", data):
-        import collada  # type: ignore[import-untyped]
-
-        meshes = collada.Collada(io.BytesIO(data), ignore=[collada.DaeError]).geometries
-        lists = [p for mesh in meshes for p in mesh.primitives if isinstance(p, collada.polylist.Polylist) and len(p)]
-        groups = [(p.vertex, np.split(p.vertex_index, p.polystarts[1:])) for p in lists]
-    for points, polygons in groups:
-        sizes = np.array([len(polygon) for polygon in polygons], dtype=np.int64)
-        for n in np.unique(sizes[sizes > 3]):
-            yield points[np.array([polygons[k] for k in np.flatnonzero(sizes == n)], dtype=np.int64)]
-
-
-def _overlapping_fans(corners: NDArray[np.float64]) -> int:
-    """How many polygons are concave so that a fan from their first corner overlaps; corners: shape [k, n, 3]."""
-    spokes = corners[:, 1:] - corners[:, :1]
-    doubled = np.cross(spokes[:, :-1], spokes[:, 1:])
-    along = np.einsum("kni,ki->kn", doubled, doubled.sum(axis=1))
-    return int((along.min(axis=1) < -_FLAT * np.abs(along).max(axis=1)).sum())
-
-
-def _check_placement(scale: float, origin: Sequence[float]) -> None:
-    if not 0.0 < scale < math.inf:
-        raise InputError(f"mesh.scale is {scale}; it must be a positive number")
-    shift = np.asarray(origin, dtype=np.float64)
-    if shift.shape != (3,) or not np.isfinite(shift).all():
-        raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
+    return mesh
 
 
 def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
@@ -178,20 +147,94 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     except ImportError as error:
         raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception:  # each reader raises its own errors, and some quote the file
-        raise InputError(f"mesh file '{path}' is not a valid {path.suffix[1:].upper()} file") from None
+        raise InputError(f"mesh file '{path}' is not a valid {suffix[1:].upper()} file") from None
+
+
+def _folds(mesh: "trimesh.Trimesh") -> int:
+    """Edges at which a facet lies on its neighbour; not counting slivers and the two sides of a sheet."""
+    areas, (a, b) = mesh.area_faces, mesh.face_adjacency.T
+    sheet = (np.sort(mesh.faces[a], axis=1) == np.sort(mesh.faces[b], axis=1)).all(axis=1)
+    slivers = np.minimum(areas[a], areas[b]) < _SLIVER * areas.max()
+    return int(((mesh.face_adjacency_angles > _FOLDED) & ~sheet & ~slivers).sum())
 
 
 def _in_tool_frame(
-    corners: NDArray[np.float64], faces: NDArray[np.int64], path: Path, scale: float, origin: Sequence[float]
+    corners: Array, faces: NDArray[np.int64], path: Path, scale: float, origin: Sequence[float]
 ) -> "trimesh.Trimesh":
     import trimesh
 
+    if not 0.0 < scale < math.inf:
+        raise InputError(f"mesh.scale is {scale}; it must be a positive number")
+    shift = np.asarray(origin, dtype=np.float64)
+    if shift.shape != (3,) or not np.isfinite(shift).all():
+        raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
     with np.errstate(over="ignore", invalid="ignore"):
-        vertices = (np.asarray(corners, dtype=np.float64) - np.asarray(origin, dtype=np.float64)) * scale
-    bad = int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum())
-    if bad:
+        vertices = (np.asarray(corners, dtype=np.float64) - shift) * scale
+    if bad := int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum()):
         raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if degenerate_facets(mesh).all():
         raise InputError(f"mesh file '{path}' has no facet with an area, at mesh.scale {scale}")
     return mesh
+
+
+def _placed(rows: Array, scale: float, shift: Array) -> Plates:
+    """Plates of these rows, shape [7 or 14, n], placed as `read_mesh` places vertices: (p - shift) * scale."""
+    out = rows.copy()
+    out[:3] = (out[:3] - shift[:, None]) * scale
+    out[6] *= scale * scale
+    out[7:13] *= scale
+    return Plates(out)
+
+
+def save_reduced(
+    file: Path, tool: "Tool", plates: Plates, reduction: Reduction, *, scale: float, origin: Sequence[float]
+) -> None:
+    """Write a reduced tool for `load_tool`; `scale` and `origin` are those that `tool` was loaded with.
+
+    The same content gives the same bytes. Raises InputError where the file cannot be written.
+    """
+    shift = np.array(origin, dtype=np.float64)
+    about = {
+        "format": _FORMAT,
+        "mesh": Path(tool.file).name,
+        "sha256": hashlib.sha256(Path(tool.file).read_bytes()).hexdigest(),
+        "integration": plates.integration,
+        "scale": scale,
+        "origin": shift.tolist(),
+        "reduction": asdict(reduction),
+    }
+    with whole(file) as part, part.open("wb") as stream:
+        np.savez(
+            stream,
+            vertices=tool.vertices / scale + shift,
+            faces=tool.faces,
+            plates=_placed(plates.rows, 1.0 / scale, -shift * scale).rows,
+            about=np.array(json.dumps(about)),
+        )
+
+
+def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple["trimesh.Trimesh", Plates, Reduction]:
+    """The full mesh, the plates and the reduction that `save_reduced` wrote, placed as `read_mesh` places a mesh.
+
+    Raises InputError that names the file and what is wrong with it, or `mesh.scale` or `mesh.origin`.
+    """
+    vertices, faces, rows, text = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
+    try:
+        about = json.loads(str(text))
+        if about.get("format") != _FORMAT:
+            raise ValueError(f"its format is '{about.get('format')}', not '{_FORMAT}'")
+        for name, array, kind in (("vertices", vertices, np.float64), ("faces", faces, np.int64)):
+            if array.ndim != 2 or array.shape[1] != 3 or array.dtype != kind or not len(array):
+                want = np.dtype(kind)
+                raise ValueError(f"{name} of shape {array.shape} and type {array.dtype} are not [n, 3], {want}")
+        if faces.min() < 0 or faces.max() >= len(vertices):
+            raise ValueError("faces refer to vertices that are missing")
+        plates, reduction = Plates(rows), Reduction(**about["reduction"])
+        if plates.integration != about["integration"]:
+            raise ValueError(f"its plates are not for integration '{about['integration']}'")
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        why = reason_of(error)
+        raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {why}") from None
+    mesh = _in_tool_frame(vertices, faces, file, scale, origin)
+    return mesh, _placed(plates.rows, scale, np.asarray(origin, dtype=np.float64)), reduction

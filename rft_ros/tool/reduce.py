@@ -1,7 +1,6 @@
 """Reduced tools: the fewest plates whose wrench stays within a tolerance of the full tool's.
 
-For any motion, neighbours are merged (`merge`); for a known scene, some plates are selected (`cubature`). The error is
-measured on motions that were not used for the choice. The same tool always gives the same plates.
+The error is measured on motions that were not used for the choice. The same tool always gives the same plates.
 """
 
 from dataclasses import dataclass
@@ -10,23 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import Plates
-from rft_ros.tool.cubature import chosen_plates
-from rft_ros.tool.merge import Merger
-from rft_ros.tool.random_motions import WrenchErrors, random_motions
+from rft_ros.rft import Plates, checked_states, wrenches
+from rft_ros.tool.fewer_plates import LAWS, Merger, chosen_plates
 
-__all__ = ["Reduction", "reduced_for_any_motion", "reduced_for_scene"]
+__all__ = ["Reduction", "random_motions", "reduced_for_any_motion", "reduced_for_scene"]
 
 Array = NDArray[np.float64]
 
-_FEWEST_STATES = 20  # of a scene: of each six, four select plates, one decides when to stop, one measures the error
 _CHOOSING, _MEASURING = 1, 2  # seeds
 _STATES = 1000  # for each; the percentile scatters by about 5 % of itself
+_SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's height
+_FEEBLE = 0.01  # of the median force: errors are divided by at least this force
+
 _FIRST = 16  # plates tried first; then doubled
 _WORTH = 0.7  # of the facets: the most plates of a reduced tool; beyond, keep the full tool
 _STEPS = 5  # of the bisection between two numbers of plates
-_NEAR = 0.3  # rad, and of the tool's reach: the largest gap between samples that may be interpolated
 _MORE = 1.1  # times the plates, where the measured error exceeds the tolerance
+
+_FEWEST_STATES = 20  # of a scene: of each six, four select plates, one decides when to stop, one measures the error
+_NEAR = 0.3  # rad, and of the tool's reach: the largest gap between samples that may be interpolated
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,6 +52,38 @@ class Reduction:
         return f"{self.facets:,} facets -> {self.plates:,} plates, {100.0 * self.error:.1f} % at the 95th percentile"
 
 
+class _Errors:
+    """The error of reduced tools against the full tool, `plates`, over the same motions, `states` of shape [n, 13].
+
+    Relative to each state's own force (with one law) if `own_force`, else to the greatest force (with all laws).
+    """
+
+    def __init__(self, plates: Plates, states: Array, *, own_force: bool) -> None:
+        self._laws, self._states = LAWS[-1:] if own_force else LAWS, states
+        self._full = np.stack([wrenches(plates, law, states) for law in self._laws])
+        force = np.linalg.norm(self._full[..., :3], axis=2)
+        self.any_force = bool(force.any())
+        places = plates.packed[:3].T
+        center = 0.5 * (places.min(axis=0) + places.max(axis=0))
+        self._lever = _rotated(states[:, 3:7], center)
+        self._radius = float(np.linalg.norm(places - center, axis=1).max()) or plates.reach or 1.0
+        if own_force:
+            self._scale = np.maximum(force, _FEEBLE * float(np.median(force[force > 0.0])) if self.any_force else 1.0)
+        else:
+            self._scale = np.maximum(force.max(axis=1, keepdims=True), 1e-300)
+
+    def percentile_95(self, plates: Plates) -> float:
+        """Over the states, the larger of the force's error and of that of the torque about the center over the radius.
+
+        No unit.
+        """
+        off = np.stack([wrenches(plates, law, self._states) for law in self._laws]) - self._full
+        force = off[..., :3]
+        torque = off[..., 3:6] - np.cross(self._lever, force)
+        either = np.maximum(np.linalg.norm(force, axis=2), np.linalg.norm(torque, axis=2) / self._radius)
+        return float(np.percentile(either / self._scale, 95.0))
+
+
 def reduced_for_any_motion(
     plates: Plates, corners: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
@@ -59,34 +92,31 @@ def reduced_for_any_motion(
     `corners`: of the tool's convex hull [m], shape [k, 3].
     """
     merger = Merger(plates)
-    measuring = WrenchErrors(plates, random_motions(corners, _STATES, seed=_MEASURING), own_force=True)
+    choosing, measuring = (
+        _Errors(plates, random_motions(corners, _STATES, seed=seed), own_force=True) for seed in (_CHOOSING, _MEASURING)
+    )
     if count is None:
-        choosing = WrenchErrors(plates, random_motions(corners, _STATES, seed=_CHOOSING), own_force=True)
         few = _fewest(merger, choosing, measuring, tolerance, most=min(int(_WORTH * len(plates)), merger.most))
     else:
         few, tolerance = merger.merged(count), 0.0
     return _reported(plates, few, measuring, tolerance, "any motion")
 
 
-def _fewest(
-    merger: Merger, choosing: WrenchErrors, measuring: WrenchErrors, tolerance: float, *, most: int
-) -> Plates | None:
+def _fewest(merger: Merger, choosing: _Errors, measuring: _Errors, tolerance: float, *, most: int) -> Plates | None:
     """The smallest number of plates within the tolerance, by doubling and bisection; None if there is none."""
 
     def within(count: int) -> Plates | None:
         plates = merger.merged(count)
         return plates if choosing.percentile_95(plates) <= tolerance else None
 
-    low, high, best = 0, _FIRST, None
-    while high < most and (best := within(high)) is None:
-        low, high = high, 2 * high
-    if best is None:
-        high = most
-        if most < 1 or (best := within(most)) is None:
+    low, high = 0, min(_FIRST, most)
+    while (best := within(high) if high else None) is None:
+        if high >= most:
             return None
+        low, high = high, min(2 * high, most)
     for _ in range(_STEPS):
         middle = (low + high) // 2
-        if middle in (low, high) or high < 1.02 * low:
+        if middle == low or high < 1.02 * low:
             break
         if (plates := within(middle)) is None:
             low = middle
@@ -112,20 +142,27 @@ def reduced_for_scene(
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
     part = np.arange(len(states)) % 6
     between = _halfway(states, plates.reach)
-    stopping, measuring = (WrenchErrors(plates, between[part == k], own_force=False) for k in (2, 5))
-    if not (stopping.full[..., :3].any() and measuring.full[..., :3].any()):
+    stopping, measuring = (_Errors(plates, between[part == k], own_force=False) for k in (2, 5))
+    if not (stopping.any_force and measuring.any_force):
         raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
     few = None
     most, tolerance = (int(_WORTH * len(plates)), tolerance) if count is None else (count, 0.0)
     for candidate in chosen_plates(plates, states[(part != 2) & (part != 5)]):
         if len(candidate) > most:
             break
-        within = count is None and max(c.percentile_95(candidate) for c in (stopping, measuring)) <= tolerance
-        if within or count is not None:
+        if count is not None:
             few = candidate
-        if within:
+        elif max(c.percentile_95(candidate) for c in (stopping, measuring)) <= tolerance:
+            few = candidate
             break
     return _reported(plates, few, measuring, tolerance, f"a scene of {len(states):,} states")
+
+
+def _reported(
+    plates: Plates, few: Plates | None, measuring: _Errors, tolerance: float, motions: str
+) -> tuple[Plates, Reduction]:
+    facets, error, plates = len(plates), measuring.percentile_95(few) if few else 0.0, few or plates
+    return plates, Reduction(facets=facets, plates=len(plates), error=error, tolerance=tolerance, motions=motions)
 
 
 def _halfway(states: Array, reach: float) -> Array:
@@ -144,8 +181,37 @@ def _halfway(states: Array, reach: float) -> Array:
     return np.where((far | (cosine < np.cos(_NEAR / 4.0)))[:, None], here, middle)
 
 
-def _reported(
-    plates: Plates, few: Plates | None, measuring: WrenchErrors, tolerance: float, motions: str
-) -> tuple[Plates, Reduction]:
-    plates, facets, error = few or plates, len(plates), measuring.percentile_95(few) if few else 0.0
-    return plates, Reduction(facets=facets, plates=len(plates), error=error, tolerance=tolerance, motions=motions)
+def random_motions(corners: Array, count: int, *, seed: int) -> Array:
+    """States of a tool in any attitude, moving in any direction and turning about any axis, shape [count, 13].
+
+    `corners`: of the tool's convex hull [m], shape [k, 3]. The lowest point is a quarter to twice the tool's height
+    below the surface at z = 0. Points of the tool turn about its center at most as fast as the center moves, 1 m/s.
+    The same seed gives the same states.
+    """
+    random = np.random.default_rng(seed)
+
+    def directions(dimensions: int) -> Array:
+        vectors = random.normal(size=(count, dimensions))
+        return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
+
+    center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    radius = float(np.linalg.norm(corners - center, axis=1).max())
+    states = np.zeros((count, 13))
+    states[:, 3:7] = directions(4)
+    up = _rotated(states[:, 3:7] * [-1.0, -1.0, -1.0, 1.0], np.array([0.0, 0.0, 1.0]))
+    heights = up @ (corners - center).T
+    top, bottom = heights.max(axis=1), heights.min(axis=1)
+    depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
+    lever = _rotated(states[:, 3:7], center)
+    states[:, :3] = -lever
+    states[:, 2] -= depth + bottom
+    states[:, 10:13] = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]
+    states[:, 7:10] = directions(3) - np.cross(states[:, 10:13], lever)
+    return checked_states(states)
+
+
+def _rotated(quaternions: Array, vector: Array) -> Array:
+    """A vector rotated by each unit quaternion xyzw, shape [n, 3]."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(quaternions).apply(vector))

@@ -11,9 +11,8 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
 from rft_ros.tool.check import MeshIssue, check_mesh, coarse_for_centroids, degenerate_facets
-from rft_ros.tool.mesh_file import locate_mesh, read_mesh
+from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
 from rft_ros.tool.reduce import Reduction, reduced_for_any_motion
-from rft_ros.tool.reduced_file import SUFFIX, placed, read_reduced
 from rft_ros.tool.refine import refined_plates
 
 if TYPE_CHECKING:
@@ -79,16 +78,15 @@ def load_tool(
     if not 0.0 <= tolerance <= 1.0:
         raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
     path = locate_mesh(file)
-    mesh = read_mesh(path, scale=scale, origin=origin)
-    reduced = read_reduced(path) if path.suffix.lower() == SUFFIX else None
-    if reduced and integration not in (None, reduced.integration):
-        raise InputError(f"mesh file '{path}' holds plates for integration '{reduced.integration}' only")
-    rule = reduced.integration if reduced else integration or "refined"
-    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=0.0 if reduced else tolerance)
-    if reduced is None:
-        return tool
-    plates = Plates(placed(reduced.plates, scale, origin))
-    return replace(tool, plates=plates, reduction=reduced.reduction, issues=check_mesh(mesh))
+    if path.suffix.lower() != SUFFIX:
+        mesh = read_mesh(path, scale=scale, origin=origin)
+        rule = integration or "refined"
+        return tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=tolerance)
+    mesh, plates, reduction = read_reduced(path, scale=scale, origin=origin)
+    if integration not in (None, plates.integration):
+        raise InputError(f"mesh file '{path}' holds plates for integration '{plates.integration}' only")
+    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=plates.integration)
+    return replace(tool, plates=plates, reduction=reduction, issues=check_mesh(mesh))
 
 
 def tool_of_mesh(

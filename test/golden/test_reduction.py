@@ -6,8 +6,7 @@ import pytest
 from rft_ros.rft import MEDIA, Plates, agarwal2023, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion
 from rft_ros.tool import load_tool
-from rft_ros.tool.random_motions import random_motions
-from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
+from rft_ros.tool.reduce import random_motions, reduced_for_any_motion, reduced_for_scene
 from studies.sampling import sample_every
 
 GENERIC = MEDIA["generic"]

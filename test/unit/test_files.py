@@ -15,11 +15,11 @@ from rft_ros.files import read_yaml, refuse_overwriting, whole, whole_folder
 from rft_ros.ground import read_height_map
 from rft_ros.parameters import read_alpha_y_table
 from rft_ros.states_file import read_states
-from rft_ros.tool import read_mesh
+from rft_ros.tool import load_tool, read_mesh
 
 READERS = {
     "mesh.stl": lambda file: read_mesh(file, scale=0.001, origin=(0.0, 0.0, 0.0)),
-    "mesh.npz": lambda file: read_mesh(file, scale=0.001, origin=(0.0, 0.0, 0.0)),
+    "mesh.npz": lambda file: load_tool(str(file)),
     "table.csv": lambda file: read_alpha_y_table(str(file)),
     "ground.csv": lambda file: read_height_map(file, 0.01),
     "ground.npz": lambda file: read_height_map(file, 0.01),

@@ -8,9 +8,8 @@ from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.sweeps.motions import OscillatingInsertion, sample
 from rft_ros.tool import load_tool
-from rft_ros.tool.merge import Merger
-from rft_ros.tool.random_motions import random_motions
-from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
+from rft_ros.tool.fewer_plates import Merger
+from rft_ros.tool.reduce import random_motions, reduced_for_any_motion, reduced_for_scene
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 RULES = ["centroid", "refined"]
