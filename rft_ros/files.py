@@ -77,17 +77,13 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> "list[NDArray[An
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             size = sum(member.file_size for member in archive.infolist())
-        if size > MAX_BYTES:
-            raise InputError(
-                f"{what} '{file}' unpacks to {size / 2**20:.0f} MiB; the limit is {MAX_BYTES / 2**20:.0f} MiB"
-            )
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return [arrays[name] for name in names]
-    except InputError:
-        raise
+        if size <= MAX_BYTES:
+            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+                return [arrays[name] for name in names]
     except Exception:  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
         raise InputError(f"{what} '{file}' is not a valid {wanted}") from None
+    raise InputError(f"{what} '{file}' unpacks to {size / 2**20:.0f} MiB; the limit is {MAX_BYTES / 2**20:.0f} MiB")
 
 
 def read_columns(

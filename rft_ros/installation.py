@@ -28,11 +28,11 @@ def program(name: Literal["rft", "rft_node"]) -> str:
     if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / name).is_file() for prefix in _ament_prefixes()):
         return f"ros2 run rft_ros {name}"
     script = Path(sys.executable).parent / name
-    if script.is_file():
-        with suppress(FileNotFoundError, ValueError):  # the working directory was deleted, or is elsewhere
-            script = script.relative_to(Path.cwd())
-        return str(script)
-    return f"{sys.executable} -m {_MODULES[name]}"
+    if not script.is_file():
+        return f"{sys.executable} -m {_MODULES[name]}"
+    with suppress(FileNotFoundError, ValueError):  # the working directory was deleted, or is elsewhere
+        script = script.relative_to(Path.cwd())
+    return str(script)
 
 
 def release() -> str:
@@ -51,8 +51,10 @@ def share_directory(package: str) -> Path:
     Raises InputError if the package is in none of them.
     """
     user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
-    prefixes = Path(sys.prefix), Path(sysconfig.get_path("data")), Path(user)
-    overlays, installed = ([p / "share" / package for p in each] for each in (_ament_prefixes(), prefixes))
+    overlays, installed = (
+        [Path(prefix) / "share" / package for prefix in prefixes]
+        for prefixes in (_ament_prefixes(), (sys.prefix, sysconfig.get_path("data"), user))
+    )
     for folder in (*overlays, *_checkout(package), *installed) if package.strip(".") else ():
         if folder.is_dir():
             return folder

@@ -1,7 +1,6 @@
 """Progress of long work: shown on stderr where that is a terminal, nowhere else."""
 
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -9,28 +8,15 @@ __all__ = ["bar", "busy"]
 
 
 @contextmanager
-def bar(label: str, total: float, *, delay: float = 1.0) -> Iterator[Callable[[float, str], None]]:
-    """A progress bar with the time left, drawn once the work has taken `delay` [s].
-
-    Yields `update(completed, label)`. Do not print while the bar is shown: it garbles both.
-    """
+def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:
+    """A progress bar with the time left; yields `update(completed, label)`. Do not print while it is shown."""
     from rich.console import Console
     from rich.progress import Progress
 
     shown = sys.stderr.isatty()
-    progress = Progress(console=Console(stderr=True), transient=True, redirect_stdout=False, disable=not shown)
-    task = progress.add_task(label, total=total)
-    first_drawn = time.monotonic() + delay
-
-    def update(completed: float, label: str) -> None:
-        progress.update(task, completed=completed, description=label)
-        if time.monotonic() >= first_drawn:
-            progress.start()
-
-    try:
-        yield update
-    finally:
-        progress.stop()
+    with Progress(console=Console(stderr=True), transient=True, redirect_stdout=False, disable=not shown) as progress:
+        task = progress.add_task(label, total=total)
+        yield lambda completed, label: progress.update(task, completed=completed, description=label)
 
 
 @contextmanager

@@ -32,9 +32,10 @@ def main() -> int:
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(_HELP)
         return 0
-    if refusal := _refused_arguments():
-        return _refuse(refusal)
-    return _run(stop)
+    refusal = _refused_arguments() or _run(stop)
+    if refusal:
+        print(f"rft_node: {refusal}", file=sys.stderr)
+    return 2 if refusal else 0
 
 
 def _stop_on_signal() -> threading.Event:
@@ -59,12 +60,23 @@ def _stop_on_signal() -> threading.Event:
     return stop
 
 
-def _refuse(sentence: str) -> int:
-    print(f"rft_node: {sentence}", file=sys.stderr)
-    return 2
+def _refused_arguments() -> str:
+    """A sentence about arguments that ROS would ignore, so that the node does not run with defaults by mistake."""
+    from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+    from rclpy.utilities import remove_ros_args
+
+    try:
+        left = remove_ros_args(sys.argv)[1:]
+    except UnknownROSArgsError as error:
+        return f"unknown ROS argument {str(error).strip('[]')}"
+    except RCLError:
+        return ""  # rclpy.init says what is wrong with ROS's own arguments
+    advice = "ROS arguments, such as --params-file, come after --ros-args"
+    return f"cannot use '{' '.join(left)}'; {advice}" if left else ""
 
 
-def _run(stop: threading.Event) -> int:
+def _run(stop: threading.Event) -> str:
+    """Run the node until it is to stop; returns why it cannot."""
     import gc
 
     from rft_ros.node.tool_worker import ToolWorker
@@ -94,15 +106,15 @@ def _run(stop: threading.Event) -> int:
         executor.shutdown()
         node.destroy_node()
     except RCLError as error:
-        return _refuse(_reason(error))
+        return _reason(error)
     except InputError as error:
-        return _refuse(str(error))
+        return str(error)
     except ExternalShutdownException:
         pass
     finally:
         rclpy.try_shutdown()
         worker.close()
-    return 0
+    return ""
 
 
 def _executor(node: "Node") -> "Executor":
@@ -116,22 +128,6 @@ def _executor(node: "Node") -> "Executor":
         except ImportError:
             node.get_logger().warning("this rclpy has no events executor (new in 7.1.4); using the single-threaded one")
     return SingleThreadedExecutor()
-
-
-def _refused_arguments() -> str:
-    """A sentence about arguments that ROS would ignore, so that the node does not run with defaults by mistake."""
-    from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-    from rclpy.utilities import remove_ros_args
-
-    try:
-        left = remove_ros_args(sys.argv)[1:]
-    except UnknownROSArgsError as error:
-        return f"unknown ROS argument {str(error).strip('[]')}"
-    except RCLError:
-        return ""  # rclpy.init says what is wrong with ROS's own arguments
-    if not left:
-        return ""
-    return f"cannot use '{' '.join(left)}'; ROS arguments, such as --params-file, come after --ros-args"
 
 
 def _reason(error: Exception) -> str:

@@ -148,7 +148,7 @@ def run(
         computed, start = sum(map(len, tasks.values())), time.perf_counter()
         if tasks:
             compute = partial(rows_of, columns=columns, fingerprint=design.fingerprint)
-            with _workers(scheduler, workers or os.cpu_count()) as executor, bar(name, total, delay=0.0) as update:
+            with _workers(scheduler, workers or os.cpu_count()) as executor, bar(name, total) as update:
                 done = total - computed
                 update(done, name)
                 for file, rows in _answers(executor, tasks, compute):

@@ -9,9 +9,7 @@ import sys
 SCRIPT = """
 import sys, time
 from rft_ros.progress import bar, busy
-with bar("short work", 3.0) as update:
-    update(1.0, "short work")
-with bar("long work", 3.0, delay=0.0) as update:
+with bar("long work", 3.0) as update:
     update(1.5, "long work")
     time.sleep(0.3)
 with busy("choosing"):
@@ -43,10 +41,6 @@ def test_a_terminal_shows_the_work_in_progress_apart_from_the_output():
     assert printed == "done\n"
     for words in ("long work", "50%", "choosing ..."):
         assert words in shown
-
-
-def test_work_of_less_than_a_second_shows_no_bar():
-    assert "short work" not in at_a_terminal()[1]
 
 
 def test_no_color_turns_colours_off():
