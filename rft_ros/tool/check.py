@@ -24,30 +24,26 @@ _COARSE_SHARE = 0.5  # of the area
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 
 
-_Surface = Literal[
-    "not_closed", "crowded", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"
-]
+_Surface = Literal["not_closed", "crowded", "inconsistent_winding", "inside_out"]
+_Kind = Literal[_Surface, "duplicate_facets", "degenerate_facets", "concave", "size", "coarse"]
 
 
 @dataclass(frozen=True, slots=True)
 class MeshIssue:
     """One issue of a mesh: its kind, and a sentence with numbers."""
 
-    kind: Literal[_Surface, "concave", "size", "coarse"]
+    kind: _Kind
     message: str
+
+
+def _longest_edges(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1))
 
 
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     """True for facets without area, which have no normal; shape [m]."""
-    triangles = np.asarray(mesh.triangles)
-    longest = ((np.roll(triangles, -1, axis=1) - triangles) ** 2).sum(axis=2).max(axis=1)
     doubled_area = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
-    return np.asarray(doubled_area <= _COLLINEAR * longest)
-
-
-def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
-    """Issues of a mesh in metres. At least one of its facets must have an area."""
-    return (*_of_surface(mesh), *_of_shape(mesh), *_of_size(mesh))
+    return np.asarray(doubled_area <= _COLLINEAR * _longest_edges(np.asarray(mesh.triangles)) ** 2)
 
 
 def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[MeshIssue, ...]:
@@ -56,10 +52,9 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
     `vertices`: shape [n, 3], in any unit; `faces`: shape [m, 3].
     """
     triangles = vertices[faces]
-    edges = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
     areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-    share = float(areas[edges > _LONG * np.ptp(vertices[faces.ravel()], axis=0).max()].sum() / areas.sum())
-    if share <= _COARSE_SHARE:
+    long = _longest_edges(triangles) > _LONG * np.ptp(triangles, axis=(0, 1)).max()
+    if (share := float(areas[long].sum() / areas.sum())) <= _COARSE_SHARE:
         return ()
     message = (
         f"{100 * share:.0f} % of the surface is in facets longer than a quarter of the tool, which integration"
@@ -68,12 +63,28 @@ def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]
     return (MeshIssue("coarse", message),)
 
 
-def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
+def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
+    """Issues of a mesh in metres. At least one of its facets must have an area."""
+    degenerate = degenerate_facets(mesh)
+    volume = _volume_if_closed(mesh)
+    return (*_of_surface(mesh, degenerate, volume), *_of_shape(mesh, degenerate, volume), *_of_size(mesh))
+
+
+def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
+    """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
+    triangles = mesh.triangles - mesh.triangles.mean(axis=(0, 1))
+    area_vectors = np.asarray(mesh.triangles_cross) / 2.0
+    closed = np.linalg.norm(area_vectors.sum(axis=0)) < _CLOSED * np.linalg.norm(area_vectors, axis=1).sum()
+    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if closed else 0.0
+
+
+def _of_surface(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> Iterator[MeshIssue]:
     """Issues of single facets, of how they join, and of their winding."""
     import trimesh
 
-    if flat := int(degenerate_facets(mesh).sum()):
-        yield MeshIssue("degenerate_facets", f"{flat:,} of {len(mesh.faces):,} facets have no area and are dropped")
+    if degenerate.any():
+        message = f"{degenerate.sum():,} of {len(mesh.faces):,} facets have no area and are dropped"
+        yield MeshIssue("degenerate_facets", message)
 
     joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
     a, b, c = joined.faces.T
@@ -90,15 +101,11 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     # consistently wound facets traverse their common edge in opposite directions
     direction = np.where(joined.edges[:, 0] == joined.edges_sorted[:, 0], 1.0, -1.0)
     if twisted := int(((facets == 2) & (np.bincount(joined.edges_unique_inverse, direction) != 0.0)).sum()):
-        yield MeshIssue(
-            "inconsistent_winding",
-            f"the winding is inconsistent (edges between an outward and an inward facet: {twisted:,})",
-        )
-    elif (volume := _volume_if_closed(mesh)) < 0.0:
-        yield MeshIssue(
-            "inside_out",
-            f"the surface is inside out (volume {volume * 1e6:.3g} cm³), so trailing facets count as leading",
-        )
+        message = f"the winding is inconsistent (edges between an outward and an inward facet: {twisted:,})"
+        yield MeshIssue("inconsistent_winding", message)
+    elif volume < 0.0:
+        message = f"the surface is inside out (volume {volume * 1e6:.3g} cm³), so trailing facets count as leading"
+        yield MeshIssue("inside_out", message)
 
     first = joined.faces.argmin(axis=1)[:, None]
     same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
@@ -106,24 +113,15 @@ def _of_surface(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
         yield MeshIssue("duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}")
 
 
-def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
-    """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
-    triangles = mesh.triangles - mesh.triangles.mean(axis=(0, 1))
-    area_vectors = np.asarray(mesh.triangles_cross) / 2.0
-    closed = np.linalg.norm(area_vectors.sum(axis=0)) < _CLOSED * np.linalg.norm(area_vectors, axis=1).sum()
-    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if closed else 0.0
-
-
-def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
+def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> Iterator[MeshIssue]:
     """Facets with other parts of the tool in front of them. RFT ignores such shielding."""
-    keep = np.flatnonzero(~degenerate_facets(mesh))
+    keep = np.flatnonzero(~degenerate)
     keep = keep[:: 1 + len(keep) // _SAMPLED]
-    doubled = np.asarray(mesh.triangles_cross)[keep]
-    area = np.linalg.norm(doubled, axis=1)
     points = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
     points = points[:: 1 + len(points) // _SAMPLED]
-    outward = -1.0 if _volume_if_closed(mesh) < 0.0 else 1.0  # `_of_surface` reports a surface that is inside out
-    normal = outward * doubled / area[:, None]
+    doubled = np.asarray(mesh.triangles_cross)[keep]
+    area = np.linalg.norm(doubled, axis=1)
+    normal = (-1.0 if volume < 0.0 else 1.0) * doubled / area[:, None]  # inside out: reported above
     # in chunks: clearing 32 MB at once would delay the node, which shares the processor
     farthest = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, 1 + len(normal) // 64)])
     beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
@@ -138,8 +136,7 @@ def _of_shape(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
 
 def _of_size(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     extent = float(mesh.extents.max())
-    step = 1e-3 if extent > _LARGEST else 1e3
-    factor = 1.0
+    step, factor = (1e-3 if extent > _LARGEST else 1e3), 1.0
     while not _SMALLEST <= extent * factor <= _LARGEST:
         factor *= step
     if factor != 1.0:

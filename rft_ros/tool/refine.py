@@ -26,26 +26,26 @@ corners (on a curved surface it is), and if the tilt exceeds this sine."""
 _WELD = 1e-6  # of the tool's size: closer corners become one
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
 
 
-def refined_plates(vertices: Array, faces: NDArray[np.int64]) -> Plates:
+def refined_plates(vertices: Array, faces: Indices) -> Plates:
     """Plates of a mesh in the tool frame [m] for the refined rule, one per face, in the same order.
 
     `vertices`: shape [n, 3]; `faces`: indices of vertices, shape [m, 3].
     """
     points, corners = welded(vertices, faces)
-    triangles = points[corners]
-    normals, tips = _corner_normals(points, corners)
-    facet = _unit(_doubled_areas(triangles))
+    normals, group, tips = _corner_normals(points, corners)
+    facet = _unit(_doubled_areas(points[corners]))
     angles = np.arccos(np.clip(np.einsum("fck,fk->fc", normals, facet), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
-    triangles = _with_area_of_surface(points, corners, normals, tips)
+    triangles = _with_area_of_surface(points, corners, normals, group, tips)
     lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than the welding distance
     triangles[lost] = vertices[faces[lost]]
     return Plates.from_triangles(triangles, half_angles)
 
 
-def welded(vertices: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.int64]]:
+def welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Merge coincident vertices, which STL files repeat for each facet: points, shape [k, 3], faces, shape [m, 3]."""
     size = float(np.ptp(vertices[faces.ravel()], axis=0).max())
     _, first, point = np.unique(
@@ -63,11 +63,11 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
-def _corner_normals(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDArray[np.bool_]]:
-    """Unit normal of the surface at each facet's corners, shape [m, 3, 3], and which corners are tips, shape [m, 3].
+def _corner_normals(points: Array, faces: Indices) -> tuple[Array, Indices, NDArray[np.bool_]]:
+    """Unit normal of the surface at each facet's corners, shape [m, 3, 3]; which corners share one; which are tips.
 
     Averaged by area and angle over the facets around the corner that this facet joins smoothly; at a tip, the facet's
-    own normal.
+    own normal. The number of the shared normal, and whether the corner is a tip: shape [m, 3].
     """
     import trimesh
     from scipy.sparse import coo_array
@@ -81,7 +81,7 @@ def _corner_normals(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDA
     pairs, ends = mesh.face_adjacency[smooth], mesh.face_adjacency_edges[smooth]
 
     # corners of smooth neighbours that lie at the same point share a normal
-    def corner(facets: NDArray[np.int64], point: NDArray[np.int64]) -> NDArray[np.int64]:
+    def corner(facets: Indices, point: Indices) -> Indices:
         return np.asarray(3 * facets + (faces[facets] == point[:, None]).argmax(axis=1))
 
     i, j = (np.concatenate([corner(side, end) for end in ends.T]) for side in pairs.T)
@@ -91,58 +91,41 @@ def _corner_normals(points: Array, faces: NDArray[np.int64]) -> tuple[Array, NDA
     total = np.zeros((count, 3))
     np.add.at(total, group, (mesh.face_angles[:, :, None] * doubled[:, None]).reshape(-1, 3))
     normals = _unit(total)[group].reshape(-1, 3, 3)
-    tips = _tips(normals, facet, np.linalg.norm(doubled, axis=1), group.astype(np.int64))
-    return np.where(tips[:, :, None], facet[:, None], normals), tips
 
-
-def _tips(normals: Array, facet: Array, areas: Array, group: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which corners of facets are tips, shape [m, 3]; `group`: which corners share a normal, shape [3 m]."""
     lean = normals - np.einsum("fck,fk->fc", normals, facet)[:, :, None] * facet[:, None]
     left_over = np.einsum("fck,fk->fc", lean, lean.sum(axis=1))
-    weight = np.repeat(areas, 3)
-    total, squared, one_sided = (
-        np.bincount(group, w) for w in (weight, weight * (lean**2).sum(axis=2).ravel(), weight * left_over.ravel())
+    areas = np.repeat(np.linalg.norm(doubled, axis=1), 3)
+    total_area, squared, one_sided = (
+        np.bincount(group, areas * w) for w in (1.0, (lean**2).sum(axis=2).ravel(), left_over.ravel())
     )
-    pointed = (one_sided > _TIP * squared) & (squared > _POINTED**2 * total)
-    return np.asarray(pointed[group].reshape(-1, 3))
+    pointed = (one_sided > _TIP * squared) & (squared > _POINTED**2 * total_area)
+    tips = pointed[group].reshape(-1, 3)
+    return np.where(tips[:, :, None], facet[:, None], normals), group.reshape(-1, 3).astype(np.int64), tips
 
 
-def _with_area_of_surface(points: Array, faces: NDArray[np.int64], normals: Array, tips: NDArray[np.bool_]) -> Array:
+def _with_area_of_surface(
+    points: Array, faces: Indices, normals: Array, group: Indices, tips: NDArray[np.bool_]
+) -> Array:
     """Triangles with the surface's area, shape [m, 3, 3]: all corners but tips move along their normals."""
-    triangles = points[faces]
-    target, sagitta = _surface_areas(triangles, normals)
-    corner = faces.ravel()
-    fixed = np.zeros(len(points), dtype=np.bool_)
-    fixed[corner[tips.ravel()]] = True
-    moved = triangles
+    moved = points[faces]
+    target, sagitta = _surface_areas(moved, normals)
+    numbers, first = np.unique(group, return_index=True)
+    place, normal = faces.ravel()[first], normals.reshape(-1, 3)[first]
+    limit = np.zeros(len(numbers))
+    np.maximum.at(limit, group, sagitta[:, None])
     for _ in range(3):
         doubled = _doubled_areas(moved)
         lacking = target - 0.5 * np.linalg.norm(doubled, axis=1)
         # gradient of the area by a corner: half of (opposite edge) x (unit normal)
         opposite = np.roll(moved, -2, axis=1) - np.roll(moved, -1, axis=1)
-        gradient = 0.5 * np.cross(_unit(doubled)[:, None], opposite)
-        growth = np.einsum("fck,fck->fc", gradient, normals)
-        moved = moved + _shifts(lacking, growth, sagitta, normals, corner, fixed)
+        growth = np.einsum("fck,fck->fc", 0.5 * np.cross(_unit(doubled)[:, None], opposite), normals)
+        need, rate = np.bincount(group.ravel(), np.repeat(lacking / 3.0, 3)), np.bincount(group.ravel(), growth.ravel())
+        shift = np.clip(np.divide(need, rate, out=np.zeros(len(need)), where=rate != 0.0), -limit, limit)
+        by_point = np.zeros(points.shape)
+        np.add.at(by_point, place, shift[:, None] * normal)
+        by_point[faces[tips]] = 0.0
+        moved = moved + by_point[faces]
     return moved
-
-
-def _shifts(
-    lacking: Array, growth: Array, sagitta: Array, normals: Array, corner: NDArray[np.int64], fixed: NDArray[np.bool_]
-) -> Array:
-    """Shift of each facet's corners [m], shape [m, 3, 3]: the same for all facets that share a normal at a point."""
-    keys = np.column_stack([corner, np.round(normals.reshape(-1, 3) * 1e6).astype(np.int64)])
-    _, first, group = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    group = group.reshape(-1)
-    need = np.bincount(group, np.repeat(lacking / 3.0, 3))
-    rate = np.bincount(group, growth.ravel())
-    limit = np.zeros(len(first))
-    np.maximum.at(limit, group, np.repeat(sagitta, 3))
-    shift = np.where(np.abs(rate) > 0.0, need / np.where(rate == 0.0, 1.0, rate), 0.0)
-    shift = np.clip(shift, -limit, limit)
-    by_point = np.zeros((len(fixed), 3))
-    np.add.at(by_point, corner[first], shift[:, None] * normals.reshape(-1, 3)[first])
-    by_point[fixed] = 0.0
-    return by_point[corner].reshape(normals.shape)
 
 
 def _surface_areas(triangles: Array, normals: Array) -> tuple[Array, Array]:
