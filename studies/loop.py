@@ -5,7 +5,7 @@ directions; an impedance arm of three axes holds the plate's orientation, and th
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,7 @@ PUBLISHED, EXPLICIT, IMPLICIT = "published law", "elastic-plastic, explicit", "e
 WAYS = PUBLISHED, EXPLICIT, IMPLICIT
 MASSES = 0.02, 0.1, 0.5, 2.0, 5.0  # kg
 STEPS = 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02  # s
+ARMS = ((2.0, 0.2, 1), (2.0, 2.0, 1), (2.0, 20.0, 1), (0.2, 0.5, 1), (2.0, 2.0, 8), (2.0, 20.0, 8))  # kg, kN/m, ms
 STILL = 1e-5  # m in 1 s
 _TILT = "0.99 0.12 0.08 0"
 
@@ -156,11 +157,6 @@ def costs() -> Iterator[tuple[str, str]]:
 
         plates = f"{len(grains.tool.plates):,} plates"
         both, alone = _cpu(1000, stepped), _cpu(1000, lambda _k, arm=arm: mujoco.mj_step(arm.model, arm.data))
-        yield (
-            f"six-axis arm and grains, {plates}: `mj_step`; the grains beside it",
-            f"{alone:.1f}; {both - alone:.1f} µs",
-        )
-        yield f"real-time factor at 1 kHz, {plates}", f"{1000.0 / both:.0f}"
         batch = GrainsBatch(grains.tool, law(), bodies=256, mobilization_length=LENGTH)
         states = np.tile([0, 0, -0.01, 0, 0, 0, 1, 0.001, 0, -0.001, 0, 0, 0], (256, 1))
 
@@ -168,7 +164,11 @@ def costs() -> Iterator[tuple[str, str]]:
             states[:, 2] = -0.01 - 1e-6 * k
             batch.step(states, 0.001)
 
-        yield f"256 environments, {plates}: a body", f"{_cpu(20, together) / 256:.1f} µs"
+        body = _cpu(20, together) / 256
+        yield (
+            f"{plates}: `mj_step` of a six-axis arm, the grains beside it, a body of 256; real-time factor at 1 kHz",
+            f"{alone:.1f}, {both - alone:.1f}, {body:.1f} µs; {1000.0 / both:.0f}",
+        )
 
 
 def study() -> StudyResult:
@@ -181,29 +181,32 @@ def study() -> StudyResult:
         rows.append((what, *(value(way) for way in WAYS)))
 
     add("largest step at which plates of 20 g to 5 kg lie still (0.01 mm in 1 s)", lambda w: _largest(drops, w))
-    for mass in (0.02, 0.5, 5.0):
-        add(f"{mass:g} kg, 2 ms: creep in 1 s; speed", lambda w, m=mass: _moved(drops[w, m, 0.002]))
-    for zeta in (0.2, 3.0):
-        add(f"0.5 kg, 2 ms, ζ {zeta:g}: creep in 1 s; speed", lambda w, z=zeta: _moved(by_zeta[w, z]))
+    for what, name in (("creep in 1 s [mm]", "creep"), ("speed then [mm/s]", "speed")):
+        add(
+            f"0.02, 0.5, 5 kg, 2 ms: {what}",
+            lambda w, n=name: _thousandths(drops[w, m, 0.002][n] for m in (0.02, 0.5, 5.0)),
+        )
+    add("0.5 kg, 2 ms, ζ 0.2, 3: creep in 1 s [mm]", lambda w: _thousandths(by_zeta[w, z]["creep"] for z in (0.2, 3.0)))
     add("greatest energy given back over taken, steps to 5 ms", lambda w: _given(drops, w))
     for mass in (0.02, 0.5, 5.0):
         add(f"{mass:g} kg: rest depth at 0.5, 1, 2, 5 ms", lambda w, m=mass: _depths(drops, w, m))
-    for mass, stiffness, hold in (
-        (2.0, 200.0, 1),
-        (2.0, 2e3, 1),
-        (0.2, 500.0, 1),
-        (2.0, 2e4, 1),
-        (2.0, 2e4, 8),
-        (2.0, 2e3, 8),
-    ):
-        results = {w: held(mass, stiffness, 1e-3 * hold, w) for w in (PUBLISHED, EXPLICIT)}
+    arms = {(w, *arm): held(arm[0], 1e3 * arm[1], 1e-3 * arm[2], w) for w in (PUBLISHED, EXPLICIT) for arm in ARMS}
+    for hold in (1, 8):
+        those = [arm for arm in ARMS if arm[2] == hold]
         add(
-            f"arm of {mass:g} kg, {1e-3 * stiffness:g} kN/m, force held over {hold} ms: scatter at holds; net work",
-            lambda w, r=results: f"{100.0 * r[w]['scatter']:.3g} %; {100.0 * r[w]['net']:.0f} %" if w in r else "–",
+            f"arms of {', '.join(f'{mass:g} kg on {k:g} kN/m' for mass, k, _ in those)}, force held over {hold} ms:"
+            " scatter at holds [%]",
+            lambda w, those=those: (
+                ", ".join(f"{100.0 * arms[(w, *arm)]['scatter']:.3g}" for arm in those) if w != IMPLICIT else "–"
+            ),
         )
+    add(
+        "greatest net work of the grains on these arms, over what they take [%]",
+        lambda w: f"{100.0 * max(arms[(w, *arm)]['net'] for arm in ARMS):.0f}" if w != IMPLICIT else "–",
+    )
     side = {w: held(2.0, 2e3, 1e-3, w, load=1.2)["creep"] for w in (PUBLISHED, EXPLICIT)}
     add(
-        "the same arm, 1 ms: creep in 10 s under half the drag",
+        "2 kg on 2 kN/m, 1 ms: creep in 10 s under half the drag",
         lambda w: f"{1e3 * side[w]:.3f} mm" if w in side else "–",
     )
     rows += [(what, "–", "–", value) for what, value in costs()]
@@ -260,10 +263,8 @@ def _largest(drops: Any, way: str) -> str:
     return f"{1e3 * best:g} ms" if best else f"under {1e3 * STEPS[0]:g} ms"
 
 
-def _moved(found: dict[str, float]) -> str:
-    if np.isnan(found["creep"]):
-        return "lost"
-    return f"{1e3 * found['creep']:.2g} mm; {1e3 * found['speed']:.2g} mm/s"
+def _thousandths(values: Iterable[float]) -> str:
+    return ", ".join("lost" if np.isnan(value) else f"{1e3 * value:.2g}" for value in values)
 
 
 def _given(drops: Any, way: str) -> str:
