@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, closing, suppress
 from functools import partial
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 from urllib.parse import quote
 
 from mcap.exceptions import EndOfFile
@@ -20,7 +20,7 @@ from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.estimator import Sample, Stamped, TransformSample
+from rft_ros.estimator import Sample, TransformSample
 from rft_ros.estimator.messages import TYPES, Role, decoder
 
 __all__ = ["Recording", "bag_name"]
@@ -40,49 +40,53 @@ def bag_name(bag: Path) -> str:
     return os.fsencode(bag.resolve().name).decode(errors="backslashreplace")
 
 
-class _Indexed:
-    """A bag or one file of it that rosbags can open: its topics with types, message count, first and last time [ns]."""
+class _Part(NamedTuple):
+    """A bag or one file of it: topics with types, number of messages, first and last time [ns].
 
-    def __init__(self, path: Path) -> None:
-        self.name = path.name
-        self._reader = Reader1(path) if path.suffix == ".bag" and path.is_file() else Reader2(path)
-        self._reader.open()
-        self.topics = {(c.topic, c.msgtype) for c in self._reader.connections}
-        self.count = self._reader.message_count
-        self.first = self._reader.start_time
-        self.last = self._reader.end_time - 1
+    `messages`: time, topic and content of the messages on some topics between two times, up to any damage.
+    """
 
-    def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
-        connections = [c for c in self._reader.connections if c.topic in topics]
-        if connections:  # for rosbags, an empty list means all
-            for connection, time, data in self._reader.messages(connections, start, stop):
+    name: str
+    topics: set[tuple[str, str]]
+    size: int
+    first: int
+    last: int
+    messages: Callable[[Collection[str], int, int], Iterator[tuple[int, str, bytes]]]
+
+
+def _indexed(path: Path, opened: ExitStack) -> _Part:
+    """What rosbags can open."""
+    reader = Reader1(path) if _is_ros1(path) else Reader2(path)
+    reader.open()
+    opened.callback(reader.close)
+
+    def messages(topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
+        if chosen := [c for c in reader.connections if c.topic in topics]:  # for rosbags, an empty list means all
+            for connection, time, data in reader.messages(chosen, start, stop):
                 yield time, connection.topic, data
 
-    def close(self) -> None:
-        self._reader.close()
+    topics = {(c.topic, c.msgtype) for c in reader.connections}
+    return _Part(path.name, topics, reader.message_count, reader.start_time, reader.end_time - 1, messages)
 
 
-class _Damaged:
-    """One .mcap or .db3 file that rosbags cannot open, read from its start to the damage; as `_Indexed`."""
+def _damaged(file: Path) -> _Part:
+    """An .mcap or .db3 file that rosbags cannot open, record by record."""
+    every = partial(_sqlite3 if file.suffix == ".db3" else _mcap, file)
+    topics: set[tuple[str, str]] = set()
+    count, first, last = 0, 2**63 - 1, 0
+    with suppress(Exception):  # `messages` raises it again
+        for time, topic, msgtype, _ in every():
+            topics.add((topic, msgtype))
+            count, first, last = count + 1, min(first, time), max(last, time)
 
-    def __init__(self, file: Path) -> None:
-        self.name = file.name
-        self._all = partial(_sqlite3 if file.suffix == ".db3" else _mcap, file)
-        self.topics: set[tuple[str, str]] = set()
-        self.count, self.first, self.last = 0, 2**63 - 1, 0
-        with suppress(Exception):  # `messages` raises it again
-            for time, topic, msgtype, _ in self._all():
-                self.topics.add((topic, msgtype))
-                self.count += 1
-                self.first, self.last = min(self.first, time), max(self.last, time)
+    def messages(topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
+        return ((time, topic, data) for time, topic, _, data in every() if topic in topics and start <= time < stop)
 
-    def messages(self, topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
-        for time, topic, _, data in self._all():
-            if topic in topics and start <= time < stop:
-                yield time, topic, data
+    return _Part(file.name, topics, count, first, last, messages)
 
-    def close(self) -> None:
-        """Do nothing: no file stays open."""
+
+def _is_ros1(bag: Path) -> bool:
+    return bag.suffix == ".bag" and bag.is_file()
 
 
 def _mcap(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
@@ -164,48 +168,37 @@ class Recording:
         self._topics = dict(topics)
         self._offsets = (start, end)
         self._optional = optional
-        self._parts: list[_Indexed | _Damaged] = []
+        self._parts: list[_Part] = []
         self._why = ""
 
     def __enter__(self) -> "Recording":
-        with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as on_failure:
-            on_failure.callback(self._close)
-            self._open()
-            if not sum(part.count for part in self._parts):
+        with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
+            self._parts = list(self._open(opened))
+            if not sum(part.size for part in self._parts):
                 raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
             self._check_topics()
-            self.fixed = self._read_fixed()
-            self._set_span()
-            on_failure.pop_all()
+            self.fixed = tuple(dict.fromkeys(self._read_fixed()))
+            first, last = min(p.first for p in self._parts), max(p.last for p in self._parts)
+            start, end = self._offsets
+            self.first = self.time = first if start is None else first + round(start * 1e9)
+            self.last = last if end is None else min(last, first + round(end * 1e9))
+            if self.first > self.last:
+                span = f"from {start or 0:g} s to {'its end' if end is None else f'{end:g} s'}"
+                raise InputError(f"bag '{self.bag}' lasts {(last - first) * 1e-9:.3f} s; it has nothing {span}")
+            self._opened = opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._close()
+        self._opened.close()
 
-    def _read_fixed(self) -> tuple[TransformSample, ...]:
+    def _read_fixed(self) -> Iterator[TransformSample]:
         topic = self._topics.get("tf", "/tf") + "_static"
-        decode = decoder("tf_static", ros1=self._ros1())
-        found: list[TransformSample] = []
+        decode = decoder("tf_static", ros1=_is_ros1(self.bag))
         for part in self._parts:
             if (topic, TYPES["tf_static"]) in part.topics:
                 with suppress(Exception):  # damage: `_messages` finds and reports it
                     for _, _, data in part.messages({topic}, part.first, part.last + 1):
-                        sample = decode(bytes(data))
-                        assert not isinstance(sample, Stamped)
-                        found += sample
-        return tuple(dict.fromkeys(found))
-
-    def _ros1(self) -> bool:
-        return self.bag.suffix == ".bag" and self.bag.is_file()
-
-    def _set_span(self) -> None:
-        first, last = min(p.first for p in self._parts), max(p.last for p in self._parts)
-        start, end = self._offsets
-        self.first = self.time = first if start is None else first + round(start * 1e9)
-        self.last = last if end is None else min(last, first + round(end * 1e9))
-        if self.first > self.last:
-            span = f"from {start or 0:g} s to {'its end' if end is None else f'{end:g} s'}"
-            raise InputError(f"bag '{self.bag}' lasts {(last - first) * 1e-9:.3f} s; it has nothing {span}")
+                        yield from decode(bytes(data))  # type: ignore[misc]
 
     @property
     def damage(self) -> str | None:
@@ -217,7 +210,7 @@ class Recording:
 
     def __iter__(self) -> Iterator[Sample]:
         """The samples in order."""
-        decode: list[Callable[[bytes], Sample]] = [decoder(role, ros1=self._ros1()) for role in _RANK]
+        decode = [decoder(role, ros1=_is_ros1(self.bag)) for role in _RANK]
         for time, rank, _, data in self._in_order():
             try:
                 sample = decode[rank](data)
@@ -249,58 +242,52 @@ class Recording:
                 self._why = f"{part.name} is damaged: {reason_of(error)}"
                 return
 
-    def _open(self) -> None:
-        """Open the bag with rosbags; if that fails, file by file, and a damaged file record by record."""
+    def _open(self, opened: ExitStack) -> Iterator[_Part]:
+        """The bag by rosbags; if that fails, file by file, up to a damaged one, which is read record by record."""
         bag = self.bag
         if not bag.exists():
             raise InputError(f"bag '{bag}' does not exist")
         if bag.is_file() and bag.suffix not in _SUFFIXES:
-            raise InputError(
-                f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {', '.join(_SUFFIXES)}"
-            )
+            suffixes = ", ".join(_SUFFIXES)
+            raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {suffixes}")
         files = sorted((f for f in bag.iterdir() if f.suffix in _SUFFIXES[:2]), key=_natural) if bag.is_dir() else [bag]
-        if not files and not (bag / "metadata.yaml").exists():
+        described = not bag.is_dir() or (bag / "metadata.yaml").exists()
+        if not files and not described:
             raise InputError(f"folder '{bag}' is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
         try:
-            self._parts = [_Indexed(bag)]
+            yield _indexed(bag, opened)
+            return
         except Exception as error:
-            self._why = reason_of(error)
-        if self._why and bag.is_dir() and not (bag / "metadata.yaml").exists():
-            self._why = "metadata.yaml is missing"
-        for file in files if self._why else []:
+            self._why = reason_of(error) if described else "metadata.yaml is missing"
+        for file in files:
             try:
-                self._parts.append(_Indexed(file))
+                yield _indexed(file, opened)
             except Exception as error:
                 if file.suffix == ".bag":
                     raise InputError(f"bag '{bag}' cannot be read ({reason_of(error)}); try 'rosbag reindex'") from None
                 self._why = f"{file.name} is damaged: {reason_of(error)}"
-                self._parts.append(_Damaged(file))
+                yield _damaged(file)
                 return
 
-    def _close(self) -> None:
-        for part in self._parts:
-            part.close()
-        self._parts = []
-
     def _check_topics(self) -> None:
-        found: dict[str, set[str]] = {}
-        for topic, msgtype in sorted(t for part in self._parts for t in part.topics):
-            found.setdefault(topic, set()).add(msgtype)
-        there = ", ".join(f"{topic} ({' and '.join(sorted(types))})" for topic, types in found.items())
+        found: dict[str, list[str]] = {}
+        for topic, msgtype in sorted({pair for part in self._parts for pair in part.topics}):
+            found.setdefault(topic, []).append(msgtype)
         for role, topic in self._topics.items():
-            wanted = TYPES[role]
-            if topic not in found:
-                fits = next((t for t, types in found.items() if types == {wanted}), "TOPIC")
-                advice = f"--remap {'/' if role == 'tf' else '~/'}{role}:={fits}"
-                if role == "pose" and TYPES["tf"] in found.get("/tf", ()):
-                    advice = f"pose_source: tf, or {advice}"
-                if role == "twist":
-                    advice = f"twist_source: pose_difference, or {advice}"
-                if role not in self._optional:
-                    raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' (use {advice}); it has {there}")
-            elif found[topic] != {wanted}:
-                is_ = " and ".join(sorted(found[topic]))
+            wanted, types = TYPES[role], found.get(topic)
+            if types and types != [wanted]:
+                is_ = " and ".join(types)
                 raise InputError(f"bag '{self.bag}': {role} topic '{topic}' is {is_}; it must be {wanted}")
+            if types or role in self._optional:
+                continue
+            fits = next((t for t, types in found.items() if types == [wanted]), "TOPIC")
+            advice = f"--remap {'/' if role == 'tf' else '~/'}{role}:={fits}"
+            if role == "pose" and TYPES["tf"] in found.get("/tf", ()):
+                advice = f"pose_source: tf, or {advice}"
+            if role == "twist":
+                advice = f"twist_source: pose_difference, or {advice}"
+            there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
+            raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' (use {advice}); it has {there}")
 
 
 def _natural(file: Path) -> list[str]:

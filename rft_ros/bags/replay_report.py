@@ -1,10 +1,7 @@
 """Report and charts of a replay, from its rows, model and summary."""
 
 import math
-import platform
 from collections.abc import Iterator
-from contextlib import suppress
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 import numpy as np
@@ -32,7 +29,6 @@ _Spans = list[tuple[str, float, float]]
 _BUCKETS = 1500
 _MOST_FACES = 4000
 _MAP_CELLS = 150
-_BINS = 60
 _IN_GRAINS = -1e-3  # least depth in charts over depth [m]
 _TIME, _DEPTH = "Time since the first pose [s]", "Depth of the lowest point [mm]"
 _KINDS = (("Force", "N", 0), ("Torque", "N m", 3))  # and the first column of its axes
@@ -42,7 +38,6 @@ _LEARNED = (
     ("Surface [mm]", 1e3, {3: "surface"}),
     ("Surprise [std. deviations]", 1.0, {8: "surprise"}),
 )
-_PACKAGES = ("rft_ros", "numpy", "numba", "rosbags", "trimesh", "plotly")
 
 
 def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None:
@@ -122,11 +117,6 @@ def _tables(summary: Summary) -> Iterator[Table]:
     units = {parameter.name: parameter.unit for parameter in PARAMETERS}
     values = [(name, _text(value), units.get(name, "")) for name, value in summary.parameters.items()]
     yield Table(title="Parameters", heads=("parameter", "value", "unit"), rows=values, words=True, folded=True)
-    versions = [("Python", platform.python_version())]
-    for name in _PACKAGES:
-        with suppress(PackageNotFoundError):  # rft_ros, run from a source folder
-            versions.append((name, version(name)))
-    yield Table(title="Versions", heads=("package", "version"), rows=versions, words=True, folded=True)
 
 
 def _text(value: object) -> str:
@@ -239,26 +229,14 @@ def _learned(rows: Rows, time: _Array, spans: _Spans) -> Figure:
 
 
 def _residual(rows: Rows, time: _Array, spans: _Spans) -> Figure:
-    panels = Panels(2, 2, same_x=False)
+    panels = Panels(2)
+    residual = rows["compensated"] - rows["predicted"]
     for row, (what, unit, first) in enumerate(_KINDS, start=1):
-        residual = (rows["compensated"] - rows["predicted"])[:, first : first + 3]
-        used = residual[(rows["depth"] > 0.0) & ~np.isnan(residual[:, 0])]
-        # the central 99 %: rare outliers, such as at the start of a withdrawal, do not widen the bins
-        low, high = np.percentile(used, [0.5, 99.5]).tolist() if len(used) else (0.0, 0.0)
-        edges = np.linspace(low, high, _BINS + 1) if high > low else np.linspace(low - 1.0, low + 1.0, _BINS + 1)
         for k, axis in enumerate("xyz"):
-            panels.line((row, 1), axis, time, residual[:, k], width=1.2)
-            counts = np.histogram(np.clip(used[:, k], edges[0], edges[-1]), edges)[0].astype(np.float64)
-            panels.bars((row, 2), axis, edges, 100.0 * counts / max(1, len(used)))
-        name = f"{what} residual [{unit}]"
-        panels.label((row, 1), x=_TIME, y=name)
-        panels.label((row, 2), x=name, y="Share in the grains [%]")
+            panels.line((row, 1), axis, time, residual[:, first + k], width=1.2)
+        panels.label((row, 1), x=_TIME if row == 2 else "", y=f"{what} residual [{unit}]")
     panels.shade((1, 2), spans)
-    sentence = (
-        "Measured minus predicted, by sensor axis: over time, and how often each size occurs while the tool is in the"
-        " grains (the outermost bars hold what lies beyond them)."
-    )
-    return Figure("residual", "Residual", sentence, panels.figure)
+    return Figure("residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels.figure)
 
 
 def _scenes(rows: Rows, estimator: Estimator) -> Iterator[Figure]:

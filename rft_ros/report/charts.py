@@ -1,4 +1,4 @@
-"""Panels of lines, bands, bars and maps as a plotly figure."""
+"""Panels of lines, bands and maps as a plotly figure."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -59,8 +59,6 @@ class Panels:
             height=height,
             margin={"l": 70, "r": 20, "t": 80, "b": 55},
             legend={"orientation": "h", "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
-            barmode="overlay",
-            bargap=0.0,
             coloraxis={"colorscale": "Viridis"},
         )
         self._columns = columns
@@ -92,12 +90,6 @@ class Panels:
         across, up = np.hstack(outline)
         fill = {"fill": "toself", "fillcolor": f"rgba{(*hex_to_rgb(COLOURS[colour]), _BAND)}", "hoverinfo": "skip"}
         self._add(at, "scatter", name, x=_short(across), y=_short(up), mode="lines", line_width=0, **fill)
-
-    def bars(self, at: Place, name: str, edges: _Numbers, heights: _Numbers) -> None:
-        """Bars with heights, shape [n], between edges, shape [n + 1], any unit."""
-        middle = 0.5 * (edges[:-1] + edges[1:])
-        look = {"marker_color": COLOURS[name], "opacity": 0.5, "marker_line_width": 0}
-        self._add(at, "bar", name, x=_short(middle), y=_short(heights), **look)
 
     def map(self, at: Place, x: _Numbers, y: _Numbers, values: _Numbers) -> None:
         """Values, shape [n, m], over x, shape [n], and y, shape [m], any unit; NaN for nothing."""

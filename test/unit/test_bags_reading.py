@@ -1,10 +1,12 @@
 """Every format gives the same samples in the same order, and every damage a sentence."""
 
+import re
 import shutil
 
 import pytest
-from recordings import POSE, START, STEP, TOPICS, WRENCH, moments, write_ros1, write_ros2
-from rosbags.rosbag2 import StoragePlugin
+from recordings import POSE, TOPICS, WRENCH, message, moments, plunge, write_ros1, write_ros2
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
@@ -14,6 +16,7 @@ from rft_ros.parameters import defaults
 
 NAMES = {role: name for role, (name, _) in TOPICS.items()}
 KIND = {"pose": PoseSample, "twist": TwistSample, "wrench": WrenchSample}
+PLUGINS = {"mcap": StoragePlugin.MCAP, "db3": StoragePlugin.SQLITE3}
 
 
 def expected(rows):
@@ -28,7 +31,7 @@ def read(path, topics=NAMES, **options):
 
 
 @pytest.mark.parametrize("compress", [False, True])
-@pytest.mark.parametrize("plugin", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
+@pytest.mark.parametrize("plugin", PLUGINS.values())
 def test_rosbag2_folders_give_back_what_was_written(tmp_path, plugin, compress):
     bag = write_ros2(tmp_path / "bag", moments(), plugin=plugin, compress=compress)
     assert read(bag) == (expected(moments()), None)
@@ -40,48 +43,37 @@ def test_a_single_mcap_file_and_a_ros_1_bag_give_the_same_samples(tmp_path):
     assert read(next(folder.glob("*.mcap"))) == read(ros1) == (expected(moments()), None)
 
 
-def test_order_is_receive_time_then_wrench_twist_pose(tmp_path):
-    rows = list(moments(10))
+def test_order_is_receive_time_then_wrench_twist_pose_whatever_the_header_stamp(tmp_path):
+    rows = [(role, time + 3_000_000, stamp, values) for role, time, stamp, values in moments(10)]
     shuffled = [row for k in range(0, 30, 3) for row in (rows[k + 2], rows[k], rows[k + 1])]
     assert read(write_ros2(tmp_path / "bag", shuffled))[0] == expected(rows)
 
 
-def test_the_header_stamp_need_not_be_the_receive_time(tmp_path):
-    rows = [(role, time + 3_000_000, stamp, values) for role, time, stamp, values in moments(5)]
-    assert read(write_ros2(tmp_path / "bag", rows))[0] == expected(moments(5))
-
-
 def test_start_and_end_cut_by_receive_time(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments(60))
-    samples, _ = read(bag, start=0.1, end=0.2)
-    stamps = [s.stamp for s in samples if isinstance(s, PoseSample)]
-    assert stamps == [START + k * STEP for k in range(10, 21)]
+    samples, _ = read(bag, {"pose": NAMES["pose"]}, start=0.1, end=0.2)
+    assert samples == [s for s in expected(moments(21)) if isinstance(s, PoseSample)][10:]
     with pytest.raises(InputError, match=r"lasts 0\.590 s; it has nothing from 9 s"):
         read(bag, start=9.0)
 
 
-def test_only_the_given_topics_are_read(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments())
-    samples, _ = read(bag, {"pose": NAMES["pose"]})
-    assert {type(s) for s in samples} == {PoseSample}
-
-
-def test_a_bag_cut_in_the_middle_of_a_message_is_used_up_to_there(tmp_path):
-    whole = next(write_ros2(tmp_path / "bag", moments(60)).glob("*.mcap")).read_bytes()
-    cut = tmp_path / "cut.mcap"
-    kept = []
+@pytest.mark.parametrize("kind", PLUGINS)
+def test_a_bag_cut_in_the_middle_of_a_message_is_used_up_to_there(tmp_path, kind):
+    whole = next(write_ros2(tmp_path / "bag", plunge(), plugin=PLUGINS[kind]).glob(f"*.{kind}")).read_bytes()
+    cut, kept = tmp_path / f"cut.{kind}", []
     for part in (0.3, 0.6, 0.9):
-        cut.write_bytes(whole[: int(part * len(whole))])
+        cut.write_bytes(whole[: int(part * len(whole)) + 13])
         try:
             samples, damage = read(cut)
         except InputError as error:  # nothing came before the damage
-            assert "cut.mcap" in str(error)
+            assert f"cut.{kind}" in str(error)
             continue
-        assert "cut.mcap is damaged" in damage
-        assert samples == expected(moments())[: len(samples)]
+        assert f"cut.{kind} is damaged" in damage
+        assert f"{len(samples)} messages were used, up to" in damage
+        assert samples == expected(plunge())[: len(samples)]
         kept.append(len(samples))
     assert kept == sorted(kept)
-    assert kept[-1] > 0
+    assert kept[-1] > 1000
 
 
 def test_the_real_recording_cut_short_gives_what_came_before(shared_data, tmp_path):
@@ -109,7 +101,7 @@ def refused(path, *words, topics=NAMES):
     with pytest.raises(InputError) as caught:
         read(path, topics)
     for word in (path.name, *words):
-        assert word in str(caught.value)
+        assert re.search(word, str(caught.value))
     assert "\n" not in str(caught.value)
 
 
@@ -117,31 +109,48 @@ def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
     refused(tmp_path / "gone", "does not exist")
     (tmp_path / "empty").mkdir()
     refused(tmp_path / "empty", "no metadata.yaml")
-    (tmp_path / "notes.txt").write_text("no bag")
-    refused(tmp_path / "notes.txt", "is not a bag")
-    (tmp_path / "fake.mcap").write_bytes(b"no bag at all")
-    refused(tmp_path / "fake.mcap")
-    (tmp_path / "fake.bag").write_bytes(b"#ROSBAG V2.0\nnot really")
-    refused(tmp_path / "fake.bag")
+    refused(write_ros2(tmp_path / "silent", []), "has no messages")
+    for name, content in (("notes.txt", b"no bag"), ("fake.mcap", b"no bag"), ("fake.bag", b"#ROSBAG V2.0\nno")):
+        (tmp_path / name).write_bytes(content)
+        refused(tmp_path / name, "is not a bag" if name == "notes.txt" else name)
+    whole = write_ros1(tmp_path / "whole.bag", moments()).read_bytes()
+    (tmp_path / "cut.bag").write_bytes(whole[: len(whole) // 2])  # without its index
+    refused(tmp_path / "cut.bag", r"cannot be read \(.+\); try 'rosbag reindex'")
 
 
-def test_a_bag_without_the_pose_topic_names_what_it_has_and_the_remap(tmp_path):
+def test_a_bag_without_a_needed_topic_names_what_it_has_and_what_to_do(tmp_path):
     topics = {"pose": ("/tool_pose", POSE), "wrench": ("/cell", WRENCH)}
     bag = write_ros2(tmp_path / "bag", moments(), topics=topics)
-    refused(bag, "no pose topic '/rft/pose'", "--remap ~/pose:=/tool_pose", "/cell (geometry_msgs/msg/WrenchStamped)")
-
-
-def test_a_bag_without_the_twist_topic_says_how_to_do_without(tmp_path):
-    topics = {role: TOPICS[role] for role in ("pose", "wrench")}
-    refused(write_ros2(tmp_path / "bag", moments(), topics=topics), "no twist topic", "pose_difference")
+    refused(
+        bag, "no pose topic '/rft/pose'", "--remap ~/pose:=/tool_pose", r"/cell \(geometry_msgs/msg/WrenchStamped\)"
+    )
+    refused(bag, "no twist topic", "pose_difference", topics=NAMES | {"pose": "/tool_pose", "wrench": "/cell"})
 
 
 def test_a_topic_of_another_type_is_refused(tmp_path):
-    topics = {**TOPICS, "pose": ("/rft/pose", "geometry_msgs/msg/Pose")}
-    refused(write_ros2(tmp_path / "bag", [], topics=topics))
-    bag = write_ros2(tmp_path / "other", moments(), topics=TOPICS)
     swapped = {**NAMES, "pose": NAMES["wrench"], "wrench": NAMES["pose"]}
-    refused(bag, "WrenchStamped; it must be geometry_msgs/msg/PoseStamped", topics=swapped)
+    sentence = "WrenchStamped; it must be geometry_msgs/msg/PoseStamped"
+    refused(write_ros2(tmp_path / "bag", moments()), sentence, topics=swapped)
+
+
+@pytest.mark.parametrize("beside", [True, False])
+def test_an_unknown_message_type_is_ignored_beside_the_topics_and_named_on_one(tmp_path, beside):
+    """Of a type that only its own definition in the bag tells."""
+    store, kind = get_typestore(Stores.ROS2_JAZZY), "lab_msgs/msg/Dust"
+    store.register(get_types_from_msg("float64 dust", kind))
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {role: TOPICS[role] for role in (TOPICS if beside else ("pose", "twist"))}
+        connections = {r: writer.add_connection(n, t, typestore=store) for r, (n, t) in topics.items()}
+        strange = writer.add_connection("/dust" if beside else NAMES["wrench"], kind, typestore=store)
+        for role, time, stamp, numbers in moments():
+            if role in connections:
+                data = store.serialize_cdr(message(store, role, stamp, numbers), TOPICS[role][1])
+                writer.write(connections[role], time, data)
+            writer.write(strange, time, store.serialize_cdr(store.types[kind](0.5), kind))
+    if beside:
+        assert read(tmp_path / "bag") == (expected(moments()), None)
+    else:
+        refused(tmp_path / "bag", f"wrench topic '/rft/wrench_measured' is {kind}; it must be {WRENCH}")
 
 
 def test_a_message_that_is_too_short_ends_the_reading(tmp_path):
@@ -158,12 +167,11 @@ def test_a_message_that_is_too_short_ends_the_reading(tmp_path):
 
 def test_split_bags_are_one_recording(tmp_path):
     rows = list(moments(40))
-    first, second = write_ros2(tmp_path / "a", rows[:60]), write_ros2(tmp_path / "b", rows[60:])
-    joined = tmp_path / "joined"
-    joined.mkdir()
-    shutil.copy(next(first.glob("*.mcap")), joined / "joined_0.mcap")
-    shutil.copy(next(second.glob("*.mcap")), joined / "joined_1.mcap")
-    samples, _ = read(joined)
+    (tmp_path / "joined").mkdir()
+    for k, part in enumerate((rows[:60], rows[60:])):
+        bag = write_ros2(tmp_path / f"part{k}", part)
+        shutil.copy(next(bag.glob("*.mcap")), tmp_path / "joined" / f"joined_{k + 9}.mcap")  # 10 comes after 9
+    samples, _ = read(tmp_path / "joined")
     assert samples == expected(rows)
 
 
@@ -176,13 +184,10 @@ def test_invalid_remaps_are_refused(rule, words):
         topics_of(defaults(), [rule])
 
 
-def test_a_tilde_that_the_shell_has_expanded_is_understood(monkeypatch):
-    monkeypatch.setenv("HOME", "/home/user")
-    assert topics_of(defaults(), ["/home/user/pose:=/tool_pose"])["pose"] == "/tool_pose"
-
-
-def test_remaps_resolve_as_in_ros_and_later_ones_win():
+def test_remaps_resolve_as_in_ros_and_later_ones_win(monkeypatch):
     assert topics_of(defaults()) == NAMES
     assert "twist" not in topics_of({**defaults(), "twist_source": "pose_difference"})
     rules = ["~/pose:=/a", "/rft/pose:=/b", "~/twist:=c", "~/wrench_measured:=~/d"]
     assert topics_of(defaults(), rules) == {"pose": "/b", "twist": "/c", "wrench": "/rft/d"}
+    monkeypatch.setenv("HOME", "/home/user")  # a tilde that the shell has expanded
+    assert topics_of(defaults(), ["/home/user/pose:=/tool_pose"])["pose"] == "/tool_pose"

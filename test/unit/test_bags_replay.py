@@ -1,4 +1,4 @@
-"""A replay is deterministic and complete, and reports what it could not use."""
+"""A replay is deterministic and complete, replaces only its own output, and reports what it could not use."""
 
 import json
 
@@ -12,15 +12,36 @@ from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS
 from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
+from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.tool import load_tool
 
+FILES = ("estimates.csv", "summary.json", "estimates/estimates.mcap")
 
-def test_estimates_are_the_cores_with_the_poses_stamps(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments())
-    summary = replay(bag, tmp_path / "out", values())
-    rows = rows_of(tmp_path / "out")
+
+@pytest.fixture(scope="module")
+def bag(tmp_path_factory):
+    return write_ros2(tmp_path_factory.mktemp("bags") / "bag", moments())
+
+
+@pytest.fixture(scope="module")
+def replayed(bag, tmp_path_factory):
+    """Summary and folder of the replay of `moments`."""
+    out = tmp_path_factory.mktemp("replayed")
+    return replay(bag, out, values()), out
+
+
+def replay_of(folder, rows, options=None, *, topics=TOPICS, frame=None, report=False, **parameters):
+    """Summary and rows of the replay of a bag with these messages."""
+    bag = write_ros2(folder / "bag", rows, topics=topics, frame=frame)
+    summary = replay(bag, folder / "out", values(**parameters), options, report=report)
+    return summary, rows_of(folder / "out")
+
+
+def test_estimates_are_the_cores_with_the_poses_stamps(replayed):
+    summary, out = replayed
+    rows = rows_of(out)
     assert tuple(rows[0]) == COLUMNS
     assert len(rows) == summary.messages["pose"] == summary.estimates == 60
     medium = MEDIA["generic"]
@@ -33,63 +54,35 @@ def test_estimates_are_the_cores_with_the_poses_stamps(tmp_path):
     assert float(last["predicted_fz"]) == pytest.approx(fz, rel=1e-8)
     assert float(last["compensated_fz"]) == pytest.approx(3.0 + 7.8)
     assert float(last["residual_fz"]) == pytest.approx(10.8 - fz, rel=1e-7)
+    assert float(last["sigma_fz"]) > 0.0
+    assert summary.learning == {}
 
 
-def test_two_replays_give_the_same_bytes(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments())
-    for out in ("one", "two"):
-        replay(bag, tmp_path / out, values(), ReplayOptions(tare=0.15))
-    for name in ("estimates.csv", "summary.json", "estimates/estimates.mcap"):
-        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes(), name
-    assert "seconds" not in json.loads((tmp_path / "one" / "summary.json").read_text())
-
-
-def test_the_estimates_bag_holds_four_wrenches_in_the_sensor_frame(tmp_path):
-    replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
-    with AnyReader([tmp_path / "out" / "estimates"]) as reader:
-        seen = {}
+def test_the_estimates_bag_holds_four_wrenches_in_the_sensor_frame(replayed):
+    seen = {}
+    with AnyReader([replayed[1] / "estimates"]) as reader:
         for connection, time, data in reader.messages():
             message = reader.deserialize(data, connection.msgtype)
             assert message.header.frame_id == "ft_sensor"
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
-            seen.setdefault(connection.topic, []).append(message.wrench.force.z)
-    assert {k: len(v) for k, v in seen.items()} == dict.fromkeys(
-        (f"/rft/wrench_{n}" for n in ("predicted", "sigma", "compensated", "residual")), 60
+            seen.setdefault(connection.topic.removeprefix("/rft/wrench_"), []).append(message.wrench.force.z)
+    assert {name: len(found) for name, found in seen.items()} == dict.fromkeys(
+        ("predicted", "sigma", "compensated", "residual"), 60
     )
-    np.testing.assert_array_equal(
-        seen["/rft/wrench_residual"], np.subtract(seen["/rft/wrench_compensated"], seen["/rft/wrench_predicted"])
-    )
+    np.testing.assert_array_equal(seen["residual"], np.subtract(seen["compensated"], seen["predicted"]))
 
 
-def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_path):
-    random = np.random.default_rng(4)
-    rows = [(role, stamp + (3_000_000 if role == "wrench" else 0), v) for role, _, stamp, v in plunge()]
-    bags = []
-    for name, delay in (("prompt", 0), ("late", 5_000_000)):
-        received = []
-        for role in ("pose", "wrench"):  # each topic keeps its own order
-            stamps = np.array([stamp for r, stamp, _ in rows if r == role])
-            times = np.maximum.accumulate(stamps + random.integers(0, delay + 1, len(stamps))).tolist()
-            numbers = [v for r, _, v in rows if r == role]
-            received += [(role, *row) for row in zip(times, stamps.tolist(), numbers, strict=True)]
-        bags.append(write_ros2(tmp_path / name, sorted(received, key=lambda row: row[1])))
-        replay(bags[-1], tmp_path / f"{name}_out", values(twist_source="pose_difference"))
-    for file in ("estimates.csv", "estimates/estimates.mcap"):
-        assert (tmp_path / "prompt_out" / file).read_bytes() == (tmp_path / "late_out" / file).read_bytes(), file
-    assert sum(bool(row["residual_fz"]) for row in rows_of(tmp_path / "late_out")) > 500
-
-
-def test_a_tare_of_0_seconds_means_no_tare(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments())
-    assert replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
-
-
-def test_a_tare_over_the_first_seconds_takes_the_bias_off(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments())
-    summary = replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.15))
+def test_a_tare_over_the_first_seconds_takes_the_bias_off_and_two_replays_give_the_same_bytes(bag, tmp_path):
+    one, two = (tmp_path / name for name in ("one", "two"))
+    for out in (one, two):
+        summary = replay(bag, out, values(), ReplayOptions(tare=0.15))
+    for name in FILES:
+        assert (one / name).read_bytes() == (two / name).read_bytes(), name
+    assert "seconds" not in json.loads((one / "summary.json").read_text())
     assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
-    first = rows_of(tmp_path / "out")[0]
+    first = rows_of(one)[0]
     assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    assert replay(bag, one, values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
 
 
 def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
@@ -97,97 +90,138 @@ def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
     values_of = {role: v for role, _, _, v in moments(1)}
     times = [("pose", k) for k in range(0, 300, 2)] + [("twist", k) for k in range(9, 300, 2)]
     times += [("wrench", k) for k in range(0, 300, 10)]
-    rows = [
-        (r, START + k * STEP // 10, START + k * STEP // 10, values_of[r]) for r, k in sorted(times, key=lambda t: t[1])
-    ]
-    summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values(), ReplayOptions(tare=0.149))
+    stamps = [(r, START + k * STEP // 10) for r, k in sorted(times, key=lambda t: t[1])]
+    summary, _ = replay_of(tmp_path, [(r, t, t, values_of[r]) for r, t in stamps], ReplayOptions(tare=0.149))
     assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
 
 
-def test_a_tare_while_the_tool_moves_is_refused(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments())
-    with pytest.raises(InputError, match=r"bag .*tare refused: .*(moved|in the grains)"):
-        replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.5))
+@pytest.mark.parametrize(
+    ("frame", "tare", "words"),
+    [
+        (None, 0.5, "bag .*tare refused: .*(moved|in the grains)"),
+        ("elsewhere", 0.2, "pose frame_id 'elsewhere' is not world_frame 'world'"),
+    ],
+)
+def test_a_tare_that_fails_says_why(tmp_path, frame, tare, words):
+    with pytest.raises(InputError, match=words):
+        replay_of(tmp_path, moments(), ReplayOptions(tare=tare), frame=frame)
 
 
-def test_penetration_has_statistics_of_its_own(tmp_path):
-    summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
-    rows = rows_of(tmp_path / "out")
-    sinking = [r for r in rows if float(r["depth"]) > 0.0 and float(r["speed"]) > 0.0]
-    assert [r["phase"] for r in rows] == ["penetration" if r in sinking else "approach" for r in rows]
-    penetration = summary.phases["penetration"]
-    assert penetration.estimates == penetration.poses == len(sinking) > 30
-    assert penetration.wrench["fz"].predicted.rms > summary.wrench["fz"].predicted.rms > 0.0
-    assert sum(phase.poses for phase in summary.phases.values()) == 60
+def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_path):
+    random = np.random.default_rng(4)
+    rows = [(role, stamp + (3_000_000 if role == "wrench" else 0), v) for role, _, stamp, v in plunge()]
+    for name, delay in (("prompt", 0), ("late", 5_000_000)):
+        received = []
+        for role in ("pose", "wrench"):  # each topic keeps its own order
+            stamps = np.array([stamp for r, stamp, _ in rows if r == role])
+            times = np.maximum.accumulate(stamps + random.integers(0, delay + 1, len(stamps))).tolist()
+            numbers = [v for r, _, v in rows if r == role]
+            received += [(role, *row) for row in zip(times, stamps.tolist(), numbers, strict=True)]
+        received.sort(key=lambda row: row[1])
+        _, found = replay_of(tmp_path / name, received, twist_source="pose_difference")
+    for file in ("estimates.csv", "estimates/estimates.mcap"):
+        assert (tmp_path / "prompt/out" / file).read_bytes() == (tmp_path / "late/out" / file).read_bytes(), file
+    assert sum(bool(row["residual_fz"]) for row in found) > 500
 
 
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (lambda _role, _stamp: 0, "pose_stamp_zero"),
         (lambda _role, _stamp: START, "pose_repeated"),
         (lambda role, stamp: stamp - (10**9 if role == "twist" else 0), "twist_stale"),
         (lambda role, stamp: stamp - (10**9 if role == "wrench" else 0), "wrench_stale"),
     ],
 )
 def test_invalid_stamps_are_reasons(tmp_path, change, reason):
-    rows = [(role, time, change(role, stamp), v) for role, time, stamp, v in moments()]
-    summary = replay(write_ros2(tmp_path / "bag", rows), tmp_path / "out", values())
+    summary, _ = replay_of(tmp_path, [(role, time, change(role, stamp), v) for role, time, stamp, v in moments()])
     assert summary.reasons[reason] >= 59
     assert summary.estimates <= 1 or reason == "wrench_stale"
 
 
-def test_pose_only_still_predicts_and_wrench_only_is_refused(tmp_path):
-    only_pose = write_ros2(tmp_path / "pose", moments(), topics={"pose": TOPICS["pose"]})
-    summary = replay(only_pose, tmp_path / "out", values(twist_source="pose_difference"))
-    assert summary.estimates == 58
-    assert summary.reasons["wrench_missing"] == 58
-    assert summary.wrench["fz"].measured.rms is None
-    assert rows_of(tmp_path / "out")[-1]["residual_fz"] == ""
-    only_wrench = write_ros2(tmp_path / "wrench", moments(), topics={"wrench": TOPICS["wrench"]})
-    with pytest.raises(InputError, match="no pose topic"):
-        replay(only_wrench, tmp_path / "none", values())
-
-
-def test_frames_that_are_not_the_parameters_are_reasons(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments(), frame="elsewhere")
-    summary = replay(bag, tmp_path / "out", values())
+def test_stamps_all_zero_give_reasons_and_a_report_without_estimates(tmp_path):
+    summary, rows = replay_of(tmp_path, [(role, time, 0, v) for role, time, _, v in moments()], report=True)
     assert summary.estimates == 0
-    assert summary.reasons["pose_frame_unknown"] == 60
-    told = "pose_frame_unknown 60 (pose frame_id 'elsewhere' is not world_frame 'world')"
-    assert f"  not used or unanswered: {told}" in summary.lines()
-    assert "wrench frame_id 'elsewhere' is not sensor_frame 'ft_sensor'" in "\n".join(summary.lines())
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["unknown_frames"] == summary.unknown_frames
+    assert summary.reasons == {f"{role}_stamp_zero": 60 for role in ("pose", "twist", "wrench")}
+    assert {(r["reason"], r["phase"], r["quality_flags"]) for r in rows} == {("pose_stamp_zero", "", "")}
+    assert "pose_stamp_zero" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_a_tare_that_fails_for_a_wrong_frame_names_it(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments(), frame="elsewhere")
-    with pytest.raises(InputError, match="pose frame_id 'elsewhere' is not world_frame 'world'"):
-        replay(bag, tmp_path / "out", values(), ReplayOptions(tare=0.2))
+def test_a_pose_of_unknown_depth_has_no_phase_and_does_not_end_one(tmp_path):
+    rows = [(role, time, 0 if role == "pose" and k // 3 in (40, 41) else s, v) for k, (role, time, s, v)
+            in enumerate(moments())]  # fmt: skip
+    phases = [row["phase"] for row in replay_of(tmp_path, rows)[1]]
+    assert phases[40:42] == ["", ""]
+    assert {*phases[30:40], *phases[42:]} == {"penetration"}
 
 
-def test_a_second_publisher_that_lags_is_out_of_order(tmp_path):
-    rows = list(moments())
-    late = [(role, time + 1, stamp - 5 * STEP, v) for role, time, stamp, v in rows if role == "pose"]
-    summary = replay(write_ros2(tmp_path / "bag", sorted(rows + late, key=lambda r: r[1])), tmp_path / "out", values())
-    assert summary.reasons["pose_out_of_order"] == 60
-    assert summary.estimates == 60
+def test_poses_alone_predict_by_their_differences_and_have_a_report(tmp_path):
+    poses = {"pose": TOPICS["pose"]}
+    summary, rows = replay_of(tmp_path, plunge(), topics=poses, report=True, twist_source="pose_difference")
+    assert summary.reasons["wrench_missing"] == summary.estimates > 500
+    assert summary.wrench["fz"].measured.rms is None
+    assert summary.phases["penetration"].wrench["force"].predicted.peak > 10.0
+    assert rows[-1]["residual_fz"] == ""
+    assert (tmp_path / "out" / "report.html").stat().st_size > 1_000_000
 
 
-def test_an_output_that_is_not_its_own_is_not_overwritten(tmp_path):
-    bag = write_ros2(tmp_path / "bag", moments())
-    estimates = tmp_path / "out" / "estimates"
-    estimates.mkdir(parents=True)
-    (estimates / "thesis.txt").write_text("precious")
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_bag_without_any_estimate_writes_its_output_and_fails(bag, tmp_path, capsys, beside):
+    """Alone, and in a batch beside one that brings some."""
+    bags = [write_ros2(tmp_path / "lost", moments(), frame="elsewhere"), *([bag] if beside else [])]
+    assert main(["replay", *map(str, bags), "-o", str(tmp_path / "out"), "--no-report"]) == 1
+    out, err = capsys.readouterr()
+    frame = "pose frame_id 'elsewhere' is not world_frame 'world'"
+    assert err.startswith(f"rft replay: bag 'lost' has no estimate for its 60 poses; most often {frame}")
+    assert len(err.splitlines()) == 1
+    assert f"  not used or unanswered: pose_frame_unknown 60 ({frame})" in out
+    assert "wrench frame_id 'elsewhere' is not sensor_frame 'ft_sensor'" in out
+    written = json.loads(((tmp_path / "out" / "lost" if beside else tmp_path / "out") / "summary.json").read_text())
+    assert written["reasons"]["pose_frame_unknown"] == 60
+    assert written["unknown_frames"]["pose_frame_unknown"].startswith(frame)
+
+
+@pytest.mark.parametrize("role", ["pose", "twist", "wrench"])
+def test_a_second_publisher_that_lags_changes_no_estimate(tmp_path, role):
+    rows = list(plunge())
+    late = [(r, time + 1, stamp - 3 * STEP, v) for r, time, stamp, v in rows if r == role and stamp > START + 5 * STEP]
+    summary, _ = replay_of(tmp_path / "both", sorted(rows + late, key=lambda row: row[1]))
+    assert summary.reasons[f"{role}_out_of_order"] == len(late)
+    alone, _ = replay_of(tmp_path / "alone", rows)
+    assert summary.estimates == alone.estimates
+    assert summary.phases == alone.phases
+
+
+def test_a_damaged_bag_says_so_in_the_summary_on_the_terminal_and_in_the_report(tmp_path, capsys):
+    whole = next(write_ros2(tmp_path / "whole", plunge()).glob("*.mcap"))
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 7 // 10 + 13])
+    for bag, out in ((whole, "all"), (cut, "out")):
+        assert main(["replay", str(bag), "-o", str(tmp_path / out)]) == 0
+    assert "reading stopped early: cut.mcap is damaged" in capsys.readouterr().out
+    assert "Reading stopped early: cut.mcap is damaged" in (tmp_path / "out" / "report.html").read_text()
+    summary, rows = json.loads((tmp_path / "out" / "summary.json").read_text()), rows_of(tmp_path / "out")
+    assert "cut.mcap is damaged" in summary["damage"]
+    assert len(rows) == summary["messages"]["pose"] > 200
+    # the last phase before the cut may not have lasted long enough to be told
+    assert rows[:-15] == rows_of(tmp_path / "all")[: len(rows) - 15]
+
+
+def test_an_output_that_is_not_its_own_is_not_overwritten(bag, tmp_path):
+    (tmp_path / "estimates").mkdir()
+    (tmp_path / "estimates" / "thesis.txt").write_text("precious")
     with pytest.raises(InputError, match="estimates"):
-        replay(bag, tmp_path / "out", values())
-    assert (estimates / "thesis.txt").read_text() == "precious"
+        replay(bag, tmp_path, values())
+    assert (tmp_path / "estimates" / "thesis.txt").read_text() == "precious"
+
+
+def write(path, force):
+    with BagWriter(path) as bag:
+        bag.write_wrench("/w", 5, "f", (force, 0.0, 0.0, 0.0, 0.0, 0.0))
 
 
 def test_what_a_writer_wrote_it_may_replace(tmp_path):
     for force in (1.0, 2.0):
-        with BagWriter(tmp_path / "bag") as bag:
-            bag.write_wrench("/w", 5, "f", (force, 0.0, 0.0, 0.0, 0.0, 0.0))
+        write(tmp_path / "bag", force)
     with AnyReader([tmp_path / "bag"]) as reader:
         ((connection, time, data),) = reader.messages()
         assert (time, reader.deserialize(data, connection.msgtype).wrench.force.x) == (5, 2.0)
@@ -198,24 +232,21 @@ def test_what_a_killed_writer_left_may_be_replaced(tmp_path, files):
     (tmp_path / "bag").mkdir()
     for file in files:
         (tmp_path / "bag" / file).touch()
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.write_wrench("/w", 5, "f", (0.0,) * 6)
+    write(tmp_path / "bag", 0.0)
 
 
 def test_a_whole_recording_without_metadata_is_not_replaced(tmp_path):
-    with BagWriter(tmp_path / "bag") as bag:
-        bag.write_wrench("/w", 5, "f", (0.0,) * 6)
+    write(tmp_path / "bag", 0.0)
     (tmp_path / "bag" / "metadata.yaml").unlink()
-    with pytest.raises(InputError, match="not overwritten"), BagWriter(tmp_path / "bag"):
-        pass
+    with pytest.raises(InputError, match="not overwritten"):
+        write(tmp_path / "bag", 1.0)
     assert (tmp_path / "bag" / "bag.mcap").stat().st_size > 100
 
 
-def test_a_bag_in_the_output_is_not_replaced(tmp_path):
-    replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
-    file = tmp_path / "out" / "estimates" / "estimates.mcap"
+def test_a_bag_in_the_output_is_not_replaced(replayed):
+    file = replayed[1] / "estimates" / "estimates.mcap"
     with pytest.raises(InputError, match="would overwrite the input"):
-        replay(file, tmp_path / "out", values())
+        replay(file, replayed[1], values())
     assert file.exists()
 
 
@@ -231,23 +262,13 @@ def test_options_come_from_the_parameter_file(tmp_path):
 
 
 def test_a_learning_replay_reports_what_it_learned_and_the_error_with_and_without(tmp_path):
-    bag = write_ros2(tmp_path / "bag", plunge())
-    learning = values(learning__mode="apply", sensor__bias=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0))
-    summary = replay(bag, tmp_path / "out", learning)
-    rows = rows_of(tmp_path / "out")
+    bias = (0.05, 0.0, 0.0, 0.0, 0.0, 0.0)
+    summary, rows = replay_of(tmp_path, plunge(), learning__mode="apply", sensor__bias=bias)
     assert tuple(rows[0]) == COLUMNS + LEARNED_COLUMNS
     assert all(None not in row.values() for row in rows)
+    off, two, _ = summary.learning.values()
     assert list(summary.learning) == ["off", "2 mm", "5 mm"]
-    assert summary.learning["2 mm"]["rms_over_peak"] == summary.rms_over_peak
-    assert summary.learning["2 mm"]["within_sigma"] == summary.within_sigma
-    assert summary.learning["2 mm"]["median_relative_error"] < 0.5 * summary.learning["off"]["median_relative_error"]
+    assert (two["rms_over_peak"], two["within_sigma"]) == (summary.rms_over_peak, summary.within_sigma)
+    assert two["median_relative_error"] < 0.5 * off["median_relative_error"]
     assert float(rows[200]["vertical_strength"]) != 1.0
     assert float(rows[200]["vertical_strength_error"]) > 0.0
-
-
-def test_without_learning_the_replay_does_not_mention_it(tmp_path):
-    summary = replay(write_ros2(tmp_path / "bag", moments()), tmp_path / "out", values())
-    assert summary.learning == {}
-    rows = rows_of(tmp_path / "out")
-    assert tuple(rows[0]) == COLUMNS
-    assert float(rows[-1]["sigma_fz"]) > 0.0

@@ -62,7 +62,7 @@ def test_the_page_loads_nothing(page):
 
 def test_the_page_has_every_figure_and_table(page):
     assert [i for i in References(page).ids if i and i.startswith("figure-")] == [f"figure-{c}" for c in CHARTS]
-    for title in ("Metrics", "Quality flags", "Read", "Not used or unanswered", "Parameters", "Versions"):
+    for title in ("Metrics", "Quality flags", "Read", "Not used or unanswered", "Parameters"):
         assert re.search(rf"<(h2|summary)>{title}</", page), title
 
 
