@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from statistics import mean
 from typing import Any
 
@@ -151,7 +151,7 @@ def judged_choices() -> list[Judged]:
     runs = [read_run(name) for name in (*RUNS, *FAST_RUNS, *CYCLE_RUNS)]
     cases: list[tuple[Choice, DemRun, float]] = []
     for choice in CHOICES:
-        own = [replace(run, tool=_tool(run, choice)) for run in runs]
+        own = [replace(run, tool=_tool(run.tool.file, choice.integration, choice.tolerance)) for run in runs]
         calibration = next(run for run in own if run.name == CALIBRATION)
         zeta = fitted_zeta(calibration, replace(choice, density=0.0).made(1.0))
         cases += [(choice, run, zeta) for run in own]
@@ -176,8 +176,9 @@ def _error(run: DemRun, model: Array) -> float:
     return settled_error(run, model) if run.name in FAST_RUNS else median_error(run.forces, model)
 
 
-def _tool(run: DemRun, choice: Choice) -> Tool:
-    return load_tool(run.tool.file, scale=1.0, integration=choice.integration, tolerance=choice.tolerance)
+@cache
+def _tool(file: str, integration: Integration, tolerance: float) -> Tool:
+    return load_tool(file, scale=1.0, integration=integration, tolerance=tolerance)
 
 
 def _averaged(judged: Sequence[Judged], group: str) -> dict[Choice, tuple[float, float]]:
