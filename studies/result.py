@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from PIL import Image
@@ -69,11 +68,11 @@ class StudyResult:
     page: str | None = None
 
     def write(self, folder: Path) -> list[Path]:
-        """Write NAME.png, NAME.svg, NAME.md, the CSV tables and, if there is one, NAME.html; returns the files.
+        """Write NAME.png, NAME.md, the CSV tables and, if there is one, NAME.html; returns the files.
 
         The same result gives the same bytes.
         """
-        contents = {f"{self.name}.{kind}": picture(self.figure, kind) for kind in ("png", "svg")}
+        contents = {f"{self.name}.png": picture(self.figure)}
         contents[f"{self.name}.md"] = f"# {self.title}\n\n{self.table.markdown()}".encode()
         contents |= {f"{stem}.csv": _csv(columns) for stem, columns in self.numbers.items()}
         if self.page is not None:
@@ -136,15 +135,10 @@ def label_axes(axes: Axes, *, x: str, y: str, title: str = "", legend: dict[str,
         axes.legend(fontsize=8, **legend)
 
 
-def picture(figure: Figure, kind: str) -> bytes:
-    """The figure as "png" (256 colours, to keep the docs small) or "svg", without dates, versions or random names."""
-    out = io.BytesIO()
-    with mpl.rc_context({"svg.hashsalt": "rft_ros", "svg.fonttype": "path"}):
-        metadata = {"Software": None} if kind == "png" else {"Date": None, "Creator": None}
-        figure.savefig(out, format=kind, dpi=_DPI, metadata=metadata)
-    if kind != "png":
-        return out.getvalue()
-    small = io.BytesIO()
+def picture(figure: Figure) -> bytes:
+    """The figure as PNG in 256 colours, to keep the docs small, without the version of what drew it."""
+    out, small = io.BytesIO(), io.BytesIO()
+    figure.savefig(out, format="png", dpi=_DPI, metadata={"Software": None})
     with Image.open(out) as image:
         image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(small, format="png", optimize=True)
     return small.getvalue()

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
-from rft_ros.rft.memory import DEPTH, ELASTIC, GREATEST, LEAST, OPEN
+from rft_ros.rft.memory import DEPTH, ELASTIC, GREATEST
 from rft_ros.tool import load_tool
 
 GENERIC = MEDIA["generic"]
@@ -57,14 +57,6 @@ def test_a_very_short_mobilization_length_gives_the_published_rule(integration):
     np.testing.assert_allclose(result, published[2:], rtol=1e-9, atol=1e-12)
 
 
-def test_a_plate_has_two_thirds_of_its_force_after_one_length_which_grows_as_depth_squared_between_12_and_45_mm():
-    plate = Plates.from_arrays([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], [1e-4])
-    for depth, after in ((DEPTH, LENGTH), (0.005, LEAST * LENGTH), (0.02, LENGTH / 2.25), (0.1, GREATEST * LENGTH)):
-        states, durations = along(np.array([0.0, after]), (0.01, 0.0, 0.0), start=(0.0, 0.0, -depth))
-        ratio = remembered(states, durations, plates=plate)[1, 0] / wrenches(plate, LAW, states)[1, 0]
-        assert ratio == pytest.approx(1.0 - np.exp(-1.0), rel=1e-9)
-
-
 @given(speed=st.floats(1e-6, 1e3), integration=st.sampled_from(INTEGRATIONS))
 @settings(max_examples=30)
 def test_without_a_density_the_same_path_at_another_speed_gives_the_same_forces(speed, integration):
@@ -108,16 +100,6 @@ def test_axes_place_mirror_speed_and_order_of_the_plates_do_not_decide_which_of_
         scale = np.abs(expected[:, column : column + 3]).max()
         # the released code's e2 of a horizontal plate prefers x by 1e-5
         np.testing.assert_allclose(found[:, column : column + 3], expected[:, column : column + 3], atol=1e-5 * scale)
-
-
-@given(st.lists(st.floats(0.0, 0.02), min_size=1, max_size=8))
-@settings(max_examples=30)
-def test_dividing_a_steady_path_changes_nothing(cuts):
-    """With level motion the law asks for the same at every point."""
-    ends = np.array([0.0, 0.02])
-    whole = remembered(*along(ends, (0.01, 0.003, 0.0)))[-1]
-    parts = remembered(*along(np.unique(np.concatenate([ends, cuts])), (0.01, 0.003, 0.0)))[-1]
-    np.testing.assert_allclose(parts, whole, rtol=1e-9, atol=1e-12)
 
 
 def test_the_force_on_a_leading_plate_converges_at_second_order_in_the_step():
@@ -165,45 +147,20 @@ def test_at_rest_the_force_holds(integration):
     np.testing.assert_allclose(held, np.repeat(last[None], 1000, axis=0), rtol=1e-12, atol=1e-15)
 
 
-def press(*strokes, plate, step=1e-6, start=-DEPTH):
-    """Vertical force along strokes [m], up positive, of a plate that starts at this height; None: slope in use."""
-    heights = np.concatenate([[start], *(np.arange(step, abs(d) + 0.5 * step, step) * np.sign(d) for d in strokes)])
-    edges = np.cumsum([1, *(round(abs(d) / step) for d in strokes)])
-    for begin, end in itertools.pairwise(edges):
-        heights[begin:end] += heights[begin - 1]
-    states = np.zeros((len(heights), 13))
-    states[:, 2], states[:, 6] = heights, 1.0
-    states[1:, 9] = np.diff(heights)
-    states[0, 9] = states[1, 9]
-    return edges - 1, remembered(states, np.ones(len(heights)), plates=plate)[:, 2]
-
-
 DOWN = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, -1.0]], [1e-4])
 
 
-ELASTIC_LENGTH = ELASTIC * GREATEST * LENGTH
-
-
-def test_a_small_retreat_and_reload_is_elastic_and_ends_on_the_old_curve():
-    edges, force = press(-0.02, 5e-5, -5e-5, -0.002, plate=DOWN)
-    assert force[edges[2]] == pytest.approx(force[edges[1]] * (1.0 - 5e-5 / ELASTIC_LENGTH), rel=0.01)
-    assert force[edges[3]] == pytest.approx(force[edges[1]], rel=1e-9)
-    assert force[-1] == pytest.approx(press(-0.022, plate=DOWN)[1][-1], rel=1e-9)
-
-
 def test_a_retreat_lets_go_within_the_elastic_length_and_is_never_pulled_from_behind():
-    edges, force = press(-0.02, 0.002, plate=DOWN)
-    assert force[edges[1] + round(0.9 * ELASTIC_LENGTH / 1e-6)] > 0.0
-    assert force[edges[1] + round(ELASTIC_LENGTH / 1e-6) + 1] == 0.0
-    assert (np.diff(force[edges[1] :]) <= 0.0).all()
+    step, elastic = 1e-6, ELASTIC * GREATEST * LENGTH
+    depths = np.concatenate([np.arange(0.03, 0.05, step), np.arange(0.05, 0.048, -step)])
+    states = np.zeros((len(depths), 13))
+    states[:, 2], states[:, 6], states[:, 9] = -depths, 1.0, -np.diff(depths, prepend=0.0)
+    force = remembered(states, np.ones(len(depths)), plates=DOWN)[:, 2]
+    turn = int(np.argmax(depths))
+    assert force[turn + round(0.9 * elastic / step)] > 0.0
+    assert force[turn + round(elastic / step) + 1] == 0.0
+    assert (np.diff(force[turn:]) <= 0.0).all()
     assert force.min() == 0.0
-
-
-def test_a_fifth_of_a_retreat_stays_open_and_must_close_first():
-    up = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1e-4])
-    edges, force = press(-0.005, 0.003, plate=up, step=1e-5)
-    pulled = np.argmax(force < 0.0) - edges[1]
-    assert pulled * 1e-5 == pytest.approx(OPEN * 0.005, abs=1.1e-5)
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS), st.sampled_from(("constant", "linear")))
@@ -243,16 +200,16 @@ def test_within_the_elastic_zone_the_force_depends_on_the_pose_alone(seed):
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)
 def test_noise_of_poses_within_the_slack_changes_the_force_by_less_than_1_percent(integration):
-    """2 µm, 10 µrad, four minutes at 250 Hz; the twist is what differences of such poses give."""
-    plates, rng = PLATES[integration], np.random.default_rng(3)
+    """2 µm, 10 µrad, 40 s at 250 Hz; the twist is what differences of such poses give."""
+    plates, rng, n = PLATES[integration], np.random.default_rng(3), 10_000
     memory = Memory(plates, slack=1e-5)
     states, durations = along(np.linspace(0.0, 0.02, 50), (0.004, 0.0, -0.01))
     last = remembered(states, durations, plates=plates, memory=memory)[-1, :3]
-    noisy = np.repeat(states[-1:], 60_000, axis=0)
-    noisy[:, :3] += rng.normal(scale=2e-6, size=(60_000, 3))
-    noisy[:, 3:7] += rng.normal(scale=5e-6, size=(60_000, 4))
+    noisy = np.repeat(states[-1:], n, axis=0)
+    noisy[:, :3] += rng.normal(scale=2e-6, size=(n, 3))
+    noisy[:, 3:7] += rng.normal(scale=5e-6, size=(n, 4))
     noisy[:, 7:10] = np.diff(noisy[:, :3], axis=0, prepend=noisy[:1, :3]) / 0.004
-    mean = remembered(checked_states(noisy), np.full(60_000, 0.004), plates=plates, memory=memory)[:, :3].mean(axis=0)
+    mean = remembered(checked_states(noisy), np.full(n, 0.004), plates=plates, memory=memory)[:, :3].mean(axis=0)
     assert np.linalg.norm(mean - last) < 0.01 * np.linalg.norm(last)
 
 
