@@ -14,9 +14,17 @@ import numpy as np
 
 from rft_ros.rft.compilation import compiled, inlined
 
-__all__ = ["held", "measure", "move", "put", "stiffness_matrix"]
+__all__ = ["ANSWERS", "calm", "held", "measure", "move", "put", "stiffness_matrix"]
 
-_REBOUND = 0.02
+ANSWERS = 7, 6
+"""Shape of what `calm` remembers of a body: twist and its change; held wrench and its change; the grains' wrench; sums
+of the two regressions; their samples, inverse mass and inertia, share of the stiffness that the last step showed."""
+
+_KEEPS, _EXPLAINED, _SAMPLES, _STIFF = 0.9, 0.8, 4.0, 0.05
+"""Of `calm`: share of a sum that stays at each step; least explained variance, samples, and stiffness times inverse
+mass times h², which is 4 where a held spring begins to throw an undamped body."""
+
+_REBOUND = 0.1
 """Time [s] over which grains that push a body back give way: their elastic zone loses its energy, as grains do, and
 does not ring. Chosen for the slowest elastic oscillation of bodies at rest, 20 Hz."""
 
@@ -158,3 +166,48 @@ def move(state, twist, h):  # type: ignore[no-untyped-def]
     state[4] = c * qy + y * qw + z * qx - x * qz
     state[5] = c * qz + z * qw + x * qy - y * qx
     state[6] = c * qw - x * qx - y * qy - z * qz
+
+
+@compiled
+def calm(rows, sums, states, h, reach, answers, out):  # type: ignore[no-untyped-def]
+    """Write the wrenches on bodies to hold over h [s], shape [n, 6]: those of `rows`, until a body chatters under them.
+
+    `answers`: shape [n, *ANSWERS]. The inverse mass and inertia, a scalar each, are the regression of the twist's
+    second differences on the held wrench's changes. They count once they explain it. Then the wrench is `held`, with
+    the acceleration without grains of the last step, and with the stiffness that the last step showed.
+    """
+    after, free, inverse, b = np.empty(6), np.empty(6), np.zeros((6, 6)), np.empty((6, 6))
+    for n in range(len(rows)):
+        row, twist, wrench, past = rows[n], states[n, 7:], out[n], answers[n]
+        fits, known = past[5], past[6]
+        for p in range(2):
+            uu = uy = yy = ww = 0.0
+            for i in range(3 * p, 3 * p + 3):
+                u, y = h * past[3, i], twist[i] - past[0, i] - past[1, i]
+                uu, uy, yy, ww = uu + u * u, uy + u * y, yy + y * y, ww + past[2, i] * past[2, i]
+            for i, v in enumerate((uu, uy, yy)):
+                fits[3 * p + i] = _KEEPS * fits[3 * p + i] + v
+            known[p] = _KEEPS * known[p] + (1.0 if uu > (1e-3 * h) ** 2 * ww else 0.0)
+            uu, uy, yy = fits[3 * p], fits[3 * p + 1], fits[3 * p + 2]
+            stiff = sums[n, 0] if p == 0 else sums[n, 4] + sums[n, 5] + sums[n, 6]
+            explains = uy > 0.0 and uy * uy > _EXPLAINED * uu * yy and known[p] > _SAMPLES
+            if explains and h * h * stiff * uy > _STIFF * uu:
+                known[2 + p] = uy / uu
+        if known[2] > 0.0 or known[3] > 0.0:
+            _fill(sums[n], b)
+            met = asked = 0.0
+            for i in range(6):
+                moved = 0.5 * h * (twist[i] + past[0, i])
+                met -= (row[i] - past[4, i]) * moved
+                for j in range(6):
+                    asked += moved * b[i, j] * 0.5 * h * (twist[j] + past[0, j])
+                inverse[i, i] = known[2 + i // 3]
+                free[i] = (twist[i] - past[0, i]) / h - inverse[i, i] * past[2, i]
+            known[4] = max(min(met / asked, 1.0) if asked > 0.0 else 1.0, _KEEPS * known[4])
+            held(row, known[4] * sums[n], inverse, twist, free, h, reach, wrench, after)
+        else:
+            wrench[:] = row[:6]
+        for i in range(6):
+            past[1, i], past[0, i] = twist[i] - past[0, i], twist[i]
+            past[3, i], past[2, i] = wrench[i] - past[2, i], wrench[i]
+            past[4, i] = row[i]

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.ground import HeightMap, Support
 from rft_ros.rft import LEVEL, Law, Memory, checked_states, wrenches_in_time
 from rft_ros.rft.arguments import number
-from rft_ros.simulation.coupling import stiffness_matrix
+from rft_ros.simulation.coupling import ANSWERS, calm, stiffness_matrix
 from rft_ros.tool import Tool
 
 __all__ = ["Grains", "GrainsBatch", "GrainsState"]
@@ -51,6 +51,8 @@ class GrainsBatch:
         self._support = None if ground is None else Support(tool.corners)
         n = int(bodies)
         self._memory = Memory(tool.plates, bodies=n)
+        self._answers = np.zeros((n, *ANSWERS))
+        self._held = np.zeros((n, 6))
         self._start = {name: array.copy() for name, array in self._memory.arrays.items()}
         self._durations, self._rows = np.zeros(n), np.zeros((n, 19))
         self.sums = self._memory.stiffness
@@ -72,7 +74,10 @@ class GrainsBatch:
         checked = _checked(states)
         if len(checked) != len(self._rows):
             raise ValueError(f"states has {len(checked)} rows; there are {len(self._rows)} bodies")
-        return self.advance(checked, number("dt", dt, positive=True))[:, :6].copy()
+        dt = number("dt", dt, positive=True)
+        rows = self.advance(checked, dt)
+        calm(rows, self.sums, checked, dt, self._plates.reach, self._answers, self._held)
+        return self._held.copy()
 
     def advance(self, states: Array, dt: float) -> Array:
         """`step` for checked states; returns rows of `wrenches_in_time`, in its units, shape [n, 19], not copied."""
