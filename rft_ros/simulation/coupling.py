@@ -1,4 +1,4 @@
-"""One implicit step of a body in grains: the wrench to hold over it, from the stiffness of the grains.
+"""A step of a body in grains: the wrench to hold over it, from the stiffness of the grains and the body's inertia.
 
 Near a state the grains' wrench is w = w_0 - B D, D the displacement over the step (backward Euler): with A the inverse
 inertia of the body as its joints show it, and v_free the twist at the end of the step without the grains,
@@ -8,7 +8,7 @@ inertia of the body as its joints show it, and v_free the twist at the end of th
 Twists are linear then angular, at the body frame's origin, world axes; wrenches are force and torque about it.
 """
 
-from math import cos, sin, sqrt
+from math import sqrt
 
 import numpy as np
 
@@ -26,17 +26,15 @@ mass times h², which is 4 where a held spring begins to throw an undamped body.
 
 _REBOUND = 0.1
 """Time [s] over which grains that push a body back give way: their elastic zone loses its energy, as grains do, and
-does not ring. Chosen for the slowest elastic oscillation of bodies at rest, 20 Hz."""
+does not ring. With 0.02 s a plate of 20 g gets back 1.4 % of its energy, with 0.1 s 0.6 %."""
 
 
-@inlined
-def _fill(sums, b):  # type: ignore[no-untyped-def]
-    """B, shape [6, 6], from the ten sums of `Memory.stiffness`."""
+@compiled
+def stiffness_matrix(sums, b):  # type: ignore[no-untyped-def]
+    """Write B [N/m, N, N m], shape [6, 6], of `Memory.stiffness`: the wrench changes by -B times a displacement."""
     s, x, y, z = sums[0], sums[1], sums[2], sums[3]
     xx, yy, zz, xy, xz, yz = sums[4], sums[5], sums[6], sums[7], sums[8], sums[9]
-    for i in range(6):
-        for j in range(6):
-            b[i, j] = 0.0
+    b[:] = 0.0
     b[0, 0] = b[1, 1] = b[2, 2] = s
     b[0, 4], b[0, 5], b[1, 3], b[1, 5], b[2, 3], b[2, 4] = z, -y, -z, x, y, -x
     b[4, 0], b[5, 0], b[3, 1], b[5, 1], b[3, 2], b[4, 2] = z, -y, -z, x, y, -x
@@ -45,10 +43,12 @@ def _fill(sums, b):  # type: ignore[no-untyped-def]
     b[4, 3], b[5, 3], b[5, 4] = -xy, -xz, -yz
 
 
-@compiled
-def stiffness_matrix(sums, out):  # type: ignore[no-untyped-def]
-    """Write B [N/m, N, N m] to `out`, shape [6, 6]: the wrench changes by -B times a small displacement."""
-    _fill(sums, out)
+@inlined
+def _dot(a, b):  # type: ignore[no-untyped-def]
+    s = 0.0
+    for k in range(len(a)):
+        s += a[k] * b[k]
+    return s
 
 
 @compiled
@@ -58,25 +58,14 @@ def measure(position, quaternion, jacobian, solved, velocity, acceleration, stat
     `quaternion`: wxyz. `jacobian`: shape [6, nv]; `solved`: M^-1 times it, same shape; `velocity`, `acceleration` of
     the joints, shape [nv]. Returns whether all of it is finite.
     """
-    total = 0.0
-    for i in range(3):
-        state[i], state[3 + i] = position[i], quaternion[1 + i]
-    state[6] = quaternion[0]
+    state[:3], state[3:6], state[6] = position, quaternion[1:], quaternion[0]
+    total = state[:7].sum()
     for i in range(6):
-        v = a = 0.0
-        for k in range(velocity.shape[0]):
-            v += jacobian[i, k] * velocity[k]
-            a += jacobian[i, k] * acceleration[k]
-        state[7 + i], free[i] = v, a
-        total += a
+        state[7 + i], free[i] = _dot(jacobian[i], velocity), _dot(jacobian[i], acceleration)
+        total += state[7 + i] + free[i]
         for j in range(6):
-            s = 0.0
-            for k in range(velocity.shape[0]):
-                s += jacobian[i, k] * solved[j, k]
-            inverse[i, j] = s
-            total += s
-    for i in range(13):
-        total += state[i]
+            inverse[i, j] = _dot(jacobian[i], solved[j])
+            total += inverse[i, j]
     return np.isfinite(total)
 
 
@@ -110,33 +99,23 @@ def held(row, sums, inverse, twist, free, h, reach, wrench, after):  # type: ign
     `free`: acceleration without grains. Returns the longest path of a point within `reach` of the origin [m].
     """
     b, matrix = np.empty((6, 6)), np.empty((6, 6))
-    _fill(sums, b)
+    stiffness_matrix(sums, b)
+    ahead = twist + h * free
     give = h
     while True:
         for i in range(6):
-            s = 0.0
-            for k in range(6):
-                s += b[i, k] * (twist[k] + h * free[k])
-            wrench[i] = row[i] - give * s
+            wrench[i] = row[i] - give * _dot(b[i], ahead)
             for j in range(6):
-                s = 0.0
-                for k in range(6):
-                    s += b[i, k] * inverse[k, j]
-                matrix[i, j] = h * give * s + (1.0 if i == j else 0.0)
+                matrix[i, j] = h * give * _dot(b[i], inverse[j])
+            matrix[i, i] += 1.0
         _solve(matrix, wrench)
-        power = 0.0
         for i in range(6):
-            s = 0.0
-            for k in range(6):
-                s += inverse[i, k] * wrench[k]
-            after[i] = twist[i] + h * (free[i] + s)
-            power += after[i] * wrench[i]
-        if power <= 0.0 or give > h:
+            after[i] = ahead[i] + h * _dot(inverse[i], wrench)
+        if _dot(after, wrench) <= 0.0 or give > h:
             break
         give = h + _REBOUND
-    linear = after[0] * after[0] + after[1] * after[1] + after[2] * after[2]
-    angular = after[3] * after[3] + after[4] * after[4] + after[5] * after[5]
-    return h * (sqrt(linear) + reach * sqrt(angular))
+    linear, angular = after[:3], after[3:]
+    return h * (sqrt(_dot(linear, linear)) + reach * sqrt(_dot(angular, angular)))
 
 
 @compiled
@@ -152,20 +131,20 @@ def put(wrench, origin, center, applied):  # type: ignore[no-untyped-def]
 
 @compiled
 def move(state, twist, h):  # type: ignore[no-untyped-def]
-    """Move a state, shape [13], in place: it takes this twist for h [s]."""
+    """Move a state, shape [13], in place: it takes this twist for h [s], in which it turns little."""
     for i in range(3):
         state[i] += h * twist[i]
-    for i in range(6):
-        state[7 + i] = twist[i]
-    x, y, z = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
-    angle = sqrt(x * x + y * y + z * z)
-    s, c = (sin(angle) / angle if angle > 1e-12 else 1.0), cos(angle)
-    x, y, z = s * x, s * y, s * z
-    qx, qy, qz, qw = state[3], state[4], state[5], state[6]
-    state[3] = c * qx + x * qw + y * qz - z * qy
-    state[4] = c * qy + y * qw + z * qx - x * qz
-    state[5] = c * qz + z * qw + x * qy - y * qx
-    state[6] = c * qw - x * qx - y * qy - z * qz
+    state[7:] = twist
+    a, b, c = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
+    x, y, z, w = state[3], state[4], state[5], state[6]
+    x, y, z, w = (
+        x + a * w + b * z - c * y,
+        y + b * w + c * x - a * z,
+        z + c * w + a * y - b * x,
+        w - a * x - b * y - c * z,
+    )
+    size = sqrt(x * x + y * y + z * z + w * w)
+    state[3], state[4], state[5], state[6] = x / size, y / size, z / size, w / size
 
 
 @compiled
@@ -178,36 +157,32 @@ def calm(rows, sums, states, h, reach, answers, out):  # type: ignore[no-untyped
     """
     after, free, inverse, b = np.empty(6), np.empty(6), np.zeros((6, 6)), np.empty((6, 6))
     for n in range(len(rows)):
-        row, twist, wrench, past = rows[n], states[n, 7:], out[n], answers[n]
+        row, twist, wrench, past = rows[n, :6], states[n, 7:], out[n], answers[n]
         fits, known = past[5], past[6]
         for p in range(2):
-            uu = uy = yy = ww = 0.0
-            for i in range(3 * p, 3 * p + 3):
-                u, y = h * past[3, i], twist[i] - past[0, i] - past[1, i]
-                uu, uy, yy, ww = uu + u * u, uy + u * y, yy + y * y, ww + past[2, i] * past[2, i]
+            part = slice(3 * p, 3 * p + 3)
+            u, y = h * past[3, part], twist[part] - past[0, part] - past[1, part]
+            uu, uy, yy = _dot(u, u), _dot(u, y), _dot(y, y)
+            known[p] = _KEEPS * known[p] + (1.0 if uu > (1e-3 * h) ** 2 * _dot(past[2, part], past[2, part]) else 0.0)
             for i, v in enumerate((uu, uy, yy)):
                 fits[3 * p + i] = _KEEPS * fits[3 * p + i] + v
-            known[p] = _KEEPS * known[p] + (1.0 if uu > (1e-3 * h) ** 2 * ww else 0.0)
             uu, uy, yy = fits[3 * p], fits[3 * p + 1], fits[3 * p + 2]
             stiff = sums[n, 0] if p == 0 else sums[n, 4] + sums[n, 5] + sums[n, 6]
             explains = uy > 0.0 and uy * uy > _EXPLAINED * uu * yy and known[p] > _SAMPLES
             if explains and h * h * stiff * uy > _STIFF * uu:
                 known[2 + p] = uy / uu
         if known[2] > 0.0 or known[3] > 0.0:
-            _fill(sums[n], b)
-            met = asked = 0.0
+            stiffness_matrix(sums[n], b)
+            moved = 0.5 * h * (twist + past[0])
+            met, asked = _dot(past[4] - row, moved), 0.0
             for i in range(6):
-                moved = 0.5 * h * (twist[i] + past[0, i])
-                met -= (row[i] - past[4, i]) * moved
-                for j in range(6):
-                    asked += moved * b[i, j] * 0.5 * h * (twist[j] + past[0, j])
+                asked += moved[i] * _dot(b[i], moved)
                 inverse[i, i] = known[2 + i // 3]
                 free[i] = (twist[i] - past[0, i]) / h - inverse[i, i] * past[2, i]
             known[4] = max(min(met / asked, 1.0) if asked > 0.0 else 1.0, _KEEPS * known[4])
             held(row, known[4] * sums[n], inverse, twist, free, h, reach, wrench, after)
         else:
-            wrench[:] = row[:6]
-        for i in range(6):
-            past[1, i], past[0, i] = twist[i] - past[0, i], twist[i]
-            past[3, i], past[2, i] = wrench[i] - past[2, i], wrench[i]
-            past[4, i] = row[i]
+            wrench[:] = row
+        past[1], past[0] = twist - past[0], twist
+        past[3], past[2] = wrench - past[2], wrench
+        past[4] = row

@@ -1,6 +1,7 @@
 """Grains that a simulator steps: a body's pose and twist in, the wrench to hold over the step out."""
 
 import itertools
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -16,9 +17,8 @@ __all__ = ["Grains", "GrainsBatch", "GrainsState"]
 
 Array = NDArray[np.float64]
 
-
 GrainsState = dict[str, NDArray[np.float64] | NDArray[np.uint8]]
-"""What grains remember of their bodies: arrays with a row for each."""
+"""What grains remember of their bodies, by name."""
 
 
 class GrainsBatch:
@@ -45,70 +45,76 @@ class GrainsBatch:
             raise TypeError(f"tool is {tool!r}; load one with rft_ros.tool.load_tool")
         if not number("bodies", bodies) >= 1.0 or not number("threads", threads) >= 1.0:
             raise ValueError(f"bodies is {bodies}, threads {threads}; both must be at least 1")
-        self.surface_height = number("surface_height", surface_height)
+        self._surface = number("surface_height", surface_height)
         self._length = number("mobilization_length", mobilization_length, positive=True)
         self._plates, self._law, self._ground = tool.plates, law, ground
         self._support = None if ground is None else Support(tool.corners)
-        n = int(bodies)
-        self._memory = Memory(tool.plates, bodies=n)
-        self._answers = np.zeros((n, *ANSWERS))
-        self._held = np.zeros((n, 6))
-        self._start = {name: array.copy() for name, array in self._memory.arrays.items()}
-        self._durations, self._rows = np.zeros(n), np.zeros((n, 19))
-        self.sums = self._memory.stiffness
-        # with a map each body has a surface of its own, so it is a call of its own
-        parts = n if ground is not None else min(int(threads), n)
+        n, self._threads = int(bodies), int(threads)
+        memory = Memory(tool.plates, bodies=n)
+        self._remembered: GrainsState = {**memory.arrays, "answers": np.zeros((n, *ANSWERS))}
+        self._start = self.state()
+        self._durations, self._rows, self._wrenches = np.zeros(n), np.zeros((n, 19)), np.zeros((n, 6))
+        self.sums = memory.stiffness
+        """`Memory.stiffness` of each body at the last step, in its units, shape [n, 10]."""
+        # Threads take parts as they get ready. With a map each body has a surface of its own, so it is a part.
+        parts = n if ground is not None else 1 if threads == 1 else min(n, 4 * self._threads)
         edges = np.linspace(0, n, parts + 1).astype(int)
-        self._parts = [(slice(a, b), self._memory.part(a, b)) for a, b in itertools.pairwise(edges)]
-        self._pool = ThreadPoolExecutor(int(threads)) if threads > 1 and len(self._parts) > 1 else None
-        self.advance(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 0.0)  # compiles
+        slices = [slice(a, b) for a, b in itertools.pairwise(edges)]
+        self._parts = [(s, memory.part(s.start, s.stop), self._durations[s], self._rows[s]) for s in slices]
+        self._pool = ThreadPoolExecutor(self._threads - 1) if threads > 1 else None
+        self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()
 
     def step(self, states: ArrayLike, dt: float) -> Array:
         """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`: pose of the body frame and twist of its origin now.
-        Torques are about the body frames' origins. The grains remember the poses of the last call. Raises ValueError
-        for states that are not finite and for another number of bodies; what the grains remember is then as before.
+        Torques are about the body frames' origins. The grains remember the poses of the last call. A body that chatters
+        under held wrenches is calmed. Raises ValueError for states that are not finite and for another number of
+        bodies; what the grains remember is then as before.
         """
-        checked = _checked(states)
+        # not changed where `checked_states` would only round a quaternion's length
+        given = np.array(states, dtype=np.float64, ndmin=2)
+        checked = checked_states(given)
+        if np.abs(given[:, 3:7] - checked[:, 3:7]).max(initial=0.0) < 1e-9:
+            checked = given
         if len(checked) != len(self._rows):
             raise ValueError(f"states has {len(checked)} rows; there are {len(self._rows)} bodies")
         dt = number("dt", dt, positive=True)
         rows = self.advance(checked, dt)
-        calm(rows, self.sums, checked, dt, self._plates.reach, self._answers, self._held)
-        return self._held.copy()
+        calm(rows, self.sums, checked, dt, self._plates.reach, self._remembered["answers"], self._wrenches)
+        return self._wrenches.copy()
 
     def advance(self, states: Array, dt: float) -> Array:
-        """`step` for checked states; returns rows of `wrenches_in_time`, in its units, shape [n, 19], not copied."""
+        """Rows of `wrenches_in_time` for checked states, in its units, shape [n, 19], not copied; no body is calmed."""
         self._durations.fill(dt)
-        parts = [(part, memory, states[part]) for part, memory in self._parts]
+        parts = iter(self._parts)
         if self._pool is None:
-            for part in parts:
-                self._run(*part)
-        else:  # this thread takes a share too: waking another costs as much as some bodies
-            jobs = [self._pool.submit(self._run, *part) for part in parts[1:]]
-            self._run(*parts[0])
+            self._run(parts, states)
+        else:
+            jobs = [self._pool.submit(self._run, parts, states) for _ in range(self._threads - 1)]
+            self._run(parts, states)
             for job in jobs:
                 job.result()
         return self._rows
 
-    def _run(self, part: slice, memory: Memory, states: Array) -> None:
-        height, slope = self.surface_height, LEVEL
-        if self._support is not None and self._ground is not None:
-            surface = self._support.local_surface(self._ground, states[0], level=height)
-            height, slope = surface.height, surface.slope
-        wrenches_in_time(
-            self._plates,
-            self._law,
-            states,
-            self._durations[part],
-            memory,
-            mobilization_length=self._length,
-            surface_height=height,
-            slope=slope,
-            out=self._rows[part],
-        )
+    def _run(self, parts: Iterator[tuple[slice, Memory, Array, Array]], states: Array) -> None:
+        height, slope = self._surface, LEVEL
+        for part, memory, durations, rows in parts:
+            if self._support is not None and self._ground is not None:
+                surface = self._support.local_surface(self._ground, states[part][0], level=self._surface)
+                height, slope = surface.height, surface.slope
+            wrenches_in_time(
+                self._plates,
+                self._law,
+                states[part],
+                durations,
+                memory,
+                mobilization_length=self._length,
+                surface_height=height,
+                slope=slope,
+                out=rows,
+            )
 
     @property
     def stiffness(self) -> Array:
@@ -124,24 +130,19 @@ class GrainsBatch:
     def reset(self, bodies: ArrayLike | None = None) -> None:
         """Level beds that remember nothing: those of all bodies, or of these indices."""
         chosen = slice(None) if bodies is None else np.asarray(bodies)
-        for name, array in self._memory.arrays.items():
+        for name, array in self._remembered.items():
             array[chosen] = self._start[name][chosen]
 
-    def copy_from(self, other: "GrainsBatch") -> None:
-        """Remember what other grains of the same tool and number of bodies remember."""
-        self._memory.copy_from(other._memory)
-
     def state(self) -> GrainsState:
-        """A copy of what the grains remember, by name; picklable."""
-        return {name: array.copy() for name, array in self._memory.arrays.items()}
+        """A copy of what the grains remember, a row for each body; picklable."""
+        return {name: array.copy() for name, array in self._remembered.items()}
 
     def restore(self, state: GrainsState) -> None:
         """Go back to a state of these grains, or of others of the same tool and number of bodies."""
-        arrays = self._memory.arrays
-        if {n: a.shape for n, a in arrays.items()} != {n: a.shape for n, a in state.items()}:
+        if {n: a.shape for n, a in self._remembered.items()} != {n: a.shape for n, a in state.items()}:
             raise ValueError("state is of other bodies; restore what state() of grains like these returned")
         for name, array in state.items():
-            np.copyto(arrays[name], array)
+            np.copyto(self._remembered[name], array)
 
 
 class Grains:
@@ -180,7 +181,7 @@ class Grains:
         """The wrench to hold over the next `dt` [s]: force [N] and torque [N m], shape [6], world axes.
 
         Pose of the body frame [m], quaternion xyzw, and twist of its origin now, shape [6]: linear [m/s] and angular
-        [rad/s], world axes. The torque is about the origin. Raises ValueError as `GrainsBatch.step`.
+        [rad/s], world axes. The torque is about the origin. Else as `GrainsBatch.step`.
         """
         wrench: Array = self._one.step(np.hstack([position, quaternion, twist]), dt)[0]
         return wrench
@@ -190,10 +191,3 @@ class Grains:
         """`GrainsBatch.stiffness` of the one body, in its units, shape [6, 6]."""
         stiffness: Array = self._one.stiffness[0]
         return stiffness
-
-
-def _checked(states: ArrayLike) -> Array:
-    """States as the kernel takes them, not changed where `checked_states` would only round a quaternion's length."""
-    given = np.array(states, dtype=np.float64, ndmin=2)
-    checked = checked_states(given)
-    return given if np.abs(given[:, 3:7] - checked[:, 3:7]).max(initial=0.0) < 1e-9 else checked

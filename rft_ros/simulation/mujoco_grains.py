@@ -8,20 +8,89 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
-from rft_ros.rft import Law, alpha_y_model, medium_named, treers2021
-from rft_ros.rft.arguments import number
+from rft_ros.rft import Law, alpha_y_model, medium_named, rotation_matrix, treers2021
 from rft_ros.rft.compilation import machine_code
 from rft_ros.simulation.coupling import held, measure, move, put
 from rft_ros.simulation.grains import GrainsBatch, GrainsState
 from rft_ros.tool import Tool, load_tool, tool_of_mesh
 
-__all__ = ["MujocoGrains", "import_mujoco"]
+__all__ = ["MujocoBody", "MujocoGrains", "import_mujoco"]
 
 _STRIDE = 1 / 30
 """Path of the body within a substep over the mobilization length: the depth at which bodies come to rest then depends
 on the time step by less than 10 %."""
 
 _MOST = 40  # substeps
+
+
+def import_mujoco() -> Any:
+    """The module, or InputError with the command that installs it."""
+    try:
+        import mujoco  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise InputError(f"rft_ros.simulation needs MuJoCo here ({error}); run pip install mujoco") from None
+    return mujoco
+
+
+class MujocoBody:
+    """A body of a model: its motion and inertia, and a wrench that it feels.
+
+    `state`: shape [13], columns and units of `rft_ros.rft.STATE`. `inverse`: A of `held`, shape [6, 6]; `free`: its
+    acceleration without the wrench, shape [6]; `wrench`: [N], [N m], shape [6], about its origin. All world axes.
+    """
+
+    def __init__(self, model: Any, body: int) -> None:
+        self._mujoco, self.model, self.body = import_mujoco(), model, body
+        self._option = model.opt
+        self._none = self._mujoco.mjtStage.mjSTAGE_NONE
+        self._jacobian, self._solved = np.zeros((2, 6, int(model.nv)))
+        self._linear, self._angular = self._jacobian[:3], self._jacobian[3:]
+        self.state, self.inverse, self.free = np.zeros((1, 13)), np.zeros((6, 6)), np.zeros(6)
+        self.twist, self.wrench, self.after = self.state[0, 7:], np.zeros(6), np.zeros(6)
+        self._bind(self._mujoco.MjData(model))
+        # numba's look-up of machine code by the arguments' types takes 1.7 us
+        row, sums = np.zeros(19), np.zeros(10)
+        self._measure: Any = machine_code(measure, self._measured)
+        step = row, sums, self.inverse, self.twist, self.free, 0.1, 0.1, self.wrench, self.after
+        self._held: Any = machine_code(held, step)
+        self._put = machine_code(put, (self.wrench, *self._places))
+
+    def _bind(self, data: Any) -> None:
+        """Take the arrays of `data`, which stay where they are."""
+        self._data, b = data, self.body
+        self._places = data.xpos[b], data.xipos[b], data.xfrc_applied[b]
+        joints = self._jacobian, self._solved, data.qvel, data.qacc
+        self._measured = data.xpos[b], data.xquat[b], *joints, self.state[0], self.inverse, self.free
+
+    def measure(self, data: Any) -> None:
+        """Take the motion and inertia now. Computes the forward dynamics without the wrench."""
+        if data is not self._data:
+            self._bind(data)
+        self._places[2].fill(0.0)
+        mujoco, model = self._mujoco, self.model
+        mujoco.mj_forwardSkip(model, data, self._none, 1)
+        mujoco.mj_jacBody(model, data, self._linear, self._angular, self.body)
+        mujoco.mj_solveM(model, data, self._solved, self._jacobian)
+        if not self._measure(*self._measured):
+            raise ValueError("the data has a position, velocity or acceleration that is not finite; reset it")
+
+    def hold(self, row: NDArray[np.float64], sums: NDArray[np.float64], h: float, reach: float) -> float:
+        """Let it feel the wrench of `held` over the next h [s]; returns the longest path [m]."""
+        step = row, sums, self.inverse, self.twist, self.free, h, reach, self.wrench, self.after
+        path: float = self._held(*step)
+        self._put(self.wrench, *self._places)
+        return path
+
+    @property
+    def timestep(self) -> float:
+        """The model's, [s]."""
+        step: float = self._option.timestep
+        return step
+
+    def feel(self, wrench: NDArray[np.float64]) -> None:
+        """Let it feel this wrench, shape [6]."""
+        self.wrench[:] = wrench
+        self._put(self.wrench, *self._places)
 
 
 class MujocoGrains:
@@ -44,7 +113,7 @@ class MujocoGrains:
     `body`: its name. Its shape: the body's mesh geoms, or `mesh`, a file as for `load_tool`, in the body frame, with
     `scale` in metres per unit; reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains:
     `medium`, `zeta`, `alpha_y` (a model's name) or a `law` of your own; `mobilization_length` [m]; `surface_height` [m]
-    where `ground` knows nothing. `implicit` False: hold the wrench of the step's begin, as from `Grains`.
+    where `ground` knows nothing. `implicit` False: the wrench of `Grains`, which knows no inertia.
     One object serves one `MjData`. It starts anew when the data's time goes back, as after `mj_resetData`; call `reset`
     after other jumps. Raises InputError or ValueError that names the argument that cannot be used.
     """
@@ -66,54 +135,35 @@ class MujocoGrains:
         tolerance: float = 0.025,
         implicit: bool = True,
     ) -> None:
-        self._mujoco = import_mujoco()
-        self._model = model
-        self._body = int(self._mujoco.mj_name2id(model, self._mujoco.mjtObj.mjOBJ_BODY, body))
-        if self._body < 1:
-            raise InputError(f"body '{body}' is not in the model; it has {', '.join(_names(model))}")
+        mujoco = import_mujoco()
+        number = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body))
+        if number < 1:
+            names = ", ".join(model.body(k).name for k in range(1, model.nbody))
+            raise InputError(f"body '{body}' is not in the model; it has {names}")
+        self._body = MujocoBody(model, number)
         if mesh is None:
-            self.tool = _tool_of_body(model, self._body, body, tolerance)
+            self.tool = _tool_of_body(model, number, body, tolerance)
         else:
             self.tool = load_tool(mesh, scale=scale, tolerance=tolerance)
         if law is None:
             found = medium_named(medium)
             law = treers2021(found, alpha_y_model(alpha_y, found), zeta=zeta)
-        self._options: dict[str, Any] = {
-            "mobilization_length": mobilization_length,
-            "surface_height": surface_height,
-            "ground": ground,
-        }
-        self._grains = GrainsBatch(self.tool, law, bodies=1, **self._options)
-        self._ahead = GrainsBatch(self.tool, law, bodies=1, **self._options)
-        self._implicit, self._surface = implicit, self._grains.surface_height
-        self._stride = _STRIDE * number("mobilization_length", mobilization_length)
-        self._time = -math.inf
-        self._late: NDArray[np.float64] | None = None
-        nv = int(model.nv)
-        self._jacobian, self._solved = np.zeros((6, nv)), np.zeros((6, nv))
-        self._linear, self._angular = self._jacobian[:3], self._jacobian[3:]
-        self._none = self._mujoco.mjtStage.mjSTAGE_NONE
-        self._state, self._inverse, self._free = np.zeros((1, 13)), np.zeros((6, 6)), np.zeros(6)
-        self._after = np.zeros(6)
-        self.wrench = np.zeros(6)
+        self._grains, self._ahead = (
+            GrainsBatch(
+                self.tool,
+                law,
+                bodies=1,
+                mobilization_length=mobilization_length,
+                surface_height=surface_height,
+                ground=ground,
+            )
+            for _ in range(2)
+        )
+        self._implicit, self._surface, self._stride = implicit, float(surface_height), _STRIDE * mobilization_length
+        self.wrench = self._body.wrench
         """Held over the current step: force [N], torque about the body frame's origin [N m], shape [6], world axes."""
-        self._state[0, 6] = 1.0
-        self._compile()
+        self._past = np.zeros(8)  # time; whether the last step had substeps; what of its wrench acts in the next one
         self.reset()
-
-    def _compile(self) -> None:
-        """Machine code for the arrays of this object and of any data of the model: numba's dispatch takes 1.7 us."""
-        data, b = self._mujoco.MjData(self._model), self._body
-        place, row = data.xpos[b], self._grains.advance(self._state, 0.0)[0]
-        joints = self._jacobian, self._solved, data.qvel, data.qacc
-        self._measure: Any = machine_code(
-            measure, (place, data.xquat[b], *joints, self._state[0], self._inverse, self._free)
-        )
-        twist, sums = self._state[0, 7:], self._grains.sums[0]
-        self._held: Any = machine_code(
-            held, (row, sums, self._inverse, twist, self._free, 0.1, 0.1, self.wrench, self._after)
-        )
-        self._put: Any = machine_code(put, (self.wrench, place, data.xipos[b], data.xfrc_applied[b]))
 
     def apply(self, data: Any) -> NDArray[np.float64]:
         """Write the grains' wrench for the next step to ``data.xfrc_applied[body]``.
@@ -123,58 +173,48 @@ class MujocoGrains:
         Call it before each `mj_step`, with any integrator. It computes the forward dynamics of `data` without the
         grains. Raises ValueError if they are not finite.
         """
-        mujoco, model, body = self._mujoco, self._model, self._body
-        applied, origin = data.xfrc_applied[body], data.xpos[body]
-        applied.fill(0.0)
-        mujoco.mj_forwardSkip(model, data, self._none, 1)
-        mujoco.mj_jacBody(model, data, self._linear, self._angular, body)
-        mujoco.mj_solveM(model, data, self._solved, self._jacobian)
-        velocity = self._jacobian, self._solved, data.qvel, data.qacc
-        if not self._measure(origin, data.xquat[body], *velocity, self._state[0], self._inverse, self._free):
-            raise ValueError("the data has a position, velocity or acceleration that is not finite; reset it")
-        now = data.time
-        if now < self._time:
+        body, now = self._body, data.time
+        body.measure(data)
+        if now < self._past[0]:
             self.reset()
-        row = self._grains.advance(self._state, max(now - self._time, 0.0))[0]
-        self._time = now
-        if self._implicit:
-            self._hold(row, model.opt.timestep)
-        else:
-            self.wrench[:] = row[:6]
-        self._put(self.wrench, origin, data.xipos[body], applied)
+        since, self._past[0] = now - self._past[0], now
+        if not self._implicit:
+            body.feel(self._grains.step(body.state, max(since, 1e-9))[0])
+            return self.wrench
+        h, reach, lagging = body.timestep, self.tool.plates.reach, self._past[1] > 0.0
+        row = self._grains.advance(body.state, since)[0]
+        path = body.hold(row, self._grains.sums[0], h, reach)
+        in_air = row[6] == 0.0 and body.state[0, 2] - self._surface > reach + path
+        if lagging or (path > self._stride and not in_air):
+            self._substeps(row, h, path, lagging)
         return self.wrench
 
-    def _hold(self, row: NDArray[np.float64], dt: float) -> None:
-        """The wrench to hold over dt [s], in substeps where the body moves far.
+    def _substeps(self, row: NDArray[np.float64], dt: float, path: float, lagging: bool) -> None:
+        """The wrench to hold over dt [s] where the body moves far, from substeps.
 
-        In substeps the body's path counts: a step of MuJoCo's moves the body by dt times its twist at the end, which
-        is therefore that of the step's middle, and the twist now lags by half a step.
+        There the body's path counts: a step of MuJoCo's moves the body by dt times its twist at the end, which is
+        therefore that of the step's middle, and the twist now lags by half a step.
         """
-        twist, w, reach = self._state[0, 7:], self.wrench, self.tool.plates.reach
-        path = self._held(row, self._grains.sums[0], self._inverse, twist, self._free, dt, reach, w, self._after)
-        if self._late is None and (
-            path <= self._stride or (row[6] == 0.0 and self._state[0, 2] - self._surface > reach + path)
-        ):
-            return
-        late = 0.5 * row[:6] if self._late is None else self._late
-        lag = 0.5 * dt * self._free + self._inverse @ (dt * late)
-        path = max(path, dt * (np.linalg.norm(lag[:3]) + reach * np.linalg.norm(lag[3:])))
+        body, ahead, reach = self._body, self._ahead, self.tool.plates.reach
+        late = self._past[2:].copy() if lagging else 0.5 * row[:6]
+        lag = 0.5 * dt * body.free + body.inverse @ (dt * late)
+        path = max(path, dt * float(np.linalg.norm(lag[:3]) + reach * np.linalg.norm(lag[3:])))
+        self._past[1] = path > self._stride
         if path <= self._stride:
-            self._late = None
             return
         n = min(max(math.ceil(path / self._stride), 2), _MOST)
-        ahead, h = self._ahead, dt / n
-        ahead.copy_from(self._grains)
-        state, here, twist = self._state.copy(), row.copy(), twist + lag
-        total, self._late = late, np.zeros(6)
+        h = dt / n
+        ahead.restore(self._grains.state())
+        state, here, twist, total = body.state.copy(), row.copy(), body.twist + lag, late
+        self._past[2:] = 0.0
         for k in range(n):
-            held(here, ahead.sums[0], self._inverse, twist, self._free, h, reach, w, self._after)
-            twist = self._after.copy()
-            total = total + (n - k - 0.5) / n**2 * w
-            self._late += (k + 0.5) / n**2 * w
+            held(here, ahead.sums[0], body.inverse, twist, body.free, h, reach, body.wrench, body.after)
+            twist = body.after.copy()
+            total = total + (n - k - 0.5) / n**2 * body.wrench
+            self._past[2:] += (k + 0.5) / n**2 * body.wrench
             move(state[0], twist, h)
             here = ahead.advance(state, h)[0]
-        w[:] = total
+        body.feel(total)
 
     @property
     def stiffness(self) -> NDArray[np.float64]:
@@ -184,37 +224,22 @@ class MujocoGrains:
     def reset(self) -> None:
         """A level bed that remembers nothing."""
         self._grains.reset()
-        self._time, self._late = -math.inf, None
+        self._past[:] = 0.0
+        self._past[0] = -math.inf
 
-    def state(self) -> tuple[float, GrainsState]:
-        """A copy of what the grains remember, and the time; picklable. For rollouts, beside `mj_getState`."""
-        return self._time, self._grains.state()
+    def state(self) -> GrainsState:
+        """A copy of what the grains remember; picklable. For rollouts, beside `mj_getState`."""
+        return {**self._grains.state(), "past": self._past.copy()}
 
-    def restore(self, state: tuple[float, GrainsState]) -> None:
+    def restore(self, state: GrainsState) -> None:
         """Go back to what `state` returned."""
-        time, remembered = state
-        self._grains.restore(remembered)
-        self._time = time
-
-
-def import_mujoco() -> Any:
-    """The module, or InputError with the command that installs it."""
-    try:
-        import mujoco  # type: ignore[import-untyped]
-    except ImportError as error:
-        raise InputError(f"rft_ros.simulation needs MuJoCo here ({error}); run pip install mujoco") from None
-    return mujoco
-
-
-def _names(model: Any) -> list[str]:
-    return [model.body(k).name for k in range(1, model.nbody)]
+        self._grains.restore({name: array for name, array in state.items() if name != "past"})
+        self._past[:] = state["past"]
 
 
 def _tool_of_body(model: Any, body: int, name: str, tolerance: float) -> Tool:
     """The body's mesh geoms in the body frame, as one tool."""
     import trimesh
-
-    from rft_ros.rft import rotation_matrix
 
     parts = []
     for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
