@@ -351,7 +351,7 @@ def study() -> StudyResult:
                     errors = [error(run, out) for run, out in zip(runs, results, strict=True)]
                     cells.append(percent(100.0 * np.mean(errors)))
                 count = np.sum([coverage(r, out) for r, out in zip(runs, results, strict=True)], axis=0)
-                shares += f"{' / ' if shares else ''}{100 * count[0] / count[2]:.0f}, {100 * count[1] / count[2]:.0f} %"
+                shares += f"{' / ' if shares else ''}{100 * count[0] / count[2]:.0f}, {100 * count[1] / count[2]:.0f}"
             rows.append((f"{title}; {choice.name}", *cells, shares))
         passes = dem_series(PASSES, choice)
         each = [pass_errors(passes, passes.rows[:, :3])] + [
@@ -381,7 +381,7 @@ def study() -> StudyResult:
         "what",
         "fixed model",
         *(f"learned, {1e3 * lag:g} mm before" for lag in LAGS),
-        "within 1σ, 2σ (fixed / 2 / 5 mm)",
+        "within 1σ, 2σ [%] (fixed / 2 / 5 mm)",
     )
     return StudyResult(
         name="learning",

@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from rft_ros.cli import parser
+from rft_ros.commands.options import BAG
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import PARAMETERS, Parameter, Value
@@ -100,7 +101,8 @@ def _command(name: str, command: argparse.ArgumentParser, described: dict[str, s
     """The section of a command. What an argument above has described, by its help in `described`, is not repeated."""
     rows, as_above, as_parameters = [], [], []
     for action in _arguments(command):
-        typed, meaning = f"`{', '.join([*action.option_strings[:-1], _named(action)])}`", action.help or ""
+        typed = f"`{', '.join([*action.option_strings[:-1], _named(action)])}`"
+        meaning = (action.help or "").replace(BAG, "recording")
         if any(option in _AS_PARAMETERS for option in action.option_strings):
             as_parameters.append(typed)
         elif meaning not in described:
@@ -127,7 +129,7 @@ def commands_page() -> str:
         "# Commands\n\n<!-- made by python docs/_site/reference_pages.py from rft_ros/cli.py -->\n",
         "Only `rft demo`, and `rft doctor` without `--bag`, need ROS. After `colcon build`, type `ros2 run rft_ros rft`"
         " instead of `rft`.\n",
-        f"Every error is one sentence on stderr. Exit status: {status}\n",
+        f"Every error is one sentence on stderr. Exit status: {status} A recording is a {BAG}.\n",
     ]
     described: dict[str, str] = {}
     return "\n".join([*head, *(_command(name, command, described) for name, command in commands.items())])

@@ -41,9 +41,8 @@ def _reduce_options(command: argparse.ArgumentParser) -> None:
     most = "at most this many plates, regardless of the error (default: --tolerance decides)"
     options.add(size, "--plates", "N", most, type=int)
     scene = (
-        "choose plates for these motions only: a states file as for rft predict, a recorded bag, or the name of a"
-        " family of motions (straight, plate_drag, oscillating_insertion, circumnutation) at its defaults (default: any"
-        " motion)"
+        "choose plates for these motions only: a states file, a recorded bag, or a family of motions (straight,"
+        " plate_drag, oscillating_insertion, circumnutation) (default: any motion)"
     )
     options.add(command, "--scene", "STATES.csv|BAG|FAMILY", scene)
     file = "for a recorded bag: the node's parameter file"

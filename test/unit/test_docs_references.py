@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from rft_ros.cli import parser
+from rft_ros.commands.options import BAG
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import defaults, read_parameter_file
@@ -46,7 +47,9 @@ def test_every_option_of_every_command_is_described_there_or_as_a_parameter(page
         for action in command._actions:
             if action.dest != "help":
                 assert all(option in section for option in action.option_strings), (name, action.dest)
-                assert action.help in text or set(action.option_strings) & set(pages._AS_PARAMETERS)
+                assert action.help.replace(BAG, "recording") in text or set(action.option_strings) & set(
+                    pages._AS_PARAMETERS
+                )
 
 
 def test_every_reason_and_quality_flag_has_a_row(pages):
