@@ -1,4 +1,9 @@
-"""How the tool moves at a pose: its velocity, from twists or from the poses themselves, and the path behind it."""
+"""How the tool moves at a pose: its velocity, from twists or from the poses themselves, and the path behind it.
+
+The velocity from poses is the slope, at the newest, of a parabola fitted to the last ones on SE(3). This end derivative
+of Savitzky and Golay (Analytical Chemistry 36, 1964) has no lag under constant acceleration. The parabola spans as many
+poses as the noise of the poses lets look like one: over a turn of the motion it would overshoot.
+"""
 
 import math
 from collections import deque
@@ -10,14 +15,25 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector
 from rft_ros.estimator.transforms import Placement
-from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.parameters import Settings
 from rft_ros.rft import STATE
+from rft_ros.rft.compilation import compiled, inlined
 
-__all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
+__all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion", "PoseDifference"]
 
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons of poses whose velocity is unknown."""
+
+_CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
+_FEWEST, _FEWEST_OF_PARABOLA = 3, 5
+_MISFITS = 256
+# of chi-squared with 3 degrees of freedom: high, since jitter of stamps gives outliers, but turns count little
+_QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
+_UNLIKELY = 8.0  # standard deviations of chi-squared; a false alarm costs a noisy slope
+_MOVES = 40.0  # chi-squared of 1e-8: noise taken for motion at rest lets the grains go
+_ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
+_THIN = 1.0 / 64.0  # of the window: poses of its older part that are closer do not count
+_REFRESH = 16  # misfits between two estimates of the noise, and before the first
 
 
 class Motion(NamedTuple):
@@ -43,9 +59,8 @@ class Kinematics:
     def __init__(self, settings: Settings, twists: deque[TwistSample], reach: float) -> None:
         self.reach = reach
         self._twists = twists
-        self._difference = PoseDifference()
-        self._before: Motion | None = None
-        self.use(settings)
+        self._settings = settings
+        self.begin_again()
 
     def use(self, settings: Settings) -> None:
         """Take new settings."""
@@ -57,9 +72,9 @@ class Kinematics:
 
     def begin_again(self) -> None:
         """Forget the motion so far: a new run, or new axes."""
-        self._difference.reset()
-        self._before = None
-        self._due = 0
+        self._difference = PoseDifference()
+        self._before: Motion | None = None
+        self.use(self._settings)
 
     def at(self, pose: PoseSample) -> Motion:
         """The motion at a pose; `RefusedError` if it has no velocity, or comes sooner than `max_rate` allows."""
@@ -82,8 +97,7 @@ class Kinematics:
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
         """Linear and angular velocity at a pose, world axes; or why it has none."""
         if self._settings.twist_source == "pose_difference":
-            ready, twist = self._difference.push(pose), self._difference.twist.tolist()
-            return twist if ready else Reason.POSE_HISTORY_SHORT
+            return self._difference.twist.tolist() if self._difference.push(pose) else Reason.POSE_HISTORY_SHORT
         for sample in reversed(self._twists):
             if sample.stamp <= pose.stamp:
                 break
@@ -111,3 +125,154 @@ class Kinematics:
         cosine = abs(sum(a * b for a, b in zip(pose.quaternion, last.quaternion, strict=True)))
         path = math.dist(pose.position, last.position) + self.reach * 2.0 * math.acos(min(cosine, 1.0))
         return path, path / mean
+
+
+class PoseDifference:
+    """A ring of the last poses, and `twist` at the newest: vx, vy, vz, wx, wy, wz [m/s], [rad/s], world axes.
+
+    A twist that the noise of the poses explains is zero.
+    """
+
+    def __init__(self) -> None:
+        self.twist = np.zeros(6)
+        self._stamps, self._ring = np.zeros(_CAPACITY, dtype=np.int64), np.zeros((_CAPACITY, 7))
+        self._misfits, self._stored = np.zeros((2, _MISFITS)), np.zeros(2, dtype=np.int64)
+        self._noise = np.full(2, np.inf)
+        self._times, self._places = np.zeros(_CAPACITY), np.zeros((6, _CAPACITY))
+        self._newest = -1
+        self.span(window=0.0, max_age=0.0)
+
+    def span(self, *, window: float, max_age: float) -> None:
+        """Fit to the poses of the last `window` [s], at least three, none over `max_age` [s] from the one before."""
+        self._window, self._gap = round(1e9 * window), round(1e9 * max_age)
+
+    def push(self, pose: PoseSample) -> bool:
+        """Add a pose; whether there are enough for `twist`."""
+        self._newest = (self._newest + 1) % _CAPACITY
+        self._stamps[self._newest] = pose.stamp
+        self._ring[self._newest] = pose.position + pose.quaternion
+        t, x = self._times, self._places
+        n: int = _recent(self._stamps, self._ring, self._newest, self._window, self._gap, t, x)
+        if n > 1:
+            _fit(t, x, n, self._noise, self.twist)
+        if n > 3:
+            _learn_noise(t, x, self._misfits, self._stored, self._noise)
+        return n >= _FEWEST
+
+
+@inlined
+def _rotation_vector(row, ax, ay, az, aw):  # type: ignore[no-untyped-def]
+    """Rotation from an attitude, whose conjugate is a, to that of a pose."""
+    bx, by, bz, bw = row[3], row[4], row[5], row[6]
+    rx = bw * ax + bx * aw + by * az - bz * ay
+    ry = bw * ay - bx * az + by * aw + bz * ax
+    rz = bw * az + bx * ay - by * ax + bz * aw
+    rw = bw * aw - bx * ax - by * ay - bz * az
+    square = rx * rx + ry * ry + rz * rz
+    if square < 2.5e-5:
+        scale = math.copysign(2.0 + square / 3.0 + 0.15 * square * square, rw)  # of the arcsine; exact to 1e-15
+    else:
+        sine = math.copysign(math.sqrt(square), rw)
+        scale = 2.0 * math.atan2(sine, abs(rw)) / abs(sine)
+    return rx * scale, ry * scale, rz * scale
+
+
+@compiled
+def _recent(stamps, ring, newest, window, gap, t, x):  # type: ignore[no-untyped-def]
+    """Write times [s] and places relative to the newest pose, newest first; return how many, 3 or more if there are.
+
+    `stamps`, `window`, `gap` [ns]; a stamp is 0 where there is no pose. `ring`: rows position, quaternion xyzw. `x`:
+    positions and rotation vectors in world axes, shape [6, n].
+    """
+    ax, ay, az, aw = -ring[newest, 3], -ring[newest, 4], -ring[newest, 5], ring[newest, 6]
+    younger, n = stamps[newest], 0
+    for back in range(len(stamps)):
+        at = (newest - back) % len(stamps)
+        age = stamps[newest] - stamps[at]  # of integers: independent of the epoch
+        if stamps[at] == 0 or younger - stamps[at] > gap or (age > window and n >= _FEWEST):
+            break
+        younger = stamps[at]
+        if n > _FEWEST_OF_PARABOLA and t[n - 1] + 1e-9 * age < _THIN * 1e-9 * window:
+            continue
+        t[n] = -1e-9 * age
+        for k in range(3):
+            x[k, n] = ring[at, k] - ring[newest, k]
+        x[3, n], x[4, n], x[5, n] = _rotation_vector(ring[at], ax, ay, az, aw)
+        n += 1
+    return n
+
+
+@inlined
+def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
+    """Least squares of a parabola to the newest n poses: write its slopes at the newest, shape [6], to `slopes`.
+
+    Writes the sums of squared misfits of position and rotation to `squares`; returns the variance of a slope in
+    variances of one pose. With polynomials in time that are orthogonal over the poses: 1, u, q = u² - skew u - mean.
+    """
+    u = t[:n] - t[:n].mean()
+    uu = (u * u).sum()
+    skew = (u * u * u).sum() / uu
+    q = u * u - skew * u - uu / n
+    qq = (q * q).sum()
+    bend = 2.0 * u[0] - skew  # dq/dt at the newest pose
+    squares[:] = 0.0
+    for k in range(6):
+        y = x[k, :n]
+        a, b, c = y.mean(), (y * u).sum() / uu, (y * q).sum() / qq
+        slopes[k] = b + c * bend
+        squares[k // 3] += ((y - a - b * u - c * q) ** 2).sum()
+    return 1.0 / uu + bend * bend / qq
+
+
+@compiled
+def _fit(t, x, n, noise, twist):  # type: ignore[no-untyped-def]
+    """Write the slopes of the longest parabola whose misfit the `noise` explains to `twist`.
+
+    Of fewer than five poses it takes the line through the newest two. A twist that the noise explains is zero.
+    """
+    squares, unlike = np.empty(2), True
+    while unlike and n >= _FEWEST_OF_PARABOLA:
+        factor = _end_slopes(t, x, n, twist, squares)
+        free = 3.0 * (n - 3)
+        unlike = max(squares[0] / noise[0], squares[1] / noise[1]) > free + _UNLIKELY * math.sqrt(2.0 * free)
+        n = 4 * n // 5
+    if unlike:
+        factor = 2.0 / (t[1] * t[1])
+        for k in range(6):
+            twist[k] = x[k, 1] / t[1]
+    still = True
+    for g in range(2):
+        square = twist[3 * g] ** 2 + twist[3 * g + 1] ** 2 + twist[3 * g + 2] ** 2
+        bound = _MOVES * noise[g] * factor
+        still = still and (square == 0.0 or square <= bound < np.inf)  # an attitude without noise does not move
+    if still:
+        twist[:] = 0.0
+
+
+@inlined
+def _misfit(t, x, g):  # type: ignore[no-untyped-def]
+    """Squared distance of pose 0, at the origin, from the parabola through poses 1 to 3, in variances of one pose."""
+    p, q, r = t[1], t[2], t[3]
+    a, b, c = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
+    square = 0.0
+    for k in range(3 * g, 3 * g + 3):
+        square += (a * x[k, 1] + b * x[k, 2] + c * x[k, 3]) ** 2
+    return square / (1.0 + a * a + b * b + c * c)
+
+
+@compiled
+def _learn_noise(t, x, misfits, stored, noise):  # type: ignore[no-untyped-def]
+    """Add the newest pose's misfits, of position [m²] and rotation [rad²], to the last ones, shape [2, n].
+
+    Zeros, which encoders with coarse steps give, do not count. `stored`: how many there were. Updates `noise`, the
+    variance of one coordinate of a pose, from a quantile that turns do not shift.
+    """
+    for g in range(2):
+        misfit = _misfit(t, x, g)
+        if misfit > 0.0:
+            misfits[g, stored[g] % _MISFITS] = misfit
+            stored[g] += 1
+            if stored[g] % _REFRESH == 0:
+                count = min(stored[g], _MISFITS)
+                quantile = np.sort(misfits[g, :count])[int(_QUANTILE * (count - 1))]
+                noise[g] = max(quantile / _CHI2_OF_QUANTILE, _ROUNDING)

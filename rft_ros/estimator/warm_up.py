@@ -15,9 +15,9 @@ from rft_ros.child_process import lower_priority, start_child
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator.motion import PoseDifference
 from rft_ros.estimator.quality import prior_belief
 from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
-from rft_ros.estimator.velocity import PoseDifference
 from rft_ros.ground import HeightMap
 from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import (

@@ -9,7 +9,7 @@ from rft_ros.calibration.memory_length import fit_memory_length, forces_in_time
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import turns_in_grains
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Settings, TwistSample
-from rft_ros.estimator.velocity import PoseDifference
+from rft_ros.estimator.motion import PoseDifference
 
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
 

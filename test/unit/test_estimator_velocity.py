@@ -10,7 +10,7 @@ from one_plate import LEVEL, SECOND, START, estimator, pose, twist
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Reason
-from rft_ros.estimator.velocity import PoseDifference
+from rft_ros.estimator.motion import PoseDifference
 
 MS = SECOND // 1000
 speeds = st.floats(-0.5, 0.5)
