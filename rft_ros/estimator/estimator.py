@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Tare
+from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Prediction, Tare
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, is_withdrawn, prior_belief
 from rft_ros.estimator.samples import (
@@ -38,7 +39,7 @@ __all__ = ["Estimator"]
 
 Array = NDArray[np.float64]
 
-_OF_SURFACE = ("surface_height", "world_frame", "tool_frame")  # settings that void what was learned of the surface
+_AXES = ("world_frame", "tool_frame")
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 _Sample = TypeVar("_Sample")
@@ -65,21 +66,19 @@ class Estimator:
         self.learning: Learning | None = None
         """What was learned of the medium; None while `learning_mode` is off."""
         self._background = background
-        self._intake = Intake(settings, self.counts, before_jump=self.finish)
+        self._comparison = Comparison(self.counts, self._learn)
+        self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
-        self._comparison = Comparison(self._intake.wrenches, self.counts, self._learn)
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
         self._ground = Ground(model.ground, model.tool.corners, background)
         self._pose: PoseSample | None = None  # the last that was taken
-        self._state = np.zeros((1, len(STATE)))
-        self._surface: LocalSurface | None = None
-        self._tare = Tare()
-        self._duration = np.zeros(1)
-        self._memory = _memory(model)
+        self._surface: LocalSurface | None = None  # at the last pose that was evaluated
+        self._state, self._duration = np.zeros((1, len(STATE))), np.zeros(1)
         self._result = np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
-        self._begin(model)
-        self._begin_learning()
-        self._use_settings(settings)
+        self._tare = Tare()
+        self._memory: Memory | None = None
+        self._begin()
+        self.use(settings=settings)
 
     # --- queries
 
@@ -99,13 +98,10 @@ class Estimator:
         """Depth of the lowest point below the surface at the last pose [m]: negative above it, NaN before any."""
         if self._pose is None:
             return math.nan
-        rotation = rotation_matrix(self._pose.quaternion)
-        if self._ground.map is not None:
-            height, (sx, sy), *_ = self.surface
-            x, y, z = (self.model.tool.corners @ rotation.T + self._pose.position).T
-            return float((height + sx * x + sy * y - z).max())
-        lowest = self._pose.position[2] + self.model.tool.lowest_point(rotation)
-        return self.settings.surface_height - lowest
+        height, (sx, sy), *_ = self.surface
+        up = np.array([-sx, -sy, 1.0])
+        lowest = (self.model.tool.corners @ (up @ rotation_matrix(self._pose.quaternion))).min()
+        return float(height - up @ self._pose.position - lowest)
 
     @property
     def surface(self) -> LocalSurface:
@@ -127,10 +123,7 @@ class Estimator:
         return True
 
     def unknown_frames(self) -> dict[str, str]:
-        """By reason: a sentence on the frames that it refused last under the present settings, and the expected ones.
-
-        Of a frame that transforms have linked since there is none.
-        """
+        """By reason: a sentence on the frames refused last under these settings, unless transforms link them now."""
         return self._intake.unknown_frames()
 
     def counted(self) -> list[str]:
@@ -147,57 +140,39 @@ class Estimator:
         all others, and what is told in their axes, with `world_frame` or `tool_frame`. Another tool keeps what was
         learned of the bed's strength; another medium or law clears it.
         """
-        old_model, old = self.model, self.settings
-        if model is not None:
-            self.model = model
-            if model.ground is not old_model.ground:
-                self._ground = Ground(model.ground, model.tool.corners, self._background)
-                self._surface = None
-            elif model.tool is not old_model.tool:
-                self._ground.use(model.tool.corners)
-            if model.tool is not old_model.tool:
-                self._kinematics.reach = model.tool.plates.reach
-                self._begin(model)
-            elif (model.mobilization_length > 0.0) != (self._memory is not None):
-                self._memory = _memory(model)
+        old, old_model = self.settings, self.model
+        self.settings, self.model = s, m = settings or old, model or old_model
+        self._surface = None
+        new_tool, new_axes = m.tool is not old_model.tool, any(getattr(s, n) != getattr(old, n) for n in _AXES)
         if settings is not None:
-            self._use_settings(settings)
-            if settings.load_cell != old.load_cell and self.learning is not None:
-                self.learning.forget_air()
-            if (settings.world_frame, settings.tool_frame) != (old.world_frame, old.tool_frame):
-                self._begin_again()
-        self._keep_or_begin_learning(old_model, old)
+            self._intake.use(s)
+            self._kinematics.use(s)
+            self._comparison.max_age = round(s.max_input_age * 1e9)
+            self._place_sensor()
+        if m.ground is not old_model.ground:
+            self._ground = Ground(m.ground, m.tool.corners, self._background)
+        elif new_tool:
+            self._ground.use(m.tool.corners)
+        if new_tool:
+            self._kinematics.reach = m.tool.plates.reach
+            self._begin()
+        elif (m.mobilization_length > 0.0) != (self._memory is not None):
+            self._memory = _memory(m)
+        if new_axes:
+            self._begin_again()
 
-    def _use_settings(self, settings: Settings) -> None:
-        self._intake.use(settings)
-        self.settings = settings
-        self._kinematics.use(settings)
-        self._comparison.max_age = round(settings.max_input_age * 1e9)
-        self._place_sensor()
-
-    def _keep_or_begin_learning(self, old_model: Model, old: Settings) -> None:
-        """After new settings or a new model: keep what was learned as far as it still holds.
-
-        A switch from or to off, or another error of ζ, begins again. Another law or mobilization length forgets.
-        Another tool, surface height or frame keeps the strength.
-        """
-        model, new, learning = self.model, self.settings, self.learning
-        if learning is None or new.learning_mode == "off" or new.zeta_error != old.zeta_error:
-            if (new.learning_mode, new.zeta_error) != (old.learning_mode, old.zeta_error):
-                self._begin_learning()
+        if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
+            error, on = s.zeta_error or _UNKNOWN_ZETA_ERROR, s.learning_mode != "off"
+            self.learning = Learning(lag=s.learning_lag, strength_error=error) if on else None
+        if (learning := self.learning) is None:
             return
-        learning.lag = new.learning_lag
-        learning.reach = model.tool.plates.reach
-        if not _same(model.law, old_model.law) or model.mobilization_length != old_model.mobilization_length:
+        learning.lag, learning.reach = s.learning_lag, m.tool.plates.reach
+        if s.load_cell != old.load_cell:
+            learning.forget_air()
+        if not _same(m.law, old_model.law) or m.mobilization_length != old_model.mobilization_length:
             learning.forget()
-        elif model.tool is not old_model.tool or any(getattr(new, n) != getattr(old, n) for n in _OF_SURFACE):
+        elif new_tool or new_axes or s.surface_height != old.surface_height:
             learning.leave()
-
-    def _begin_learning(self) -> None:
-        s = self.settings
-        error, reach = s.zeta_error or _UNKNOWN_ZETA_ERROR, self.model.tool.plates.reach
-        on = s.learning_mode != "off"
-        self.learning = Learning(lag=s.learning_lag, strength_error=error, reach=reach) if on else None
 
     def _place_sensor(self) -> None:
         """Take the sensor's place on the tool from fixed transforms, if the settings say so and they are known."""
@@ -209,15 +184,15 @@ class Estimator:
             self.settings = s = replace(s, load_cell=replace(s.load_cell, **found._asdict()))
         self._cell = LoadCellFrame(s.load_cell)
 
-    def _begin(self, model: Model) -> None:
+    def _begin(self) -> None:
         """Begin with a tool that has no path behind it."""
-        self._memory = _memory(model)
+        self._memory = _memory(self.model)
         self._withdrawal = Withdrawal()
-        self._quality = QualityMonitor(model.tool)
+        self._quality = QualityMonitor(self.model.tool)
 
     def _begin_again(self) -> None:
         """Begin a new run or in new axes: no path or memory, the ground at the start; the grains' strength stays."""
-        self._begin(self.model)
+        self._begin()
         self._kinematics.begin_again()
         self._ground.begin_again()
         self._surface = None
@@ -255,26 +230,20 @@ class Estimator:
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
         """Add a twist; returns the reason if it is refused."""
-        reason = self._refused(self._intake.twist, sample)
-        if reason is None:
-            self._comparison.settle(sample.stamp)
-        return reason
+        return self._refused(self._intake.twist, sample)
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:
         """Add a load-cell sample; returns the reason if it is refused."""
-        reason = self._refused(self._intake.wrench, sample)
-        if reason is None:
-            self._comparison.settle(sample.stamp)
-        return reason
+        return self._refused(self._intake.wrench, sample)
 
     def push_surface(self, cloud: Cloud) -> Reason | None:
         """Add points of the ground; returns the reason if they are refused.
 
         They change the ground at the first pose that is stamped `DELAY` or more after them.
         """
-        return self._refused(lambda c: self._intake.cloud(c, self._ground), cloud)
+        return self._refused(partial(self._intake.cloud, ground=self._ground), cloud)
 
-    def _refused(self, take: Callable[[_Sample], object], sample: _Sample) -> Reason | None:
+    def _refused(self, take: Callable[[_Sample], None], sample: _Sample) -> Reason | None:
         try:
             take(sample)
         except RefusedError as refused:
@@ -297,10 +266,10 @@ class Estimator:
         the grains or had an unknown velocity, or if there are too few load-cell samples.
         """
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
-        mean = self._tare.mean(self._intake.wrenches, window, rest_speed=rest, reach=reach)
+        mean = self._tare.mean(self._comparison.samples, window, rest_speed=rest, reach=reach)
         cell = self._cell or LoadCellFrame(self.settings.load_cell)
         _, weight, _ = cell.into_sensor(self._state[0, 3:7], np.zeros(12))
-        fx, fy, fz, tx, ty, tz = (m - cell.sign * w for m, w in zip(mean, weight, strict=True))
+        fx, fy, fz, tx, ty, tz = (mean - cell.sign * np.array(weight)).tolist()
         return fx, fy, fz, tx, ty, tz
 
     # --- poses
@@ -333,7 +302,7 @@ class Estimator:
             raise RefusedError(Reason.AT_REST)
         wrench, weight, sigma = cell.into_sensor(motion.state[0, 3:7], belief)
         self._state = motion.state
-        self._comparison.add(pose, wrench, weight, cell, in_air=not in_grains)
+        self._comparison.add(Prediction(pose, wrench, weight, cell, in_air=not in_grains))
         flags = self._quality.flags(
             motion, surface, self.settings, self.model.law, submerged=in_grains, depth=self.depth,
             withdraws=self._withdrawal.path > 0.0, learning=self.learning,
@@ -386,10 +355,11 @@ class Estimator:
             answer = self.learning.predict(stamp, model, step=path, passing=rises or fast, apply=apply)
         return self._withdrawal.widened(answer, motion.path, rises=rises, in_grains=in_grains)
 
-    def _learn(self, stamp: int, force: Array | None, repeated: bool, in_air: bool) -> None:
-        """Take a final comparison: the compensated force in world axes, shape [3], or None."""
+    def _learn(self, predicted: Prediction, force: Vector | None, repeated: bool) -> None:
+        """Take a final comparison: the compensated force in sensor axes, or None."""
         if self.learning is not None:
-            self.learning.learn(stamp, force, repeated=repeated, in_air=in_air)
+            world = None if force is None else predicted.cell.into_world(predicted.pose, force)
+            self.learning.learn(predicted.pose.stamp, world, repeated=repeated, in_air=predicted.in_air)
 
 
 def _memory(model: Model) -> Memory | None:

@@ -2,13 +2,14 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
 
+from rft_ros.estimator.load_cell import Comparison
 from rft_ros.estimator.samples import (
     ABSURD,
+    PATIENCE,
     TIME_JUMP,
     PoseSample,
     Reason,
@@ -24,13 +25,7 @@ from rft_ros.ground import DELAY, Cloud, Ground
 from rft_ros.parameters import Settings
 from rft_ros.rft import rotation_matrix, unit_quaternion
 
-__all__ = ["HISTORY", "PATIENCE", "Intake"]
-
-HISTORY = 8192
-"""Load-cell samples kept: 8 s of a 1 kHz stream. A pose older than all of them counts as without any."""
-
-PATIENCE = 1_000_000_000
-"""Time [ns] of other inputs' stamps to wait for a load-cell sample or a transform: a process may stall by less."""
+__all__ = ["Intake"]
 
 _TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
 _CLOUD_PERIOD = 190_000_000  # ns; clouds that follow sooner are not needed
@@ -48,15 +43,15 @@ _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 class Intake:
     """Takes samples; each method returns one that can be used, or raises `RefusedError` with the reason.
 
-    `twists`, `wrenches`: those kept, by stamp. A stamp that goes back by `TIME_JUMP` begins a new run: `before_jump` is
-    called, and then a history is cleared. `counts` gets the reasons for poses that transforms do not give.
+    `twists`: those kept, in the order of their stamps; load-cell samples go to `comparison`. A stamp that goes back by
+    `TIME_JUMP` begins a new run, without the samples before. `counts` gets the reasons for poses that transforms do not
+    give.
     """
 
-    def __init__(self, settings: Settings, counts: Counter[str], *, before_jump: Callable[[], None]) -> None:
+    def __init__(self, settings: Settings, counts: Counter[str], comparison: Comparison) -> None:
         self.transforms = Transforms()
         self.twists: deque[TwistSample] = deque(maxlen=_TWISTS)
-        self.wrenches: deque[WrenchSample] = deque(maxlen=HISTORY)
-        self._counts, self._before_jump = counts, before_jump
+        self._counts, self._comparison = counts, comparison
         self._pose = 0  # stamp of the last one
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._last_wanted = 0
@@ -69,8 +64,8 @@ class Intake:
         """Take new settings; samples in the axes of a frame that changes are dropped."""
         old, self._settings = self._settings, settings
         if settings.sensor_frame != old.sensor_frame:
-            self._before_jump()
-            self.wrenches.clear()
+            self._comparison.settle(math.inf)
+            self._comparison.samples.clear()
         if (settings.world_frame, settings.tool_frame) != (old.world_frame, old.tool_frame):
             self.twists.clear()
         self._unknown.clear()
@@ -78,7 +73,7 @@ class Intake:
 
     def begin_again(self, stamp: int) -> None:
         """Drop the samples of the run before a pose that jumped back to `stamp` [ns]."""
-        for history in (self.twists, self.wrenches):
+        for history in (self.twists, self._comparison.samples):
             if history and history[-1].stamp - stamp >= TIME_JUMP:
                 history.clear()
 
@@ -129,7 +124,7 @@ class Intake:
             sample = WrenchSample(sample.stamp, frame, there.wrench(sample.wrench))
         if not math.hypot(*sample.wrench) < ABSURD:
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
-        self._keep(self.wrenches, sample, Reason.WRENCH_OUT_OF_ORDER)
+        self._keep(self._comparison.samples, sample, Reason.WRENCH_OUT_OF_ORDER)
 
     def cloud(self, cloud: Cloud, ground: Ground) -> None:
         """Points of the ground, with the place of their frame in the world unless they are in its axes."""
@@ -165,9 +160,10 @@ class Intake:
         if 0 < behind < TIME_JUMP:
             raise RefusedError(late)
         if behind > 0:
-            self._before_jump()
+            self._comparison.settle(math.inf)
             history.clear()
         history.append(sample)
+        self._comparison.settle(sample.stamp)
 
     def unknown_frames(self) -> dict[str, str]:
         """By reason: a sentence on the frames refused last under these settings, unless transforms link them now."""

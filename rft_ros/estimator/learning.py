@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.medium_filter import FILTER, absorb, begin, begin_again, copy, correct, grow
+from rft_ros.estimator.samples import Vector
 from rft_ros.estimator.surprise import (
     FAULT,
     JUDGE,
@@ -238,7 +239,7 @@ class Learning:
         )  # fmt: skip
         return out
 
-    def learn(self, stamp: int, force: Array | None, *, repeated: bool = False, in_air: bool = False) -> None:
+    def learn(self, stamp: int, force: Array | Vector | None, *, repeated: bool = False, in_air: bool = False) -> None:
         """Take the compensated force [N] at a pose, world axes, shape [3]; None if there is none.
 
         `repeated`: the load cell's raw reading equals the one before, bit by bit. `in_air`: the tool touched nothing.

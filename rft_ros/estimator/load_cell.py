@@ -9,18 +9,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.intake import HISTORY, PATIENCE
-from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
+from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
+from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled
-from rft_ros.rft.frames import from_frame, into_frame, rotation
+from rft_ros.rft.frames import into_frame, rotation
 
-__all__ = ["GRAVITY", "Comparison", "LoadCellFrame", "Tare", "drift"]
+__all__ = ["GRAVITY", "Comparison", "LoadCellFrame", "Prediction", "Tare", "drift"]
 
 Array = NDArray[np.float64]
 
 GRAVITY = 9.80665
 """Standard gravity [m/s²] (ISO 80000-3)."""
+
+HISTORY = 8192
+"""Load-cell samples kept: 8 s of a 1 kHz stream. A pose older than all of them counts as without any."""
 
 _MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
 _FEWEST_FOR_TARE = 10
@@ -37,48 +40,35 @@ def _into_sensor(mount, quaternion, answer, out):  # type: ignore[no-untyped-def
     """
     tool = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     sensor = rotation(mount[3], mount[4], mount[5], mount[6])
-    fx, fy, fz = into_frame(tool, answer[0], answer[1], answer[2])
-    tx, ty, tz = into_frame(tool, answer[3], answer[4], answer[5])
     px, py, pz = mount[0], mount[1], mount[2]
-    tx, ty, tz = tx - (py * fz - pz * fy), ty - (pz * fx - px * fz), tz - (px * fy - py * fx)
-    out[0], out[1], out[2] = into_frame(sensor, fx, fy, fz)
-    out[3], out[4], out[5] = into_frame(sensor, tx, ty, tz)
-    wx, wy, wz = into_frame(tool, 0.0, 0.0, -mount[7])
-    wx, wy, wz = into_frame(sensor, wx, wy, wz)
+    turned = 0.0, 0.0, 0.0
+    for i in range(18):
+        out[i] = 0.0
+    for k in range(3):  # one world axis after another: in the sensor's axes, and its torque about the sensor's origin
+        x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+        turned = into_frame(sensor, x, y, z)
+        lever = into_frame(sensor, pz * y - py * z, px * z - pz * x, py * x - px * y)
+        for i in range(3):
+            out[i] += answer[k] * turned[i]
+            out[3 + i] += answer[k] * lever[i] + answer[3 + k] * turned[i]
+            out[12 + i] += (answer[6 + k] * turned[i]) ** 2
+            out[15 + i] += (answer[6 + k] * lever[i]) ** 2 + (answer[9 + k] * turned[i]) ** 2
+    wx, wy, wz = -mount[7] * turned[0], -mount[7] * turned[1], -mount[7] * turned[2]
     cx, cy, cz = mount[8], mount[9], mount[10]
     out[6], out[7], out[8] = wx, wy, wz
     out[9], out[10], out[11] = cy * wz - cz * wy, cz * wx - cx * wz, cx * wy - cy * wx
     for i in range(12, 18):
-        out[i] = 0.0
-    for k in range(3):  # one world component after another, through the same rotations and shift
-        x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
-        shifted = into_frame(sensor, py * z - pz * y, pz * x - px * z, px * y - py * x)
-        turned = into_frame(sensor, x, y, z)
-        force, torque = answer[6 + k] * answer[6 + k], answer[9 + k] * answer[9 + k]
-        for i in range(3):
-            out[12 + i] += force * turned[i] * turned[i]
-            out[15 + i] += force * shifted[i] * shifted[i] + torque * turned[i] * turned[i]
-    for i in range(12, 18):
         out[i] = math.sqrt(out[i])
-
-
-@compiled
-def _into_world(mount, quaternion, x, y, z, out):  # type: ignore[no-untyped-def]
-    tool = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-    sensor = rotation(mount[3], mount[4], mount[5], mount[6])
-    x, y, z = from_frame(sensor, x, y, z)
-    out[0], out[1], out[2] = from_frame(tool, x, y, z)
 
 
 class LoadCellFrame:
     """A load cell's mounting and tool weight, prepared once."""
 
     def __init__(self, cell: LoadCell) -> None:
-        self.sign = cell.sign
-        self.bias = cell.bias
+        self.sign, self.bias = cell.sign, cell.bias
+        self._place = Placement(cell.position, cell.quaternion)
         self._mount = np.array([*cell.position, *cell.quaternion, cell.mass * GRAVITY, *cell.center_of_mass])
         self._out = np.zeros(18)
-        self._force = np.zeros(3)
 
     def into_sensor(self, quaternion: Array, belief: Array) -> tuple[Wrench, Wrench, Wrench]:
         """In the sensor frame: the wrench, the weight's wrench, one standard deviation of the wrench.
@@ -89,14 +79,13 @@ class LoadCellFrame:
         a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q, r, s = self._out.tolist()
         return (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s)
 
-    def into_world(self, quaternion: tuple[float, float, float, float], force: Vector) -> Array:
-        """A force [N] given in sensor axes, in world axes, shape [3]; overwritten by the next call."""
-        _into_world(self._mount, quaternion, *force, self._force)
-        return self._force
+    def into_world(self, tool: PoseSample, force: Vector) -> Vector:
+        """A force [N] given in sensor axes, in world axes."""
+        return Placement(tool.position, tool.quaternion).rotate(self._place.rotate(force))
 
 
-class _Pending(NamedTuple):
-    """An estimate that waits for load-cell samples: prediction and weight in the sensor frame."""
+class Prediction(NamedTuple):
+    """What an estimate says that is compared with the load cell: prediction and weight in the sensor frame."""
 
     pose: PoseSample
     wrench: Wrench
@@ -110,52 +99,44 @@ class Comparison:
 
     The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns].
     Without a sample after the stamp, the last one before it counts; that is decided once another input carries a stamp
-    later by 1 s, or by `max_age` if that is longer. `samples`: the load cell's, in the order of their stamps; `counts`
-    gets the reasons. `learn` gets each final comparison: stamp, compensated force in world axes [N] or None, whether
-    the raw reading repeats the one before, and whether the tool was in the air.
+    later by 1 s, or by `max_age` if that is longer. `samples`: the load cell's, by stamp, which the intake adds.
+    `counts` gets the reasons; `learn` each prediction, the compensated force in sensor axes [N] or None, and whether
+    the raw reading repeats the one before.
     """
 
-    def __init__(
-        self,
-        samples: deque[WrenchSample],
-        counts: Counter[str],
-        learn: Callable[[int, Array | None, bool, bool], None],
-    ) -> None:
-        self._samples = samples
-        self._counts = counts
-        self._learn = learn
-        self._pending: deque[_Pending] = deque()
+    def __init__(self, counts: Counter[str], learn: Callable[[Prediction, Vector | None, bool], None]) -> None:
+        self.samples: deque[WrenchSample] = deque(maxlen=HISTORY)
+        self._counts, self._learn = counts, learn
+        self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
         self.max_age = 0
 
-    def add(self, pose: PoseSample, wrench: Wrench, weight: Wrench, cell: LoadCellFrame, *, in_air: bool) -> None:
-        """Add an estimate: the prediction and the weight in the sensor frame at a pose."""
+    def add(self, prediction: Prediction) -> None:
+        """Add what an estimate says."""
         if len(self._pending) >= _MOST_PENDING:
             self._final.append(self._measured(self._pending.popleft()))
-        self._pending.append(_Pending(pose, wrench, weight, cell, in_air))
-        self.settle(pose.stamp)
+        self._pending.append(prediction)
+        self.settle(prediction.pose.stamp)
 
     def settle(self, now: float) -> None:
         """Compare what can be compared; `now` [ns]: the stamp of the sample of any kind that has just come."""
         pending = self._pending
         if not pending:
             return
-        newest = self._samples[-1].stamp if self._samples else 0
+        newest = self.samples[-1].stamp if self.samples else 0
         late = now - max(self.max_age, PATIENCE)
         while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
             self._final.append(self._measured(pending.popleft()))
 
     def take(self) -> list[Measurement]:
         """The measurements that became final since the last call, in the order of the estimates."""
-        final = self._final
-        if final:
-            self._final = []
+        final, self._final = self._final, []
         return final
 
-    def _measured(self, pending: _Pending) -> Measurement:
-        (stamp, _, _, quaternion), predicted, weight, cell, in_air = pending
+    def _measured(self, prediction: Prediction) -> Measurement:
+        (stamp, *_), predicted, weight, cell, _ = prediction
         before = after = None
-        newest_first = reversed(self._samples)
+        newest_first = reversed(self.samples)
         for sample in newest_first:
             if sample.stamp <= stamp:
                 before = sample
@@ -164,7 +145,7 @@ class Comparison:
         if before is None or stamp - before.stamp > self.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason.value] += 1
-            self._learn(stamp, None, False, in_air)
+            self._learn(prediction, None, False)
             return Measurement(stamp, None, None, reason)
         neighbour = next(newest_first, None)  # the sample before `before`; a repeated reading equals it
         # written out by component: loops take twice as long. a, d: force and torque, as measured, then compensated;
@@ -182,8 +163,7 @@ class Comparison:
         wx, wy, wz, ux, uy, uz = weight
         ax, ay, az = sign * (ax - bx) - wx, sign * (ay - by) - wy, sign * (az - bz) - wz
         dx, dy, dz = sign * (dx - ex) - ux, sign * (dy - ey) - uy, sign * (dz - ez) - uz
-        repeated = neighbour is not None and neighbour.wrench == before.wrench
-        self._learn(stamp, cell.into_world(quaternion, (ax, ay, az)), repeated, in_air)
+        self._learn(prediction, (ax, ay, az), neighbour is not None and neighbour.wrench == before.wrench)
         residual = (ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz)
         return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 
@@ -206,8 +186,7 @@ class Tare:
 
     def __init__(self) -> None:
         self._poses: deque[PoseSample] = deque(maxlen=HISTORY)
-        self._disturbed = 0
-        self._disturbance = ""
+        self._disturbed, self._disturbance = 0, ""
 
     def disturb(self, stamp: int, what: str) -> None:
         """Note that a tare would be wrong at `stamp` [ns], and why."""
@@ -220,8 +199,8 @@ class Tare:
         else:
             self._poses.append(pose)
 
-    def mean(self, samples: deque[WrenchSample], window: float, *, rest_speed: float, reach: float) -> Wrench:
-        """Mean of the raw samples over the last `window` [s]; InputError says why a tare would be wrong now.
+    def mean(self, samples: deque[WrenchSample], window: float, *, rest_speed: float, reach: float) -> Array:
+        """Mean of the raw samples over the last `window` [s], shape [6]; InputError says why a tare would be wrong now.
 
         The tool must not drift faster than `rest_speed` [m/s]; `reach` of its plates [m].
         """
@@ -236,16 +215,14 @@ class Tare:
         if len(poses) < 2:
             raise InputError(f"{refused} no pose has shown the tool at rest")
         time = np.array([pose.stamp - start for pose in poses]) * 1e-9
-        speed = drift(time, np.array([(*pose.position, *pose.quaternion) for pose in poses]), reach)
+        speed = drift(time, np.array([pose.position + pose.quaternion for pose in poses]), reach)
         if speed >= rest_speed:
             raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
         if len(self._poses) == HISTORY:
             start = max(start, poses[0].stamp)
         used = [s.wrench for s in samples if s.stamp > start]
-        if len(used) < _FEWEST_FOR_TARE:
-            raise InputError(
-                f"tare refused: {len(used)} load-cell samples in the last {window:g} s; it needs {_FEWEST_FOR_TARE}"
-            )
-        n = len(used)
-        fx, fy, fz, tx, ty, tz = (sum(column) / n for column in zip(*used, strict=True))
-        return fx, fy, fz, tx, ty, tz
+        if (n := len(used)) < _FEWEST_FOR_TARE:
+            needed = f"it needs {_FEWEST_FOR_TARE}"
+            raise InputError(f"tare refused: {n} load-cell samples in the last {window:g} s; {needed}")
+        mean: Array = np.mean(used, axis=0)
+        return mean

@@ -27,46 +27,18 @@ class QualityFlag(IntFlag):
 
     NONE = 0
     FAST = 1
-    """Faster than 2.5 cm/s, the highest speed tested in the paper; with inertia faster than `inertial_speed`."""
     INERTIAL = 2
-    """Faster than `inertial_speed`: the inertia of the grains adds to the force, or more than was checked."""
     NEAR_REST = 4
-    """So slow that noise determines the direction of motion."""
     WAKE = 8
-    """The tool crosses its own path, where the grains are looser."""
     CONCAVE = 16
-    """Facets of the tool face each other; shadowed facets count in full."""
     WITHDRAWAL = 32
-    """The tool rises: the law pulls it down, where grains let go within a millimetre."""
     KNIFE_EDGE = 64
-    """Much of the wet area moves nearly parallel to itself: a degree decides how much of it leads."""
     DEEP = 128
-    """More than 2 % deeper than `medium.calibrated_depth`."""
     SURPRISE = 256
-    """Harder or softer grains than learned, by the load-cell samples that have arrived."""
     STEEP = 512
-    """The ground around the tool is tilted by over 15°."""
     UNEVEN = 1024
-    """The ground departs from a plane by over a quarter of the depth, as at a crest narrower than the tool."""
     DISAGREEMENT = 2048
-    """The load cell and the model disagree by more than grains explain: one of the issues of learning."""
     MESH = 4096
-    """The mesh is open, or has repeated or inverted facets; or its facets are too long for the published rule."""
-
-
-class Trust(str, Enum):
-    """Trust in an estimate."""
-
-    OK = "OK"
-    CAUTION = "CAUTION"
-    NO = "NO"
-
-
-def trust(quality_flags: int) -> Trust:
-    """The trust in an estimate with these flags, a bitwise or of `QualityFlag`."""
-    if quality_flags & QualityFlag.INERTIAL:
-        return Trust.NO
-    return Trust.CAUTION if quality_flags else Trust.OK
 
 
 _SENTENCES = {
@@ -86,6 +58,21 @@ _SENTENCES = {
 }
 
 
+class Trust(str, Enum):
+    """Trust in an estimate."""
+
+    OK = "OK"
+    CAUTION = "CAUTION"
+    NO = "NO"
+
+
+def trust(quality_flags: int) -> Trust:
+    """The trust in an estimate with these flags, a bitwise or of `QualityFlag`."""
+    if quality_flags & QualityFlag.INERTIAL:
+        return Trust.NO
+    return Trust.CAUTION if quality_flags else Trust.OK
+
+
 def flag_names(quality_flags: int) -> list[str]:
     """The names of the flags in outputs: ``fast``, ``wake``."""
     return [str(flag.name).lower() for flag in _SENTENCES if quality_flags & flag]
@@ -103,22 +90,6 @@ _NOISE, _NOISE_FLOOR = 0.035, 0.05  # of any component: share of the whole force
 _LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
-@compiled
-def _prior_belief(zeta_error, reach, model, answer):  # type: ignore[no-untyped-def]
-    for i in range(6):
-        answer[i] = model[i]
-    fx, fy, fz = answer[0], answer[1], answer[2]
-    flat, full = fx * fx + fy * fy, fx * fx + fy * fy + fz * fz
-    horizontal = zeta_error * zeta_error + _HORIZONTAL_ERROR * _HORIZONTAL_ERROR
-    vertical = zeta_error * zeta_error + _VERTICAL_ERROR * _VERTICAL_ERROR
-    noise = _NOISE * _NOISE * full + _NOISE_FLOOR * _NOISE_FLOOR
-    answer[6] = answer[7] = math.sqrt(horizontal * flat + noise)
-    answer[8] = math.sqrt(vertical * fz * fz + noise)
-    lever = _LEVER * _LEVER * reach * reach * full
-    for i in range(3, 6):
-        answer[6 + i] = math.sqrt((horizontal + _NOISE * _NOISE) * answer[i] * answer[i] + lever)
-
-
 def prior_belief(model: Array, *, zeta_error: float, reach: float) -> Array:
     """A prediction without learning, (L7), shape [12]: force [N], torque [N m], world axes, a deviation of each.
 
@@ -130,23 +101,18 @@ def prior_belief(model: Array, *, zeta_error: float, reach: float) -> Array:
     return answer
 
 
-# plain integers, in the order of `_SENTENCES`: an operation on IntFlag takes a microsecond
-_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _WITHDRAWAL, _KNIFE_EDGE, _DEEP = map(int, list(_SENTENCES)[:8])
-_SURPRISE, _STEEP, _UNEVEN, _DISAGREEMENT, _MESH = map(int, list(_SENTENCES)[8:])
-
-_FAST_SPEED = 0.025  # m/s
-_NEAR_REST_FACTOR = 5.0  # times rest_speed
-_HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
-_EDGE_SHARE = 0.4  # of the wet area; more than the narrow sides of a plate that moves straight down
-_DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
-_STEEP_SLOPE = math.tan(math.radians(15.0))
-_UNEVEN_SHARE = 0.25  # of the depth
-_EVERY = 8  # estimates between two evaluations of the slow flags
-
-
-def inertial_speed(law: Law) -> float:
-    """Speed [m/s] up to which a law holds: without inertia 0.2, with it that of the fastest simulated run."""
-    return 0.2 if law.inertia == 0.0 else 1.0
+@compiled
+def _prior_belief(zeta_error, reach, model, answer):  # type: ignore[no-untyped-def]
+    for i in range(6):
+        answer[i] = model[i]
+    flat, vertical = answer[0] ** 2 + answer[1] ** 2, answer[2] ** 2
+    whole = flat + vertical
+    horizontally, vertically = zeta_error**2 + _HORIZONTAL_ERROR**2, zeta_error**2 + _VERTICAL_ERROR**2
+    noise = _NOISE**2 * whole + _NOISE_FLOOR**2
+    answer[6] = answer[7] = math.sqrt(horizontally * flat + noise)
+    answer[8] = math.sqrt(vertically * vertical + noise)
+    for i in range(3, 6):
+        answer[6 + i] = math.sqrt((horizontally + _NOISE**2) * answer[i] ** 2 + (_LEVER * reach) ** 2 * whole)
 
 
 _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
@@ -192,6 +158,25 @@ def _widen(answer, pushed, left):  # type: ignore[no-untyped-def]
         answer[6 + i] = math.sqrt(answer[6 + i] ** 2 + held * held + answer[i] * answer[i])
 
 
+_FAST_SPEED = 0.025  # m/s, the highest speed tested in the paper
+_NEAR_REST_FACTOR = 5.0  # times rest_speed
+_HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
+_EDGE_SHARE = 0.4  # of the wet area; more than the narrow sides of a plate that moves straight down
+_DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
+_STEEP_SLOPE = math.tan(math.radians(15.0))
+_UNEVEN_SHARE = 0.25  # of the depth
+_EVERY = 8  # estimates between two evaluations of the slow flags
+
+# plain integers, in the order of `_SENTENCES`: an operation on IntFlag takes a microsecond
+_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _WITHDRAWAL, _KNIFE_EDGE, _DEEP = map(int, list(_SENTENCES)[:8])
+_SURPRISE, _STEEP, _UNEVEN, _DISAGREEMENT, _MESH = map(int, list(_SENTENCES)[8:])
+
+
+def inertial_speed(law: Law) -> float:
+    """Speed [m/s] up to which a law holds: without inertia 0.2, with it that of the fastest simulated run."""
+    return 0.2 if law.inertia == 0.0 else 1.0
+
+
 class QualityMonitor:
     """Sets the quality flags of one tool's successive estimates."""
 
@@ -200,8 +185,7 @@ class QualityMonitor:
         self._path = _Path(tool)
         kinds = {issue.kind for issue in tool.issues}
         self._tool_flags = (_CONCAVE if "concave" in kinds else 0) | (_MESH if kinds - _HARMLESS else 0)
-        self._countdown = 0
-        self._slow_flags = 0
+        self._countdown = self._slow_flags = 0
 
     def flags(
         self,
@@ -232,28 +216,18 @@ class QualityMonitor:
             flags |= _FAST if motion.speed <= limit else _FAST | _INERTIAL
         elif motion.speed < _NEAR_REST_FACTOR * settings.rest_speed:
             flags |= _NEAR_REST
-        if self._countdown == 0:
-            self._countdown = _EVERY
-            self._slow_flags = self._evaluate_slow_flags(motion.state[0], depth, settings, surface)
+        if self._countdown == 0:  # these are expensive and change slowly
+            self._countdown, slow, state = _EVERY, self._tool_flags, motion.state[0]
+            slow |= _WAKE if self._path.add(state) else 0
+            slow |= _DEEP if settings.calibrated_depth and depth() > _DEEPER * settings.calibrated_depth else 0
+            height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
+            slow |= _KNIFE_EDGE if edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE else 0
+            self._slow_flags = slow
         self._countdown -= 1
         if surface.depth == surface.depth:  # of a map
             flags |= _STEEP if math.hypot(*surface.slope) > _STEEP_SLOPE else 0
             flags |= _UNEVEN if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
         return flags | self._slow_flags
-
-    def _evaluate_slow_flags(
-        self, state: Array, depth: Callable[[], float], settings: Settings, surface: LocalSurface
-    ) -> int:
-        """The flags that are expensive to evaluate and change slowly."""
-        flags = self._tool_flags
-        if self._path.add(state):
-            flags |= _WAKE
-        if settings.calibrated_depth > 0.0 and depth() > _DEEPER * settings.calibrated_depth:
-            flags |= _DEEP
-        height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
-        if edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE:
-            flags |= _KNIFE_EDGE
-        return flags
 
 
 class _Path:
@@ -271,10 +245,8 @@ class _Path:
     def __init__(self, tool: Tool) -> None:
         columns = tool.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
         low, high = np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
-        self._centre = 0.5 * (low + high)
-        self._width = float(np.median(high - low))
-        self._places = np.zeros((self._KEPT, 3))
-        self._lengths = np.zeros(self._KEPT)
+        self._centre, self._width = 0.5 * (low + high), float(np.median(high - low))
+        self._places, self._lengths = np.zeros((self._KEPT, 3)), np.zeros(self._KEPT)
         self.clear()
 
     def clear(self) -> None:
@@ -290,8 +262,7 @@ class _Path:
                 return self._crosses
             self._length += step
         i = self._count % self._KEPT
-        self._places[i] = place
-        self._lengths[i] = self._length
+        self._places[i], self._lengths[i] = place, self._length
         self._count += 1
         n = min(self._count, self._KEPT)
         since = self._length - self._lengths[:n]

@@ -5,14 +5,17 @@ from typing import NamedTuple
 
 from rft_ros.ground import Cloud
 
-__all__ = ["ABSURD", "TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason", "RefusedError"]
-__all__ += ["Sample", "Stamped", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
+__all__ = ["ABSURD", "PATIENCE", "TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason"]
+__all__ += ["RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
 
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
 
 TIME_JUMP = 1_000_000_000
 """A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
+
+PATIENCE = 1_000_000_000
+"""Time [ns] of other inputs' stamps to wait for a load-cell sample or a transform: a process may stall by less."""
 
 Vector = tuple[float, float, float]
 """x, y, z."""

@@ -141,9 +141,7 @@ def _load(jobs: Iterable[tuple[bool, Code]]) -> None:
         for k in range(1, 6):
             difference.push(_pose(k))
         prior_belief(np.zeros(7), zeta_error=0.0, reach=0.0)
-        frame = LoadCellFrame(LoadCell())
-        frame.into_sensor(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(12))
-        frame.into_world((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0))
+        LoadCellFrame(LoadCell()).into_sensor(np.array([0.0, 0.0, 0.0, 1.0]), np.zeros(12))
         if code.learning:
             Learning()
         if code.ground:
