@@ -1,20 +1,18 @@
 """The code blocks of README.md and docs/: what is run, what is not and why, and how each is tried."""
 
-import contextlib
 import os
 import re
 import shlex
 import subprocess
 import sys
 import textwrap
-from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 import yaml
 from distribution import ROOT, own_domain, without_ros
-from test_cli import rft
+from test_cli import inside, rft
 
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.bags.summary import read_limits
@@ -47,8 +45,7 @@ _MARK = re.compile(r"<!-- not run: (.*?) -->\s*$")
 _REFERENCE = "../shared/data"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Block:
+class Block(NamedTuple):
     """A fenced block: `where` is FILE:LINE; `mark` the reason why it is not run, if there is one."""
 
     where: str
@@ -59,19 +56,13 @@ class Block:
 
 def blocks(page: Path) -> list[Block]:
     """All fenced blocks of a page, in its order."""
-    text = page.read_text(encoding="utf-8")
-    found = []
+    text, found = page.read_text(encoding="utf-8"), []
     for match in _BLOCK.finditer(text):
-        before = text[: match.start()].rstrip("\n").rsplit("\n", 1)[-1]
-        mark = _MARK.search(before)
-        found.append(
-            Block(
-                where=f"{page.name}:{text.count(chr(10), 0, match.start()) + 1}",
-                language=match["language"].strip(),
-                text=textwrap.dedent(match["text"]),
-                mark=mark[1] if mark else None,
-            )
-        )
+        before = text[: match.start()].rstrip("\n")
+        mark = _MARK.search(before.rsplit("\n", 1)[-1])
+        where = f"{page.name}:{text.count(chr(10), 0, match.start()) + 1}"
+        language, content = match["language"].strip(), textwrap.dedent(match["text"])
+        found.append(Block(where, language, content, mark[1] if mark else None))
     return found
 
 
@@ -114,34 +105,18 @@ def _sh(block: Block, folder: Path) -> None:
         assert done.returncode == 0, f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
 
 
-@contextlib.contextmanager
-def _inside(folder: Path) -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
 def _bash(block: Block, folder: Path) -> None:
     path = f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
     environment = without_ros() | own_domain() | {"PATH": path}
-    done = subprocess.run(
-        ["bash", "-e", "-o", "pipefail", "-c", block.text],
-        cwd=folder,
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=600,
-    )
+    command = ["bash", "-e", "-o", "pipefail", "-c", block.text]
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
     assert done.returncode == 0, f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
 
 
 def _python(block: Block, folder: Path, namespace: dict[str, object]) -> None:
     sys.path.insert(0, str(folder))
     try:
-        with _inside(folder):
+        with inside(folder):
             exec(compile(block.text, block.where, "exec"), namespace)
     finally:
         sys.path.remove(str(folder))
