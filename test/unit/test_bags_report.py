@@ -1,32 +1,102 @@
-"""The report is one self-contained, reproducible file, and a browser draws every figure."""
+"""Statistics agree with numpy on the table; the report is one self-contained, reproducible file with every figure."""
 
+import math
 import re
 from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 from browser import show
 from recordings import TOPICS, plunge, write_ros2
 from replays import rows_of, values
 
+from rft_ros.bags.estimates import ROW
+from rft_ros.bags.phases import PHASES, Phase
 from rft_ros.bags.replay import replay
+from rft_ros.bags.replay_report import decimated, replay_charts
+from rft_ros.bags.summary import statistics
+from rft_ros.estimator.quality import QualityFlag
 
 CHARTS = ("force_over_time", "torque_over_time", "force_over_depth", "torque_over_depth", "learned", "residual", "tool")
 
 
 @pytest.fixture(scope="module")
 def replays(tmp_path_factory):
-    """Two replays of one bag, with report and figures: bag, summary, folders."""
+    """Summary and folders of two replays of one bag, a plunge with noisy velocities."""
     folder = tmp_path_factory.mktemp("report")
     bag = write_ros2(folder / "plunge", plunge(noise=3e-5))
     outs = [folder / "one", folder / "two"]
     params = values(integration="centroid", learning__mode="observe")
-    summaries = [replay(bag, out, params, report=True) for out in outs]
-    return summaries[0], outs
+    summary, _ = (replay(bag, out, params, report=True) for out in outs)
+    return summary, outs
+
+
+@pytest.fixture(scope="module")
+def summary(replays):
+    return replays[0]
+
+
+@pytest.fixture(scope="module")
+def rows(replays):
+    return rows_of(replays[1][0])
 
 
 @pytest.fixture(scope="module")
 def page(replays):
     return (replays[1][0] / "report.html").read_text(encoding="utf-8")
+
+
+def agrees(group, rows):
+    rows = [row for row in rows if not row["reason"]]
+    assert group.estimates == len(rows)
+    if not rows:
+        assert group.rms_over_peak is group.wrench["force"].measured.peak is None
+        return
+    measured, residual = (
+        np.array([[float(r[f"{kind}_f{a}"]) for a in "xyz"] for r in rows]) for kind in ("compensated", "residual")
+    )
+    size, left = np.linalg.norm(measured, axis=1), np.linalg.norm(residual, axis=1)
+    rms, big = np.sqrt(np.mean(left**2)), size > 0.2 * np.hypot(30.0, 0.05)
+    median = np.median(left[big] / size[big]) if big.any() else None
+    force = group.wrench["force"]
+    assert (force.measured.peak, force.residual.rms) == pytest.approx((size.max(), rms), rel=1e-6)
+    assert group.wrench["fz"].residual.mean == pytest.approx(residual[:, 2].mean(), rel=1e-6)
+    assert group.rms_over_peak == pytest.approx(rms / size.max(), rel=1e-6)
+    assert group.median_relative_error == (median if median is None else pytest.approx(median, rel=1e-6))
+
+
+def test_the_statistics_of_a_phase_and_of_a_depth_bin_are_those_of_its_rows(summary, rows):
+    order = [Phase.APPROACH, Phase.PENETRATION, Phase.DWELL, Phase.PLOUGHING, Phase.WITHDRAWAL]
+    assert list(dict.fromkeys(r["phase"] for r in rows)) == [phase.value for phase in order]
+    agrees(summary, rows)
+    for phase, group in summary.phases.items():
+        chosen = [r for r in rows if r["phase"] == phase]
+        assert group.poses == len(chosen) > 40
+        agrees(group, chosen)
+        for name, binned in group.depth_bins.items():
+            low, high = (1e-3 * float(edge) for edge in name.removesuffix("mm").split("-"))
+            agrees(binned, [r for r in chosen if low <= float(r["depth"]) < high])
+    penetration = summary.phases["penetration"]
+    assert list(penetration.depth_bins) == [f"{low}-{low + 5}mm" for low in range(0, 35, 5)]
+    assert sum(g.estimates for g in penetration.depth_bins.values()) == penetration.estimates
+
+
+def test_without_poses_there_are_no_statistics():
+    whole, phases = statistics(np.empty(0, ROW))
+    assert (whole.estimates, whole.rms_over_peak, whole.median_relative_error) == (0, None, None)
+    assert {phase.poses for phase in phases.values()} == {0}
+
+
+def test_quality_flags_are_in_the_table_the_summary_and_the_page(summary, rows, page):
+    counted = {name: sum(name in r["quality_flags"].split("+") for r in rows) for name in summary.quality_flags}
+    assert summary.quality_flags == counted
+    assert sum(summary.trust.values()) == summary.estimates
+    assert any(counted.values())
+    assert all(not r["quality_flags"] for r in rows if r["reason"])
+    assert summary.trust["OK"] == sum(not r["quality_flags"] and not r["reason"] for r in rows)
+    assert summary.trust["NO"] == sum("inertial" in r["quality_flags"] for r in rows)
+    for name, count in counted.items():
+        assert (f"<td>{name}</td><td>{count:,}</td>" in page) == (count > 0)
 
 
 class References(HTMLParser):
@@ -53,15 +123,12 @@ class References(HTMLParser):
             self.styles += data
 
 
-def test_the_page_loads_nothing(page):
+def test_the_page_has_every_figure_and_table_and_loads_nothing(page):
     references = References(page)
     assert [r for r in references.found if not r.startswith("data:")] == []
     assert "url(" not in references.styles
     assert "@import" not in references.styles
-
-
-def test_the_page_has_every_figure_and_table(page):
-    assert [i for i in References(page).ids if i and i.startswith("figure-")] == [f"figure-{c}" for c in CHARTS]
+    assert [i for i in references.ids if i and i.startswith("figure-")] == [f"figure-{c}" for c in CHARTS]
     for title in ("Metrics", "Quality flags", "Read", "Not used or unanswered", "Parameters"):
         assert re.search(rf"<(h2|summary)>{title}</", page), title
 
@@ -70,11 +137,6 @@ def test_the_page_has_every_figure_and_table(page):
 def test_two_replays_write_the_same_bytes(replays, name):
     one, two = (out / name for out in replays[1])
     assert one.read_bytes() == two.read_bytes()
-
-
-def test_no_report_unless_asked_for(tmp_path):
-    replay(write_ros2(tmp_path / "bag", plunge()), tmp_path / "out", values())
-    assert not (tmp_path / "out" / "report.html").exists()
 
 
 def test_every_figure_is_drawn_in_a_browser_and_the_console_has_no_error(replays, tmp_path):
@@ -92,20 +154,6 @@ def test_a_page_that_fails_would_be_noticed(tmp_path):
     assert len(show(tmp_path / "bad.html", tmp_path).errors) >= 2
 
 
-def test_quality_flags_are_in_the_table_the_summary_and_the_page(replays, page):
-    summary, (out, _) = replays
-    rows = rows_of(out)
-    counted = {name: sum(name in r["quality_flags"].split("+") for r in rows) for name in summary.quality_flags}
-    assert summary.quality_flags == counted
-    assert sum(summary.trust.values()) == summary.estimates
-    assert any(counted.values())
-    assert all(not r["quality_flags"] for r in rows if r["reason"])
-    assert summary.trust["OK"] == sum(not r["quality_flags"] and not r["reason"] for r in rows)
-    assert summary.trust["NO"] == sum("inertial" in r["quality_flags"] for r in rows)
-    for name, count in counted.items():
-        assert (f"<td>{name}</td><td>{count:,}</td>" in page) == (count > 0)
-
-
 def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     bag = write_ros2(tmp_path / "air", list(plunge())[:120], topics={r: TOPICS[r] for r in ("pose", "twist")})
     summary = replay(bag, tmp_path / "out", values(), report=True)
@@ -115,10 +163,82 @@ def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     assert 'id="figure-tool"' not in page
 
 
-def test_the_tools_title_says_that_it_leaves_out_memory(page, tmp_path):
-    replay(
-        write_ros2(tmp_path / "bag", plunge()), tmp_path / "out", values(medium__mobilization_length=0.003), report=True
-    )
-    said = "Tool and traction (law without memory)"
-    assert said in (tmp_path / "out" / "report.html").read_text()
+def test_the_tools_title_says_that_it_leaves_out_memory_and_there_is_no_page_unless_asked_for(page, tmp_path):
+    bag, said = write_ros2(tmp_path / "bag", plunge()), "Tool and traction (law without memory)"
     assert said not in page
+    for report in (False, True):
+        replay(bag, tmp_path / "out", values(medium__mobilization_length=0.003), report=report)
+        assert (tmp_path / "out" / "report.html").exists() == report
+    assert said in (tmp_path / "out" / "report.html").read_text()
+
+
+def poses(flag=0, flagged=(), learned=math.nan):
+    """Ten poses, one a second: two in the air, six on the way down, two without estimate."""
+    found = np.zeros(10, ROW)
+    time = np.arange(10)
+    found["stamp"] = 1_000_000_000 * (5 + time)
+    found["depth"] = 0.001 * (time - 2.0)
+    found["phase"][:2], found["phase"][2:8] = (PHASES.index(p) for p in (Phase.APPROACH, Phase.PENETRATION))
+    found["phase"][8:] = -1
+    found["predicted"][2:8, 2] = np.arange(1.0, 7.0)
+    found["predicted"][8:] = math.nan
+    found["compensated"] = found["predicted"] + 0.1
+    found["sigma"] = 0.15 * np.abs(found["predicted"]) + 0.1
+    found["quality_flags"][list(flagged)] = int(flag)
+    found["learned"] = learned
+    return found
+
+
+def chart(name, *arguments, **options):
+    return {c.name: c.drawn for c in replay_charts(poses(*arguments, **options), "z points up")}[name]
+
+
+def traces(figure, axis, **wanted):
+    return [t for t in figure.data if t.yaxis == axis and all(getattr(t, k) == v for k, v in wanted.items())]
+
+
+def test_the_band_is_closed_around_the_deviation_to_each_side_of_every_component():
+    figure = chart("force_over_time")
+    for axis, middle in (("y", 0.0), ("y2", 0.0), ("y3", 4.0)):
+        (band,) = traces(figure, axis, fill="toself")
+        assert band.x[: 2 * 8].tolist() == [*range(8), *range(7, -1, -1)]
+        assert band.y[[5, 10]].tolist() == pytest.approx([0.85 * middle - 0.1, 1.15 * middle + 0.1])
+        assert np.isnan(band.x[16:]).all()
+
+
+def test_phases_are_shaded_up_to_the_next_one():
+    shapes = chart("force_over_time").layout.shapes
+    assert [(s.x0, s.x1, s.yref) for s in shapes[:2]] == [(0.0, 2.0, "y domain"), (2.0, 8.0, "y domain")]
+    assert len(shapes) == 2 * 3
+
+
+def test_each_quality_flag_is_a_bar_while_it_lasts_below_the_forces_only():
+    figure = chart("force_over_time", QualityFlag.WAKE, [3, 4, 6])
+    (bar,) = traces(figure, "y4")
+    assert figure.layout.yaxis4.ticktext == ("wake",)
+    np.testing.assert_array_equal(bar.x, [3.0, 5.0, math.nan, 6.0, 7.0, math.nan])
+    assert set(bar.y) == {0.0}
+    assert not traces(chart("torque_over_time", QualityFlag.WAKE, [3]), "y4")
+
+
+def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
+    assert "learned" not in [c.name for c in replay_charts(poses(), "z points up")]
+    figure = chart("learned", learned=[1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0])
+    for row, expected in enumerate(([1.3, 0.6], [5.0], [2.0], [4.0])):
+        for axis in ("y" if row == 0 else f"y{2 * row + 1}", f"y{2 * row + 2}"):
+            assert [line.y[3] for line in traces(figure, axis, fill=None)] == pytest.approx(expected)
+    (turn,), (over_depth,) = traces(figure, "y3", fill="toself"), traces(figure, "y4", fill=None)
+    assert turn.y[[4, 15]].tolist() == pytest.approx([4.0, 6.0])
+    np.testing.assert_array_equal(over_depth.x, [math.nan] * 3 + [1.0, 2.0, 3.0, 4.0, 5.0] + [math.nan] * 2)
+
+
+def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
+    random = np.random.default_rng(5)
+    every = np.zeros(30_000, ROW)
+    every["stamp"], every["depth"] = np.arange(30_000), random.normal(size=30_000)
+    every["compensated"][:, 2] = random.normal(size=30_000)
+    found = decimated(every)
+    assert 3000 < len(found) < 6001
+    assert (np.diff(found["stamp"]) > 0).all()
+    assert found["depth"].max() == every["depth"].max()
+    assert np.abs(found["compensated"]).max() == np.abs(every["compensated"]).max()
