@@ -1,7 +1,5 @@
 """How much of the speed along and across a plate becomes force (Treers et al. 2021, eqs. 5 and 6)."""
 
-import math
-
 import numpy as np
 import published_rule as rule
 import pytest
@@ -48,20 +46,3 @@ def test_a_weight_rises_with_its_share_of_the_speed(name):
 def test_rounding_of_the_share_above_one_does_not_raise_the_weight(name, excess):
     rational, _, _ = weights(name)
     assert rational(1.0 + excess) == rational(1.0)
-
-
-def test_the_normalisers_are_the_brackets_at_one():
-    """N1 and N23 as docs/method.md prints them, with the leading A1 and B1."""
-    assert vw.A1 * (math.tanh(vw.A2 - vw.A3) + math.tanh(vw.A3)) == pytest.approx(0.832324700111401, rel=1e-14)
-    assert vw.B1 * (math.atanh(vw.B2 - vw.B3) + math.atanh(vw.B3)) == pytest.approx(5.81083560370960, rel=1e-14)
-
-
-def test_a_port_that_divides_by_the_printed_a4_and_b4_gets_forces_2_03_and_1_35_times_too_large():
-    """A4 = 0.41 and B4 = 4.31 are the offsets A1 tanh A3 and B1 atanh B3, not the normalisers."""
-    A4, B4 = 0.41, 4.31
-    assert round(vw.A1 * math.tanh(vw.A3), 2) == A4
-    assert round(vw.B1 * math.atanh(vw.B3), 2) == B4
-    misread1 = vw.A1 * (math.tanh(vw.A2 - vw.A3) + math.tanh(vw.A3)) / A4
-    misread23 = vw.B1 * (math.atanh(vw.B2 - vw.B3) + math.atanh(vw.B3)) / B4
-    assert round(misread1 / vw.f1(1.0), 2) == 2.03
-    assert round(misread23 / vw.f23(1.0), 2) == 1.35

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CONSTANT, GENERIC, LINEAR, listed, random_plates, random_scene, seeds, without_flat
 
-from rft_ros.rft import Plates, Table, alpha_y_model, checked_states, plate_forces, treers2021, wrenches
+from rft_ros.rft import Plates, alpha_y_model, checked_states, plate_forces, treers2021, wrenches
 
 DOWN = [0, 0, 0, 0, 0, 0, 1, 0, 0, -0.01, 0, 0, 0]
 
@@ -27,32 +27,11 @@ def test_force_and_torque_of_a_tumbling_body_are_the_published_rules(name, alpha
     assert actual == pytest.approx(expected, abs=1e-10 * scale)
 
 
-def test_a_rotating_tool_without_linear_velocity_is_pushed_by_its_plates_velocities():
-    """One vertical plate at 10 cm on the x axis, turning about z at 0.1 rad/s, moves along y at 1 cm/s."""
-    plate = Plates.from_arrays([[0.1, 0, 0]], [[0, 1, 0]], [2e-4])
-    state = checked_states([0, 0, -0.03, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0.1])
-    fx, fy, fz, tx, ty, tz, _ = wrenches(plate, CONSTANT, state)[0]
-    depth_area = 3.0 * 2.0  # cm, cm²
-    assert (fx, fy, fz) == pytest.approx((0, -(0.124 + 0.253 - 0.007) * depth_area, 0.037 * depth_area), abs=1e-9)
-    assert (tx, ty, tz) == pytest.approx((0, -0.1 * fz, 0.1 * fy), abs=1e-9)
-
-
 def test_plates_above_the_surface_and_in_it_carry_nothing():
     for height in (0.0, 1e-12, 1.0):
         state = checked_states([[0, 0, height, *DOWN[3:]]])
         plates = Plates.from_arrays([[0, 0, 0], [0.01, 0, 0]], [[0, 0, -1], [1, 0, -1]], [1e-4, 1e-4])
         assert wrenches(plates, CONSTANT, state).tolist() == [[0.0] * 7]
-
-
-@given(seed=seeds)
-def test_trailing_plates_carry_nothing(seed):
-    rng = np.random.default_rng(seed)
-    body = random_plates(rng, 60)
-    state = checked_states([0, 0, -0.1, 0, 0, 0, 1, *rng.normal(size=3), 0, 0, 0])
-    trailing = body.packed[:, (body.packed[3:6].T @ state[0, 7:10]) < 0.0]
-    result = wrenches(Plates.from_arrays(trailing[:3].T, trailing[3:6].T, trailing[6]), LINEAR, state)
-    assert not result[0, :6].any()
-    assert result[0, 6] == pytest.approx(trailing[6].sum())
 
 
 def test_a_plate_that_slides_along_itself_is_not_leading():
@@ -116,34 +95,12 @@ def read_only(array):
     return array
 
 
-@pytest.mark.parametrize(
-    "laid_out",
-    [np.asfortranarray, lambda s: np.repeat(s, 2, axis=0)[::2], lambda s: np.hstack([s, s])[:, :13], read_only],
-    ids=["by columns", "every other row", "columns of a wider array", "read-only"],
-)
-def test_how_the_states_lie_in_memory_does_not_matter(laid_out, random_body, random_states):
-    states = laid_out(random_states)
-    np.testing.assert_array_equal(
-        wrenches(random_body, CONSTANT, states), wrenches(random_body, CONSTANT, random_states)
-    )
-
-
 @pytest.mark.parametrize("laid_out", [np.asfortranarray, lambda out: out.astype("f4"), read_only])
 def test_a_result_array_of_another_layout_or_type_is_refused(laid_out, random_body, random_states):
     out = laid_out(np.zeros((len(random_states), 19)))
     with pytest.raises(ValueError, match="C-contiguous array of float64"):
         wrenches(random_body, CONSTANT, random_states, out=out)
     assert not out.any()
-
-
-@pytest.mark.parametrize("laid_out", [np.asfortranarray, lambda v: np.repeat(v, 2, axis=1)[:, ::2], read_only])
-def test_how_a_table_lies_in_memory_does_not_matter(laid_out, random_body, random_states):
-    values = np.array([[0.1, 0.2, 0.3], [0.4, 0.1, 0.2]])
-    results = []
-    for laid in (values, laid_out(values)):
-        table = Table.sampled(np.array([0.5, 2.5]), np.array([-1.0, 0.0, 1.0]), laid)
-        results.append(wrenches(random_body, treers2021(GENERIC, table), random_states))
-    np.testing.assert_array_equal(*results)
 
 
 def test_no_states_give_no_rows(random_body):
