@@ -26,7 +26,8 @@ ALLOWED = {
     "bags": "estimator parameters ground tool rft report errors progress files",
     "calibration": "files bags estimator parameters tool rft report errors",
     "sweeps": "parameters tool rft states_file installation progress errors files",
-    "node": "installation child_process bags estimator parameters ground simulation sweeps tool files rft report errors",
+    "node": "bags estimator parameters ground simulation sweeps tool rft report files installation child_process"
+    " errors",
     "commands": "node bags estimator parameters tool rft report errors states_file calibration sweeps progress"
     " installation files",
     "cli": "commands installation errors",
