@@ -31,7 +31,6 @@ NOT_RUN = (
     "needs a running node; tested in (?P<file>.+)",
     "minutes long; tested in (?P<file>.+)",
     "the suite itself",
-    "a step of a workflow",
     "needs a scene; tested in (?P<file>.+)",
     "needs a cluster; tested in (?P<file>.+)",
     "downloads the project",
