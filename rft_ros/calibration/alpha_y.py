@@ -86,11 +86,7 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treers2021, surface: float) -> PlateRun:
-    """The steady force of one level run.
-
-    Raises NotIdentifiable for a tool that is not a plate, a run that is too short or shallow, and a horizontal plate,
-    which has no e1.
-    """
+    """The steady force of one level run."""
     plates = refined_plates(track.tool.vertices, track.tool.faces)
     normal, faces = faces_of(plates, track.tool.name)
     path = np.linalg.norm(np.diff(track.states[rows, :2], axis=0), axis=1).cumsum()

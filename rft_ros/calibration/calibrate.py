@@ -9,7 +9,7 @@ import numpy as np
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
 from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.penetration import ZetaFit, fit_surface, fit_zeta
+from rft_ros.calibration.penetration import Penetration, fit_surface, fit_zeta
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
@@ -30,13 +30,13 @@ _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m
 class Calibration:
     """Fitted values, the reason by name for each that is not identifiable, and notes for the user.
 
-    `zeta`, `alpha_y`: the fits behind the values; None where not fitted.
+    `penetrations`, `alpha_y`: what ζ and α_y come from.
     """
 
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    zeta: ZetaFit | None = None
+    penetrations: list[Penetration] = field(default_factory=list)
     alpha_y: AlphaYFit | None = None
 
     @contextmanager
@@ -113,10 +113,12 @@ def calibrate(
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):
-            found = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
-            result.fitted += found.values(height_error)
-            result.notes += found.notes()
-            result.zeta, zeta, zeta_error = found, found.zeta, found.error
+            fitted, result.penetrations, notes = fit_zeta(
+                tracks, sensor, law, surface=height, surface_error=height_error
+            )
+            (zeta,), (zeta_error,) = fitted[0].values, fitted[0].errors
+            result.fitted += fitted
+            result.notes += notes
     if "mobilization" in parts:
         with result.or_reason("medium.mobilization_length"):
             result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height))

@@ -1,7 +1,7 @@
 """The calibrated parameter file: the input file with the fitted values, and a record of their sources."""
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from datetime import datetime, timezone
 from pathlib import Path
 from typing import Any
@@ -27,13 +27,8 @@ class _Dumper(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (signature of the base class)
         return True
 
-
-def _list(dumper: yaml.SafeDumper, data: Sequence[Any]) -> yaml.Node:
-    plain = all(isinstance(v, int | float) for v in data)
-    return dumper.represent_sequence("tag:yaml.org,2002:seq", data, flow_style=plain)
-
-
-_Dumper.add_representer(list, _list)
+    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:  # noqa: ARG002
+        return super().represent_sequence(tag, sequence, all(isinstance(v, int | float) for v in sequence))
 
 
 def rounded(value: float, error: float) -> float:
@@ -67,9 +62,9 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
 
     numbers = {f.name: [rounded(v, e) for v, e in zip(f.values, f.errors, strict=True)] for f in result.fitted}
     parameters |= {n: v if len(v) > 1 else v[0] for n, v in numbers.items() if n in defaults()}
-    if result.zeta is not None:
-        relative = max(result.zeta.error / result.zeta.zeta, BEDS_DIFFER)  # of ζ in another bed of the same grains
-        parameters["medium.zeta_error"] = float(f"{relative:.3g}")
+    for f in result.fitted:
+        if f.name == "medium.zeta":  # of another bed of the same grains
+            parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], BEDS_DIFFER):.3g}")
     if "sensor.bias" in numbers:
         # it replaces the tare, which would refuse a bag that begins in the grains
         section = tree.get("rft_replay", {}).get("ros__parameters", {})

@@ -17,15 +17,8 @@ from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
 __all__ = [
-    "Fit",
-    "FittedValue",
-    "NotIdentifiable",
-    "error_of_mean",
-    "fit_curve",
-    "fit_each",
-    "fit_measurements",
-    "fit_series",
-    "mean_of",
+    *("Fit", "FittedValue", "NotIdentifiable"),
+    *("error_of_mean", "fit_curve", "fit_each", "fit_measurements", "fit_series", "mean_of"),
 ]
 
 Array = NDArray[np.float64]
@@ -94,9 +87,8 @@ def _lag_one(series: Array) -> float:
 def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
     """A fit to a time series, with the covariance under serially correlated residuals; `jacobian`: shape [n, k].
 
-    Newey and West's estimate (Econometrica 55, 1987) with Bartlett weights and Andrews' number of lags (Econometrica
-    59, 1991), on scores whitened by the residuals' lag-one correlation (Andrews and Monahan, Econometrica 60, 1992).
-    Without whitening, errors from a few hundred samples of filtered noise are a third too small.
+    Newey and West's estimate (Econometrica 55, 1987) with Andrews' number of lags (59, 1991), on scores whitened by the
+    residuals' lag-one correlation (60, 1992): else errors from a few hundred samples are a third too small.
     """
     n, k = jacobian.shape
     e = residuals - residuals.mean()

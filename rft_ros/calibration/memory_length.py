@@ -48,10 +48,7 @@ def forces_in_time(
 
 
 def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float) -> _TurnFit:
-    """λ of one turn by least squares of the three force components over log λ, with a free scale.
-
-    Raises NotIdentifiable if the data do not determine λ.
-    """
+    """λ of one turn by least squares of the three force components over log λ, with a free scale."""
     measured = track.grain_forces(sensor.cell)[turn.rows]
     where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
     peak = float(np.linalg.norm(measured, axis=1).max())

@@ -4,27 +4,19 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import (
-    Fit,
-    FittedValue,
-    NotIdentifiable,
-    fit_curve,
-    fit_each,
-    fit_series,
-    mean_of,
-)
+from rft_ros.calibration.fitting import Fit, FittedValue, NotIdentifiable, fit_curve, fit_each, fit_series, mean_of
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Stroke, Track, down_strokes
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import Law, wrenches
 
-__all__ = ["BEDS_DIFFER", "Contact", "Penetration", "ZetaFit", "fit_surface", "fit_zeta"]
+__all__ = ["BEDS_DIFFER", "Contact", "Penetration", "fit_surface", "fit_zeta", "notes_on_zeta"]
 
 Array = NDArray[np.float64]
 
@@ -58,8 +50,7 @@ class Contact(NamedTuple):
 def _first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Contact:
     """Height at which a stroke meets the surface: fit the predicted force over depth with a free scale plus a constant.
 
-    The constant absorbs bias and weight, which do not change in one orientation. Raises NotIdentifiable if the force
-    does not rise, or too few samples are above the surface.
+    The constant absorbs bias and weight, which do not change in one orientation.
     """
     rows, moving = stroke
     up = track.sensor_rotations(cell)[rows][:, 2]
@@ -126,8 +117,8 @@ class Penetration:
     """One vertical penetration, n moments in time order.
 
     `depth` of the tool's lowest point [m], shape [n]. `measured`, `predicted`: vertical force of the grains, and the
-    model's at ζ = 1 [N], shape [n]. `error`: standard error of `zeta`, including those of the surface height and of the
-    load cell's zero.
+    model's at ζ = 1 [N], shape [n]. `error`: standard error of `zeta`, with those of the surface height and of the load
+    cell's zero. `others`: mean ζ of the other penetrations, if there are any.
     """
 
     bag: str
@@ -136,55 +127,11 @@ class Penetration:
     predicted: Array
     zeta: float
     error: float
+    others: float | None = None
 
     def misfit(self, zeta: float) -> float:
         """RMS residual at a ζ, relative to the greatest measured force."""
         return float(np.sqrt(np.mean((self.measured - zeta * self.predicted) ** 2)) / np.abs(self.measured).max())
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ZetaFit:
-    """Mean ζ of the penetrations and its standard error."""
-
-    zeta: float
-    error: float
-    penetrations: tuple[Penetration, ...]
-
-    def zeta_of_others(self, number: int) -> float:
-        """Mean ζ of all penetrations but one. Needs two or more."""
-        return float(np.mean([p.zeta for k, p in enumerate(self.penetrations) if k != number]))
-
-    def values(self, surface_error: float) -> tuple[FittedValue, ...]:
-        """`medium.zeta` and `medium.calibrated_depth`; `surface_error`: standard error of the depths [m]."""
-        found = self.penetrations
-        goodness = f"RMS {100 * max(p.misfit(self.zeta) for p in found):.1f} % of the peak at worst"
-        if len(found) > 1:
-            held_out = max(p.misfit(self.zeta_of_others(k)) for k, p in enumerate(found))
-            goodness += f"; each predicted by the others' ζ: {100 * held_out:.1f} %"
-        each = ", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found)
-        depth, bag = max((float(p.depth.max()), p.bag) for p in found)
-        source = f"deepest penetration, {bag}"
-        return (
-            FittedValue("medium.zeta", (self.zeta,), (self.error,), "", goodness, each),
-            FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", source),
-        )
-
-    def notes(self) -> list[str]:
-        """A sentence if ζ differs between penetrations, and one if the fit is surer than beds are alike."""
-        notes = []
-        if (own := self.error / self.zeta) < BEDS_DIFFER:
-            notes.append(
-                f"medium.zeta_error is {BEDS_DIFFER:g}, although the fit's own relative error is {own:.2g}: ζ differs"
-                f" by {100 * BEDS_DIFFER:g} % from one levelling of the same grains to the next."
-            )
-        low, high = (f(self.penetrations, key=lambda p: p.zeta) for f in (min, max))
-        apart = high.zeta - low.zeta
-        if apart > max(_NOTEWORTHY * low.zeta, 3.0 * float(np.hypot(low.error, high.error))):
-            notes.append(
-                f"ζ differs by {100 * apart / low.zeta:.0f} % between {low.bag} ({low.zeta:.2f}) and {high.bag}"
-                f" ({high.zeta:.2f}): tools of different size, and grains that differ, need a ζ of their own."
-            )
-        return notes
 
 
 def _cause(forces: Array, alike: float) -> str:
@@ -202,10 +149,7 @@ def _cause(forces: Array, alike: float) -> str:
 def _penetration(
     track: Track, stroke: Stroke, sensor: Sensor, law: Law, surface: float, surface_error: float
 ) -> Penetration:
-    """ζ of the part of a stroke in which the tool moves down below the surface.
-
-    Raises NotIdentifiable if it is too short or shallow, or the model does not explain the force.
-    """
+    """ζ of the part of a stroke in which the tool moves down below the surface."""
     bag, depth = track.name, surface - track.heights()[stroke.rows]
     used = stroke.moving & (depth > 0.0)
     rows, depth = stroke.rows[used], depth[used]
@@ -238,10 +182,13 @@ def _penetration(
     return Penetration(bag, depth, measured, g, zeta, error)
 
 
-def fit_zeta(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float) -> ZetaFit:
-    """The mean ζ over the penetrations of the tracks. Raises NotIdentifiable if no penetration is usable.
+def fit_zeta(
+    tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float
+) -> tuple[list[FittedValue], list[Penetration], list[str]]:
+    """`medium.zeta`, the mean over the penetrations, and `medium.calibrated_depth`; the penetrations, and notes.
 
-    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m].
+    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m]. Raises NotIdentifiable if no
+    penetration is usable.
     """
     found = fit_each(
         lambda track, stroke: _penetration(track, stroke, sensor, law, surface, surface_error),
@@ -254,4 +201,34 @@ def fit_zeta(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: floa
         none="no vertical penetration in the grains",
     )
     zeta, error = mean_of([p.zeta for p in found], [p.error for p in found])
-    return ZetaFit(zeta, error, tuple(found))
+    goodness = f"RMS {100 * max(p.misfit(zeta) for p in found):.1f} % of the peak at worst"
+    if (n := len(found)) > 1:
+        found = [replace(p, others=(n * zeta - p.zeta) / (n - 1)) for p in found]
+        held_out = max(p.misfit(p.others or zeta) for p in found)
+        goodness += f"; each predicted by the others' ζ: {100 * held_out:.1f} %"
+    each = ", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found)
+    depth, deepest = max((float(p.depth.max()), p.bag) for p in found)
+    source = f"deepest penetration, {deepest}"
+    values = [
+        FittedValue("medium.zeta", (zeta,), (error,), "", goodness, each),
+        FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", source),
+    ]
+    return values, found, notes_on_zeta(found, zeta, error)
+
+
+def notes_on_zeta(found: Sequence[Penetration], zeta: float, error: float) -> list[str]:
+    """A sentence if ζ differs between penetrations, and one if the mean is surer than beds are alike."""
+    notes = []
+    if error / zeta < BEDS_DIFFER:
+        notes.append(
+            f"medium.zeta_error is {BEDS_DIFFER:g}, although the fit's own relative error is {error / zeta:.2g}: ζ"
+            f" differs by {100 * BEDS_DIFFER:g} % from one levelling of the same grains to the next."
+        )
+    low, high = (f(found, key=lambda p: p.zeta) for f in (min, max))
+    apart = high.zeta - low.zeta
+    if apart > max(_NOTEWORTHY * low.zeta, 3.0 * float(np.hypot(low.error, high.error))):
+        notes.append(
+            f"ζ differs by {100 * apart / low.zeta:.0f} % between {low.bag} ({low.zeta:.2f}) and {high.bag}"
+            f" ({high.zeta:.2f}): tools of different size, and grains that differ, need a ζ of their own."
+        )
+    return notes

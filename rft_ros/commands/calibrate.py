@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from rft_ros.calibration.calibrate import Calibration
-    from rft_ros.calibration.penetration import ZetaFit
 
 
 def _options(command: argparse.ArgumentParser) -> None:
@@ -75,8 +74,8 @@ def _calibrate(arguments: argparse.Namespace) -> int:
         return 1
     for path in write_calibrated(output, arguments.params, result, tracks):
         console.print(f"-> {path}", soft_wrap=True)
-    if figure and result.zeta:
-        _draw_penetrations(result.zeta, figure)
+    if figure and result.penetrations:
+        _draw_penetrations(result, figure)
     return 1 if arguments.fit and result.not_identifiable else 0
 
 
@@ -121,23 +120,24 @@ def _with_error(value: float, error: float) -> str:
     return f"{value:.{places}f} ± {error:.{places}f}"
 
 
-def _draw_penetrations(fit: "ZetaFit", file: Path) -> None:
+def _draw_penetrations(result: "Calibration", file: Path) -> None:
     """Draw measured and predicted force over depth on a page, one panel for each penetration."""
     from rft_ros.report.charts import Panels
     from rft_ros.report.page import write_figure
 
-    panels = Panels(len(fit.penetrations), same_x=False, height=330 * len(fit.penetrations))
-    for number, p in enumerate(fit.penetrations):
+    found = result.penetrations
+    panels = Panels(len(found), same_x=False, height=330 * len(found))
+    for number, p in enumerate(found):
         at, x, name = (number + 1, 1), 1e3 * p.depth, f"{p.bag}: own ζ {p.zeta:.2f}"
         panels.line(at, "measured, less bias and tool weight", x, p.measured, colour="measured")
         panels.line(at, "RFT with its own ζ", x, p.zeta * p.predicted, colour="z")
-        if len(fit.penetrations) > 1:
-            others = fit.zeta_of_others(number)
+        if (others := p.others) is not None:
             panels.line(at, "RFT with the mean ζ of the others", x, others * p.predicted, colour="predicted")
             panels.line(at, "residual of that", x, p.measured - others * p.predicted, colour="residual")
             name += f", ζ of the others {others:.2f} (RMS {100 * p.misfit(others):.1f} % of the peak)"
         panels.label(at, x=f"Depth of the lowest point [mm]; {name}", y="Vertical force [N]")
-    title = f"Vertical penetration: ζ = {fit.zeta:.3f} ± {fit.error:.3f}"
+    zeta = next(f for f in result.fitted if f.name == "medium.zeta")
+    title = f"Vertical penetration: ζ = {zeta.values[0]:.3f} ± {zeta.errors[0]:.3f}"
     panels.figure.update_layout(title=title)
     write_figure(file, panels.figure, title=title)
 

@@ -22,7 +22,7 @@ from synthetic_track import (
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.penetration import Penetration, ZetaFit
+from rft_ros.calibration.penetration import Penetration, notes_on_zeta
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
@@ -131,8 +131,8 @@ def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
 @pytest.mark.parametrize(("other", "notes"), [(1.2, 0), (1.5, 1)])
 def test_penetrations_whose_zeta_differs_give_a_note(other, notes):
     line = np.linspace(0.0, 1.0, 9)
-    both = tuple(Penetration("a", line, line, line, zeta, 0.01) for zeta in (1.0, other))
-    assert len(ZetaFit(1.25, 0.25, both).notes()) == notes
+    both = [Penetration("a", line, line, line, zeta, 0.01) for zeta in (1.0, other)]
+    assert len(notes_on_zeta(both, 1.25, 0.25)) == notes
 
 
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
