@@ -146,7 +146,7 @@ def _yaml(value: Value) -> str:
 
 
 def _allowed(p: Parameter) -> str:
-    return ", ".join(p.choices) or ("" if math.isinf(p.low) else f"{p.low:g} to {p.high:g}")
+    return ", ".join(p.choices) or ("" if math.isinf(p.bounds[0]) else "{:g} to {:g}".format(*p.bounds))
 
 
 def default_yaml() -> str:

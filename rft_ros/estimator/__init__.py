@@ -16,20 +16,5 @@ from rft_ros.estimator.samples import (
 )
 from rft_ros.parameters import LoadCell, Model, Settings
 
-__all__ = [
-    "Estimate",
-    "Estimator",
-    "LoadCell",
-    "Measurement",
-    "Model",
-    "NoEstimate",
-    "PoseSample",
-    "Reason",
-    "Sample",
-    "Settings",
-    "Stamped",
-    "TransformSample",
-    "TwistSample",
-    "Wrench",
-    "WrenchSample",
-]
+__all__ = ["Estimate", "Estimator", "LoadCell", "Measurement", "Model", "NoEstimate", "PoseSample", "Reason", "Sample"]
+__all__ += ["Settings", "Stamped", "TransformSample", "TwistSample", "Wrench", "WrenchSample"]

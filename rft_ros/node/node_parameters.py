@@ -36,8 +36,9 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         read_only=parameter.applies == "restart",
         dynamic_typing=True,  # so that `checked` refuses a wrong type, with a clearer sentence than rclpy's
     )
-    if parameter.type == "double" and parameter.low > -float("inf"):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=parameter.low, to_value=parameter.high)]
+    low, high = parameter.bounds
+    if parameter.type == "double" and low > -float("inf"):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor
 
 

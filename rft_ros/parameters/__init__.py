@@ -29,34 +29,8 @@ from rft_ros.parameters.settings import (
 )
 from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults
 
-__all__ = [
-    "FILES",
-    "NODE",
-    "PARAMETERS",
-    "TOOL_PARAMETERS",
-    "LearningMode",
-    "LoadCell",
-    "Model",
-    "ModelFiles",
-    "ModelParts",
-    "Parameter",
-    "Settings",
-    "Value",
-    "Values",
-    "checked",
-    "defaults",
-    "flat",
-    "gives",
-    "model_files",
-    "model_of",
-    "named_files",
-    "node_keys",
-    "node_parameters",
-    "parameter_tree",
-    "path_beside",
-    "read_alpha_y_table",
-    "read_parameter_file",
-    "settings_of",
-    "tool_request",
-    "write_parameter_file",
-]
+__all__ = ["FILES", "NODE", "PARAMETERS", "TOOL_PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
+__all__ += ["LearningMode", "LoadCell", "Model", "ModelFiles", "ModelParts", "Settings"]
+__all__ += ["model_files", "model_of", "settings_of", "tool_request"]
+__all__ += ["flat", "gives", "named_files", "node_keys", "node_parameters", "parameter_tree", "path_beside"]
+__all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

@@ -13,20 +13,8 @@ from rft_ros.parameters.table import Value, Values, checked, defaults
 from rft_ros.rft import Table
 from rft_ros.tool import is_mesh_path, locate_mesh
 
-__all__ = [
-    "FILES",
-    "NODE",
-    "flat",
-    "gives",
-    "named_files",
-    "node_keys",
-    "node_parameters",
-    "parameter_tree",
-    "path_beside",
-    "read_alpha_y_table",
-    "read_parameter_file",
-    "write_parameter_file",
-]
+__all__ = ["FILES", "NODE", "flat", "gives", "named_files", "node_keys", "node_parameters", "parameter_tree"]
+__all__ += ["path_beside", "read_alpha_y_table", "read_parameter_file", "write_parameter_file"]
 
 NODE = "/rft"
 """The node's full name, without a namespace."""
@@ -54,9 +42,8 @@ def parameter_tree(file: Path) -> dict[str, Any]:
     for name, value in flat(tree):
         if isinstance(value, list) and len({type(v) for v in value}) > 1:
             name = name.partition(".ros__parameters.")[2] or name
-            raise InputError(
-                f"parameter file '{file}': {name} is {value}; ROS takes lists of one type only, such as [0.0, 0.5]"
-            )
+            needed = "ROS takes lists of one type only, such as [0.0, 0.5]"
+            raise InputError(f"parameter file '{file}': {name} is {value}; {needed}")
     return tree
 
 
@@ -158,44 +145,34 @@ def _number(cell: str) -> float | None:
 def read_alpha_y_table(file: str) -> Table:
     """A table from a CSV file with the columns β [deg], α_y [N/cm³], or β, γ [deg], α_y on a full grid.
 
-    Lines that begin with # and a header line before the numbers are skipped.
-
-    Raises InputError that names the file and what is wrong in it.
+    Lines that begin with # and a header line before the numbers are skipped. Raises InputError that names the file and
+    what is wrong in it.
     """
-    rows: list[list[float]] = []
-    names_may_come = True
-    text = read_text(Path(file), "alpha_y.table", limit=_MAX_TABLE)
-    for number, line in enumerate(text.splitlines(), start=1):
-        if not line.strip() or line.lstrip().startswith("#"):
-            continue
+    name, rows = f"alpha_y.table '{file}'", list[list[float]]()
+    lines = read_text(Path(file), "alpha_y.table", limit=_MAX_TABLE).splitlines()
+    numbered = [(k, line) for k, line in enumerate(lines, start=1) if line.strip() and line.lstrip()[0] != "#"]
+    for number, line in numbered:
         cells = [_number(cell) for cell in line.split(",")]
         numbers = [cell for cell in cells if cell is not None]
         if len(numbers) == len(cells):
             rows.append(numbers)
-        elif numbers or not names_may_come:
-            raise InputError(f"alpha_y.table '{file}' line {number} is not numbers")
-        names_may_come = False
-    widths = {len(row) for row in rows}
-    if widths not in ({2}, {3}):
-        raise InputError(f"alpha_y.table '{file}' needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")
-    data = np.array(rows)
-    if not np.isfinite(data).all():
-        raise InputError(f"alpha_y.table '{file}' has a value that is not finite")
-    if (data[:, -1] < 0.0).any():
-        raise InputError(
-            f"alpha_y.table '{file}' has a negative alpha_y ({data[:, -1].min():g}); it opposes the motion"
-        )
-    gammas = data[:, 1] if data.shape[1] == 3 else np.zeros(len(data))
-    beta, i = np.unique(data[:, 0], return_inverse=True)
-    gamma, j = np.unique(gammas, return_inverse=True)
+        elif numbers or number != numbered[0][0]:
+            raise InputError(f"{name} line {number} is not numbers")
+    if {len(row) for row in rows} not in ({2}, {3}):
+        raise InputError(f"{name} needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")
+    *angles, stresses = np.array(rows).T
+    if not np.isfinite(rows).all():
+        raise InputError(f"{name} has a value that is not finite")
+    if stresses.min() < 0.0:
+        raise InputError(f"{name} has a negative alpha_y ({stresses.min():g}); it opposes the motion")
+    beta, i = np.unique(angles[0], return_inverse=True)
+    gamma, j = np.unique(angles[1] if len(angles) > 1 else np.zeros(len(rows)), return_inverse=True)
     values = np.full((len(beta), len(gamma)), np.nan)
-    values[i, j] = data[:, -1]
-    if len(data) != values.size or np.isnan(values).any():
-        raise InputError(
-            f"alpha_y.table '{file}' has {len(data)} rows; a grid of {len(beta)} beta x {len(gamma)} gamma values"
-            f" needs each pair once ({values.size} rows)"
-        )
+    values[i, j] = stresses
+    if len(rows) != values.size or np.isnan(values).any():
+        grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({values.size} rows)"
+        raise InputError(f"{name} has {len(rows)} rows; {grid}")
     table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
     if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
-        raise InputError(f"alpha_y.table '{file}' has angles that are too close together")
+        raise InputError(f"{name} has angles that are too close together")
     return table

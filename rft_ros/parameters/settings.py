@@ -43,7 +43,6 @@ class Settings:
     """Frames, sources, limits and learning in m, s, m/s, Hz.
 
     `max_rate` 0: answer every pose. `calibrated_depth` and `zeta_error` (relative standard error of ζ) 0: unknown.
-
     `tf_rate` 0: a pose from transforms at each load-cell stamp. `learning_lag`: path between a load-cell sample and the
     first prediction that it may change. Raises InputError if world and tool frame have one name: a twist could not say
     whose axes it is in.
@@ -106,13 +105,8 @@ def settings_of(values: Values) -> Settings:
     )
 
 
-TOOL_PARAMETERS = {
-    "file": "mesh.file",
-    "scale": "mesh.scale",
-    "origin": "mesh.origin",
-    "integration": "integration",
-    "tolerance": "tolerance",
-}
+_OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "integration", "tolerance")
+TOOL_PARAMETERS = {name.removeprefix("mesh."): name for name in _OF_TOOL}
 """The parameter for each field of a `ToolRequest`."""
 
 
@@ -175,27 +169,19 @@ def model_of(
     Raises InputError for what cannot be used.
     """
     v: Mapping[str, Any] = values
-    medium = medium_named(v["medium.name"])
-    name = v["alpha_y.model"]
-    if name == "table" and not v["alpha_y.table"]:
+    medium, alpha_y = medium_named(v["medium.name"]), v["alpha_y.model"]
+    if alpha_y == "table" and not v["alpha_y.table"]:
         raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
-    if name == "table":
+    if alpha_y == "table":
         table = table or read_alpha_y_table(v["alpha_y.table"])
+    of_law = {name: v[f"medium.{name}"] for name in ("zeta", "surface_friction", "density", "inertia")}
     return Model(
         tool=tool or tool_request(values).load(),
-        law=law_named(
-            v["law"],
-            medium,
-            alpha_y_model(name, medium, table),
-            zeta=v["medium.zeta"],
-            surface_friction=v["medium.surface_friction"],
-            density=v["medium.density"],
-            inertia=v["medium.inertia"],
-        ),
+        law=law_named(v["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),
         law_name=v["law"],
         medium=medium.name,
         zeta=v["medium.zeta"],
-        alpha_y=name,
+        alpha_y=alpha_y,
         mobilization_length=v["medium.mobilization_length"],
         ground=ground or _ground_of(v["ground.cell"], v["ground.file"]),
         generation=generation,
@@ -207,6 +193,4 @@ def _ground_of(cell: float, file: str) -> HeightMap | None:
         raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
     if not cell:
         return None
-    if not file:
-        return HeightMap.unknown(cell)
-    return read_height_map(Path(file), cell)
+    return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)

@@ -21,15 +21,14 @@ Values = Mapping[str, Value]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter, of the type of its default. `low`, `high`: inclusive bounds on each number."""
+    """One parameter, of the type of its default. `bounds`: least and greatest value of each number."""
 
     name: str
     default: Value
     description: str
-    _: KW_ONLY
     unit: str = ""
-    low: float = -math.inf
-    high: float = math.inf
+    bounds: tuple[float, float] = (-math.inf, math.inf)
+    _: KW_ONLY
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
 
@@ -43,72 +42,61 @@ class Parameter:
 
 _ZERO3 = (0.0, 0.0, 0.0)
 
-PARAMETERS: tuple[Parameter, ...] = (
+PARAMETERS = (
     Parameter(
         "mesh.file",
         "plate",
         "Tool mesh: a path (relative to the parameter file), a package:// or file:// URI, or a shipped mesh"
         " (plate, ellipsoid, root_tip, sphere, abb_plate).",
     ),
-    Parameter("mesh.scale", 0.001, "Metres per mesh unit.", unit="m", low=1e-9, high=1e6),
+    Parameter("mesh.scale", 0.001, "Metres per mesh unit.", "m", (1e-9, 1e6)),
+    Parameter("mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
     Parameter(
-        "mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", unit="mesh units"
-    ),
-    Parameter(
-        "law",
-        "treers2021",
-        "Traction law; agarwal2023 uses neither medium.name nor alpha_y.model.",
-        choices=LAWS,
+        "law", "treers2021", "Traction law; agarwal2023 uses neither medium.name nor alpha_y.model.", choices=LAWS
     ),
     Parameter(
         "medium.name", "generic", "Medium whose measured stresses are used (Li et al. 2013).", choices=tuple(MEDIA)
     ),
-    Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", low=1e-6, high=1e6),
+    Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", "", (1e-6, 1e6)),
     Parameter(
         "medium.zeta_error",
         0.0,
         "Relative standard error of medium.zeta, from calibration. 0.0: not known.",
-        low=0.0,
-        high=2.0,
+        "",
+        (0.0, 2.0),
     ),
     Parameter(
         "medium.mobilization_length",
         0.0,
         "Displacement to 63 % of full resistance at 30 mm depth; the force holds at rest. 0.0: none, as published.",
-        unit="m",
-        low=0.0,
-        high=1e3,
+        "m",
+        (0.0, 1e3),
     ),
     Parameter(
         "medium.calibrated_depth",
         0.0,
         "Greatest depth of the calibration; deeper estimates are flagged. 0.0: not known.",
-        unit="m",
-        low=0.0,
-        high=1e3,
+        "m",
+        (0.0, 1e3),
     ),
     Parameter(
         "medium.density",
         0.0,
         "Bulk density of the grains, for their inertia in fast motion. 0.0: no inertia, as published.",
-        unit="kg/m3",
-        low=0.0,
-        high=1e5,
+        "kg/m3",
+        (0.0, 1e5),
     ),
-    Parameter("medium.inertia", INERTIA, "Factor of the inertia of an upright plate.", low=0.0, high=100.0),
+    Parameter("medium.inertia", INERTIA, "Factor of the inertia of an upright plate.", "", (0.0, 100.0)),
     Parameter(
         "medium.surface_friction",
         SURFACE_FRICTION,
         "Friction of the tool's surface; law agarwal2023 only.",
-        low=0.0,
-        high=10.0,
+        "",
+        (0.0, 10.0),
     ),
     Parameter("alpha_y.model", "constant", "Stress along the plate's horizontal direction e1.", choices=ALPHA_Y_MODELS),
     Parameter(
-        "alpha_y.table",
-        "",
-        "CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table.",
-        unit="deg, N/cm3",
+        "alpha_y.table", "", "CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table.", "deg, N/cm3"
     ),
     Parameter(
         "integration",
@@ -120,8 +108,8 @@ PARAMETERS: tuple[Parameter, ...] = (
         "tolerance",
         0.025,
         "Reduce the tool to the fewest plates within this share of the force in any motion. 0.0: the full tool.",
-        low=0.0,
-        high=1.0,
+        "",
+        (0.0, 1.0),
     ),
     Parameter(
         "learning.mode",
@@ -133,16 +121,15 @@ PARAMETERS: tuple[Parameter, ...] = (
         "learning.lag",
         0.002,
         "Path of the tool between a load-cell sample and the first prediction that it may change.",
-        unit="m",
-        low=1e-5,
-        high=1.0,
+        "m",
+        (1e-5, 1.0),
     ),
     Parameter(
         "feedforward.gain",
         0.0,
         "Publish this times the prediction on ~/wrench_feedforward; -1.0: what cancels the grains' force. 0.0: off.",
-        low=-2.0,
-        high=2.0,
+        "",
+        (-2.0, 2.0),
     ),
     Parameter(
         "feedforward.frame",
@@ -152,45 +139,35 @@ PARAMETERS: tuple[Parameter, ...] = (
         applies="restart",
     ),
     Parameter(
-        "feedforward.limit",
-        (20.0, 2.0),
-        "Largest force and torque of ~/wrench_feedforward.",
-        unit="N, N m",
-        low=0.0,
-        high=1e4,
+        "feedforward.limit", (20.0, 2.0), "Largest force and torque of ~/wrench_feedforward.", "N, N m", (0.0, 1e4)
     ),
     Parameter(
         "feedforward.rise_time",
         0.2,
         "Time of ~/wrench_feedforward from zero to the limit, and back to zero when estimates stop.",
-        unit="s",
-        low=0.01,
-        high=1.0,
+        "s",
+        (0.01, 1.0),
     ),
-    Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", unit="m", low=-1e6, high=1e6),
+    Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)),
     Parameter(
         "ground.cell",
         0.0,
         "Side of the cells of a map of the ground's height. 0.0: a level plane at surface_height.",
-        unit="m",
-        low=0.0,
-        high=1.0,
+        "m",
+        (0.0, 1.0),
     ),
     Parameter(
         "ground.file",
         "",
         "Heights at the start: CSV with columns x, y, h, or NPZ with these arrays, in world_frame. Needs ground.cell.",
-        unit="m",
+        "m",
     ),
     Parameter("world_frame", "world", "frame_id of poses; z up."),
     Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),
     Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
-    Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", unit="m", low=-1e3, high=1e3),
+    Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
     Parameter(
-        "sensor.quaternion",
-        (0.0, 0.0, 0.0, 1.0),
-        "Orientation of sensor_frame in tool_frame, unit length.",
-        unit="xyzw",
+        "sensor.quaternion", (0.0, 0.0, 0.0, 1.0), "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"
     ),
     Parameter(
         "sensor.frame_source",
@@ -202,61 +179,46 @@ PARAMETERS: tuple[Parameter, ...] = (
         "sensor.sign",
         1.0,
         "1.0: the driver reports the force on the tool; -1.0: the force by the tool.",
-        low=-1.0,
-        high=1.0,
+        "",
+        (-1.0, 1.0),
     ),
     Parameter(
         "sensor.bias",
         (0.0,) * 6,
         "What the driver reports with nothing attached: fx, fy, fz, tx, ty, tz.",
-        unit="N, N m",
-        low=-1e6,
-        high=1e6,
+        "N, N m",
+        (-1e6, 1e6),
     ),
-    Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", unit="kg", low=0.0, high=1e3),
-    Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", unit="m", low=-1e3, high=1e3),
+    Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
+    Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", "m", (-1e3, 1e3)),
     Parameter(
-        "pose_source",
-        "topic",
-        "Pose of the tool from ~/pose, or from TF.",
-        choices=("topic", "tf"),
-        applies="restart",
+        "pose_source", "topic", "Pose of the tool from ~/pose, or from TF.", choices=("topic", "tf"), applies="restart"
     ),
     Parameter(
         "tf_rate",
         0.0,
         "With pose_source tf: take poses at this rate; 0.0: at the stamps of the load cell.",
-        unit="Hz",
-        low=0.0,
-        high=1e4,
+        "Hz",
+        (0.0, 1e4),
     ),
     Parameter(
         "twist_source", "topic", "Velocity from ~/twist, or from the last poses.", choices=("topic", "pose_difference")
     ),
-    Parameter(
-        "twist_window",
-        0.2,
-        "Longest span of poses that pose_difference fits a curve to.",
-        unit="s",
-        low=1e-4,
-        high=1.0,
-    ),
+    Parameter("twist_window", 0.2, "Longest span of poses that pose_difference fits a curve to.", "s", (1e-4, 1.0)),
     Parameter(
         "max_input_age",
         0.1,
         "Greatest difference between a pose's stamp and those of the twist, wrenches and transforms used with it.",
-        unit="s",
-        low=1e-6,
-        high=1e6,
+        "s",
+        (1e-6, 1e6),
     ),
-    Parameter("max_rate", 0.0, "Answer at most this often; 0.0: every pose.", unit="Hz", low=0.0, high=1e6),
+    Parameter("max_rate", 0.0, "Answer at most this often; 0.0: every pose.", "Hz", (0.0, 1e6)),
     Parameter(
         "rest_speed",
-        2e-4,
+        0.0002,
         "Below this speed of its fastest point a tool in grains is at rest: no estimate (with memory: the last force).",
-        unit="m/s",
-        low=0.0,
-        high=1e3,
+        "m/s",
+        (0.0, 1e3),
     ),
     Parameter(
         "executor",
@@ -270,6 +232,7 @@ PARAMETERS: tuple[Parameter, ...] = (
 
 _BY_NAME = {p.name: p for p in PARAMETERS}
 _LONGEST, _LONGEST_FRAME = 4096, 256  # characters, of a path and of a frame
+_LARGEST = sys.float_info.max  # also bounds integers too large for a double, at which math.isfinite raises
 
 
 def defaults() -> dict[str, Value]:
@@ -282,26 +245,26 @@ def checked(name: str, value: object) -> Value:
     parameter = _BY_NAME.get(name)
     if parameter is None:
         raise InputError(f"there is no parameter '{name}'{suggestion(name, _BY_NAME)}")
-    if parameter.type == "string":
-        if value is False and "off" in parameter.choices:  # YAML, and so ROS, reads an unquoted off as false
+    default, choices = parameter.default, parameter.choices
+    if isinstance(default, str):
+        if value is False and "off" in choices:  # YAML, and so ROS, reads an unquoted off as false
             value = "off"
         if not isinstance(value, str):
             raise InputError(f"{name} is {value!r}; it must be a string")
         if len(value) > (limit := _LONGEST_FRAME if name.endswith("_frame") else _LONGEST):
             raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
-        if parameter.choices and value not in parameter.choices:
-            raise InputError(f"{name} is '{value}'; it must be one of {', '.join(parameter.choices)}")
+        if choices and value not in choices:
+            raise InputError(f"{name} is '{value}'; it must be one of {', '.join(choices)}")
         return value
-    if parameter.type == "double":
+    if isinstance(default, float):
         number = _number(parameter, value)
         if name == "ground.cell" and 0.0 < number < 1e-4:
             raise InputError(f"ground.cell is {number:g}; it must be 0, or at least 0.0001 m")
         if name == "sensor.sign" and abs(number) != 1.0:
             raise InputError(f"sensor.sign is {number:g}; it must be 1.0 or -1.0")
         return number
-    assert isinstance(parameter.default, tuple)
-    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(parameter.default):
-        raise InputError(f"{name} is {value!r}; it must be {len(parameter.default)} numbers")
+    if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(default):
+        raise InputError(f"{name} is {value!r}; it must be {len(default)} numbers")
     numbers = tuple(_number(parameter, v) for v in value)
     if name == "sensor.quaternion":
         norm = math.hypot(*numbers)
@@ -311,12 +274,10 @@ def checked(name: str, value: object) -> Value:
     return numbers
 
 
-_LARGEST = sys.float_info.max  # also bounds integers too large for a double, at which math.isfinite raises
-
-
 def _number(parameter: Parameter, value: object) -> float:
+    name, (low, high) = parameter.name, parameter.bounds
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
-        raise InputError(f"{parameter.name} is {value!r}; it must be a finite number (such as 1.0)")
-    if not parameter.low <= value <= parameter.high:
-        raise InputError(f"{parameter.name} is {value:g}; it must lie between {parameter.low:g} and {parameter.high:g}")
+        raise InputError(f"{name} is {value!r}; it must be a finite number (such as 1.0)")
+    if not low <= value <= high:
+        raise InputError(f"{name} is {value:g}; it must lie between {low:g} and {high:g}")
     return float(value)

@@ -41,7 +41,7 @@ def test_a_default_passes_its_own_check_unchanged(parameter):
 @by_name
 def test_a_parameter_is_described_in_one_sentence_with_its_unit_or_its_values(parameter):
     assert re.fullmatch(r"\S.{15,}\.", parameter.description)
-    assert parameter.low < parameter.high
+    assert parameter.bounds[0] < parameter.bounds[1]
     if parameter.choices:
         assert parameter.default in parameter.choices
 
@@ -68,11 +68,12 @@ def test_a_value_that_is_not_a_number_is_refused_everywhere(parameter, value):
     "parameter", [p for p in PARAMETERS if p.type == "double" and p.name != "sensor.sign"], ids=lambda p: p.name
 )
 def test_the_range_of_a_number_ends_where_the_table_says(parameter):
-    for limit, beyond in ((parameter.low, -math.inf), (parameter.high, math.inf)):
+    low, high = parameter.bounds
+    for limit, beyond in ((low, -math.inf), (high, math.inf)):
         assert checked(parameter.name, limit) == limit
         outside = math.nextafter(limit, beyond)
         assert refusal(parameter.name, outside) == (
-            f"{parameter.name} is {outside:g}; it must lie between {parameter.low:g} and {parameter.high:g}"
+            f"{parameter.name} is {outside:g}; it must lie between {low:g} and {high:g}"
         )
 
 
