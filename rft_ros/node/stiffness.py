@@ -14,7 +14,7 @@ from rclpy.time import Time
 
 from rft_ros.estimator import Estimator
 
-__all__ = ["Stiffness", "stiffness_message", "stiffness_sums"]
+__all__ = ["Stiffness", "stiffness_message"]
 
 
 class Stiffness:
@@ -33,24 +33,12 @@ class Stiffness:
 
 def stiffness_message(stamp: int, frame: str, sums: NDArray[np.float64], origin: NDArray[np.float64]) -> InertiaStamped:
     """The message of `Memory.stiffness`, in its units, shape [10], about an origin in the world [m], shape [3]."""
+    k, xx, yy, zz, xy, xz, yz = sums[[0, 4, 5, 6, 7, 8, 9]].tolist()
+    x, y, z = (sums[1:4] / k if k > 0.0 else np.zeros(3)).tolist()
     message = InertiaStamped()
     message.header.stamp, message.header.frame_id = Time(nanoseconds=stamp).to_msg(), frame
     i = message.inertia
-    k, *first = sums[:4].tolist()
-    xx, yy, zz, xy, xz, yz = sums[4:].tolist()
-    x, y, z = (s / k if k > 0.0 else 0.0 for s in first)
     i.m, (i.com.x, i.com.y, i.com.z) = k, (origin + np.array([x, y, z])).tolist()
     i.ixx, i.iyy, i.izz = yy + zz - k * (y * y + z * z), xx + zz - k * (x * x + z * z), xx + yy - k * (x * x + y * y)
     i.ixy, i.ixz, i.iyz = k * x * y - xy, k * x * z - xz, k * y * z - yz
     return message
-
-
-def stiffness_sums(message: InertiaStamped, origin: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The inverse of `stiffness_message`, same units, shape [10]."""
-    i = message.inertia
-    k = i.m
-    x, y, z = np.array([i.com.x, i.com.y, i.com.z]) - origin
-    half = 0.5 * (i.ixx + i.iyy + i.izz)
-    squares = half - i.ixx + k * x * x, half - i.iyy + k * y * y, half - i.izz + k * z * z
-    products = k * x * y - i.ixy, k * x * z - i.ixz, k * y * z - i.iyz
-    return np.array([k, k * x, k * y, k * z, *squares, *products])

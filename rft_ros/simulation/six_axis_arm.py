@@ -57,10 +57,8 @@ class SixAxisArm:
             mujoco.mj_kinematics(model, data)
             mujoco.mj_comPos(model, data)
             error[:3] = goal - data.xpos[self.body]
-            inverse, between = np.zeros(4), np.zeros(4)
-            mujoco.mju_negQuat(inverse, data.xquat[self.body])
-            mujoco.mju_mulQuat(between, turn, inverse)
-            mujoco.mju_quat2Vel(error[3:], between, 1.0)
+            mujoco.mju_subQuat(error[3:], turn, data.xquat[self.body])
+            error[3:] = data.xmat[self.body].reshape(3, 3) @ error[3:]
             if np.abs(error).max() < _CLOSE:
                 self._joints = data.qpos.copy()
                 return self._joints.copy()
@@ -78,12 +76,3 @@ class SixAxisArm:
     def step(self) -> None:
         """`mj_step`."""
         self._mujoco.mj_step(self.model, self.data)
-
-    def state(self) -> Array:
-        """State of the tool frame now, shape [13], columns and units of `rft_ros.rft.STATE`."""
-        mujoco, data = self._mujoco, self.data
-        mujoco.mj_kinematics(self.model, data)
-        mujoco.mj_comPos(self.model, data)
-        jacobian = np.zeros((6, 6))
-        mujoco.mj_jacBody(self.model, data, jacobian[:3], jacobian[3:], self.body)
-        return np.concatenate([data.xpos[self.body], np.roll(data.xquat[self.body], -1), jacobian @ data.qvel])

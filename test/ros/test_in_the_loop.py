@@ -11,7 +11,8 @@ from rft_ros.installation import share_directory
 
 pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 
-from rft_ros.node.stiffness import stiffness_message, stiffness_sums
+from rft_ros.node.mujoco_arm import stiffness_sums
+from rft_ros.node.stiffness import stiffness_message
 
 
 def test_the_stiffness_survives_its_message():
