@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -46,8 +47,9 @@ class GrainsBatch:
         if not number("bodies", bodies) >= 1.0 or not number("threads", threads) >= 1.0:
             raise ValueError(f"bodies is {bodies}, threads {threads}; both must be at least 1")
         self._surface = number("surface_height", surface_height)
-        self._length = number("mobilization_length", mobilization_length, positive=True)
-        self._plates, self._law, self._ground = tool.plates, law, ground
+        length = number("mobilization_length", mobilization_length, positive=True)
+        self._wrenches_of = partial(wrenches_in_time, tool.plates, law, mobilization_length=length)
+        self._reach, self._ground = tool.plates.reach, ground
         self._support = None if ground is None else Support(tool.corners)
         n, self._threads = int(bodies), int(threads)
         memory = Memory(tool.plates, bodies=n)
@@ -82,7 +84,7 @@ class GrainsBatch:
             raise ValueError(f"states has {len(checked)} rows; there are {len(self._rows)} bodies")
         dt = number("dt", dt, positive=True)
         rows = self.advance(checked, dt)
-        calm(rows, self.sums, checked, dt, self._plates.reach, self._remembered["answers"], self._wrenches)
+        calm(rows, self.sums, checked, dt, self._reach, self._remembered["answers"], self._wrenches)
         return self._wrenches.copy()
 
     def advance(self, states: Array, dt: float) -> Array:
@@ -104,17 +106,7 @@ class GrainsBatch:
             if self._support is not None and self._ground is not None:
                 surface = self._support.local_surface(self._ground, states[part][0], level=self._surface)
                 height, slope = surface.height, surface.slope
-            wrenches_in_time(
-                self._plates,
-                self._law,
-                states[part],
-                durations,
-                memory,
-                mobilization_length=self._length,
-                surface_height=height,
-                slope=slope,
-                out=rows,
-            )
+            self._wrenches_of(states[part], durations, memory, surface_height=height, slope=slope, out=rows)
 
     @property
     def stiffness(self) -> Array:
@@ -146,17 +138,7 @@ class GrainsBatch:
 
 
 class Grains:
-    """One body in one bed; arguments as for `GrainsBatch`.
-
-    >>> from rft_ros.rft import MEDIA, alpha_y_model, treers2021
-    >>> from rft_ros.tool import load_tool
-    >>> law = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=0.33)
-    >>> grains = Grains(load_tool("plate", tolerance=0.025), law, mobilization_length=0.003)
-    >>> for k in range(1001):
-    ...     wrench = grains.step([0, 0, -1e-5 * k], [0, 0, 0, 1], twist=[0, 0, -0.01, 0, 0, 0], dt=0.001)
-    >>> round(float(wrench[2]))  # pressed down by 10 mm, fz [N]
-    8
-    """
+    """One body in one bed; arguments as for `GrainsBatch`."""
 
     def __init__(
         self,

@@ -41,7 +41,7 @@ class MujocoBody:
 
     def __init__(self, model: Any, body: int) -> None:
         self._mujoco, self.model, self.body = import_mujoco(), model, body
-        self._option = model.opt
+        self.option = model.opt
         self._none = self._mujoco.mjtStage.mjSTAGE_NONE
         self._jacobian, self._solved = np.zeros((2, 6, int(model.nv)))
         self._linear, self._angular = self._jacobian[:3], self._jacobian[3:]
@@ -81,12 +81,6 @@ class MujocoBody:
         self._put(self.wrench, *self._places)
         return path
 
-    @property
-    def timestep(self) -> float:
-        """The model's, [s]."""
-        step: float = self._option.timestep
-        return step
-
     def feel(self, wrench: NDArray[np.float64]) -> None:
         """Let it feel this wrench, shape [6]."""
         self.wrench[:] = wrench
@@ -95,20 +89,6 @@ class MujocoBody:
 
 class MujocoGrains:
     """Grains around one body of a MuJoCo model.
-
-    >>> import mujoco
-    >>> corners = "0 0 0  0 0 .04  0 .04 0  0 .04 .04  .04 0 0  .04 0 .04  .04 .04 0  .04 .04 .04"
-    >>> model = mujoco.MjModel.from_xml_string(f'''<mujoco>
-    ...   <asset> <mesh name="cube" vertex="{corners}"/> </asset>
-    ...   <worldbody> <body name="tool"> <freejoint/> <geom type="mesh" mesh="cube" mass=".2"/> </body> </worldbody>
-    ... </mujoco>''')
-    >>> data = mujoco.MjData(model)
-    >>> grains = MujocoGrains(model, body="tool", zeta=0.33, mobilization_length=0.003)
-    >>> while data.time < 1.0:
-    ...     wrench = grains.apply(data)
-    ...     mujoco.mj_step(model, data)
-    >>> bool(abs(data.qvel).max() < 1e-5)  # it lies still
-    True
 
     `body`: its name. Its shape: the body's mesh geoms, or `mesh`, a file as for `load_tool`, in the body frame, with
     `scale` in metres per unit; reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains:
@@ -181,7 +161,7 @@ class MujocoGrains:
         if not self._implicit:
             body.feel(self._grains.step(body.state, max(since, 1e-9))[0])
             return self.wrench
-        h, reach, lagging = body.timestep, self.tool.plates.reach, self._past[1] > 0.0
+        h, reach, lagging = body.option.timestep, self.tool.plates.reach, self._past[1] > 0.0
         row = self._grains.advance(body.state, since)[0]
         path = body.hold(row, self._grains.sums[0], h, reach)
         in_air = row[6] == 0.0 and body.state[0, 2] - self._surface > reach + path
