@@ -35,7 +35,7 @@ from rft_ros.tool import Tool
 from rft_ros.tool.refine import FLAT_HALF_ANGLE
 from rft_ros.tool.tool import centroid_plates
 
-__all__ = ["EVERY_CODE", "Code", "code_of", "compile_jobs", "prepare"]
+__all__ = ["EVERY_CODE", "Code", "code_of", "compile_jobs", "prepare", "pyramid"]
 
 
 class Code(NamedTuple):
@@ -127,7 +127,7 @@ def _load(jobs: Iterable[tuple[bool, Code]]) -> None:
     medium = next(iter(MEDIA.values()))
     table = Table.sampled([0.0], [0.0], [[1.0]])
     for poses, code in jobs:
-        law, tool = law_named(code.law, medium, alpha_y_model(code.alpha_y, medium, table)), _pyramid(code.integration)
+        law, tool = law_named(code.law, medium, alpha_y_model(code.alpha_y, medium, table)), pyramid(code.integration)
         model = Model(
             tool=tool, law=law, medium=medium.name, zeta=1.0, alpha_y=code.alpha_y,
             mobilization_length=float(code.memory), ground=HeightMap.unknown(1.0) if code.ground else None,
@@ -163,7 +163,7 @@ def _pose(k: int) -> PoseSample:
     return PoseSample(k * 10_000_000, "world", (0.0, 0.0, -1e3 - 0.001 * k), (0.0, 0.0, 0.0, 1.0))
 
 
-def _pyramid(integration: Integration) -> Tool:
+def pyramid(integration: Integration) -> Tool:
     """A tool of four plates. It comes from no file, since reading one imports trimesh: a second, and 50 MB."""
     vertices = 0.01 * np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

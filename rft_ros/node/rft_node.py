@@ -20,7 +20,7 @@ from sensor_msgs.msg import PointCloud2
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder, wrench_cdr
-from rft_ros.estimator.warm_up import Code, code_of, prepare
+from rft_ros.estimator.warm_up import Code, code_of, prepare, pyramid
 from rft_ros.files import checked_file
 from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
@@ -67,11 +67,12 @@ class RftNode(Node):
         super().__init__("rft", cli_args=arguments)
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
         values = self._table.values
-        files = model_files(values)
-        parts = worker.load(files).result()  # trimesh stays out of this process
-        model, settings = model_of(values, **parts._asdict()), settings_of(values)
-        code = code_of(model, settings)
+        files, settings = model_files(values), settings_of(values)
+        loading = worker.load(files)  # trimesh stays out of this process
+        code = code_of(model_of(values, tool=pyramid(values["integration"])), settings)  # type: ignore[arg-type]
         prepare(code, on_cold_cache=self._announce_compilation)
+        parts = loading.result()
+        model = model_of(values, **parts._asdict())
         # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
         self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
         self._swap = ToolSwap(files, parts, worker)
@@ -271,14 +272,11 @@ class RftNode(Node):
         m, wanted = self.estimator.model, self._swap.wanted
         stays = f"tool {m.tool.name} and alpha_y {m.alpha_y} stay in force"
         self.get_logger().error(f"not swapped, {stays}: {self._swap.last_failure}")
-        parameters: dict[str, Value] = {}
-        if wanted.tool and wanted.tool != failed.tool:
-            parameters = {name: getattr(wanted.tool, field) for field, name in TOOL_PARAMETERS.items()}
+        parameters: dict[str, Value] = {name: getattr(wanted.tool, field) for field, name in TOOL_PARAMETERS.items()}
+        parameters["ground.cell"], parameters["ground.file"] = wanted.ground or (0.0, "")
         if wanted.table != failed.table:
             parameters["alpha_y.model"] = "table" if wanted.table else m.alpha_y
             parameters["alpha_y.table"] = wanted.table or self.values["alpha_y.table"]
-        if wanted.ground and wanted.ground != failed.ground:
-            parameters["ground.cell"], parameters["ground.file"] = wanted.ground
         self._table.set_all(parameters, why=f"the swap to {failed} failed")
         self._swap.want(wanted)
 
