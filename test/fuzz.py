@@ -18,7 +18,6 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -44,12 +43,11 @@ ADDRESS_SPACE = 6 * 2**30
 Random = np.random.Generator
 
 
-@dataclass(slots=True)
-class Tally:
-    """Outcomes of the inputs, and the findings: kind of input, its number, traceback or reason."""
+Case = tuple[str, list[str], Path]
+"""Kind of input, arguments of `rft`, and the damaged file or folder."""
 
-    outcomes: Counter[str] = field(default_factory=Counter)
-    findings: list[tuple[str, int, str]] = field(default_factory=list)
+Finding = tuple[str, int, str]
+"""Kind of input, its number, traceback or reason."""
 
 
 def damaged(data: bytes, random: Random) -> bytes:
@@ -99,96 +97,86 @@ def damaged_table(text: str, random: Random) -> bytes:
     return damaged(data, random) if random.random() < 0.2 else data
 
 
-class Inputs:
-    """Good inputs in a folder, and the calls of `rft` with damaged copies of them."""
+def cases(folder: Path) -> list[Callable[[Random], Case]]:
+    """Write good inputs to a folder; functions that damage a copy of one, each for another kind of input."""
+    ball = trimesh.creation.icosphere(1, radius=20.0)
+    meshes = {kind: ball.export(file_type=kind) for kind in ("stl", "stl_ascii", "obj", "ply", "glb", "dae")}
+    mesh, states, params = folder / "ball.stl", folder / "states.csv", folder / "params.yaml"
+    mesh.write_bytes(meshes["stl"])
+    random = np.random.default_rng(0)
+    rows = [[0.1 * k, 0, 0, -0.01, 0, 0, 0, 1, *random.normal(0.0, 0.02, 6).round(4)] for k in range(6)]
+    table = "\n".join([HEADER, *(",".join(map(str, row)) for row in rows)])
+    states.write_text(table)
+    alpha_y = "beta,gamma,alpha_y\n0,0,0.1\n0,90,0.2\n90,0,0.1\n90,90,0.3"
+    params.write_text(f"rft:\n  ros__parameters:\n    mesh: {{file: {mesh}}}\n    tolerance: 0.0\n")
+    main(["reduce", str(mesh), "--plates", "20", "-o", str(folder / "ball.npz")])
+    meshes["npz"] = (folder / "ball.npz").read_bytes()
+    for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3):
+        write_ros2(folder / plugin.name, moments(40), plugin=plugin)
+    write_ros1(folder / "ROS1.bag", moments(40))
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        mesh = trimesh.creation.icosphere(1, radius=20.0)
-        self.meshes = {kind: _exported(mesh, kind) for kind in ("stl", "stl_ascii", "obj", "ply", "glb", "dae")}
-        self.mesh, self.states, self.params = folder / "ball.stl", folder / "states.csv", folder / "params.yaml"
-        self.mesh.write_bytes(self.meshes["stl"])
-        random = np.random.default_rng(0)
-        rows = [[0.1 * k, 0, 0, -0.01, 0, 0, 0, 1, *random.normal(0.0, 0.02, 6).round(4)] for k in range(6)]
-        self.table = "\n".join([HEADER, *(",".join(map(str, row)) for row in rows)])
-        self.states.write_text(self.table)
-        self.alpha_y = "beta,gamma,alpha_y\n0,0,0.1\n0,90,0.2\n90,0,0.1\n90,90,0.3"
-        self.params.write_text(f"rft:\n  ros__parameters:\n    mesh: {{file: {self.mesh}}}\n    tolerance: 0.0\n")
-        main(["reduce", str(self.mesh), "--plates", "20", "-o", str(folder / "ball.npz")])
-        self.meshes["npz"] = (folder / "ball.npz").read_bytes()
-        for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3):
-            write_ros2(folder / plugin.name, moments(40), plugin=plugin)
-        write_ros1(folder / "ROS1.bag", moments(40))
+    def predict(states: Path, mesh: Path, *options: str) -> list[str]:
+        return ["predict", str(states), "--mesh", str(mesh), *options, "-o", str(folder / "out.csv")]
 
-    def call(self, random: Random) -> tuple[str, list[str], Path]:
-        """Kind, arguments, and the damaged file or folder of the next input."""
-        kinds: list[Callable[[Random], tuple[str, list[str], Path]]] = [self._states, self._mesh, self._table]
-        kinds += [self._bag, self._strange_bag, self._parameters]
-        return kinds[int(random.integers(len(kinds)))](random)
+    def replay(bag: Path, params: Path = params) -> list[str]:
+        out = folder / "replayed"
+        shutil.rmtree(out, ignore_errors=True)
+        return ["replay", str(bag), "-o", str(out), "--params", str(params), "--no-report"]
 
-    def _predict(self, states: Path, mesh: Path, random: Random, *more: str) -> list[str]:
-        choices = (["--integration", "refined"], ["--mobilization-length", "0.002"], ["--alpha-y", "linear"], [])
-        extra = list(choices[int(random.integers(len(choices)))]) if not more else list(more)
-        return ["predict", str(states), "--mesh", str(mesh), *extra, "-o", str(self.folder / "out.csv")]
+    def bad(name: str, data: bytes) -> Path:
+        file = folder / name
+        file.write_bytes(data)
+        return file
 
-    def _states(self, random: Random) -> tuple[str, list[str], Path]:
-        bad = self.folder / "bad.csv"
-        bad.write_bytes(damaged_table(self.table, random))
-        return "states", self._predict(bad, self.mesh, random), bad
+    def bad_states(random: Random) -> Case:
+        file = bad("bad.csv", damaged_table(table, random))
+        choices = ["--integration", "refined"], ["--mobilization-length", "0.002"], ["--alpha-y", "linear"], []
+        return "states", predict(file, mesh, *choices[random.integers(len(choices))]), file
 
-    def _mesh(self, random: Random) -> tuple[str, list[str], Path]:
-        kind = str(random.choice(list(self.meshes)))
-        bad = self.folder / f"bad.{kind.partition('_')[0]}"
-        bad.write_bytes(damaged(self.meshes[kind], random))
-        return f"mesh {kind}", self._predict(self.states, bad, random), bad
+    def bad_mesh(random: Random) -> Case:
+        kind = str(random.choice(list(meshes)))
+        data = meshes[kind]
+        data = data.encode() if isinstance(data, str) else bytes(data)
+        file = bad(f"bad.{kind.partition('_')[0]}", damaged(data, random))
+        return f"mesh {kind}", predict(states, file), file
 
-    def _table(self, random: Random) -> tuple[str, list[str], Path]:
-        bad = self.folder / "bad_alpha_y.csv"
-        bad.write_bytes(damaged_table(self.alpha_y, random))
-        return "α_y table", self._predict(self.states, self.mesh, random, "--alpha-y", str(bad)), bad
+    def bad_alpha_y(random: Random) -> Case:
+        file = bad("bad_alpha_y.csv", damaged_table(alpha_y, random))
+        return "α_y table", predict(states, mesh, "--alpha-y", str(file)), file
 
-    def _bag(self, random: Random) -> tuple[str, list[str], Path]:
+    def bad_bag(random: Random) -> Case:
         """A file of a good bag damaged, or its metadata."""
         name = str(random.choice(["MCAP", "SQLITE3", "ROS1.bag"]))
-        good, bad = self.folder / name, self.folder / f"bad_{name}"
+        good, copy = folder / name, folder / f"bad_{name}"
         if good.is_file():
-            bad.write_bytes(damaged(good.read_bytes(), random))
-            return f"bag {name}", self._replay(bad), bad
-        shutil.rmtree(bad, ignore_errors=True)
-        shutil.copytree(good, bad)
-        file = sorted(bad.iterdir())[int(random.integers(2))]
-        file.write_bytes(damaged(file.read_bytes(), random))
-        return f"bag {name} {file.suffix}", self._replay(bad), bad
+            file = bad(copy.name, damaged(good.read_bytes(), random))
+        else:
+            shutil.rmtree(copy, ignore_errors=True)
+            shutil.copytree(good, copy)
+            file = sorted(copy.iterdir())[random.integers(2)]
+            file.write_bytes(damaged(file.read_bytes(), random))
+        return f"bag {name} {file.suffix}", replay(copy), copy
 
-    def _strange_bag(self, random: Random) -> tuple[str, list[str], Path]:
+    def strange_bag(random: Random) -> Case:
         """A sound bag of strange numbers and stamps."""
         numbers = (math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e-310, 1e200, -1e308, 1e30, 1.0, -1.0)
-        rows = []
+        told = []
         for role, time_, stamp, values in moments(30):
             if random.random() < 0.2:
                 values = tuple(float(random.choice(numbers)) if random.random() < 0.3 else v for v in values)
             if random.random() < 0.1:
                 stamp = int(random.choice([0, 1, stamp - 5 * 10**9, stamp + 10**9, 2**31 * 10**9 - 1, stamp // 2]))
-            rows.append((role, time_, stamp, values))
-        bad = self.folder / "strange"
-        shutil.rmtree(bad, ignore_errors=True)
-        write_ros2(bad, rows)
-        return "bag of strange numbers", self._replay(bad), bad
+            told.append((role, time_, stamp, values))
+        copy = folder / "strange"
+        shutil.rmtree(copy, ignore_errors=True)
+        write_ros2(copy, told)
+        return "bag of strange numbers", replay(copy), copy
 
-    def _parameters(self, random: Random) -> tuple[str, list[str], Path]:
-        bad = self.folder / "bad.yaml"
-        bad.write_bytes(damaged(self.params.read_bytes(), random))
-        return "parameters", self._replay(self.folder / "MCAP", bad), bad
+    def bad_parameters(random: Random) -> Case:
+        file = bad("bad.yaml", damaged(params.read_bytes(), random))
+        return "parameters", replay(folder / "MCAP", file), file
 
-    def _replay(self, bag: Path, params: Path | None = None) -> list[str]:
-        out = self.folder / "replayed"
-        shutil.rmtree(out, ignore_errors=True)
-        return ["replay", str(bag), "-o", str(out), "--params", str(params or self.params), "--no-report"]
-
-
-def _exported(mesh: trimesh.Trimesh, kind: str) -> bytes:
-    data = mesh.export(file_type=kind)
-    return data.encode() if isinstance(data, str) else bytes(data)
+    return [bad_states, bad_mesh, bad_alpha_y, bad_bag, strange_bag, bad_parameters]
 
 
 def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
@@ -206,48 +194,46 @@ def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
         signal.alarm(0)
     # warnings about the mesh come before the error
     text = "\n".join(line for line in said.getvalue().splitlines() if not line.startswith("warning: "))
+    wrong = ""
     if "Traceback" in text or status not in (0, 1, 2) or (status == 1 and "has no estimate" not in text):
-        return f"status {status}", text
-    if status and (not text.startswith("rft ") or len(text.splitlines()) != 1):
-        return f"status {status}", f"not one sentence: {text!r}"
-    if status == 0 and arguments[0] == "predict":
+        wrong = text or "no sentence"
+    elif status and (not text.startswith("rft ") or len(text.splitlines()) != 1):
+        wrong = f"not one sentence: {text!r}"
+    elif status == 0 and arguments[0] == "predict":
         table = np.loadtxt(folder / "out.csv", delimiter=",", skiprows=1, ndmin=2)
-        if not np.isfinite(table).all():
-            return "status 0", "numbers in the output are not finite"
-    return f"status {status}", ""
+        wrong = "" if np.isfinite(table).all() else "numbers in the output are not finite"
+    return f"status {status}", wrong
 
 
 def _too_long(*_: object) -> None:
     raise TimeoutError(f"took more than {MOST_SECONDS} s")
 
 
-def fuzz(*, seed: int, count: int | None = None, seconds: float = math.inf, keep: Path | None = None) -> Tally:
-    """Try damaged inputs one after the other: `count` of them, or for so many seconds."""
-    random, tally = np.random.default_rng(seed), Tally()
+def fuzz(
+    *, seed: int, count: int | None = None, seconds: float = math.inf, keep: Path | None = None
+) -> tuple[Counter[str], list[Finding]]:
+    """Try damaged inputs one after the other: `count` of them, or for so many seconds; outcomes and findings."""
+    random, outcomes, findings, number = np.random.default_rng(seed), Counter[str](), list[Finding](), 0
     before = signal.signal(signal.SIGALRM, _too_long)
     try:
         with tempfile.TemporaryDirectory() as name, np.errstate(all="ignore"):
-            inputs, number = Inputs(Path(name)), 0
-            ends = time.monotonic() + seconds
+            inputs, ends = cases(Path(name)), time.monotonic() + seconds
             while number != count and time.monotonic() < ends:
-                kind, arguments, bad = inputs.call(random)
+                kind, arguments, bad = inputs[random.integers(len(inputs))](random)
                 outcome, wrong = wrong_with(arguments, Path(name))
-                tally.outcomes[f"{kind.split()[0]}: {outcome}"] += 1
+                outcomes[f"{kind.split()[0]}: {outcome}"] += 1
                 if wrong:
-                    tally.findings.append((kind, number, wrong))
-                    if keep:
-                        _keep(keep / f"{number:05d}", bad, " ".join(arguments) + "\n" + wrong)
+                    findings.append((kind, number, wrong))
+                if wrong and keep:
+                    folder = keep / f"{number:05d}"
+                    shutil.rmtree(folder, ignore_errors=True)
+                    folder.mkdir(parents=True)
+                    (shutil.copytree if bad.is_dir() else shutil.copy)(bad, folder / bad.name)
+                    (folder / "finding.txt").write_text(" ".join(arguments) + "\n" + wrong, encoding="utf-8")
                 number += 1
     finally:
         signal.signal(signal.SIGALRM, before)
-    return tally
-
-
-def _keep(folder: Path, bad: Path, text: str) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-    folder.mkdir(parents=True)
-    (shutil.copytree if bad.is_dir() else shutil.copy)(bad, folder / bad.name)
-    (folder / "finding.txt").write_text(text, encoding="utf-8")
+    return outcomes, findings
 
 
 if __name__ == "__main__":
@@ -258,13 +244,9 @@ if __name__ == "__main__":
     given = options.parse_args()
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
-    result = fuzz(seconds=given.seconds, seed=given.seed, keep=given.keep)
-    for outcome, count in sorted(result.outcomes.items()):
+    outcomes, findings = fuzz(seconds=given.seconds, seed=given.seed, keep=given.keep)
+    for outcome, count in sorted(outcomes.items()):
         print(f"{count:6d}  {outcome}")
-    alike: dict[str, list[tuple[str, int, str]]] = {}
-    for finding in result.findings:
-        alike.setdefault(finding[2].strip().rpartition("\n")[2], []).append(finding)
-    for found in alike.values():
-        kind, number, wrong = found[0]
-        print(f"\n--- {len(found)} times; first input {number}, {kind}\n{wrong.strip()[-1500:]}")
-    sys.exit(1 if result.findings else 0)
+    for kind, number, wrong in findings:
+        print(f"\n--- input {number}, {kind}\n{wrong.strip()[-1500:]}")
+    sys.exit(1 if findings else 0)

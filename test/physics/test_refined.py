@@ -21,26 +21,6 @@ def published(mesh):
     return Plates.from_arrays(mesh.triangles_center, mesh.face_normals, mesh.area_faces)
 
 
-def geodesic_sphere(frequency):
-    """20 frequency² facets: an icosahedron's faces, each divided evenly, pushed out to the sphere."""
-    base = trimesh.creation.icosahedron()
-    steps = [(i, j) for i in range(frequency + 1) for j in range(frequency + 1 - i)]
-    triangles = []
-    for a, b, c in base.triangles:
-
-        def at(i, j, a=a, b=b, c=c):
-            return a + (b - a) * i / frequency + (c - a) * j / frequency
-
-        for i, j in steps:
-            if i + j < frequency:
-                triangles.append((at(i, j), at(i + 1, j), at(i, j + 1)))
-            if i + j < frequency - 1:
-                triangles.append((at(i + 1, j), at(i + 1, j + 1), at(i, j + 1)))
-    t = np.array(triangles)
-    t *= RADIUS / np.linalg.norm(t, axis=2, keepdims=True)
-    return trimesh.Trimesh(t.reshape(-1, 3), np.arange(3 * len(t)).reshape(-1, 3))
-
-
 def orientations(n, seed=0):
     q = np.random.default_rng(seed).normal(size=(n, 4))
     return q / np.linalg.norm(q, axis=1)[:, None]
@@ -68,14 +48,10 @@ def converged():
     return spread(refined(trimesh.creation.icosphere(subdivisions=6, radius=RADIUS)))[1]
 
 
-@pytest.mark.parametrize(
-    ("frequency", "facets", "noise", "bias"),
-    [(2, 80, 0.044, 0.014), (3, 180, 0.025, 0.006), (4, 320, 0.014, 0.004), (8, 1280, 0.0055, 0.001)],
-)
-def test_a_half_buried_sphere_feels_the_same_force_in_every_orientation(frequency, facets, noise, bias, converged):
-    """Published rule: 17, 10, 6 and 2.6 % of noise, and a force 12, 6, 3 and 0.8 % too small."""
-    mesh = geodesic_sphere(frequency)
-    assert len(mesh.faces) == facets
+@pytest.mark.parametrize(("subdivisions", "noise", "bias"), [(1, 0.044, 0.014), (2, 0.014, 0.004), (3, 0.0055, 0.001)])
+def test_a_half_buried_sphere_feels_the_same_force_in_every_orientation(subdivisions, noise, bias, converged):
+    """80, 320 and 1,280 facets; published rule: 17, 6 and 2.6 % of noise, and a force 12, 3 and 0.8 % too small."""
+    mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=RADIUS)
     by_refined, mean = spread(refined(mesh))
     assert by_refined <= noise
     assert abs(mean / converged - 1.0) <= bias
@@ -196,11 +172,8 @@ def test_submerged_and_leading_plates_agree_with_the_published_rule_in_force():
     assert np.abs(ours[3:6] - theirs[3:6]).max() > 1e-3 * np.abs(theirs[3:6]).max()
 
 
-@pytest.mark.parametrize("mesh", [trimesh.creation.box((0.03, 0.02, 0.01)), trimesh.creation.icosahedron().convex_hull])
-def test_flat_faces_keep_their_area_and_begin_to_lead_over_a_degree(mesh):
-    if len(mesh.faces) == 20:  # not flat: 42 degrees between faces
-        assert refined(mesh).area > mesh.area
-        return
+def test_flat_faces_keep_their_area_and_begin_to_lead_over_a_degree():
+    mesh = trimesh.creation.box((0.03, 0.02, 0.01))
     plates = refined(mesh)
     assert plates.area == pytest.approx(mesh.area, rel=1e-12)
     np.testing.assert_allclose(plates.blocks.rows[13], 0.5 / np.sin(FLAT_HALF_ANGLE))
@@ -277,9 +250,3 @@ def test_a_cone_of_one_facet_a_side_has_the_force_of_a_fine_one(motion, radius, 
     expected = wrenches(refined(fine), LAW, states)[0, :3]
     found = wrenches(refined(cone(radius, height, sections)), LAW, states)[0, :3]
     assert np.linalg.norm(found - expected) < within * np.linalg.norm(expected)
-
-
-@pytest.mark.parametrize("sections", [8, 32])
-def test_tips_stay_where_they_are(sections):
-    plates, mesh = refined(cone(0.02, 0.06, sections)), cone(0.02, 0.06, sections)
-    assert plates.packed[6].sum() == pytest.approx(mesh.area, rel=0.03 if sections == 8 else 0.003)
