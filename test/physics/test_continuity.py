@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import trimesh
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import wrenches
@@ -20,7 +19,6 @@ from studies.paper import ALPHA_Y, law
 from studies.parameter_sweep import (
     ANGLE_STEP,
     Sweep,
-    both_rules,
     evenly,
     jumps,
     measured,
@@ -144,10 +142,3 @@ def test_rounding_moves_the_force_on_a_wheel_by_ten_newtons_under_the_published_
     }
     assert spread["centroid"] > 10.0
     assert spread["refined"] < 1e-6
-
-
-def test_two_rules_of_a_mesh_have_the_same_facets():
-    tool = load_tool("ellipsoid", integration="centroid")
-    plates = both_rules(trimesh.Trimesh(tool.vertices, tool.faces, process=False))
-    np.testing.assert_allclose(plates["centroid"].packed, tool.plates.packed, atol=1e-15)
-    assert len(plates["refined"]) == len(tool.plates)

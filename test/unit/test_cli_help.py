@@ -156,3 +156,14 @@ def test_an_interrupted_sweep_ends_its_workers_and_says_so(tmp_path):
     assert said.splitlines()[-1] == "rft sweep: interrupted"
     assert "Traceback" not in said
     assert run.returncode == 130
+
+
+def test_an_interrupted_prediction_says_so_and_writes_nothing(tmp_path):
+    pipe = tmp_path / "states.csv"
+    os.mkfifo(pipe)
+    command = in_a_process("predict", pipe, "--mesh", "plate", "-o", tmp_path / "out.csv")
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as run, pipe.open("w"):  # once it reads
+        run.send_signal(signal.SIGINT)
+        _, said = run.communicate()
+    assert (said, run.returncode) == ("rft predict: interrupted\n", 130)
+    assert not (tmp_path / "out.csv").exists()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from rft_ros import rft
 from rft_ros.rft import MEDIA
 from rft_ros.rft import velocity_weights as weights
 
@@ -29,3 +30,12 @@ def test_the_coefficients_of_the_weights_are_those_in_use():
     bracket_23 = weights.math.atanh(weights.B2 - weights.B3) + weights.math.atanh(weights.B3)
     assert printed["N1"] == pytest.approx(weights.A1 * bracket_1, rel=1e-14)
     assert printed["N23"] == pytest.approx(weights.B1 * bracket_23, rel=1e-14)
+
+
+def test_the_equations_have_the_numbers_by_which_the_code_names_them():
+    tags = re.findall(r"\\tag\{(\d+)\}", PAGE)
+    assert tags == [str(n) for n in range(1, len(tags) + 1)]
+    assert re.findall(r" {3}Eq\. \((\d+)\)$", rft.__doc__, flags=re.MULTILINE) == tags
+    for file in Path(rft.__file__).parent.glob("*.py"):
+        named = re.findall(r"Eqs?\. \((\d+)\)(?: (?:to|and) \((\d+)\))?", file.read_text(encoding="utf-8"))
+        assert {number for pair in named for number in pair if number} <= set(tags), file.name
