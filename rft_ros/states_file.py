@@ -11,7 +11,6 @@ from rft_ros.rft import STATE, Law, Memory, Plates, checked_states, wrenches, wr
 
 __all__ = ["WRENCH_HEADER", "read_states", "wrenches_along", "write_wrenches"]
 
-STATES_HEADER = ("t", *STATE)
 WRENCH_HEADER = ("t", "fx", "fy", "fz", "tx", "ty", "tz")
 """Header of a file of wrenches: time [s], force [N], torque [N m]."""
 
@@ -21,7 +20,7 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Raises InputError that names the file, line and column.
     """
-    table, lines = read_columns(file, "states file", STATES_HEADER, pipes=True)
+    table, lines = read_columns(file, "states file", ("t", *STATE), pipes=True)
     if not np.isfinite(table[:, 0]).all():
         k = int(np.argmin(np.isfinite(table[:, 0])))
         raise InputError(f"states file '{file}' line {lines[k]}: t is {table[k, 0]}; it must be a finite number")
@@ -48,24 +47,22 @@ def wrenches_along(
     `times` [s], shape [n]. `surface_height` [m]. `where`: what has the states, for errors. `threads`: without memory.
     Raises InputError for a length or an order of times that cannot be used, and for a wrench that is not finite.
     """
-    length, durations = mobilization_length, np.diff(times, prepend=times[0])
+    length, height, durations = mobilization_length, surface_height, np.diff(times, prepend=times[0])
     if not 0.0 <= length < np.inf:
         raise InputError(f"mobilization_length is {length:g}; it must be finite and not negative")
     if length == 0.0:
-        result = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
+        result = wrenches(plates, law, states, surface_height=height, threads=threads)
     elif durations.min() < 0.0:
         k = int(np.argmax(durations < 0.0))
         raise InputError(f"{where}: t goes back from {times[k - 1]:g} to {times[k]:g}; memory needs it in order")
     else:
         result = wrenches_in_time(
-            plates, law, states, durations, Memory(plates), mobilization_length=length, surface_height=surface_height
+            plates, law, states, durations, Memory(plates), mobilization_length=length, surface_height=height
         )
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
-        raise InputError(
-            f"{where}: the state at t = {times[np.argmin(finite)]:g} has no finite wrench;"
-            " it is too far away, or the tool or the stress is too large"
-        )
+        why = "it is too far away, or the tool or the stress is too large"
+        raise InputError(f"{where}: the state at t = {times[np.argmin(finite)]:g} has no finite wrench; {why}")
     return result
 
 

@@ -175,17 +175,18 @@ class Checkup:
 
     def _of_frames(self) -> Iterator[Finding]:
         link = "publish the transform between the two"
-        for reason, sentence in self._estimator.unknown_frames().items():
-            if reason == Reason.TF_OUT_OF_ORDER.value:  # `_of_reasons` judges how many
-                continue
-            advice = f"set the parameter to it, or {link} on /tf_static"
-            if reason in (Reason.TF_FRAME_UNKNOWN.value, Reason.SENSOR_FRAME_UNKNOWN.value):
-                advice = f"set the parameter to one of them, or {link}"
-            elif reason == Reason.SURFACE_FRAME_UNKNOWN.value:
-                advice = f"{link} on /tf_static"
-            elif reason.startswith("tf_"):
-                advice = "stop or mend one of its publishers"
-            yield Finding(False, f"frames: {sentence}; {advice}")
+        one = f"set the parameter to one of them, or {link}"
+        special = {
+            Reason.TF_FRAME_UNKNOWN: one,
+            Reason.SENSOR_FRAME_UNKNOWN: one,
+            Reason.SURFACE_FRAME_UNKNOWN: f"{link} on /tf_static",
+        }
+        for name, sentence in self._estimator.unknown_frames().items():
+            reason = Reason(name)
+            usual = f"set the parameter to it, or {link} on /tf_static"
+            mend = "stop or mend one of its publishers" if name.startswith("tf_") else usual
+            if reason is not Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
+                yield Finding(False, f"frames: {sentence}; {special.get(reason, mend)}")
         if frames := self._estimator.transforms.frames():
             yield Finding(True, f"frames: {', '.join(frames)}")
 

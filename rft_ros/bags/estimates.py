@@ -75,7 +75,7 @@ _UNPLACED = {
 _HEAD, _WRENCH = struct.Struct("<4q29d"), struct.Struct("<6d")
 _NONE = (math.nan,) * 6
 _NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
-_BLOCK = 4096  # rows in memory at a time
+_BLOCK = 512  # rows in memory at a time
 
 _SIX = ",%.9g" * 6
 
@@ -139,14 +139,12 @@ class Run:
         e = self.estimator
         for start in range(0, len(known), _BLOCK):
             chosen = known[start : start + _BLOCK]
-            block, lowest = rows[chosen], np.empty((len(chosen), 4))
-            lowest_points(e.model.tool.corners, np.ascontiguousarray(block["state"]), lowest)
+            block = rows[chosen]
+            height, velocity = lowest_points(e.model.tool.corners, block["state"])
             if e.ground is None:
-                block["depth"] = rows["depth"][chosen] = e.settings.surface_height - lowest[:, 0]
-            columns = (
-                block["stamp"], block["depth"], -lowest[:, 3],
-                np.linalg.norm(lowest[:, 1:], axis=1), np.nan_to_num(block["speed"]),
-            )  # fmt: skip
+                block["depth"] = rows["depth"][chosen] = e.settings.surface_height - height
+            travel, speed = np.linalg.norm(velocity, axis=1), np.nan_to_num(block["speed"])
+            columns = (block["stamp"], block["depth"], -velocity[:, 2], travel, speed)
             yield from zip(*(column.tolist() for column in columns), strict=True)
 
 

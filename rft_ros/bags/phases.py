@@ -1,13 +1,16 @@
 """The phase of every pose: where the tool's lowest point is and how it moves, without flicker."""
 
-import math
 from collections.abc import Iterable
 from enum import Enum
 
-from rft_ros.rft.compilation import compiled
-from rft_ros.rft.frames import from_frame, rotation
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft.frames import rotation
 
 __all__ = ["PHASES", "Phase", "lowest_points", "phases_of"]
+
+_Array = NDArray[np.float64]
 
 _HOLD = 100_000_000  # shortest phase [ns]; it counts from its first moment
 _STEEP, _STILL_STEEP = 0.1, 0.05  # sine of the least slope that counts as down or up; within that phase
@@ -35,23 +38,15 @@ PHASES = tuple(Phase)
 """The phases by their number in a row."""
 
 
-@compiled
-def lowest_points(corners, states, out):  # type: ignore[no-untyped-def]
-    """Write world z [m] of the lowest of `corners` and its velocity [m/s] at each of n states to `out`, shape [n, 4].
+def lowest_points(corners: _Array, states: _Array) -> tuple[_Array, _Array]:
+    """World z [m] of the lowest of a tool's corners, shape [n], and its velocity [m/s], shape [n, 3], at n states.
 
     `corners`: in the tool frame [m], shape [m, 3]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
     """
-    for k in range(len(states)):
-        state = states[k]
-        axes = rotation(state[3], state[4], state[5], state[6])
-        x = y = z = math.inf
-        for corner in corners:
-            cx, cy, cz = from_frame(axes, corner[0], corner[1], corner[2])
-            if cz < z:
-                x, y, z = cx, cy, cz
-        wx, wy, wz = state[10], state[11], state[12]
-        out[k, 0], out[k, 1] = state[2] + z, state[7] + wy * z - wz * y
-        out[k, 2], out[k, 3] = state[8] + wz * x - wx * z, state[9] + wx * y - wy * x
+    axes = np.array(rotation(*states[:, 3:7].T)).T.reshape(-1, 3, 3)
+    lowest = corners[(axes[:, 2] @ corners.T).argmin(axis=1)]
+    arm = np.einsum("nij,nj->ni", axes, lowest)
+    return states[:, 2] + arm[:, 2], states[:, 7:10] + np.cross(states[:, 10:13], arm)
 
 
 def phases_of(moments: Iterable[tuple[int, float, float, float, float]], rest_speed: float) -> list[Phase]:

@@ -16,16 +16,7 @@ from rft_ros.ground import HeightMap
 from rft_ros.parameters import NODE, Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
-__all__ = [
-    "ReplayOptions",
-    "mounted",
-    "play",
-    "push_all",
-    "read_replay_options",
-    "states_of",
-    "topics_of",
-    "unposed",
-]
+__all__ = ["ReplayOptions", "mounted", "play", "push_all", "read_replay_options", "states_of", "topics_of", "unposed"]
 
 _TOPICS: dict[Role, str] = {
     "pose": "~/pose",
@@ -150,19 +141,15 @@ def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:
     """
     if values["sensor.frame_source"] != "tf":
         return values
-    tool, sensor = str(values["tool_frame"]), str(values["sensor_frame"])
-    transforms = Transforms()
+    tool, sensor, transforms = str(values["tool_frame"]), str(values["sensor_frame"]), Transforms()
     with Recording(bag, topics_of(values, options.remap)) as recording:
         for transform in recording.fixed:
             transforms.push(transform)
-    place = transforms.fixed(tool, sensor)
-    if place is None:
-        frames = ", ".join(transforms.frames()) or "none"
-        raise InputError(
-            f"bag '{bag}': no fixed transforms link tool_frame '{tool}' and sensor_frame '{sensor}', as"
-            f" sensor.frame_source tf needs; it has {frames}"
-        )
-    return {**values, "sensor.position": place.position, "sensor.quaternion": place.quaternion}
+    if place := transforms.fixed(tool, sensor):
+        return {**values, "sensor.position": place.position, "sensor.quaternion": place.quaternion}
+    link = f"link tool_frame '{tool}' and sensor_frame '{sensor}', as sensor.frame_source tf needs"
+    has = ", ".join(transforms.frames()) or "none"
+    raise InputError(f"bag '{bag}': no fixed transforms {link}; it has {has}")
 
 
 def states_of(
@@ -170,9 +157,7 @@ def states_of(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], HeightMap | None]:
     """Times since the first estimate [s], shape [n], and states, shape [n, 13], of the poses with an estimate.
 
-    The last value is the ground at the end, if it is a map.
-
-    Raises InputError if there are none.
+    The last value is the ground at the end, if it is a map. Raises InputError if there are no states.
     """
     estimator = Estimator(settings_of(values), model)
     stamps, states = [], []
@@ -182,6 +167,6 @@ def states_of(
                 stamps.append(answer.stamp)
                 states.append(estimator.state.copy())
     if not states:
-        reasons = ", ".join(estimator.counted())
-        raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons or 'no poses'})")
+        reasons = ", ".join(estimator.counted()) or "no poses"
+        raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons})")
     return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states), estimator.ground

@@ -27,9 +27,7 @@ __all__ = ["Recording", "bag_name"]
 
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 
-_LATEST = 100_000_000
-"""Greatest delay of a message in its file that is still sorted [ns]; split and damaged bags have such delays."""
-
+_LATEST = 100_000_000  # greatest delay of a message in its file that is still sorted [ns], as in split bags
 _TOGETHER = 256  # messages sorted at a time
 _CHUNK_HEAD = 49  # bytes before the records of an uncompressed chunk (https://mcap.dev/spec)
 _SUFFIXES = (".mcap", ".db3", ".bag")
@@ -135,16 +133,11 @@ def _sqlite3(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
 
 
 class Recording:
-    """The samples of one bag, for use in a `with` block and one `for` loop.
-
-    Memory does not grow with the bag, except for a ROS 1 bag's index, which rosbags keeps.
+    """The samples of one bag, for use in a `with` block and one `for` loop; memory does not grow with the bag.
 
     `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: topic of each role; only these are read.
     `start`, `end`: receive time since the bag's first message on any topic [s]. `optional`: roles whose topic may be
-    missing.
-
-    Order: receive time (the bag's log time); at equal times surface, wrench, twist, pose, tf; then the order in the
-    file.
+    missing. Order: receive time (the bag's log time); at equal times surface, wrench, twist, pose, tf; then the file's.
 
     Raises InputError for a missing topic, a topic of another type, a path that is not a bag, and a ROS 1
     bag without index. A damaged bag is used up to the damage, which `damage` describes.
@@ -161,10 +154,8 @@ class Recording:
     ) -> None:
         self.bag = bag
         self.counts: Counter[Role] = Counter()
-        self.fixed: tuple[TransformSample, ...] = ()
-        """The fixed transforms of the whole bag, from /tf_static."""
-        self.time = 0
-        """Receive time of the last sample [ns]."""
+        self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
+        self.time = 0  # receive time of the last sample [ns]
         self._topics = dict(topics)
         self._offsets = (start, end)
         self._optional = optional

@@ -56,12 +56,11 @@ class Axis:
 
 @dataclass(frozen=True, slots=True)
 class Group:
-    """Statistics of some estimates.
+    """Statistics of some estimates; None without values. `wrench`: by axis.
 
-    `wrench`: by axis. `rms_over_peak`: RMS residual force over the group's greatest measured force.
-    `median_relative_error`: median of residual over measured force (magnitudes) over estimates whose
-    measured force exceeds 20 % of the replay's greatest. `within_sigma`, `within_two_sigma`: share of the measured
-    force's components, in the grains, within one and two standard deviations of the prediction. None without values.
+    `rms_over_peak`: RMS residual force over the group's greatest measured force. `median_relative_error`: of residual
+    over measured force where this exceeds 20 % of the replay's greatest. `within_sigma`, `within_two_sigma`: share of
+    the measured force's components, in the grains, within one and two standard deviations of the prediction.
     """
 
     estimates: int
@@ -82,15 +81,13 @@ class PhaseGroup(Group):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Summary(Group):
-    """The content of summary.json: the statistics of all estimates and what led to them; and the wall time.
+    """The content of summary.json: the statistics of all estimates and what led to them.
 
-    `topics`: topic of each role. `messages`: number read for each role. `reasons`: number of samples not used and of
-    estimates without residual, by reason. `unknown_frames`: by such a reason, a sentence on the unexpected frame_id.
-    `quality_flags`: number of estimates by name of `QualityFlag`. `trust`: number of estimates by `Trust`. `duration`:
-    receive time covered [s]. `damage`: where and why reading stopped early. `warnings`: what the numbers say about the
-    set-up, and what learning found wrong, as sentences. `learning`: where the medium is learned, the error without
-    learning ("off") and by lag. `phases`: statistics of each phase, by name. `seconds`: wall time of the replay,
-    without its report.
+    `messages`: number read for each role. `reasons`: number of samples not used and of estimates without residual, by
+    reason; `unknown_frames`: by such a reason, a sentence on the frame_id. `quality_flags`, `trust`: number of
+    estimates by name of `QualityFlag` and by `Trust`. `duration`: receive time covered [s]. `damage`: where and why
+    reading stopped early. `warnings`: sentences on the set-up. `learning`: the error without learning ("off") and by
+    lag. `seconds`: wall time of the replay without its report, which is not in the file.
     """
 
     bag: str
@@ -116,11 +113,8 @@ class Summary(Group):
         for reason, n in self.reasons.items():
             frame = f" ({self.unknown_frames[reason]})" if reason in self.unknown_frames else ""
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
-        if any(self.quality_flags.values()):
-            flags, trusted = (
-                ", ".join(f"{name} {n}" for name, n in counts.items() if n or counts is self.trust)
-                for counts in (self.quality_flags, self.trust)
-            )
+        if flags := ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n):
+            trusted = ", ".join(f"{name} {n}" for name, n in self.trust.items())
             text.append(f"  quality flags: {flags}; trust: {trusted}")
         text += [f"  reading stopped early: {self.damage}"] if self.damage else []
         text += [f"  warning: {sentence}" for sentence in self.warnings]
@@ -148,15 +142,16 @@ def summary_of(rows: NDArray[np.void], *, issues: Counter[str], **about: Any) ->
     `issues`: at how many poses learning had each sentence.
     """
     whole, phases = statistics(rows)
-    quality_flags, trusted = _counts_of_flags(rows)
-    return Summary(
-        **{field.name: getattr(whole, field.name) for field in fields(Group)},
-        quality_flags=quality_flags,
-        trust=trusted,
-        warnings=_warnings(whole, phases, issues),
-        phases=phases,
-        **about,
-    )
+    by_flag = dict.fromkeys(flag_names(-1), 0)  # -1: all flags
+    by_trust = {level.value: 0 for level in Trust}
+    sets, counts = np.unique(rows["quality_flags"][rows["reason"] < 0], return_counts=True)
+    for quality_flags, count in zip(sets.tolist(), counts.tolist(), strict=True):
+        by_trust[trust(quality_flags).value] += count
+        for name in flag_names(quality_flags):
+            by_flag[name] += count
+    warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()] + _warnings(whole, phases)
+    of_all = {field.name: getattr(whole, field.name) for field in fields(Group)}
+    return Summary(quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **of_all, **about)
 
 
 def statistics(rows: NDArray[np.void]) -> tuple[Group, dict[str, PhaseGroup]]:
@@ -217,21 +212,9 @@ def _bin_edges(deepest: float) -> NDArray[np.float64]:
     return np.arange(math.ceil(deepest / width * (1 - 1e-9)) + 1, dtype=np.float64) * width
 
 
-def _counts_of_flags(rows: NDArray[np.void]) -> tuple[dict[str, int], dict[str, int]]:
-    """Number of estimates by the name of each `QualityFlag`, and by `Trust`; zeros included."""
-    by_flag = dict.fromkeys(flag_names(-1), 0)  # -1: all flags
-    by_trust = {level.value: 0 for level in Trust}
-    sets, counts = np.unique(rows["quality_flags"][rows["reason"] < 0], return_counts=True)
-    for quality_flags, count in zip(sets.tolist(), counts.tolist(), strict=True):
-        by_trust[trust(quality_flags).value] += count
-        for name in flag_names(quality_flags):
-            by_flag[name] += count
-    return by_flag, by_trust
-
-
-def _warnings(whole: Group, phases: dict[str, PhaseGroup], issues: Counter[str]) -> list[str]:
+def _warnings(whole: Group, phases: dict[str, PhaseGroup]) -> list[str]:
     """Sentences on what is wrong with the set-up."""
-    found = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()]
+    found = []
     air = [phases[Phase.APPROACH].wrench[axis].measured.mean or 0.0 for axis in AXES[:3]]
     peak = whole.wrench["force"].measured.peak or 0.0
     if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):

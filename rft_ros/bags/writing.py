@@ -23,11 +23,12 @@ def check_replaceable(path: Path) -> None:
     if not path.exists():
         return
     try:
-        # a killed writer leaves no metadata, and a file without an end
-        file = path / f"{path.name}.mcap"
-        killed = {*path.iterdir()} <= {file} and not (file.exists() and _is_complete(file))
-        metadata = {} if killed else yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
-        ours = killed or metadata["rosbag2_bagfile_information"]["custom_data"] == _MARK
+        file, metadata = path / f"{path.name}.mcap", path / "metadata.yaml"
+        if {*path.iterdir()} <= {file}:  # a killed writer leaves no metadata, and a file without an end
+            ours = not file.exists() or not _is_complete(file)
+        else:
+            about = yaml.safe_load(metadata.read_text(encoding="utf-8"))
+            ours = about["rosbag2_bagfile_information"]["custom_data"] == _MARK
     except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
         ours = False
     if not ours:
@@ -72,8 +73,6 @@ class BagWriter:
 
     def write_raw(self, topic: str, msgtype: str, stamp: int, cdr: bytes) -> None:
         """Write a serialised message (CDR) of any type of ROS 2 Jazzy's common interfaces at log time `stamp` [ns]."""
-        connection = self._connections.get(topic)
-        if connection is None:
-            connection = self._writer.add_connection(topic, msgtype, typestore=self._types)
-            self._connections[topic] = connection
-        self._writer.write(connection, stamp, cdr)
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic, msgtype, typestore=self._types)
+        self._writer.write(self._connections[topic], stamp, cdr)

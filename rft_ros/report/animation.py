@@ -143,10 +143,9 @@ def animation_figure(scene: Animation) -> Any:
         x=x, y=y, z=heights.T, name="surface",
         colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
     )  # fmt: skip
-    moments = range(len(scene.labels))
     frames = [
-        go.Frame(data=moving(n), traces=[0, 1, 2], name=str(n), layout={"title": {"text": captions[n]}})
-        for n in moments
+        go.Frame(data=moving(n), traces=[0, 1, 2], name=str(n), layout={"title": {"text": caption}})
+        for n, caption in enumerate(captions)
     ]
     each = {"frame": {"duration": _PERIOD, "redraw": True}, "fromcurrent": True, "mode": "immediate"}
     at_once = {"mode": "immediate"}
@@ -160,7 +159,7 @@ def animation_figure(scene: Animation) -> Any:
         for n, axis in enumerate("xyz")
     }
     menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
-    steps = [button(scene.labels[n], [str(n)], at_once) for n in moments]
+    steps = [button(label, [str(n)], at_once) for n, label in enumerate(scene.labels)]
     return go.Figure(data=[*moving(scene.first), ground], frames=frames).update_layout(
         title=captions[scene.first],
         font={"family": "system-ui, sans-serif", "size": 13},
