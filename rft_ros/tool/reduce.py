@@ -53,7 +53,7 @@ class Reduction:
 
 
 class _Errors:
-    """The error of reduced tools against the full tool, `plates`, over the same motions, `states` of shape [n, 13].
+    """The error of reduced tools against the full tool over the same motions.
 
     Relative to each state's own force (with one law) if `own_force`, else to the greatest force (with all laws).
     """
@@ -73,10 +73,7 @@ class _Errors:
             self._scale = np.maximum(force.max(axis=1, keepdims=True), 1e-300)
 
     def percentile_95(self, plates: Plates) -> float:
-        """Over the states, the larger of the force's error and of that of the torque about the center over the radius.
-
-        No unit.
-        """
+        """Of the larger of two errors, no unit: of the force; of the torque about the center over the radius."""
         off = np.stack([wrenches(plates, law, self._states) for law in self._laws]) - self._full
         force = off[..., :3]
         torque = off[..., 3:6] - np.cross(self._lever, force)

@@ -1,6 +1,7 @@
 """A tool: the plates of a mesh, and the mesh to draw it."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -66,12 +67,10 @@ def load_tool(
     """Load a tool from a mesh file or a reduced tool (.npz): a path, package:// URI or name of a shipped mesh.
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
-    `integration`: the plates' rule; ``refined`` also corrects their areas for the curvature of the sampled surface.
-    None: the rule of a reduced tool, ``refined`` for a mesh.
-    `tolerance`: over 0, use the fewest plates whose wrench stays within this share of the full tool's in any motion, at
-    the 95th percentile (`rft_ros.tool.reduce`). A reduced tool stays as it is.
-    Normals come from the facets' winding, not from the file. Facets without area are dropped.
-    Raises InputError, one sentence, for a file or value that cannot be used. The tool's `issues` list the rest.
+    `integration`: the plates' rule; None: the rule of a reduced tool, ``refined`` for a mesh. `tolerance`: over 0, use
+    the fewest plates whose wrench stays within this share of the full tool's in any motion, at the 95th percentile
+    (`rft_ros.tool.reduce`); a reduced tool stays as it is. Normals come from the facets' winding, not from the file.
+    Facets without area are dropped. Raises InputError, one sentence, for a file or value that cannot be used.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
@@ -93,11 +92,19 @@ def tool_of_mesh(
     mesh: "trimesh.Trimesh", *, name: str, file: str = "", integration: Integration = "refined", tolerance: float = 0.0
 ) -> Tool:
     """The tool of a mesh in the tool frame [m], not from a file; arguments as for `load_tool`."""
+    from scipy.spatial import ConvexHull, QhullError
+
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
-    refined = integration == "refined"
-    facets = refined_plates(vertices, faces) if refined else centroid_plates(vertices, faces)
-    corners = _corners(vertices[np.unique(faces)])
+    issues = check_mesh(mesh)
+    if integration == "refined":
+        facets = refined_plates(vertices, faces)
+    else:
+        facets = centroid_plates(vertices, faces)
+        issues += coarse_for_centroids(vertices, faces)
+    corners = np.unique(vertices[np.unique(faces)], axis=0)
+    with suppress(QhullError):  # they span no volume
+        corners = corners[ConvexHull(corners).vertices]
     plates, reduction = facets, None
     if tolerance > 0.0:
         plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
@@ -108,7 +115,7 @@ def tool_of_mesh(
         facets=facets,
         vertices=vertices,
         faces=faces,
-        issues=check_mesh(mesh) + (() if refined else coarse_for_centroids(vertices, faces)),
+        issues=issues,
         corners=corners,
         reduction=reduction,
     )
@@ -136,16 +143,6 @@ class ToolRequest(NamedTuple):
     def load(self) -> Tool:
         """Call `load_tool`."""
         return load_tool(**self._asdict())
-
-
-def _corners(vertices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Vertices of the convex hull; all vertices where they span no volume."""
-    from scipy.spatial import ConvexHull, QhullError
-
-    try:
-        return np.asarray(vertices[ConvexHull(vertices).vertices])
-    except QhullError:
-        return np.unique(vertices, axis=0)
 
 
 def drawable(tool: Tool, *, most_faces: int) -> tuple[NDArray[np.float64], NDArray[np.int64], Plates]:
