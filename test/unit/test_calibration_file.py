@@ -91,35 +91,34 @@ def calibrated(cell):
     return out
 
 
-def test_the_nodes_reader_takes_the_file_as_it_is(calibrated):
+def test_the_node_and_the_replay_take_the_file_as_it_is(calibrated, cell, tmp_path):
     values = read_parameter_file(calibrated)
     assert values["sensor.bias"] == pytest.approx(LOAD_CELL.bias, abs=0.1)
     assert values["sensor.mass"] == pytest.approx(LOAD_CELL.mass, abs=0.01)
     assert values["sensor.center_of_mass"] == pytest.approx(LOAD_CELL.center_of_mass, abs=0.002)
     assert values["medium.zeta"] == pytest.approx(0.8, abs=0.005)
+    assert values["medium.zeta_error"] == 0.1  # another bed differs, however good the fit
     assert values["surface_height"] == pytest.approx(0.0, abs=2e-4)
     assert values["medium.mobilization_length"] == pytest.approx(0.003, abs=1e-4)
     assert values["medium.calibrated_depth"] == pytest.approx(0.038, abs=5e-4)
     assert values["sensor.quaternion"] == pytest.approx(LOAD_CELL.quaternion)
+    assert main(["replay", str(cell / "pressed"), "--params", str(calibrated), "-o", str(tmp_path / "out")]) == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["quality_flags"]["deep"] == 0
 
 
-def test_an_alpha_y_like_the_published_one_is_written_without_a_table(calibrated):
+def test_an_alpha_y_like_the_published_one_needs_no_table_and_another_gets_one_beside_the_file(
+    calibrated, cell, tmp_path
+):
     assert read_parameter_file(calibrated)["alpha_y.model"] == "linear"
     assert not list(calibrated.parent.glob("*.csv"))
-
-
-def test_another_alpha_y_is_written_as_a_table_beside_the_file(cell, tmp_path):
     out = tmp_path / "calibrated.yaml"
     assert calibrate(cell, ("pressed", "steeper"), out) == 0
-    values = read_parameter_file(out)
-    assert values["alpha_y.model"] == "table"
-    assert model_of(values).alpha_y == "table"
+    assert model_of(read_parameter_file(out)).alpha_y == "table"
     named = yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y.table"]
     assert named == "calibrated.alpha_y.csv"
     lines = (tmp_path / named).read_text().splitlines()
     table = {float(b): float(a) for b, a in (line.split(",") for line in lines if line[0].isdigit())}
-    assert table[30.0] == pytest.approx(0.19, abs=0.005)
-    assert table[90.0] == pytest.approx(0.07, abs=0.005)
+    assert (table[30.0], table[90.0]) == pytest.approx((0.19, 0.07), abs=0.005)
 
 
 def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
@@ -144,11 +143,6 @@ def test_a_fitted_bias_replaces_the_tare(cell, calibrated, tmp_path):
     assert read_replay_options(unfitted).tare == 0.5
 
 
-def test_the_replay_takes_the_file_as_it_is(calibrated, cell, tmp_path):
-    assert main(["replay", str(cell / "pressed"), "--params", str(calibrated), "-o", str(tmp_path / "out")]) == 0
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["quality_flags"]["deep"] == 0
-
-
 def test_a_wrong_frame_is_named(cell, tmp_path, capsys):
     wrong = yaml.safe_load((cell / "cell.yaml").read_text())
     wrong["/**"]["ros__parameters"] |= {"world_frame": "base", "sensor_frame": "tool0"}
@@ -161,18 +155,14 @@ def test_a_wrong_frame_is_named(cell, tmp_path, capsys):
     assert "wrench frame_id 'ft_sensor' is not sensor_frame 'tool0'" in sentence
 
 
-def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated):
+def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated, cell, tmp_path):
     assert yaml.safe_load(calibrated.read_text())["other_node"] == {"ros__parameters": {"kept": 1}}
     found = record(calibrated)
     assert found["bags"] == ["pressed (2020-09-13T12:26:40Z)", "dragged (2020-09-13T12:26:40Z)"]
     assert set(found["fitted"]["sensor_mass"]) == {"value", "standard_error", "unit", "goodness", "source"}
     assert "alpha_y" in found["fitted"]
     assert 0.0 < found["fitted"]["medium_zeta"]["standard_error"][0] < 0.01
-    assert read_parameter_file(calibrated)["medium.zeta_error"] == 0.1  # another bed differs, however good the fit
     assert "ζ differs by 10 % from one levelling of the same grains to the next" in found["notes"][0]
-
-
-def test_the_same_bags_give_the_same_bytes(calibrated, cell, tmp_path):
     again = tmp_path / "calibrated.yaml"
     assert calibrate(cell, ("pressed", "dragged"), again) == 0
     assert again.read_bytes() == calibrated.read_bytes()
@@ -212,11 +202,13 @@ def test_an_input_is_not_overwritten(cell, capsys):
     assert (cell / "cell.yaml").read_bytes() == before
 
 
-def test_bags_of_one_name_are_both_recorded(cell, tmp_path):
+def test_bags_of_one_name_are_both_recorded_and_the_penetrations_are_drawn(cell, tmp_path):
     shutil.copytree(cell / "pressed", tmp_path / "pressed")
-    out = tmp_path / "out.yaml"
-    assert calibrate(cell, ("pressed", tmp_path / "pressed"), out, "--fit", "surface") == 0
+    out, figure = tmp_path / "out.yaml", tmp_path / "figures" / "penetrations.html"
+    fits = ("--fit", "sensor", "--fit", "zeta", "--figure", str(figure))
+    assert calibrate(cell, ("pressed", tmp_path / "pressed"), out, *fits) == 0
     assert record(out)["bags"] == ["pressed (2020-09-13T12:26:40Z)"] * 2
+    assert "residual of that" in figure.read_text()
 
 
 def test_samples_that_repeat_a_stamp_are_left_out(tmp_path):
@@ -265,12 +257,6 @@ def test_a_new_users_bag_is_tared_replayed_calibrated_and_approved(tmp_path, cap
     capsys.readouterr()
     main(["doctor", str(calibrated), "--bag", str(bag)])
     assert not [line for line in capsys.readouterr().out.splitlines() if line[:3] == "FIX" and "compiled" not in line]
-
-
-def test_the_penetrations_are_drawn_to_a_figure(cell, tmp_path):
-    figure = tmp_path / "figures" / "penetrations.html"
-    assert calibrate(cell, ("pressed",), tmp_path / "out.yaml", "--figure", str(figure)) == 0
-    assert "measured, less bias and tool weight" in figure.read_text()
 
 
 @pytest.mark.parametrize(
