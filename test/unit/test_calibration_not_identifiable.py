@@ -64,6 +64,7 @@ def mounted(axis):
 
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
 MOVING = Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01)
+NOISE = {"seed": 1, "parts": ("zeta",), "force": lambda states: np.zeros((len(states), 6))}
 SIDEWAYS = {"medium.zeta": "points sideways; check sensor.quaternion"}
 TOO_HIGH = {"values": known(surface_height=0.1), "parts": ("sensor", "zeta")}
 UNRELATED = "its error must be at most 50 %|must be below the 10 mm of path after the turn"
@@ -74,11 +75,7 @@ SHORT = Path((0.0, 0.0, -0.05), UPRIGHT).wait(0.5).move((0.006, 0, 0), 0.01)
     ("path", "given", "reasons"),
     [
         (down(1.0), {}, {"medium.zeta": r"penetration of 4.0 mm in \d+ samples is too shallow; ζ needs 5 mm"}),
-        (
-            down(30.0),
-            {"seed": 1, "force": lambda s: np.zeros((len(s), 6))},
-            {"medium.zeta": "mostly noise; check that"},
-        ),
+        (down(30.0), NOISE, {"medium.zeta": "mostly noise; check that the load cell measures"}),
         (down(40.0).wait(1.0), mounted("x"), SIDEWAYS),
         (down(40.0).wait(1.0), mounted("y"), SIDEWAYS),
         (down(40.0).wait(1.0), TOO_HIGH, {"medium.zeta": "grows otherwise; check surface_height"}),
