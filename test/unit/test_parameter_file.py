@@ -12,25 +12,24 @@ from rft_ros.parameters import defaults, read_alpha_y_table, read_parameter_file
 
 @pytest.fixture
 def read(tmp_path):
-    """Read a parameter file with this text."""
+    """Read a parameter file with this text, or with these lines for the node."""
 
-    def of(text):
-        file = tmp_path / "cell.yaml"
-        file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_parameter_file(file)
+    def of(text="", *, node=None, of=read_parameter_file, name="cell.yaml"):
+        if node is not None:
+            text = f"/**:\n  ros__parameters:\n    {node}\n"
+        (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
+        return of(tmp_path / name)
 
     return of
 
 
-def refusal(read, text):
-    with pytest.raises(InputError) as refused:
-        read(text)
-    sentence = str(refused.value)
-    assert "\n" not in sentence
-    return sentence
+@pytest.fixture
+def table(read):
+    """Read an α_y table with this text."""
+    return lambda text: read(text, of=lambda file: read_alpha_y_table(str(file)), name="alpha_y.csv")
 
 
-def test_nested_and_dotted_names_are_the_same_parameter(read):
+def test_nested_and_dotted_names_are_the_same_parameter_and_the_others_stay_at_their_defaults(read):
     nested = "rft:\n  ros__parameters:\n    medium:\n      zeta: 0.33\n      name: poppy_seeds_loose\n"
     dotted = "rft:\n  ros__parameters:\n    medium.zeta: 0.33\n    medium.name: poppy_seeds_loose\n"
     assert read(nested) == read(dotted) == {**defaults(), "medium.zeta": 0.33, "medium.name": "poppy_seeds_loose"}
@@ -41,34 +40,33 @@ def test_the_node_may_be_named_in_any_of_ross_ways(read, key):
     assert read(f"{key}:\n  ros__parameters:\n    max_rate: 50.0\n")["max_rate"] == 50.0
 
 
-def test_the_nodes_own_section_overrides_the_one_for_all_nodes(read):
-    text = (
+def test_the_nodes_own_section_overrides_the_one_for_all_nodes_and_what_every_ros_node_has_is_ignored(read):
+    values = read(
         "rft:\n  ros__parameters:\n    max_rate: 50.0\n"
         "/**:\n  ros__parameters:\n    max_rate: 10.0\n    surface_height: 0.2\n"
+        "    use_sim_time: true\n    qos_overrides./tf.depth: 3\n"
         "other_node:\n  ros__parameters:\n    speed: 3\n"
     )
-    values = read(text)
     assert (values["max_rate"], values["surface_height"]) == (50.0, 0.2)
-
-
-def test_what_a_file_does_not_say_stays_at_its_default(read):
-    assert read("/**:\n  ros__parameters:\n    max_rate: 1.0\n") == {**defaults(), "max_rate": 1.0}
-
-
-def test_parameters_that_every_ros_node_has_are_ignored(read):
-    text = "/**:\n  ros__parameters:\n    use_sim_time: true\n    qos_overrides./tf.depth: 3\n    max_rate: 2.0\n"
-    assert read(text)["max_rate"] == 2.0
 
 
 @pytest.mark.parametrize(("written", "value"), [("1e-4", 1e-4), ("1.0e-3", 1e-3), ("2E-4", 2e-4), ("5.e-4", 5e-4)])
 def test_numbers_with_an_exponent_are_numbers_as_they_are_to_ros(read, written, value):
     """To YAML 1.1 some of these are strings; ROS reads all of them as doubles."""
-    assert read(f"/**:\n  ros__parameters:\n    rest_speed: {written}\n")["rest_speed"] == value
+    assert read(node=f"rest_speed: {written}")["rest_speed"] == value
 
 
 @pytest.mark.parametrize("name", ["1e-4x", "e5", "1e", "plate-1e5.stl"])
 def test_names_that_only_look_like_numbers_stay_names(read, name):
-    assert Path(read(f"/**:\n  ros__parameters:\n    mesh.file: {name}\n")["mesh.file"]).name == name
+    assert Path(read(node=f"mesh.file: {name}")["mesh.file"]).name == name
+
+
+def assert_refused(read, sentence, text="", name="cell.yaml", **given):
+    with pytest.raises(InputError) as refused:
+        read(text, **given)
+    assert sentence in str(refused.value)
+    assert name in str(refused.value)
+    assert "\n" not in str(refused.value)
 
 
 @pytest.mark.parametrize(
@@ -82,39 +80,34 @@ def test_names_that_only_look_like_numbers_stay_names(read, name):
         ("rft: 3\n", "'rft' has no 'ros__parameters'"),
         ("arm:\n  ros__parameters:\n    x: 1\n", "has no parameters for the node /rft; its sections are arm"),
         ("/**:\n  ros__parameters: {}\n", "has no parameters for the node /rft; its sections are /**"),
-        ("/**:\n  ros__parameters:\n    zeta: 1.0\n", "there is no parameter 'zeta'"),
-        ("/**:\n  ros__parameters:\n    medium.zetta: 1.0\n", "did you mean 'medium.zeta'?"),
-        ("/**:\n  ros__parameters:\n    medium.zeta: high\n", "medium.zeta is 'high'; it must be a finite number"),
-        ("/**:\n  ros__parameters:\n    medium.zeta: .nan\n", "medium.zeta is nan; it must be a finite number"),
-        ("/**:\n  ros__parameters:\n    mesh.origin: [1.0]\n", "mesh.origin is [1.0]; it must be 3 numbers"),
-        (
-            "/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n",
-            "sensor.position is [0, 0, 0.5]; ROS takes lists of one type only, such as [0.0, 0.5]",
-        ),
         ("arm:\n  ros__parameters:\n    x: {y: [1, a]}\n", "x.y is [1, 'a']; ROS takes lists of one type only"),
         (b"\xff\xfe\x00", "cannot be read"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(read, text, sentence):
-    assert sentence in refusal(read, text)
-    assert "cell.yaml" in refusal(read, text)
+    assert_refused(read, sentence, text)
 
 
-def test_a_missing_file_is_named(tmp_path):
+@pytest.mark.parametrize(
+    ("node", "sentence"),
+    [
+        ("zeta: 1.0", "there is no parameter 'zeta'"),
+        ("medium.zetta: 1.0", "did you mean 'medium.zeta'?"),
+        ("medium.zeta: high", "medium.zeta is 'high'; it must be a finite number"),
+        ("medium.zeta: .nan", "medium.zeta is nan; it must be a finite number"),
+        ("mesh.origin: [1.0]", "mesh.origin is [1.0]; it must be 3 numbers"),
+        ("mesh.origin: [0, 0.5]", "mesh.origin is [0, 0.5]; ROS takes lists of one type only, such as [0.0, 0.5]"),
+    ],
+)
+def test_a_parameter_that_cannot_be_used_is_refused_with_its_name(read, node, sentence):
+    assert_refused(read, sentence, node=node)
+
+
+def test_missing_files_are_named(tmp_path):
     with pytest.raises(InputError, match=r"parameter file '.*nowhere\.yaml' cannot be read: .*No such file"):
         read_parameter_file(tmp_path / "nowhere.yaml")
-
-
-@pytest.fixture
-def table(tmp_path):
-    """Read an α_y table with this text."""
-
-    def of(text):
-        file = tmp_path / "alpha_y.csv"
-        file.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_alpha_y_table(str(file))
-
-    return of
+    with pytest.raises(InputError, match=r"alpha_y\.table '/nowhere\.csv' cannot be read"):
+        read_alpha_y_table("/nowhere.csv")
 
 
 @pytest.mark.parametrize(
@@ -161,51 +154,30 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(table, text, sentence):
-    with pytest.raises(InputError) as refused:
-        table(text)
-    assert sentence in str(refused.value)
-    assert "alpha_y.csv" in str(refused.value)
+    assert_refused(table, sentence, text, name="alpha_y.csv")
 
 
-@pytest.mark.parametrize("name", ["table.csv", "below/table.csv"])
-def test_a_tables_path_is_relative_to_the_parameter_file_that_names_it(tmp_path, monkeypatch, name):
-    file = tmp_path / "cell.yaml"
-    file.write_text(f"/**:\n  ros__parameters:\n    alpha_y.model: table\n    alpha_y.table: {name}\n")
-    (tmp_path / name).parent.mkdir(exist_ok=True)
-    (tmp_path / name).write_text("0,0.1\n90,0.2\n")
+@pytest.mark.parametrize("parameter", ["mesh.file", "alpha_y.table", "ground.file"])
+@pytest.mark.parametrize("named", ["a.stl", "below/a.stl", "/else/a.stl", "~nobody/a.stl"])
+def test_a_relative_path_is_beside_the_file_that_names_it(tmp_path, monkeypatch, read, parameter, named):
     monkeypatch.chdir("/")
-    path = str(read_parameter_file(file)["alpha_y.table"])
-    assert path == str(tmp_path / name)
-    read_alpha_y_table(path)
+    there = named if named[0] in "/~" else f"{tmp_path}/{named}"
+    assert read(node=f"{parameter}: {named}")[parameter] == there
+    assert read(node='alpha_y.table: ""')["alpha_y.table"] == ""
 
 
-def test_an_absolute_path_of_a_table_and_none_are_kept(tmp_path):
-    file = tmp_path / "cell.yaml"
-    for written in ("/else/table.csv", ""):
-        file.write_text(f'/**:\n  ros__parameters:\n    alpha_y.table: "{written}"\n')
-        assert read_parameter_file(file)["alpha_y.table"] == written
-
-
-def test_a_written_file_means_the_same_tool_from_any_folder(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "mesh", ["plate", "package://rft_ros/meshes/plate.stl", "/else/a.stl", "tool.stl", "below/tool"]
+)
+def test_a_file_that_was_written_means_the_same_tool_from_any_folder(tmp_path, monkeypatch, read, mesh):
     monkeypatch.chdir(tmp_path)
-    absolute = {
-        "tool.stl": f"{tmp_path}/tool.stl",
-        "below/tool": f"{tmp_path}/below/tool",
-        "/else/a.stl": "/else/a.stl",
-    }
-    kept = {name: name for name in ("plate", "package://rft_ros/meshes/plate.stl")}
-    for k, (mesh, written) in enumerate({**absolute, **kept}.items()):
-        file = tmp_path / f"{k}.yaml"
-        write_parameter_file(file, {**defaults(), "mesh.file": mesh}, comment="from a test")
-        assert read_parameter_file(file)["mesh.file"] == written
-
-
-def test_a_relative_mesh_is_beside_the_file_that_names_it_and_a_shipped_one_is_not(tmp_path):
-    file = tmp_path / "cell.yaml"
-    kept = ("/else/a.stl", "~nobody/a.stl", "plate", "package://rft_ros/meshes/plate.stl")
-    for written, read in {"tool.stl": f"{tmp_path}/tool.stl", **{name: name for name in kept}}.items():
-        file.write_text(f"/**:\n  ros__parameters:\n    mesh.file: {written}\n")
-        assert read_parameter_file(file)["mesh.file"] == read
+    relative = mesh in ("tool.stl", "below/tool")
+    values = {**defaults(), "mesh.file": mesh, "medium.zeta": 0.312, "sensor.position": (0.0, 0.1, 0.2)}
+    write_parameter_file(tmp_path / "new" / "saved.yaml", values, comment="from a test")
+    written = {**values, "mesh.file": f"{tmp_path}/{mesh}" if relative else mesh}
+    assert read_parameter_file(tmp_path / "new" / "saved.yaml") == written
+    if not relative:
+        assert read(node=f"mesh.file: {mesh}")["mesh.file"] == mesh
 
 
 def test_writing_never_overwrites_a_file(tmp_path):
@@ -214,8 +186,3 @@ def test_writing_never_overwrites_a_file(tmp_path):
     with pytest.raises(InputError, match=r"parameter file '.*cell\.yaml' exists; it is not overwritten"):
         write_parameter_file(file, defaults(), comment="from a test")
     assert file.read_text() == "# mine\n"
-
-
-def test_a_missing_table_is_named():
-    with pytest.raises(InputError, match=r"alpha_y\.table '/nowhere\.csv' cannot be read"):
-        read_alpha_y_table("/nowhere.csv")
