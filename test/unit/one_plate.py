@@ -15,18 +15,12 @@ AREA = 4e-4
 """One plate of 4 cm² at the tool frame's origin that faces down: 4 N for each cm of depth when it is pushed down."""
 
 
-def plate_tool() -> Tool:
+def plate_tool(*, distance: float = 0.0) -> Tool:
+    """`distance` of the plate from the tool frame's origin, along y."""
     corners = np.array([[-0.01, -0.01, 0.0], [0.01, -0.01, 0.0], [0.0, 0.03, 0.0]])
-    plates = Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [AREA])
+    plates, faces = Plates.from_arrays([[0, distance, 0]], [[0, 0, -1]], [AREA]), np.array([[0, 2, 1]])
     return Tool(
-        name="one_plate",
-        file="",
-        plates=plates,
-        facets=plates,
-        vertices=corners,
-        faces=np.array([[0, 2, 1]]),
-        issues=(),
-        corners=corners,
+        name="one", file="", plates=plates, facets=plates, vertices=corners, faces=faces, issues=(), corners=corners
     )
 
 
@@ -40,6 +34,15 @@ def plate_model(*, zeta: float = 1.0, generation: int = 0, tool: Tool | None = N
 
 def estimator(*, load_cell: LoadCell | None = None, model: Model | None = None, **settings) -> Estimator:
     return Estimator(Settings(load_cell=load_cell or LoadCell(), **settings), model or plate_model())
+
+
+def push(e, *samples):
+    """Push samples; what is said to the last one."""
+    answer = None
+    for sample in samples:
+        kind = type(sample).__name__.removesuffix("Sample").lower()
+        answer = getattr(e, f"push_{kind}")(sample)
+    return answer
 
 
 def measurement(e) -> Measurement:
