@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_plate import LEVEL, SECOND, START, about, estimator, measurement, plate_model, pose, twist, wrench
+from one_plate import LEVEL, START, about, estimator, measurement, plate_model, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import LoadCell
+from rft_ros.rft import checked_states, wrenches
 from rft_ros.tool import load_tool
 
 GRAVITY = 9.80665
@@ -28,13 +29,11 @@ def weight_in_sensor(cell, orientation):
 Answer = namedtuple("Answer", "predicted compensated residual")
 
 
-def answer(
-    cell, reading, *, position=IN_AIR, quaternion=LEVEL, linear=(0.0, 0.0, -0.01), angular=(0.0, 0.0, 0.0), **model
-):
+def answer(cell, reading, *, position=IN_AIR, quaternion=LEVEL, linear=(0, 0, -0.01), angular=(0, 0, 0), **model):
     e = estimator(load_cell=cell, model=plate_model(**model))
-    e.push_twist(twist(linear=linear, angular=angular))
-    e.push_wrench(wrench(numbers=reading))
-    estimate = e.push_pose(pose(position=position, quaternion=quaternion))
+    estimate = push(
+        e, twist(linear=linear, angular=angular), wrench(numbers=reading), pose(START, position, quaternion)
+    )
     measured = measurement(e)
     assert measured.stamp == estimate.stamp
     return Answer(estimate.predicted, measured.compensated, measured.residual)
@@ -74,24 +73,16 @@ def test_bias_is_taken_off_in_the_drivers_sign_before_the_sign_is_turned(reading
     )
 
 
-def test_the_push_of_the_grains_is_positive_upwards_and_equals_a_drivers_reading_of_the_force_on_the_tool():
-    """1 cm deep, 4 cm², pushed straight down: 4 N up. A driver that reports it exactly leaves no residual."""
-    estimate = answer(LoadCell(), [0, 0, 4.0, 0, 0, 0], position=(0, 0, -0.01))
-    assert estimate.predicted[2] == pytest.approx(4.0, rel=1e-6)
-    assert estimate.residual == pytest.approx([0.0] * 6, abs=1e-4)  # the published nudge tilts the velocity by 1e-5
-
-
-def test_a_driver_that_reports_the_force_by_the_tool_is_turned_around():
-    estimate = answer(LoadCell(sign=-1.0), [0, 0, -4.0, 0, 0, 0], position=(0, 0, -0.01))
-    assert estimate.compensated[2] == pytest.approx(4.0)
-    assert estimate.residual[2] == pytest.approx(0.0, abs=1e-6)
-
-
-def test_the_residual_is_compensated_less_predicted():
-    estimate = answer(LoadCell(), [1, 2, 7, 0.1, 0.2, 0.3], position=(0, 0, -0.01))
-    expected = np.array(estimate.compensated) - np.array(estimate.predicted)
-    assert estimate.residual == pytest.approx(expected, abs=1e-15)
-    assert estimate.residual[2] == pytest.approx(3.0, rel=1e-5)
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_push_of_the_grains_is_positive_upwards_and_equals_a_drivers_reading_of_the_force_on_the_tool(sign):
+    """1 cm deep, 4 cm², pushed straight down: 4 N up. The residual is what a driver, of either sign, reports beyond."""
+    exact = answer(LoadCell(sign=sign), [0, 0, sign * 4.0, 0, 0, 0], position=(0, 0, -0.01))
+    assert exact.predicted[2] == pytest.approx(4.0, rel=1e-6)
+    assert exact.compensated[2] == 4.0
+    assert exact.residual == pytest.approx([0.0] * 6, abs=1e-4)  # the published nudge tilts the velocity by 1e-5
+    more = answer(LoadCell(), [1, 2, 7, 0.1, 0.2, 0.3], position=(0, 0, -0.01))
+    assert more.residual == pytest.approx(np.array(more.compensated) - np.array(more.predicted), abs=1e-15)
+    assert more.residual[2] == pytest.approx(3.0, rel=1e-5)
 
 
 def test_a_sensor_above_the_tool_feels_the_lever_arm():
@@ -103,21 +94,11 @@ def test_a_sensor_above_the_tool_feels_the_lever_arm():
 @pytest.mark.parametrize("orientation", ORIENTATIONS[:8], ids=range(8))
 def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin(orientation, plate_file):
     """Against numpy and scipy: force R' f, torque R' (t - p x f), of a closed body with forces on several faces."""
-    from rft_ros.rft import checked_states, wrenches
-
     tool = load_tool(plate_file, scale=1.0)
     cell = LoadCell(position=(0.03, -0.05, 0.12), quaternion=MOUNT)
     linear, angular = (0.01, -0.02, -0.03), (0.4, -0.2, 0.1)
-    estimate = answer(
-        cell,
-        [0.0] * 6,
-        position=(0, 0, -0.1),
-        quaternion=orientation,
-        linear=linear,
-        angular=angular,
-        zeta=0.7,
-        tool=tool,
-    )
+    where = {"position": (0, 0, -0.1), "quaternion": orientation, "linear": linear, "angular": angular}
+    estimate = answer(cell, [0.0] * 6, **where, zeta=0.7, tool=tool)
     law = plate_model(zeta=0.7).law
     world = wrenches(tool.plates, law, checked_states([0, 0, -0.1, *orientation, *linear, *angular]))[0]
     tool_to_world = Rotation.from_quat(orientation)
@@ -133,14 +114,10 @@ def test_a_twist_in_tool_axes_gives_the_estimate_of_the_same_twist_in_world_axes
     tool = load_tool(plate_file, scale=1.0)
     turn = Rotation.from_quat(orientation)
     linear, angular = np.array([0.01, -0.02, -0.03]), np.array([0.4, -0.2, 0.1])
-    predicted = []
-    for frame, v, w in (
-        ("world", linear, angular),
-        ("tool", turn.inv().apply(linear), turn.inv().apply(angular)),
-    ):
-        e = estimator(model=plate_model(tool=tool))
-        e.push_twist(twist(linear=tuple(v.tolist()), angular=tuple(w.tolist()), frame=frame))
-        predicted.append(e.push_pose(pose(position=(0, 0, -0.1), quaternion=orientation)).predicted)
+    predicted, place = [], pose(position=(0, 0, -0.1), quaternion=orientation)
+    for frame, axes in (("world", Rotation.identity()), ("tool", turn.inv())):
+        motion = twist(START, tuple(axes.apply(linear).tolist()), tuple(axes.apply(angular).tolist()), frame)
+        predicted.append(push(estimator(model=plate_model(tool=tool)), motion, place).predicted)
     assert predicted[1] == pytest.approx(predicted[0], rel=1e-9, abs=1e-9)
     assert np.abs(predicted[0]).max() > 0.1
 
@@ -154,11 +131,3 @@ def plate_file(tmp_path_factory):
         "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
     )
     return str(file)
-
-
-def test_the_stamp_and_the_sensors_own_time_do_not_mix():
-    """The estimate carries the pose's stamp, whatever the stamps of the twist and wrench it used."""
-    e = estimator()
-    e.push_twist(twist(START - SECOND // 50))
-    e.push_wrench(wrench(START - SECOND // 20))
-    assert e.push_pose(pose()).stamp == START
