@@ -52,11 +52,11 @@ Array = NDArray[np.float64]
 
 GROUPS: dict[str, Callable[[str], bool]] = {
     "plates (5 runs)": lambda name: name.startswith("plate") and name != ALONG_ITSELF,
-    "plate moving along itself": lambda name: name == ALONG_ITSELF,
+    "plate along itself": lambda name: name == ALONG_ITSELF,
     "ellipsoid (straight, pitching)": lambda name: name.startswith("ellipsoid"),
     "root tip (straight, helix)": lambda name: name.startswith("root"),
     "fast plates (0.5 and 1 m/s)": lambda name: name in FAST_RUNS and "0p1" not in name,
-    "small retreats (error of cycles)": lambda name: name in CYCLE_RUNS,
+    "cycles (small retreats, reloads)": lambda name: name in CYCLE_RUNS,
 }
 """Groups of runs whose errors are averaged. None contains the penetration that ζ is fitted to."""
 
@@ -220,8 +220,8 @@ def study() -> StudyResult:
     rows = tuple(
         (
             choice.name,
-            *(f"{100.0 * groups[group][choice][1]:.1f} %" for group in GROUPS),
-            f"{1e6 * mean(j.time for j in judged if j.choice == choice):.1f} µs",
+            *(f"{100.0 * groups[group][choice][1]:.1f}" for group in GROUPS),
+            f"{1e6 * mean(j.time for j in judged if j.choice == choice):.2g} µs",
         )
         for choice in choices
     )
@@ -246,7 +246,9 @@ def study() -> StudyResult:
                 "median_error": [j.error for j in judged],
             }
         },
-        table=TextTable(header=("choice", *GROUPS, "an evaluation"), rows=rows),
+        table=TextTable(
+            header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "an evaluation"), rows=rows
+        ),
         page=_page(judged),
     )
 

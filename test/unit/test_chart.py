@@ -116,7 +116,7 @@ def test_the_chart_of_models_separates_the_choices_and_shows_the_simulations_tim
         for c in CHOICES
         for group, member in GROUPS.items()
     }
-    along, ellipsoid = "plate moving along itself", "ellipsoid (straight, pitching)"
+    along, ellipsoid = "plate along itself", "ellipsoid (straight, pitching)"
     assert mean["refined", along] < 0.8 * mean["published", along]
     assert mean["refined, memory 3 mm", ellipsoid] < 0.75 * mean["refined", ellipsoid]
     assert "discrete elements" in (tmp_path / "models.html").read_text()
