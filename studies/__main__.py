@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     names = (*STUDIES, *CHARTS, "all")
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
     parser.add_argument("names", metavar="NAME", nargs="+", choices=names, help=f"{', '.join(names)}")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for PNG, CSV, HTML and tables")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for PNG, CSV and tables")
     parser.add_argument(
         "--docs", type=Path, action="append", default=[], help="page whose tables to rewrite; may be repeated"
     )

@@ -23,7 +23,7 @@ from studies import numpy_rft
 from studies.chart_scenes import Scene, scenes
 from studies.paper import ALPHA_Y, ZETA, law
 from studies.pictures import legend_below
-from studies.result import BLACK, BLUE, GREY, ORANGE, StudyResult, TextTable, interactive_page, label_axes, new_figure
+from studies.result import BLACK, BLUE, GREY, ORANGE, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = ["CHOSEN", "FULL", "MERGED", "NUMPY", "Point", "front", "median_seconds", "points", "study"]
 
@@ -201,7 +201,6 @@ def _result(points: Sequence[Point]) -> StudyResult:
             }
         },
         table=_table(by_scene),
-        page=_page(by_scene),
     )
 
 
@@ -304,49 +303,3 @@ def _draw_scene(axes: Axes, points: Sequence[Point]) -> None:
             budget, 0.985, name, rotation=90, ha="right", va="top", fontsize=7, transform=axes.get_xaxis_transform()
         )
     axes.set_ylim(0.7 * FLOOR, 130.0)
-
-
-_SYMBOLS = {FULL: "circle", MERGED: "square", CHOSEN: "triangle-up", NUMPY: "x"}
-
-
-def _page(by_scene: dict[str, list[Point]]) -> str:
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    columns = (len(by_scene) + 1) // 2
-    places = [(row, column) for row in (1, 2) for column in range(1, columns + 1)]
-    figure = make_subplots(
-        rows=2, cols=columns, subplot_titles=list(by_scene), shared_xaxes="all", shared_yaxes="all",
-        horizontal_spacing=0.03, vertical_spacing=0.07,
-    )  # fmt: skip
-    named: set[str] = set()
-
-    def add(row: int, column: int, chosen: Sequence[Point], name: str, **style: Any) -> None:
-        x, y = [1e6 * p.time for p in chosen], [_shown_error(p) for p in chosen]
-        text = [f"{p.name}<br>{1e6 * p.time:.2f} µs, {100.0 * p.error:.3g} %" for p in chosen]
-        figure.add_trace(
-            go.Scatter(x=x, y=y, text=text, hoverinfo="text", name=name, legendgroup=name,
-                       showlegend=name not in named, **style),
-            row=row,
-            col=column,
-        )  # fmt: skip
-        named.add(name)
-
-    for (row, column), of_scene in zip(places, by_scene.values(), strict=False):
-        best = front(of_scene)
-        add(row, column, best, "Pareto front", mode="lines", line={"color": BLACK, "shape": "hv", "width": 2})
-        groups = dict.fromkeys((p.integration, p.reduction, p.alpha_y) for p in of_scene)
-        for rule, reduction, model in groups:
-            chosen = [p for p in of_scene if (p.integration, p.reduction, p.alpha_y) == (rule, reduction, model)]
-            symbol = _SYMBOLS[reduction] + ("-open" if model == "linear" else "")
-            colour = GREY if reduction == NUMPY else COLOURS[rule]
-            name = f"{NAMES[rule]}, {reduction}, α_y {model}"
-            add(row, column, chosen, name, mode="markers", marker={"color": colour, "symbol": symbol, "size": 8})
-        for budget in BUDGETS.values():
-            figure.add_vline(x=budget, line={"color": GREY, "dash": "dash", "width": 1}, row=row, col=column)
-    figure.update_xaxes(type="log", dtick=1, exponentformat="power")
-    figure.update_yaxes(type="log", dtick=1, exponentformat="power")
-    figure.update_xaxes(title_text="Time of one evaluation [µs]", row=2)
-    figure.update_yaxes(title_text="Error against the converged force [%]", col=1)
-    title = f"Accuracy against time, one core; dashed: a tick at {', '.join(BUDGETS)}"
-    return interactive_page(figure, name="chart", title=title, height=900)

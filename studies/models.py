@@ -41,7 +41,6 @@ from studies.result import (
     VERMILION,
     StudyResult,
     TextTable,
-    interactive_page,
     label_axes,
     new_figure,
 )
@@ -249,7 +248,6 @@ def study() -> StudyResult:
         table=TextTable(
             header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "an evaluation"), rows=rows
         ),
-        page=_page(judged),
     )
 
 
@@ -294,21 +292,9 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
         heights[-1 - k] = min(heights[-1 - k], 0.97 * top - k * gap)
     for height, (number, (choice, (seconds, error))) in zip(heights, numbered, strict=True):
         axes.plot(seconds, 100.0 * error, **_marker(choice))
-        axes.annotate(
-            f"{number}: {100.0 * error:.1f} %",
-            (seconds, 100.0 * error),
-            xytext=(5.0 * slowest, height),
-            fontsize=8,
-            va="center",
-            arrowprops={
-                "arrowstyle": "-",
-                "color": _colour_of(choice),
-                "lw": 0.6,
-                "alpha": 0.6,
-                "relpos": (0.0, 0.5),
-                "shrinkA": 0.0,
-            },
-        )
+        colour = _colour_of(choice)
+        axes.plot([seconds, 4.8 * slowest], [100.0 * error, height], color=colour, lw=0.6, alpha=0.6)
+        axes.text(5.0 * slowest, height, f"{number}: {100.0 * error:.1f} %", fontsize=8, va="center")
     axes.set_xlim(0.3 * min(seconds for seconds, _ in found.values()), 3e3)
     axes.set_ylim(0.0, top)
     if simulated is None:
@@ -334,34 +320,3 @@ def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated:
         color=GREY,
         va="center",
     )
-
-
-def _page(judged: Sequence[Judged]) -> str:
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    figure = make_subplots(rows=2, cols=3, subplot_titles=list(GROUPS), vertical_spacing=0.12)
-    for k, group in enumerate(GROUPS):
-        row, column = k // 3 + 1, k % 3 + 1
-        for choice, (seconds, error) in _averaged(judged, group).items():
-            symbol = ("square" if choice.tolerance else "circle") + ("-open" if choice.alpha_y == "linear" else "")
-            figure.add_trace(
-                go.Scatter(x=[seconds], y=[100.0 * error], name=choice.name, legendgroup=choice.name, mode="markers",
-                           showlegend=k == 0, hovertemplate="%{y:.1f} %, %{x:.2g} s",
-                           marker={"color": _colour_of(choice), "symbol": symbol, "size": 11}),
-                row=row, col=column,
-            )  # fmt: skip
-        simulated = _simulated_seconds(group)
-        if simulated is not None:
-            figure.add_trace(
-                go.Scatter(x=list(simulated), y=[50.0 * sum(PACKINGS)] * 2,
-                           name="discrete elements (two packings)", legendgroup="dem", showlegend=k == 0,
-                           mode="lines+markers", line={"color": BLACK}, marker={"symbol": "diamond", "size": 10},
-                           error_y={"array": [50.0 * (PACKINGS[1] - PACKINGS[0])] * 2}),
-                row=row, col=column,
-            )  # fmt: skip
-        figure.update_yaxes(rangemode="tozero", row=row, col=column)
-    figure.update_xaxes(type="log", title_text="Time for a run [s]", dtick=1, exponentformat="power")
-    figure.update_yaxes(title_text="Median error of the force [%]")
-    title = "Force against simulated grains: accuracy and time of each modelling choice"
-    return interactive_page(figure, name="models", title=title, height=850)

@@ -13,7 +13,6 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from rft_ros.errors import InputError
-from rft_ros.report.page import figure_page
 
 __all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION"]
 __all__ += [
@@ -26,7 +25,7 @@ __all__ += [
     "published_against_ours",
     "result_of_rows",
 ]
-__all__ += ["interactive_page", "table_in", "write_tables"]
+__all__ += ["table_in", "write_tables"]
 
 # Okabe and Ito's palette, distinguishable with every kind of colour vision. Line styles and markers repeat the colour.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
@@ -58,25 +57,19 @@ def published_against_ours(*rows: tuple[str, str, str]) -> TextTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyResult:
-    """A figure with its numbers: CSV tables by file stem, and a text table. `page`: HTML of an interactive figure."""
+    """A figure with its numbers: CSV tables by file stem, and a text table."""
 
     name: str
     title: str
     figure: Figure
     numbers: Mapping[str, Columns]
     table: TextTable
-    page: str | None = None
 
     def write(self, folder: Path) -> list[Path]:
-        """Write NAME.png, NAME.md, the CSV tables and, if there is one, NAME.html; returns the files.
-
-        The same result gives the same bytes.
-        """
+        """Write NAME.png, NAME.md and the CSV tables; returns the files. The same result gives the same bytes."""
         contents = {f"{self.name}.png": picture(self.figure)}
         contents[f"{self.name}.md"] = f"# {self.title}\n\n{self.table.markdown()}".encode()
         contents |= {f"{stem}.csv": _csv(columns) for stem, columns in self.numbers.items()}
-        if self.page is not None:
-            contents[f"{self.name}.html"] = self.page.encode()
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in contents.items():
             (folder / name).write_bytes(data)
@@ -142,12 +135,6 @@ def picture(figure: Figure) -> bytes:
     with Image.open(out) as image:
         image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(small, format="png", optimize=True)
     return small.getvalue()
-
-
-def interactive_page(figure: Any, *, name: str, title: str, height: int) -> str:
-    """The HTML page of a plotly figure, which needs no network."""
-    figure.update_layout(template="plotly_white", title=title, height=height)
-    return figure_page(figure, title=title.partition(";")[0], name=name)
 
 
 def _markers(name: str) -> tuple[str, str]:
