@@ -4,7 +4,7 @@ import re
 
 import numpy as np
 import pytest
-from test_cli import HEADER, refused, rft
+from test_cli import HEADER, ROOT, refused, rft
 
 from rft_ros.report.animation import animate
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
@@ -33,21 +33,19 @@ def test_the_page_is_self_contained_and_has_the_same_bytes_each_time(tmp_path):
 
 def test_what_cannot_be_drawn_is_a_sentence(tmp_path):
     refused(view(tmp_path, "film.gif"), "film.gif", ".html")
-    (tmp_path / "states.csv").write_text(STATES)
-    refused(rft("view", "states.csv", "-o", "o.html", cwd=tmp_path), "--mesh")
-    refused(rft("view", "gone.csv", "--mesh", "plate", "-o", "o.html", cwd=tmp_path), "gone.csv")
-    refused(rft("view", tmp_path / "no_bag", "-o", "o.html", cwd=tmp_path), "no_bag")
-    refused(
-        rft("view", tmp_path, "--zeta", "-5", "-o", "o.html", cwd=tmp_path),
-        f"--zeta is for states, not for '{tmp_path}'",
-    )
     refused(view(tmp_path, "o.html", "--start", "1"), "--start is for a bag, not for 'states.csv'")
+    for arguments, *words in (
+        (("states.csv",), "--mesh"),
+        (("gone.csv", "--mesh", "plate"), "gone.csv"),
+        ((tmp_path / "no_bag",), "no_bag"),
+        ((tmp_path, "--zeta", "-5"), f"--zeta is for states, not for '{tmp_path}'"),
+    ):
+        refused(rft("view", *arguments, "-o", "o.html", cwd=tmp_path), *words)
 
 
-@pytest.mark.parametrize("trial", ["abb_plate_3"])
-def test_a_bag_is_drawn_from_its_estimates(shared_data, tmp_path, trial):
-    config = __file__.replace("test/unit/test_view.py", "config/abb_plate.yaml")
-    done = rft("view", shared_data / "abb_plate" / trial, "--params", config, "-o", "plate.html", cwd=tmp_path)
+def test_a_bag_is_drawn_from_its_estimates(shared_data, tmp_path):
+    bag, config = shared_data / "abb_plate" / "abb_plate_3", ROOT / "config" / "abb_plate.yaml"
+    done = rft("view", bag, "--params", config, "-o", "plate.html", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "60 moments of abb_plate" in done.stdout
 
