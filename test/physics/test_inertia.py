@@ -46,26 +46,17 @@ def added(plates, states):
 
 
 @RULES
-@given(normal=directions(), velocity=directions(), speed=st.floats(0.01, 3.0))
-def test_a_plate_that_leads_throughout_feels_the_published_stress_against_its_normal(rule, normal, velocity, speed):
+@given(normal=directions(), velocity=directions(), speed=st.floats(0.01, 3.0), depth=st.floats(0.05, 0.7))
+def test_a_plate_that_leads_feels_the_published_stress_against_its_normal(rule, normal, velocity, speed, depth):
     lead = float(np.dot(normal, velocity))
     if lead < 0.05:  # a refined plate leads in part up to 1°
         return
     body = plate(normal, rule)
     stress = INERTIA * (1.0 + CONFINEMENT * min(normal[2], 0.0) ** 2) * DENSITY * (speed * lead) ** 2
     expected = -stress * body.area * np.asarray(normal)
-    found = added(body, at(speed * np.asarray(velocity)))
-    force = np.abs(wrenches(body, CONSTANT, at(velocity))[0, :3]).max()  # both are subtracted from each other
+    found = added(body, at(speed * np.asarray(velocity), depth))
+    force = np.abs(wrenches(body, CONSTANT, at(velocity, depth))[0, :3]).max()  # both are subtracted from each other
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * force)
-
-
-@RULES
-def test_it_does_not_grow_with_depth_and_grows_with_the_square_of_speed(rule):
-    body = plate((1.0, 0.0, 0.0), rule)
-    slow, deep, fast = (added(body, at((v, 0.0, 0.0), depth))[0] for v, depth in ((0.5, 0.1), (0.5, 0.7), (1.0, 0.1)))
-    assert slow < 0.0
-    assert deep == pytest.approx(slow, rel=1e-9)
-    assert fast == pytest.approx(4.0 * slow, rel=1e-9)
 
 
 @RULES

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import directions, random_plates, random_scene, seeds
+from scenes import directions
 
-from rft_ros.rft import INTEGRATIONS, MEDIA, alpha_y_model, plate_forces, treers2021, wrenches
+from rft_ros.rft import INTEGRATIONS, MEDIA, alpha_y_model, treers2021, wrenches
 from studies.force_jumps import greatest_power, plate_facing
 
 RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
@@ -47,13 +47,3 @@ def test_the_break_of_the_linear_fit_is_reached(rule):
     assert 0.03 < greatest_power(np.radians(165.0), rule, "linear", intruding=True) < 0.0665
     assert greatest_power(np.radians(130.0), rule, "linear", intruding=False) < 0.0
     assert greatest_power(np.radians(180.0), rule, "linear", intruding=True) == -np.inf
-
-
-@RULES
-@given(seed=seeds)
-def test_each_plate_of_a_body_resists_its_motion(rule, seed):
-    rng = np.random.default_rng(seed)
-    body, state = random_plates(rng, 60, rule), random_scene(rng, 1)[0]
-    state[10:13] = 0.0
-    law = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
-    assert (plate_forces(body, law, state) @ state[7:10] <= 1e-15).all()

@@ -1,7 +1,6 @@
 """Inputs where the rule divides zero by zero: finite numbers, and the ones that physics asks for."""
 
 import numpy as np
-import published_rule as rule
 import pytest
 from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, LINEAR, unit
 
@@ -57,19 +56,6 @@ def test_a_tool_without_a_leading_plate_has_no_wrench(law):
 @ALL
 def test_a_tool_above_the_grains_has_no_wrench(law):
     assert wrench(BOX, law, (0.1, 0.2, -0.3), (1, 2, 3), pz=0.011).tolist() == [0.0] * 6
-
-
-@pytest.mark.parametrize("velocity", AXES)
-def test_a_cube_that_moves_along_an_axis_is_pushed_by_its_leading_face_alone(velocity):
-    force = wrench(BOX, CONSTANT, velocity)
-    centroid = [0.01 * component for component in velocity]
-    expected = rule.plate_force(velocity, velocity, 0.05 - centroid[2], 4e-4, "generic", 1.0, rule.constant("generic"))
-    assert force[:3] == pytest.approx(expected, abs=1e-9)
-    assert force[3:] == pytest.approx(rule.cross(centroid, expected), abs=1e-9)
-
-
-def test_a_plate_without_area_has_no_force():
-    assert not wrench(Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [0.0]), CONSTANT, (0, 0, -1)).any()
 
 
 @LAWS
