@@ -34,17 +34,16 @@ TYPES: dict[Role, str] = {
 UNREADABLE = (ValueError, struct.error)
 """What a decoder raises for bytes that are not a message of its type."""
 
-_LONGEST_FRAME = 257  # bytes, with the NUL
+_LONGEST_NAME = 257  # bytes, with the NUL
+_ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}  # by the first bytes of plain CDR
 _Content = tuple[int, str, Any]  # stamp [ns], frame_id, tuple of doubles
-_Layout = tuple[struct.Struct, dict[int, struct.Struct]]
 
 
-def _layout(head: str, byte_order: str) -> _Layout:
-    return struct.Struct(byte_order + head), {n: struct.Struct(f"{byte_order}{n}d") for n in (6, 7)}
-
-
-_CDR = {b"\x00\x01": _layout("iII", "<"), b"\x00\x00": _layout("iII", ">")}
-_ROS1_HEAD, _ROS1_DOUBLES = _layout("4xIII", "<")
+def _order(data: bytes, ros1: bool) -> str:
+    order = "<" if ros1 else _ORDERS.get(data[:2])
+    if order is None:
+        raise ValueError(f"encoding {data[:2].hex() or 'missing'} is not plain CDR")
+    return order
 
 
 def _stamp(seconds: int, nanoseconds: int) -> int:
@@ -53,62 +52,29 @@ def _stamp(seconds: int, nanoseconds: int) -> int:
     return seconds * 1_000_000_000 + nanoseconds
 
 
-def _from_cdr(data: bytes, count: int) -> _Content:
-    layout = _CDR.get(data[:2])
-    if layout is None:
-        raise ValueError(f"encoding {data[:2].hex() or 'missing'} is not plain CDR")
-    head, doubles = layout
-    seconds, nanoseconds, length = head.unpack_from(data, 4)
-    if length > _LONGEST_FRAME:
-        raise ValueError("the frame's name is too long")
-    frame = data[16 : 15 + length].decode()  # the length counts a final NUL
-    aligned = 4 + (12 + length + 7) // 8 * 8
-    return _stamp(seconds, nanoseconds), frame, doubles[count].unpack_from(data, aligned)
+def _fixed_layout(count: int, *, ros1: bool) -> Callable[[bytes], _Content]:
+    """A decoder of a header and so many doubles. CDR has a NUL after the frame's name, and aligns."""
+    head, nul, alignment = ("III", 0, 1) if ros1 else ("iII", 1, 8)
+    layouts = {o: (struct.Struct(o + head), struct.Struct(f"{o}{count}d")) for o in _ORDERS.values()}
 
+    def content(data: bytes) -> _Content:
+        start, doubles = layouts[_order(data, ros1)]
+        seconds, nanoseconds, length = start.unpack_from(data, 4)
+        if length > _LONGEST_NAME:
+            raise ValueError("the frame's name is too long")
+        end = 16 + length
+        frame = data[16 : end - nul].decode()
+        return _stamp(seconds, nanoseconds), frame, doubles.unpack_from(data, end + (4 - end) % alignment)
 
-def _from_ros1(data: bytes, count: int) -> _Content:
-    seconds, nanoseconds, length = _ROS1_HEAD.unpack_from(data)
-    frame = data[16 : 16 + length].decode()
-    return _stamp(seconds, nanoseconds), frame, _ROS1_DOUBLES[count].unpack_from(data, 16 + length)
-
-
-class _Fields:
-    """Reads a message field by field: CDR, aligned, or ROS 1, not aligned."""
-
-    def __init__(self, data: bytes, *, ros1: bool) -> None:
-        if not ros1 and data[:2] not in _CDR:
-            raise ValueError(f"encoding {data[:2].hex() or 'missing'} is not plain CDR")
-        self._data, self._ros1 = data, ros1
-        self.order = ">" if data[:2] == b"\x00\x00" and not ros1 else "<"
-        self.at = 0 if ros1 else 4  # CDR aligns to the end of the encapsulation
-
-    def numbers(self, kinds: str) -> Any:
-        """Numbers of one kind, or of ever smaller ones, as `struct` names them."""
-        self.at += 0 if self._ros1 else (4 - self.at) % struct.calcsize(kinds[0])
-        values = struct.unpack_from(self.order + kinds, self._data, self.at)
-        self.at += struct.calcsize(self.order + kinds)
-        return values
-
-    def text(self) -> str:
-        (length,) = self.numbers("I")
-        if length > _LONGEST_FRAME:
-            raise ValueError("a name is too long")
-        raw = self._data[self.at : self.at + length]
-        self.at += length
-        return raw.rstrip(b"\x00").decode()
-
-    def header(self) -> tuple[int, str]:
-        """Stamp [ns] and frame_id."""
-        stamp = _stamp(*self.numbers("III")[1:] if self._ros1 else self.numbers("iI"))
-        return stamp, self.text()
+    return content
 
 
 def _transforms(data: bytes, *, ros1: bool, fixed: bool) -> tuple[TransformSample, ...]:
     # Not by `_Fields`, which takes three times as long: robots publish a hundred frames at 500 Hz.
-    fields = _Fields(data, ros1=ros1)
-    (count,) = fields.numbers("I")
-    at, order, four, eight = fields.at, fields.order, *((1, 1) if ros1 else (4, 8))
+    order, at, four, eight = _order(data, ros1), 0 if ros1 else 4, *((1, 1) if ros1 else (4, 8))
     head, size, doubles = (struct.Struct(order + kinds) for kinds in ("4xIII" if ros1 else "iII", "I", "7d"))
+    (count,) = size.unpack_from(data, at)
+    at += 4
     found: list[TransformSample] = []
     for _ in range(count):
         at += -at % four
@@ -125,13 +91,36 @@ def _transforms(data: bytes, *, ros1: bool, fixed: bool) -> tuple[TransformSampl
     return tuple(found)
 
 
+class _Fields:
+    """Reads a message field by field: CDR, aligned to the end of its first 4 bytes, or ROS 1, not aligned."""
+
+    def __init__(self, data: bytes, *, ros1: bool) -> None:
+        self._data, self._ros1, self._order = data, ros1, _order(data, ros1)
+        self.at = 0 if ros1 else 4
+
+    def numbers(self, kinds: str) -> Any:
+        """Numbers of one kind, or of ever smaller ones, as `struct` names them."""
+        self.at += 0 if self._ros1 else (4 - self.at) % struct.calcsize(kinds[0])
+        values = struct.unpack_from(self._order + kinds, self._data, self.at)
+        self.at += struct.calcsize(self._order + kinds)
+        return values
+
+    def text(self) -> str:
+        (length,) = self.numbers("I")
+        if length > _LONGEST_NAME:
+            raise ValueError("a name is too long")
+        self.at += length
+        return self._data[self.at - length : self.at].rstrip(b"\x00").decode()
+
+
 _COORDINATES = {7: "f4", 8: "f8"}  # of PointField.datatype
 
 
 def _cloud(data: bytes, *, ros1: bool) -> Cloud:
     """A PointCloud2 with fields x, y and z of one or two floating-point types."""
     fields = _Fields(data, ros1=ros1)
-    stamp, frame = fields.header()
+    stamp = _stamp(*(fields.numbers("III")[1:] if ros1 else fields.numbers("iI")))
+    frame = fields.text()
     height, width, count = fields.numbers("III")
     places: dict[str, tuple[int, str]] = {}
     for _ in range(count):
@@ -161,13 +150,13 @@ def decoder(role: Role, *, ros1: bool) -> Callable[[bytes], Sample]:
         return partial(_transforms, ros1=ros1, fixed=role == "tf_static")
     if role == "surface":
         return partial(_cloud, ros1=ros1)
-    content = _from_ros1 if ros1 else _from_cdr
+    content = _fixed_layout(7 if role == "pose" else 6, ros1=ros1)
     if role == "wrench":
-        return lambda data: WrenchSample(*content(data, 6))
-    sample, count = (PoseSample, 7) if role == "pose" else (TwistSample, 6)
+        return lambda data: WrenchSample(*content(data))
+    sample = PoseSample if role == "pose" else TwistSample
 
     def decode(data: bytes) -> Sample:
-        stamp, frame, numbers = content(data, count)
+        stamp, frame, numbers = content(data)
         return sample(stamp, frame, numbers[:3], numbers[3:])
 
     return decode
