@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, twist, wrench
+from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, push, twist, wrench
 
-from rft_ros.estimator import Estimate, LoadCell
+from rft_ros.estimator import LoadCell
 from rft_ros.estimator.learning import BeliefIssue
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
-from rft_ros.parameters import defaults, read_parameter_file, settings_of, write_parameter_file
+from rft_ros.parameters import defaults, settings_of
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 
@@ -20,49 +20,39 @@ STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 class Press:
     """One plate pushed straight down at 1 cm/s into grains `factor` times as strong as the model's."""
 
-    def __init__(self, mode="apply", *, late=0, **settings):
+    def __init__(self, mode="apply", *, late=0, surface=0.0, **settings):
         self.estimator = estimator(learning_mode=mode, **settings)
-        self.model = estimator(load_cell=settings.get("load_cell"))
+        self.model = estimator(load_cell=settings.get("load_cell"), surface_height=surface)
         self.stamp, self.depth, self.answers, self.readings = START, 0.0, [], []
         self.late = late
 
     def push(self, count, factor=1.0, *, reading=None, rising=False):
+        speed = 0.01 if rising else -0.01
         for _ in range(count):
             self.stamp += STEP
-            self.depth += -1e-4 if rising else 1e-4
-            speed = 0.01 if rising else -0.01
-            sample, motion = pose(self.stamp, (0.0, 0.0, -self.depth)), twist(self.stamp, (0.0, 0.0, speed))
-            self.model.push_twist(motion)
-            told = self.model.push_pose(sample).predicted
+            self.depth -= 0.01 * speed
+            samples = twist(self.stamp, (0.0, 0.0, speed)), pose(self.stamp, (0.0, 0.0, -self.depth))
+            told = push(self.model, *samples).predicted
             self.readings.append(wrench(self.stamp, reading or [factor * f for f in told]))
-            self.estimator.push_twist(motion)
-            if len(self.readings) > self.late:
-                self.estimator.push_wrench(self.readings[-1 - self.late])
-            self.answers.append(self.estimator.push_pose(sample))
+            come = self.readings[-1 - self.late :][:1] if len(self.readings) > self.late else []
+            self.answers.append(push(self.estimator, *come, *samples))
         return self
 
     @property
-    def ratio(self):
-        """The last predicted vertical force over the model's own."""
-        self.model.push_twist(twist(self.stamp + 1))
-        return self.answers[-1].predicted[2] / (self.readings[-1].wrench[2] or math.nan)
+    def learning(self):
+        return self.estimator.learning
+
+    def use(self, **settings):
+        self.estimator.use(settings=replace(self.estimator.settings, **settings))
 
 
 def test_observe_learns_the_same_and_predicts_as_the_model():
     seen, used, plain = (Press(mode).push(300, 1.6) for mode in ("observe", "apply", "off"))
     for observed, unlearned in zip(seen.answers, plain.answers, strict=True):
         assert observed.predicted == pytest.approx(unlearned.predicted, rel=1e-12)
-    assert seen.estimator.learning.belief() == used.estimator.learning.belief()
-    assert seen.estimator.learning.belief().vertical_strength > 1.4
-    assert plain.estimator.learning is None
-
-
-def test_a_prediction_uses_no_reading_taken_within_the_lag_before_it():
-    usual, other = Press(learning_lag=0.002).push(200, 1.6), Press(learning_lag=0.002).push(200, 1.6)
-    usual.push(19, 1.6)
-    other.push(19, 5.0)
-    assert [a.predicted for a in usual.answers] == [a.predicted for a in other.answers]
-    assert usual.push(5, 1.6).answers[-1].predicted != other.push(5, 1.6).answers[-1].predicted
+    assert seen.learning.belief() == used.learning.belief()
+    assert seen.learning.belief().vertical_strength > 1.4
+    assert plain.learning is None
 
 
 def test_readings_that_come_late_but_within_the_lag_change_no_prediction_and_no_deviation():
@@ -78,7 +68,7 @@ def test_a_load_cell_dead_from_the_start_is_named_and_leaves_the_model_as_it_is(
     issues = set()
     for _ in range(500):
         press.push(1, reading=[*rng.normal(0.0, noise, 6).tolist()])
-        issues.update(press.estimator.learning.issues())
+        issues.update(press.learning.issues())
         fixed.push(1, 1.6)
     true = np.array([r.wrench[2] for r in fixed.readings])
     learned, told = (np.array([a.predicted[2] for a in p.answers]) for p in (press, fixed))
@@ -93,7 +83,7 @@ def test_a_coarse_cell_is_not_called_stuck_and_teaches():
     while press.depth < 0.05:
         true = 1.6 * press.estimator.model.zeta * 400.0 * (press.depth + 1e-4)
         press.push(1, reading=[0.0, 0.0, float(round(true)) or 1e-9, 0.0, 0.0, 0.0])
-        issues.update(press.estimator.learning.issues())
+        issues.update(press.learning.issues())
     assert not issues
     assert press.answers[-1].predicted[2] == pytest.approx(true, rel=0.1)
 
@@ -101,9 +91,9 @@ def test_a_coarse_cell_is_not_called_stuck_and_teaches():
 def test_spikes_in_the_load_cell_are_no_surprise():
     rng, press, turns = np.random.default_rng(4), Press(), 0
     for _ in range(800):
-        before = press.estimator.learning.surprise
+        before = press.learning.surprise
         press.push(1, 1.0 + 100.0 * rng.normal() * (rng.random() < 0.03))
-        turns += press.estimator.learning.surprise is not before
+        turns += press.learning.surprise is not before
     assert turns <= 2
 
 
@@ -115,13 +105,13 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust():
         told = max(4.0 * 100.0 * (press.depth + 1e-4), 0.0)
         press.push(1, reading=[0.0, 0.0, told + 2.4, 0.0, 0.0, 0.0])
         if k == 99:
-            assert press.estimator.learning.issues() == [BeliefIssue.OFFSET]
+            assert press.learning.issues() == [BeliefIssue.OFFSET]
     assert "tare" in BeliefIssue.OFFSET
-    assert press.estimator.learning.doubts() == [BeliefIssue.OFFSET]
+    assert press.learning.doubts() == [BeliefIssue.OFFSET]
     assert trust(press.answers[-1].quality_flags) is Trust.CAUTION
     assert press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
-    assert press.estimator.learning.strength()[0] == pytest.approx(1.0, abs=0.4)
-    press.estimator.use(settings=replace(press.estimator.settings, load_cell=LoadCell(bias=(0, 0, 2.4, 0, 0, 0))))
+    assert press.learning.strength()[0] == pytest.approx(1.0, abs=0.4)
+    press.use(load_cell=LoadCell(bias=(0, 0, 2.4, 0, 0, 0)))
     press.push(1, reading=[0.0, 0.0, told + 2.4, 0.0, 0.0, 0.0])
     assert not press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
 
@@ -134,24 +124,24 @@ def test_a_silent_gap_at_rest_does_not_widen_sigma():
 
 def test_withdrawal_does_not_change_the_strength_of_the_bed():
     press = Press().push(300, 1.6)
-    before, _ = press.estimator.learning.strength()
+    before, _ = press.learning.strength()
     after, _ = press.push(200, reading=[0.0, 0.0, -0.01, 0.0, 0.0, 0.0], rising=True).estimator.learning.strength()
     assert after == pytest.approx(before, rel=0.01)  # the last 2 mm were still to be learned
     assert before == pytest.approx(1.6, abs=0.3)
 
 
-def test_another_medium_forgets_another_tool_keeps_the_strength_and_so_does_a_jump_of_time():
+def test_another_medium_forgets_and_another_tool_generation_or_time_keeps_the_strength():
     press = Press().push(300, 1.6)
-    learned, e = press.estimator.learning.strength(), press.estimator
+    learned, e = press.learning.strength(), press.estimator
     e.use(model=replace(e.model, tool=plate_tool()))
     assert e.learning.strength() == learned
+    e.use(model=plate_model(generation=1))  # the same law
+    assert e.learning.strength() == learned
+    press.stamp -= 100 * SECOND
+    press.push(2, 1.6)
+    assert press.learning.strength()[0] == pytest.approx(learned[0], rel=0.2)
     e.use(model=plate_model(zeta=2.0))
     assert e.learning.strength() is None
-    press = Press().push(300, 1.6)
-    press.stamp -= 100 * SECOND
-    assert press.estimator.learning.strength() == learned
-    press.push(2, 1.6)
-    assert press.estimator.learning.strength()[0] == pytest.approx(learned[0], rel=0.2)
 
 
 def test_a_small_standard_error_of_zeta_makes_the_prior_narrow():
@@ -172,72 +162,39 @@ def test_a_force_that_triples_is_flagged_as_a_surprise_until_it_is_learned():
 
 def test_settings_that_change_live_keep_what_was_learned_except_where_the_prior_changes():
     press = Press().push(300, 1.6)
-    learning = press.estimator.learning
+    learning = press.learning
     values = {**defaults(), "learning.mode": "observe", "learning.lag": 0.005}
     press.estimator.use(settings=settings_of(values))
-    assert press.estimator.learning is learning
+    assert press.learning is learning
     assert learning.lag == 0.005
     press.estimator.use(settings=settings_of({**values, "medium.zeta_error": 0.1}))
-    assert press.estimator.learning.strength() is None
+    assert press.learning.strength() is None
     press.estimator.use(settings=settings_of(defaults()))
-    assert press.estimator.learning is None
+    assert press.learning is None
 
 
 @given(st.floats(-180.0, 180.0), st.sampled_from([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)]))
 def test_the_axes_of_the_sensor_do_not_change_the_size_of_the_deviation(degrees, axis):
     found = []
     for cell in (LoadCell(), LoadCell(quaternion=about(axis, degrees))):
-        e = estimator(load_cell=cell)
-        e.push_twist(twist())
-        answer = e.push_pose(pose())
-        assert isinstance(answer, Estimate)
-        found.append((math.hypot(*answer.sigma[:3]), math.hypot(*answer.sigma[3:])))
+        sigma = push(estimator(load_cell=cell), twist(), pose()).sigma
+        found.append((math.hypot(*sigma[:3]), math.hypot(*sigma[3:])))
     np.testing.assert_allclose(*found, rtol=1e-9)
 
 
-def test_a_parameter_file_that_was_written_reads_back(tmp_path):
-    values = {**defaults(), "medium.zeta": 0.312, "medium.zeta_error": 0.08, "sensor.position": (0.0, 0.1, 0.2)}
-    write_parameter_file(tmp_path / "new" / "saved.yaml", values, comment="from a test")
-    assert read_parameter_file(tmp_path / "new" / "saved.yaml") == values
-
-
 def test_the_surface_height_counts_once_when_it_is_set_to_what_was_learned():
-    press = Press()
-    e = press.estimator
-    raised = estimator(surface_height=0.004)
-    for _ in range(100):
-        press.stamp += STEP
-        press.depth += 1e-4
-        sample, motion = pose(press.stamp, (0.0, 0.0, -press.depth)), twist(press.stamp)
-        for each in (raised, e):
-            each.push_twist(motion)
-        told = raised.push_pose(sample).predicted
-        e.push_wrench(wrench(press.stamp, list(told)))
-        e.push_pose(sample)
-    e.use(settings=replace(e.settings, surface_height=0.004))
-    press.stamp += STEP
-    press.depth += 1e-4
-    for each in (raised, e):
-        each.push_twist(twist(press.stamp))
-    sample = pose(press.stamp, (0.0, 0.0, -press.depth))
-    assert e.push_pose(sample).predicted[2] == pytest.approx(raised.push_pose(sample).predicted[2], rel=0.1)
-
-
-def test_a_parameter_without_effect_on_the_law_forgets_nothing():
-    press = Press().push(300, 1.6)
-    learned, e = press.estimator.learning.strength(), press.estimator
-    e.use(model=plate_model(generation=1))
-    assert e.model.generation == 1
-    assert e.learning.strength() == learned
+    press = Press(surface=0.004).push(100)
+    press.use(surface_height=0.004)
+    press.push(1)
+    assert press.answers[-1].predicted[2] == pytest.approx(press.readings[-1].wrench[2], rel=0.1)
 
 
 def test_a_surprise_and_a_wrong_model_end_with_a_jump_of_time():
     press = Press().push(300).push(100, 9.0)
-    learning = press.estimator.learning
-    assert learning.surprise
-    assert learning.issues()
+    assert press.learning.surprise
+    assert press.learning.issues()
     press.stamp -= 100 * SECOND
     press.depth = -0.01
     press.push(1)
-    assert not learning.surprise
-    assert not learning.issues()
+    assert not press.learning.surprise
+    assert not press.learning.issues()
