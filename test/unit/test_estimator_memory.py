@@ -2,18 +2,9 @@
 
 import numpy as np
 import pytest
+from one_plate import LEVEL, pose, push, twist
 
-from rft_ros.estimator import (
-    Estimate,
-    Estimator,
-    Model,
-    NoEstimate,
-    PoseSample,
-    Reason,
-    Settings,
-    TransformSample,
-    TwistSample,
-)
+from rft_ros.estimator import Estimate, Estimator, Model, Reason, Settings, TransformSample
 from rft_ros.rft import MEDIA, Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
 from rft_ros.tool import load_tool
 
@@ -42,8 +33,7 @@ class Arm:
         for _ in range(round(seconds * 1e9 / PERIOD)):
             self.stamp += PERIOD
             self.height += speed * PERIOD * 1e-9
-            pose = PoseSample(self.stamp, "world", (0.0, 0.0, self.height), (0.0, 0.0, 0.0, 1.0))
-            answers.append(self.estimator.push_pose(pose))
+            answers.append(push(self.estimator, pose(self.stamp, (0.0, 0.0, self.height))))
         return answers
 
 
@@ -54,11 +44,9 @@ def vertical(answer):
 
 def test_without_memory_rest_is_a_reason_and_with_memory_it_is_an_estimate_that_holds():
     forgetful, remembering = Arm(0.0), Arm(0.003)
-    for arm in (forgetful, remembering):
-        arm.move(-0.01, 4.0)
-    assert isinstance(forgetful.move(0.0, 1.0)[-1], NoEstimate)
-    assert forgetful.estimator.counts[Reason.AT_REST.value] > 0
-    pressed = vertical(remembering.move(-0.01, 0.1)[-1])
+    forgetful.move(-0.01, 4.1)
+    assert forgetful.move(0.0, 1.0)[-1].reason is Reason.AT_REST
+    pressed = vertical(remembering.move(-0.01, 4.1)[-1])
     held = [vertical(a) for a in remembering.move(0.0, 4.0)]
     assert held[-1] == pytest.approx(pressed, rel=0.02)
     assert np.ptp(held[50:]) < 1e-9 * pressed  # flat
@@ -83,13 +71,14 @@ def test_encoder_noise_at_rest_does_not_wear_the_force_down():
     assert shaken(0.0, 20.0) == pytest.approx(before, rel=0.02)
 
 
-def test_on_withdrawal_the_force_falls_within_millimetres():
+def test_on_withdrawal_the_force_falls_within_millimetres_and_leaving_the_grains_begins_a_new_memory():
     arm = Arm(0.003)
-    arm.move(-0.01, 4.0)
-    pressed = vertical(arm.move(-0.01, 0.1)[-1])
+    pressed = vertical(arm.move(-0.01, 4.1)[-1])
     arm.move(0.0, 1.0)
     left = vertical(arm.move(0.01, 0.3)[-1])
     assert abs(left) < 0.15 * pressed  # the upper face has begun to lead
+    arm.move(0.05, 1.0)
+    assert not arm.estimator._memory.tractions.any()
 
 
 def test_zeta_is_swapped_without_forgetting_and_a_mesh_is_not():
@@ -118,8 +107,7 @@ def test_a_silent_gap_at_rest_changes_nothing_and_a_path_over_it_is_what_the_pos
         e, stamp = Estimator(Settings(), model(0.003)), 0
 
         def told(height, speed):
-            e.push_twist(TwistSample(stamp, "world", (0.0, 0.0, speed), (0.0, 0.0, 0.0)))
-            return vertical(e.push_pose(PoseSample(stamp, "world", (0.0, 0.0, height), (0.0, 0.0, 0.0, 1.0))))
+            return vertical(push(e, twist(stamp, (0.0, 0.0, speed)), pose(stamp, (0.0, 0.0, height))))
 
         for k in range(500):
             stamp += PERIOD
@@ -134,16 +122,6 @@ def test_a_silent_gap_at_rest_changes_nothing_and_a_path_over_it_is_what_the_pos
         return force
 
     assert raised(silent=True) == pytest.approx(raised(silent=False), rel=0.03)
-
-
-def test_leaving_the_grains_begins_a_new_memory():
-    arm = Arm(0.003)
-    arm.move(-0.01, 4.0)
-    arm.move(0.05, 1.0)
-    assert isinstance(arm.move(0.05, 0.1)[-1], Estimate)
-    memory = arm.estimator._memory
-    assert memory is not None
-    assert not memory.tractions.any()
 
 
 def test_the_estimator_and_the_core_agree_on_a_path():
@@ -164,12 +142,10 @@ def test_the_estimator_and_the_core_agree_on_a_path():
 def test_an_absurd_pose_is_refused_and_the_memory_lives():
     arm = Arm(0.003)
     before = vertical(arm.move(-0.01, 4.0)[-1])
-    far = TransformSample(0, "world", "far", (0.0, 0.0, -9e99), (0.0, 0.0, 0.0, 1.0), True)
-    assert arm.estimator.push_transform(far._replace(position=(0.0, 0.0, -1e308))) is Reason.TF_INVALID
-    assert arm.estimator.push_transform(far) is None
+    far = TransformSample(0, "world", "far", (0.0, 0.0, -9e99), LEVEL, True)
+    assert push(arm.estimator, far._replace(position=(0.0, 0.0, -1e308))) is Reason.TF_INVALID
+    assert push(arm.estimator, far) is None
     for frame, z in (("world", -1e308), ("far", -9e99)):
         arm.stamp += PERIOD
-        refused = arm.estimator.push_pose(PoseSample(arm.stamp, frame, (0.0, 0.0, z), (0.0, 0.0, 0.0, 1.0)))
-        assert isinstance(refused, NoEstimate)
-        assert refused.reason is Reason.POSE_NOT_FINITE
+        assert push(arm.estimator, pose(arm.stamp, (0.0, 0.0, z), frame=frame)).reason is Reason.POSE_NOT_FINITE
     assert vertical(arm.move(-0.01, 0.1)[-1]) > before
