@@ -59,7 +59,7 @@ def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_anot
     "sentence",
     [
         "medium.name is 'mars'; it must be one of generic, poppy_seeds_loose, poppy_seeds_close",
-        "alpha_y.model is 'cubic'; it must be one of constant, linear, table",
+        "integration is 'exact'; it must be one of centroid, refined",
         "sensor.sign is 0.5; it must be 1.0 or -1.0",
         "sensor.mass is -1; it must lie between 0 and 1000",
         "sensor.bias is [0.0, 0.0, 0.0, 0.0, 0.0]; it must be 6 numbers",
