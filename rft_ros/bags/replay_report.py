@@ -11,12 +11,10 @@ from rft_ros.bags.phases import PHASES, Phase
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
-from rft_ros.ground import HeightMap
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import animate, animation_figure
 from rft_ros.report.charts import Panels
 from rft_ros.report.page import Figure, Table, write_page
-from rft_ros.rft import rotation_matrix
 
 __all__ = ["decimated", "draw", "replay_charts"]
 
@@ -28,7 +26,7 @@ _Spans = list[tuple[str, float, float]]
 
 _BUCKETS = 1500
 _MOST_FACES = 4000
-_MAP_CELLS = 150
+_MOMENTS = 8
 _IN_GRAINS = -1e-3  # least depth in charts over depth [m]
 _TIME, _DEPTH = "Time since the first pose [s]", "Depth of the lowest point [mm]"
 _KINDS = (("Force", "N", 0), ("Torque", "N m", 3))  # and the first column of its axes
@@ -42,7 +40,7 @@ _LEARNED = (
 
 def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None:
     """Write the report of a replay's rows, shape [n], after the estimator's last sample."""
-    vertical, rows = _vertical(rows, estimator), decimated(rows)
+    rows = decimated(rows)
     rows = rows[~np.isnan(rows["depth"])]
     minutes, seconds = divmod(summary.duration, 60.0)
     metrics, *tables = _tables(summary)
@@ -54,17 +52,8 @@ def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None
         f" {f'{minutes:.0f} min ' if minutes else ''}{seconds:.1f} s of recording. Both are on the tool by the grains,"
         " in the axes and about the origin of the sensor frame.",
         warnings=[*([f"reading stopped early: {summary.damage}"] if summary.damage else []), *summary.warnings],
-        sections=[metrics, *replay_charts(rows, vertical), *_scenes(rows, estimator), *tables],
+        sections=[metrics, *replay_charts(rows), *_film(rows, estimator), *tables],
     )
-
-
-def _vertical(rows: Rows, estimator: Estimator) -> str:
-    """Which sensor axis is nearest to vertical at the greatest depth, and where it points."""
-    deepest = np.where(rows["phase"] >= 0, rows["depth"], -math.inf).argmax()
-    to_world = rotation_matrix(rows["state"][deepest, 3:7])
-    up = to_world[2] @ rotation_matrix(estimator.settings.load_cell.quaternion)
-    axis = int(np.argmax(np.abs(up)))
-    return f"{'xyz'[axis]} points {'up' if up[axis] > 0.0 else 'down'}"
 
 
 def decimated(rows: Rows) -> Rows:
@@ -125,15 +114,12 @@ def _text(value: object) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def replay_charts(rows: Rows, vertical: str) -> list[Figure]:
-    """The charts of rows with a known depth, shape [n], in the order of the page.
-
-    `vertical`: which sensor axis is nearest to vertical, and where it points.
-    """
+def replay_charts(rows: Rows) -> list[Figure]:
+    """The charts of rows with a known depth, shape [n], in the order of the page."""
     time = (rows["stamp"] - rows["stamp"].min(initial=2**62)) * 1e-9
     runs = _runs(time, rows["phase"])
     spans = [(PHASES[rows["phase"][a]].value, begin, end) for a, begin, end in runs if rows["phase"][a] >= 0]
-    charts = [_over_time(rows, time, spans, vertical, *kind) for kind in _KINDS]
+    charts = [_over_time(rows, time, spans, *kind) for kind in _KINDS]
     charts += [_over_depth(rows, *kind) for kind in _KINDS]
     if not np.isnan(rows["learned"]).all():
         charts.append(_learned(rows, time, spans))
@@ -153,7 +139,7 @@ def _band(panels: Panels, at: tuple[int, int], rows: Rows, x: _Array, column: in
     panels.band(at, "± standard deviation", x, y, deviation, colour="predicted")
 
 
-def _over_time(rows: Rows, time: _Array, spans: _Spans, vertical: str, what: str, unit: str, first: int) -> Figure:
+def _over_time(rows: Rows, time: _Array, spans: _Spans, what: str, unit: str, first: int) -> Figure:
     flags = [flag for flag in QualityFlag if first == 0 and (rows["quality_flags"] & int(flag)).any()]
     heights = (1.0, 1.0, 1.0, 0.1 + 0.13 * len(flags)) if flags else ()
     panels = Panels(4 if flags else 3, height=640 + 26 * len(flags), heights=heights)
@@ -177,9 +163,9 @@ def _over_time(rows: Rows, time: _Array, spans: _Spans, vertical: str, what: str
     panels.shade(range(1, 5 if flags else 4), spans)
     flagged = " Below: when the prediction had which quality flag; blue means caution, black do not trust."
     sentence = (
-        f"{what} on the tool by the grains, along the axes of the sensor frame ({vertical} or nearly so): measured,"
-        " less bias and tool weight, and predicted by RFT, with a band of one standard deviation on each side. A line"
-        f" breaks where there is no estimate.{flagged if flags else ''}"
+        f"{what} on the tool by the grains, along the axes of the sensor frame: measured, less bias and tool weight,"
+        " and predicted by RFT, with a band of one standard deviation on each side. A line breaks where there is no"
+        f" estimate.{flagged if flags else ''}"
     )
     return Figure(f"{what.lower()}_over_time", f"{what} over time", sentence, panels.figure)
 
@@ -239,14 +225,15 @@ def _residual(rows: Rows, time: _Array, spans: _Spans) -> Figure:
     return Figure("residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels.figure)
 
 
-def _scenes(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
-    """The ground at the start and at the end, if it is a map; the tool at some moments, if it was in the grains."""
-    model, ground = estimator.model, estimator.ground
-    if ground is not None and model.ground is not None:
-        yield _ground(model.ground, ground)
-    moments, deepest = _moments(rows)
-    if not moments:
-        return
+def _film(rows: Rows, estimator: Estimator) -> list[Figure]:
+    """The tool at its deepest (shown first) and at some other moments; nothing if it was not in the grains."""
+    depth, model, ground = rows["depth"], estimator.model, estimator.ground
+    used = np.flatnonzero(~np.isnan(rows["predicted"][:, 0]) & (depth > 0.0))
+    if not len(used):
+        return []
+    deepest = used[depth[used].argmax()]
+    evenly = used[np.linspace(0, len(used) - 1, _MOMENTS).round().astype(int)]
+    moments = np.unique([deepest, *evenly])
     states = np.array(rows["state"][moments])
     if ground is None:
         states[:, :2] = 0.0  # a recording may cross the bed
@@ -258,47 +245,12 @@ def _scenes(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
         [f"{1e3 * row['depth']:.1f} mm, {PHASES[row['phase']]}" for row in rows[moments]],
         surface_height=estimator.settings.surface_height,
         ground=ground,
-        first=deepest,
+        first=int(np.searchsorted(moments, deepest)),
         most_faces=_MOST_FACES,
     )
     sentence = (
         "The tool coloured by the predicted traction on its leading faces, in world axes (x and y from the tool's"
-        " origin), the surface of the grains, and the predicted force as an arrow. The slider selects a moment of the"
-        " recording."
+        " origin), the surface of the grains at the end, and the predicted force as an arrow. The slider selects a"
+        " moment of the recording."
     )
-    yield Figure("tool", scene.title, sentence, animation_figure(scene))
-
-
-def _ground(start: HeightMap, end: HeightMap) -> Figure:
-    panels = Panels(1, 2, height=460, same_x=False)
-    for column, (ground, when) in enumerate(((start, "at the start"), (end, "at the end")), start=1):
-        k = 1 + max(ground.heights.shape) // _MAP_CELLS
-        heights = 1e3 * ground.heights[::k, ::k].astype(np.float64)
-        x, y = (
-            1e3 * ground.cell * (first + 0.5 + k * np.arange(n))
-            for first, n in zip(ground.corner, heights.shape, strict=True)
-        )
-        panels.map((1, column), x, y, heights)
-        panels.label((1, column), x=f"x [mm], {when}", y="y [mm]")
-    sentence = "Height of the ground in world axes [mm]; blank where nothing is known."
-    return Figure("ground", "Ground", sentence, panels.figure)
-
-
-def _moments(rows: Rows) -> tuple[list[int], int]:
-    """Rows to show, in order, and the index among them of the deepest of penetration (without one, of all).
-
-    Three on the way there, that one, and one of each later phase; none if no estimate has the tool in the grains.
-    """
-    depth, phase = rows["depth"], rows["phase"]
-    answered = ~np.isnan(rows["predicted"][:, 0]) & (depth > 0.0)
-    sinking = answered & (phase == PHASES.index(Phase.PENETRATION))
-    use = np.flatnonzero(sinking if sinking.any() else answered)
-    if not len(use):
-        return [], 0
-    deepest = int(use[np.argmax(depth[use])])
-    before = use[use <= deepest]
-    found = {deepest, *(int(before[np.argmin(np.abs(depth[before] - f * depth[deepest]))]) for f in (0.25, 0.5, 0.75))}
-    for later in (Phase.PLOUGHING, Phase.WITHDRAWAL):
-        rest = np.flatnonzero(answered & (phase == PHASES.index(later)))
-        found |= {int(rest[len(rest) // 2])} if len(rest) else set()
-    return sorted(found), sorted(found).index(deepest)
+    return [Figure("tool", scene.title, sentence, animation_figure(scene))]

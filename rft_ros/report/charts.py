@@ -1,4 +1,4 @@
-"""Panels of lines, bands and maps as a plotly figure."""
+"""Panels of lines and bands as a plotly figure."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -59,14 +59,12 @@ class Panels:
             height=height,
             margin={"l": 70, "r": 20, "t": 80, "b": 55},
             legend={"orientation": "h", "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
-            coloraxis={"colorscale": "Viridis"},
         )
         self._columns = columns
 
-    def _add(self, at: Place, kind: str, name: str, **look: Any) -> None:
-        if name:
-            look |= {"name": name, "legendgroup": name, "showlegend": all(t.name != name for t in self.figure.data)}
-        getattr(self.figure, f"add_{kind}")(row=at[0], col=at[1], **look)
+    def _add(self, at: Place, name: str, **look: Any) -> None:
+        look |= {"mode": "lines", "legendgroup": name, "showlegend": all(t.name != name for t in self.figure.data)}
+        self.figure.add_scatter(row=at[0], col=at[1], name=name, **look)
 
     def label(self, at: Place, *, x: str = "", y: str = "") -> None:
         """Label the axes of a panel."""
@@ -75,8 +73,8 @@ class Panels:
 
     def line(self, at: Place, name: str, x: _Numbers, y: _Numbers, *, colour: str = "", width: float = 1.5) -> None:
         """A line, shape [n] each, any unit; NaN for a gap. `colour`: a key of `COLOURS`, else the name."""
-        look = {"mode": "lines", "line": {"color": COLOURS[colour or name], "width": width}, "connectgaps": False}
-        self._add(at, "scatter", name, x=_short(x), y=_short(y), **look)
+        look = {"line": {"color": COLOURS[colour or name], "width": width}, "connectgaps": False}
+        self._add(at, name, x=_short(x), y=_short(y), **look)
 
     def band(self, at: Place, name: str, x: _Numbers, y: _Numbers, deviation: _Numbers, *, colour: str) -> None:
         """A band from y - deviation to y + deviation, shape [n] each, any unit; NaN for a gap."""
@@ -89,11 +87,7 @@ class Panels:
             outline += [np.array(there), np.array(back), np.full((2, 1), np.nan)]
         across, up = np.hstack(outline)
         fill = {"fill": "toself", "fillcolor": f"rgba{(*hex_to_rgb(COLOURS[colour]), _BAND)}", "hoverinfo": "skip"}
-        self._add(at, "scatter", name, x=_short(across), y=_short(up), mode="lines", line_width=0, **fill)
-
-    def map(self, at: Place, x: _Numbers, y: _Numbers, values: _Numbers) -> None:
-        """Values, shape [n, m], over x, shape [n], and y, shape [m], any unit; NaN for nothing."""
-        self._add(at, "heatmap", "", x=_short(x), y=_short(y), z=_short(values.T), coloraxis="coloraxis")
+        self._add(at, name, x=_short(across), y=_short(up), line_width=0, **fill)
 
     def shade(self, rows: Iterable[int], spans: Sequence[tuple[str, float, float]]) -> None:
         """Shade spans of the x axis, each a key of `COLOURS`, its begin and end, in the first panel of some rows."""

@@ -158,7 +158,7 @@ def poses(flag=0, flagged=(), learned=math.nan):
 
 
 def chart(name, *arguments, **options):
-    return {c.name: c.drawn for c in replay_charts(poses(*arguments, **options), "z points up")}[name]
+    return {c.name: c.drawn for c in replay_charts(poses(*arguments, **options))}[name]
 
 
 def traces(figure, axis, **wanted):
@@ -190,7 +190,7 @@ def test_each_quality_flag_is_a_bar_while_it_lasts_below_the_forces_only():
 
 
 def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
-    assert "learned" not in [c.name for c in replay_charts(poses(), "z points up")]
+    assert "learned" not in [c.name for c in replay_charts(poses())]
     figure = chart("learned", learned=[1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0])
     for row, expected in enumerate(([1.3, 0.6], [5.0], [2.0], [4.0])):
         for axis in ("y" if row == 0 else f"y{2 * row + 1}", f"y{2 * row + 2}"):

@@ -66,7 +66,7 @@ def test_a_replay_uses_the_clouds_and_writes_the_ground(bag, mapped, tmp_path):
     early = 500_000_000 // STEP
     np.testing.assert_array_equal(predicted(tmp_path)[:early], predicted(mapped)[:early])
     assert np.nanmax(predicted(mapped)) > 1.1 * np.nanmax(predicted(tmp_path))
-    assert "figure-ground" in (mapped / "report.html").read_text()
+    assert "figure-tool" in (mapped / "report.html").read_text()
     with pytest.raises(InputError, match="does not exist"):
         replay(tmp_path / "gone", tmp_path, values())
     assert sorted(path.name for path in tmp_path.iterdir()) == left  # nothing was lost for a mistyped name
