@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import set_stamp
+from harness import numbers, set_stamp
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from std_srvs.srv import Trigger
@@ -81,14 +81,39 @@ def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
     assert len(ground.points()) > 1000
 
 
-def test_services_level_and_save_the_ground(start_node, tmp_path):
+def ask(rft, service):
+    answer = rft.call(Trigger, service, Trigger.Request())
+    return answer.success, answer.message
+
+
+def test_services_level_and_save_the_ground(start_node, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
     file = tmp_path / "bed.csv"
     file.write_text("x,y,h\n0.001,0.001,0.005\n0.003,0.001,0.005\n")
     rft = started(start_node, {**GROUND, "ground.file": str(file)})
-    assert rft.call(Trigger, "level_ground", Trigger.Request()).success
-    saved = rft.call(Trigger, "save_ground", Trigger.Request())
-    assert saved.success
-    assert np.array_equal(*(read_height_map(Path(name), CELL).points() for name in (file, saved.message)))
+    assert ask(rft, "level_ground") == (True, "ground as at the start")
+    saved, path = ask(rft, "save_ground")
+    assert saved
+    assert np.array_equal(*(read_height_map(Path(name), CELL).points() for name in (file, path)))
+
+
+def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp_path, monkeypatch):
+    monkeypatch.setenv("ROS_HOME", str(tmp_path))
+    rft = started(start_node, PARAMETERS)
+    level = (False, "the ground is a level plane; set ground.cell")
+    assert ask(rft, "level_ground") == level
+    assert ask(rft, "save_ground") == (False, f"not saved: {level[1]}")
+    assert rft.set(ground__cell=CELL) == (True, "")
+    publisher = surface_publisher(rft)
+    assert ask(rft, "save_ground") == (False, "not saved: no height is known yet")
+    stamp = rft.moment()
+    on_plane = numbers(rft.ask(stamp))
+    publisher.publish(cloud(stamp, 0.01))
+    rft.until(lambda: not np.array_equal(numbers(rft.ask(rft.moment())), on_plane))
+    assert ask(rft, "save_ground")[0]
+    assert rft.set(ground__cell=0.0) == (True, "")
+    rft.until(lambda: ask(rft, "level_ground") == level)
+    np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
 
 
 def test_services_that_save_do_not_fill_the_disk(tmp_path, monkeypatch):
@@ -96,19 +121,6 @@ def test_services_that_save_do_not_fill_the_disk(tmp_path, monkeypatch):
     assert all(Path(save("rft_ground_{}.npz", Path.touch)).exists() for _ in range(100))
     with pytest.raises(InputError, match="has 100 such files"):
         save("rft_ground_{}.npz", Path.touch)
-
-
-def test_on_a_level_plane_the_services_say_so(start_node):
-    rft = started(start_node, PARAMETERS)
-    for service in ("level_ground", "save_ground"):
-        answer = rft.call(Trigger, service, Trigger.Request())
-        assert not answer.success
-        assert "set ground.cell" in answer.message
-
-
-def test_ground_of_which_nothing_is_known_is_not_saved(start_node):
-    answer = started(start_node, GROUND).call(Trigger, "save_ground", Trigger.Request())
-    assert (answer.success, answer.message) == (False, "not saved: no height is known yet")
 
 
 def test_a_cloud_in_another_frame_is_counted_and_the_node_lives(start_node):
