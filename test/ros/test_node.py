@@ -28,15 +28,10 @@ def test_a_pose_is_answered_by_three_wrenches_with_its_stamp_in_the_sensor_frame
     np.testing.assert_array_equal(numbers(residual), numbers(compensated) - numbers(predicted))
 
 
-def test_a_new_zeta_holds_from_the_next_pose_on(rft):
-    assert rft.set(medium__zeta=0.5) == (True, "")
-    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15)
-    assert rft.set(medium__zeta=1.0)[0]
-
-
-def test_an_integer_is_taken_for_a_double(rft):
+def test_a_new_zeta_holds_from_the_next_pose_on_and_an_integer_is_taken_for_a_double(rft):
     assert rft.set(medium__zeta=2) == (True, "")
     assert rft.get("medium.zeta").double_value == 2.0
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=2.0), rtol=1e-15)
     assert rft.set_each(medium__zeta=1) == [(True, "")]
     assert rft.get("medium.zeta").double_value == 1.0
 
@@ -72,20 +67,21 @@ def test_laws_densities_and_memory_change_without_a_restart(rft):
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
 
-def test_a_table_of_alpha_y_swaps_in_and_a_missing_one_is_refused(rft, tmp_path):
-    table = tmp_path / "alpha_y.csv"
-    table.write_text("beta,alpha_y\n0,0.2035\n180,-0.0665\n".replace("-0.0665", "0.0"))
-    refused, reason = rft.set(alpha_y__model="table")
-    assert not refused and "alpha_y.table" in reason
-    fifo = tmp_path / "fifo.csv"
+def test_a_table_of_alpha_y_swaps_in_and_one_that_cannot_be_used_is_refused_without_quoting_it(rft, tmp_path):
+    table, secret, fifo = (tmp_path / name for name in ("alpha_y.csv", "secret.csv", "fifo.csv"))
+    table.write_text("beta,alpha_y\n0,0.2035\n180,0.0\n")
+    secret.write_text("beta,alpha_y\nroot:hunter2\n")
     os.mkfifo(fifo)
-    for file, why in ((tmp_path / "none.csv", "No such file"), (fifo, "regular"), ("/dev/zero", "regular")):
-        refused, reason = rft.set(alpha_y__model="table", alpha_y__table=str(file))
-        assert not refused and f"alpha_y.table '{file}'" in reason and why in reason
+    assert "alpha_y.table" in refusal(rft, alpha_y__model="table")
+    for file, why in (
+        (tmp_path / "none.csv", "cannot be read: No such file"),
+        ("~no_such_user/table.csv", "cannot be read"),
+        (fifo, "is not a regular file"),
+        ("/dev/zero", "is not a regular file"),
+    ):
+        assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=str(file))
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
     rft.until(lambda: rft.diagnostic("model")[2]["alpha_y"] == "table")
-    secret = tmp_path / "secret.csv"
-    secret.write_text("beta,alpha_y\nroot:hunter2\n")
     assert rft.set(alpha_y__table=str(secret)) == (True, "")
     rft.until(lambda: rft.diagnostic("model")[2]["last_swap_failure"] != "")
     assert f"alpha_y.table '{secret}' line 2 is not numbers" in rft.status()[1]
@@ -94,6 +90,12 @@ def test_a_table_of_alpha_y_swaps_in_and_a_missing_one_is_refused(rft, tmp_path)
     assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core(zeta=0.5)[2], rel=1e-12)
     assert rft.set(alpha_y__model="constant", alpha_y__table="", medium__zeta=1.0) == (True, "")
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
+
+
+def refusal(rft, **values):
+    successful, reason = rft.set(**values)
+    assert not successful
+    return reason
 
 
 def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(rft):
@@ -133,9 +135,7 @@ def test_a_new_mesh_is_swapped_in_while_the_old_one_answers(rft):
 )
 def test_a_bad_value_is_refused_with_a_sentence_and_nothing_changes(rft, name, value, words):
     before = rft.get(name.replace("__", "."))
-    successful, reason = rft.set(**{name: value})
-    assert not successful
-    assert words in reason
+    assert words in refusal(rft, **{name: value})
     assert rft.get(name.replace("__", ".")) == before
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
@@ -177,48 +177,33 @@ def test_bad_live_input_is_a_counted_reason_and_the_node_continues(rft, inputs, 
     rft.ask(rft.moment())
 
 
-def test_a_wrong_frame_is_named_in_the_diagnostics_and_in_the_log(start_node):
+def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_ends(start_node):
     rft = start_node("-p", "mesh.file:=plate").wait_ready()
-    sentence = "pose frame_id 'elsewhere' is not world_frame 'world'"
-    rft.send(rft.moment(), frame="elsewhere")
-    rft.until(lambda: sentence in rft.diagnostic("inputs")[1])
-    assert rft.last_status("inputs")[0] == b"\x01"
-    rft.until(lambda: f"pose_frame_unknown ({sentence}): began, 1 in the last 1 s" in rft.said())
+    _, message, values = rft.diagnostic("estimates")
+    assert (message, values["trust"]) == ("no estimates", "NO")
+    foreign = TwistStamped()
+    foreign.header.frame_id = "camera"
 
+    def without_poses():
+        set_stamp(foreign, rft.moment())
+        rft.twist.publish(foreign)
+        return rft.diagnostic("inputs")[1]
 
-def test_each_reason_is_logged_when_it_begins_and_when_it_ends_whatever_others_last(start_node):
-    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    rft.until(lambda: "no poses, twist_frame_unknown" in without_poses())
 
     def until_logged(sentence, **inputs):
         rft.until(lambda: rft.send(rft.moment(), **inputs) or rft.spin(0.1) or sentence in rft.said())
 
     until_logged("wrench_missing: began", force=None)
-    rft.send(0, force=None)
-    until_logged("pose_stamp_zero: began, 1 in the last 1 s", force=None)
-    until_logged("pose_stamp_zero: ended, 1 in all", force=None)
+    sentence = "pose frame_id 'elsewhere' is not world_frame 'world'"
+    rft.send(rft.moment(), frame="elsewhere", force=None)
+    rft.until(lambda: sentence in rft.diagnostic("inputs")[1])
+    assert rft.last_status("inputs")[0] == b"\x01"
+    until_logged(f"pose_frame_unknown ({sentence}): began, 1 in the last 1 s", force=None)
+    until_logged("pose_frame_unknown: ended, 1 in all", force=None)
     assert "wrench_missing: ended" not in rft.said()
     until_logged("wrench_missing: ended")
     assert rft.said().count("wrench_missing: began") == 1
-
-
-def test_a_table_in_the_folder_of_no_user_is_refused_and_the_node_lives(rft):
-    successful, reason = rft.set(alpha_y__model="table", alpha_y__table="~no_such_user/table.csv")
-    assert not successful and "alpha_y.table '~no_such_user/table.csv' cannot be read" in reason
-    rft.ask(rft.moment())
-
-
-def test_without_estimates_there_is_no_trust_and_without_poses_the_reason_is_named(start_node):
-    rft = start_node("-p", "mesh.file:=plate").wait_ready()
-    _, message, values = rft.diagnostic("estimates")
-    assert (message, values["trust"]) == ("no estimates", "NO")
-    rft.until(lambda: "no poses, twist_frame_unknown" in (send_foreign_twist(rft) or rft.diagnostic("inputs")[1]))
-
-
-def send_foreign_twist(rft):
-    message = TwistStamped()
-    message.header.frame_id = "camera"
-    set_stamp(message, rft.moment())
-    rft.twist.publish(message)
 
 
 def test_the_measured_wrench_is_interpolated_at_the_stamp_from_samples_that_come_after_the_prediction(rft):
@@ -260,32 +245,27 @@ def test_late_and_repeated_poses_are_not_answered_and_a_jump_back_starts_afresh(
 
 
 def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft):
+    def at_rest_in_the_air(force):
+        start, air = rft.moment(), {"z": 0.1, "linear": (0.0, 0.0, 0.0), "force": force}
+        for k in range(41):
+            rft.send(start + k * S // 20, **air)
+        rft.ask(start + 2 * S + 1, **air)
+        return start + 2 * S + 1
+
     rft.ask(rft.moment(), force=(1.0, 2.0, 3.0))
     successful, message = rft.tare()
     assert not successful and "in the grains" in message
-    start = rft.moment()
-    for k in range(200):
-        rft.send(start + k * S // 100, z=0.1, linear=(0.0, 0.0, 0.0), force=(1.0, 2.0, 3.0))
-    rft.ask(start + 2 * S, z=0.1, linear=(0.0, 0.0, 0.0), force=(1.0, 2.0, 3.0))
-    successful, message = rft.tare()
-    assert successful and "sensor.bias set to [1, 2, 3, 0, 0, 0]" in message
+    at_rest_in_the_air((1.0, 2.0, 3.0))
+    assert rft.tare() == (True, "sensor.bias set to [1, 2, 3, 0, 0, 0] N, N m")
     rft.until(lambda: any("set: sensor.bias" in line and "(tare)" in line for line in rft.said().splitlines()))
-    stamp = rft.moment()
-    rft.ask(stamp, z=0.1, linear=(0.0, 0.0, 0.0), force=(1.0, 2.0, 3.0))
+    stamp = at_rest_in_the_air((1.0, 2.0, 3.0))
     rft.until(lambda: any(stamp_of(m) == stamp for m in rft.received["wrench_compensated"]))
     compensated = next(m for m in rft.received["wrench_compensated"] if stamp_of(m) == stamp)
     np.testing.assert_allclose(numbers(compensated), 0.0, atol=1e-12)
-    assert rft.set(sensor__bias=[0.0] * 6)[0]
-
-
-def test_a_tare_that_is_no_bias_says_so(rft):
-    start = rft.moment()
-    for k in range(41):
-        rft.send(start + k * S // 20, z=0.1, linear=(0.0, 0.0, 0.0), force=(8e6, 0.0, 0.0))
-    rft.ask(start + 2 * S, z=0.1, linear=(0.0, 0.0, 0.0), force=(8e6, 0.0, 0.0))
+    at_rest_in_the_air((8e6, 0.0, 0.0))
     successful, message = rft.tare()
-    assert not successful
-    assert "tare refused: sensor.bias" in message
+    assert not successful and "tare refused: sensor.bias" in message
+    assert rft.set(sensor__bias=[0.0] * 6)[0]
 
 
 def test_without_a_load_cell_the_prediction_still_comes(rft):
@@ -296,31 +276,23 @@ def test_without_a_load_cell_the_prediction_still_comes(rft):
     assert len(rft.received["wrench_compensated"]) == compensated
 
 
-@pytest.mark.parametrize("key", ["/**", "/*/rft"])
-def test_a_relative_table_or_mesh_is_looked_for_beside_the_parameter_file_that_names_it(start_node, tmp_path, key):
-    file = tmp_path / "cell.yaml"
-    parameters = {"alpha_y.model": "table", "alpha_y.table": "table.csv", "mesh.file": "tool.stl"}
-    file.write_text(f"'{key}':\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in parameters.items()))
-    (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
-    with pytest.raises(InputError, match=f"alpha_y.table '{tmp_path / 'table.csv'}' cannot be read"):
-        start_node("--params-file", str(file))
-    (tmp_path / "table.csv").write_text("0,0.2\n180,0.1\n")
-    rft = start_node("--params-file", str(file)).wait_ready()
-    assert rft.get("alpha_y.table").string_value == str(tmp_path / "table.csv")
-    assert rft.get("mesh.file").string_value == str(tmp_path / "tool.stl")
-
-
-def test_of_two_parameter_files_the_table_is_beside_the_one_whose_values_ros_takes(start_node, tmp_path):
+def test_relative_files_are_looked_for_beside_the_parameter_file_whose_values_ros_takes(start_node, tmp_path):
     arguments = []
     for zeta, key in ((0.25, "/**/rft"), (0.5, "/**")):
         file = tmp_path / f"{zeta}" / "cell.yaml"
         file.parent.mkdir()
-        (file.parent / "table.csv").write_text("0,0.2\n180,0.1\n")
-        file.write_text(f"{key}:\n  ros__parameters:\n    alpha_y.table: table.csv\n    medium.zeta: {zeta}\n")
+        (file.parent / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
+        names = {"alpha_y.model": "table", "alpha_y.table": "table.csv", "mesh.file": "tool.stl", "medium.zeta": zeta}
+        file.write_text(f"'{key}':\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in names.items()))
         arguments += ["--params-file", str(file)]
+    with pytest.raises(InputError, match=r"alpha_y.table '.*/0\.\d+/table.csv' cannot be read"):
+        start_node(*arguments)
+    for folder in (tmp_path / "0.25", tmp_path / "0.5"):
+        (folder / "table.csv").write_text("0,0.2\n180,0.1\n")
     rft = start_node(*arguments).wait_ready()
     folder = tmp_path / str(rft.get("medium.zeta").double_value)
     assert rft.get("alpha_y.table").string_value == str(folder / "table.csv")
+    assert rft.get("mesh.file").string_value == str(folder / "tool.stl")
 
 
 def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_replay(start_process, tmp_path):
