@@ -20,9 +20,11 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.msg import Log, Parameter, ParameterType, ParameterValue
+from rcl_interfaces.msg import Log, ParameterValue
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.executors import Executor, SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
@@ -177,23 +179,20 @@ class Harness:
 
     def set(self, **values: object) -> tuple[bool, str]:
         """Set parameters together (dots as double underscores); (successful, reason)."""
-        parameters = [Parameter(name=k.replace("__", "."), value=parameter_value(v)) for k, v in values.items()]
-        request = SetParametersAtomically.Request(parameters=parameters)
+        request = SetParametersAtomically.Request(parameters=parameters(values))
         result = self.call(SetParametersAtomically, "set_parameters_atomically", request).result
         return result.successful, result.reason
 
     def set_each(self, **values: object) -> list[tuple[bool, str]]:
-        parameters = [Parameter(name=k.replace("__", "."), value=parameter_value(v)) for k, v in values.items()]
-        results = self.call(SetParameters, "set_parameters", SetParameters.Request(parameters=parameters)).results
-        return [(r.successful, r.reason) for r in results]
+        request = SetParameters.Request(parameters=parameters(values))
+        return [(r.successful, r.reason) for r in self.call(SetParameters, "set_parameters", request).results]
 
-    def tare(self) -> tuple[bool, str]:
-        answer = self.call(Trigger, "tare", Trigger.Request())
+    def trigger(self, service: str) -> tuple[bool, str]:
+        answer = self.call(Trigger, service, Trigger.Request())
         return answer.success, answer.message
 
     def status(self) -> tuple[bool, str]:
-        answer = self.call(Trigger, "status", Trigger.Request())
-        return answer.success, answer.message
+        return self.trigger("status")
 
     def until_status(self, condition: Callable[[bool, str], object]) -> None:
         """Until the answer of ~/status meets a condition; asked four times a second, since the worker needs the CPU."""
@@ -341,16 +340,8 @@ def numbers(message: WrenchStamped) -> np.ndarray:
     return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
 
 
-def parameter_value(value: object) -> ParameterValue:
-    if isinstance(value, str):
-        return ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=value)
-    if isinstance(value, bool):
-        return ParameterValue(type=ParameterType.PARAMETER_BOOL, bool_value=value)
-    if isinstance(value, int):
-        return ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=value)
-    if isinstance(value, float):
-        return ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
-    return ParameterValue(type=ParameterType.PARAMETER_DOUBLE_ARRAY, double_array_value=list(value))
+def parameters(values: Mapping[str, object]) -> list[ParameterMessage]:
+    return [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
 
 
 def set_stamp(message: object, stamp: int) -> None:

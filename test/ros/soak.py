@@ -13,8 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import rclpy
-from harness import NodeProcess, own_domain, parameter_value, stamp_of
-from rcl_interfaces.msg import Parameter
+from harness import NodeProcess, own_domain, parameters, stamp_of
 from rcl_interfaces.srv import SetParameters
 
 POSE_REASONS = (
@@ -102,8 +101,7 @@ def soak(rft: NodeProcess, *, seconds: float, rate: float, seed: int = 1) -> Soa
         if k % round(rate / 2) == 0:
             memory.append(resident_mb(rft.process.pid))
             name, value = _CALLS[int(random.integers(len(_CALLS)))]
-            parameter = Parameter(name=name, value=parameter_value(value))
-            pending.append(client.call_async(SetParameters.Request(parameters=[parameter])))
+            pending.append(client.call_async(SetParameters.Request(parameters=parameters({name: value}))))
             calls += 1
         if k % 5000 == 0:
             for messages in rft.received.values():

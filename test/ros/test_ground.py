@@ -8,7 +8,6 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from harness import numbers, set_stamp
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
-from std_srvs.srv import Trigger
 from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, started
 
 from rft_ros.bags.writing import BagWriter
@@ -81,18 +80,13 @@ def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
     assert len(ground.points()) > 1000
 
 
-def ask(rft, service):
-    answer = rft.call(Trigger, service, Trigger.Request())
-    return answer.success, answer.message
-
-
 def test_services_level_and_save_the_ground(start_node, tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
     file = tmp_path / "bed.csv"
     file.write_text("x,y,h\n0.001,0.001,0.005\n0.003,0.001,0.005\n")
     rft = started(start_node, {**GROUND, "ground.file": str(file)})
-    assert ask(rft, "level_ground") == (True, "ground as at the start")
-    saved, path = ask(rft, "save_ground")
+    assert rft.trigger("level_ground") == (True, "ground as at the start")
+    saved, path = rft.trigger("save_ground")
     assert saved
     assert np.array_equal(*(read_height_map(Path(name), CELL).points() for name in (file, path)))
 
@@ -101,18 +95,18 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
     rft = started(start_node, PARAMETERS)
     level = (False, "the ground is a level plane; set ground.cell")
-    assert ask(rft, "level_ground") == level
-    assert ask(rft, "save_ground") == (False, f"not saved: {level[1]}")
+    assert rft.trigger("level_ground") == level
+    assert rft.trigger("save_ground") == (False, f"not saved: {level[1]}")
     assert rft.set(ground__cell=CELL) == (True, "")
     publisher = surface_publisher(rft)
-    assert ask(rft, "save_ground") == (False, "not saved: no height is known yet")
+    assert rft.trigger("save_ground") == (False, "not saved: no height is known yet")
     stamp = rft.moment()
     on_plane = numbers(rft.ask(stamp))
     publisher.publish(cloud(stamp, 0.01))
     rft.until(lambda: not np.array_equal(numbers(rft.ask(rft.moment())), on_plane))
-    assert ask(rft, "save_ground")[0]
+    assert rft.trigger("save_ground")[0]
     assert rft.set(ground__cell=0.0) == (True, "")
-    rft.until(lambda: ask(rft, "level_ground") == level)
+    rft.until(lambda: rft.trigger("level_ground") == level)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
 
 

@@ -253,17 +253,17 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
         return start + 2 * S + 1
 
     rft.ask(rft.moment(), force=(1.0, 2.0, 3.0))
-    successful, message = rft.tare()
+    successful, message = rft.trigger("tare")
     assert not successful and "in the grains" in message
     at_rest_in_the_air((1.0, 2.0, 3.0))
-    assert rft.tare() == (True, "sensor.bias set to [1, 2, 3, 0, 0, 0] N, N m")
+    assert rft.trigger("tare") == (True, "sensor.bias set to [1, 2, 3, 0, 0, 0] N, N m")
     rft.until(lambda: any("set: sensor.bias" in line and "(tare)" in line for line in rft.said().splitlines()))
     stamp = at_rest_in_the_air((1.0, 2.0, 3.0))
     rft.until(lambda: any(stamp_of(m) == stamp for m in rft.received["wrench_compensated"]))
     compensated = next(m for m in rft.received["wrench_compensated"] if stamp_of(m) == stamp)
     np.testing.assert_allclose(numbers(compensated), 0.0, atol=1e-12)
     at_rest_in_the_air((8e6, 0.0, 0.0))
-    successful, message = rft.tare()
+    successful, message = rft.trigger("tare")
     assert not successful and "tare refused: sensor.bias" in message
     assert rft.set(sensor__bias=[0.0] * 6)[0]
 

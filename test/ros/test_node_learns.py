@@ -4,16 +4,10 @@ from itertools import pairwise
 
 from harness import stamp_of
 from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from rft_ros.parameters import read_parameter_file
 
 STEP = 20_000_000  # at 1 cm/s: 0.2 mm of path
-
-
-def trigger(rft, name):
-    answer = rft.call(Trigger, name, Trigger.Request())
-    return answer.success, answer.message
 
 
 def press(rft, start, poses, stiffness, offset):
@@ -33,7 +27,7 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
     rft.node.create_subscription(JointState, f"{rft.name}/medium_learned", learned.append, 1000)
     rft.wait_ready()
     rft.until(lambda: rft.node.count_publishers(f"{rft.name}/medium_learned") > 0)
-    assert trigger(rft, "save_medium") == (False, "not saved: nothing was learned yet")
+    assert rft.trigger("save_medium") == (False, "not saved: nothing was learned yet")
     rft.ask(rft.moment(), z=0.01)
     rft.diagnostics.clear()
     begin = rft.moment()
@@ -48,23 +42,23 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
         stamp_of(m) for m in rft.received["wrench_predicted"]
     }
     rft.until(lambda: any(s.name.endswith(": medium") for d in rft.diagnostics for s in d.status))
-    successful, answer = trigger(rft, "save_medium")
+    successful, answer = rft.trigger("save_medium")
     assert successful
     assert "(doubtful, it was learned while the load cell reads a force in the air: call ~/tare" in answer
     file = answer.partition(" (")[0]
-    assert trigger(rft, "save_medium")[1] != file  # also in the same second
+    assert rft.trigger("save_medium")[1] != file  # also in the same second
     saved = read_parameter_file(tmp_path / file)
     assert saved["medium.zeta"] != 0.3
     assert saved["medium.zeta_error"] > 0.0
     assert saved["mesh.file"] == "plate"
-    assert trigger(rft, "forget") == (True, "back to the calibration")
-    assert trigger(rft, "save_medium") == (False, "not saved: nothing was learned yet")
+    assert rft.trigger("forget") == (True, "back to the calibration")
+    assert rft.trigger("save_medium") == (False, "not saved: nothing was learned yet")
 
 
 def test_learning_begins_and_ends_while_the_node_runs(rft):
-    assert trigger(rft, "forget") == (False, "nothing to forget: learning.mode is off")
-    assert trigger(rft, "save_medium") == (False, "not saved: learning.mode is off")
+    assert rft.trigger("forget") == (False, "nothing to forget: learning.mode is off")
+    assert rft.trigger("save_medium") == (False, "not saved: learning.mode is off")
     assert rft.set(learning__mode="observe") == (True, "")
-    rft.until(lambda: trigger(rft, "forget") == (True, "back to the calibration"))
+    rft.until(lambda: rft.trigger("forget") == (True, "back to the calibration"))
     assert rft.set(learning__mode="off") == (True, "")
-    assert trigger(rft, "forget") == (False, "nothing to forget: learning.mode is off")
+    assert rft.trigger("forget") == (False, "nothing to forget: learning.mode is off")

@@ -5,8 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from harness import WAIT, numbers, parameter_value, predicted_by_the_core, stamp_of
-from rcl_interfaces.msg import Parameter
+from harness import WAIT, numbers, parameters, predicted_by_the_core, stamp_of
 from rcl_interfaces.srv import SetParameters
 
 from rft_ros.tool import locate_mesh
@@ -16,8 +15,7 @@ MOTION = {"z": -0.03, "linear": (0.006, 0.004, -0.01)}
 
 
 def send_call(client, name, value):
-    parameter = Parameter(name=name, value=parameter_value(value))
-    return client.call_async(SetParameters.Request(parameters=[parameter]))
+    return client.call_async(SetParameters.Request(parameters=parameters({name: value})))
 
 
 @pytest.mark.parametrize(("start", "executor"), [("start_process", "events"), ("start_node", "single")])
