@@ -96,6 +96,15 @@ def noisy(readings, rng, noise, memory=0.8):
     return readings + lfilter([1.0], [1.0, -memory], white, axis=0)
 
 
+def shaken(states, rng, place, turn):
+    """The states with noise of the poses [m], [rad]."""
+    poses = states.copy()
+    poses[:, :3] += rng.normal(0.0, place, (len(poses), 3))
+    turned = Rotation.from_rotvec(rng.normal(0.0, turn, (len(poses), 3)))
+    poses[:, 3:7] = (turned * Rotation.from_quat(poses[:, 3:7])).as_quat()
+    return poses
+
+
 def track_of(time, states, readings, name="synthetic", tool=TOOL):
     begin = 1_600_000_000 * 10**9
     return Track(name=name, begin=begin, time=time, states=states, readings=readings, tool=tool, rest_speed=REST)

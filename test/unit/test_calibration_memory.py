@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from synthetic_track import LOAD_CELL, REST, TOOL, Path, grain_wrenches, law, read_by, track_of
+from synthetic_track import LOAD_CELL, REST, TOOL, Path, grain_wrenches, law, read_by, shaken, track_of
 
 from rft_ros.calibration.memory_length import fit_memory_length, forces_in_time
 from rft_ros.calibration.tool_weight import Sensor
@@ -66,17 +66,14 @@ def test_the_forces_are_those_of_the_estimator():
     ],
     ids=["reversal after a rest", "reversal", "turn to the side"],
 )
-def test_velocities_from_poses_give_lambda_within_15_percent(path, monkeypatch, noise=3e-6):
+def test_velocities_from_poses_give_lambda_within_15_percent(path, monkeypatch):
     """3 mm; turns at 10 mm/s, the grains computed at 1 kHz and the poses taken at 125 Hz."""
     monkeypatch.setattr("synthetic_track.RATE", 1000.0)
     time, states = path.states()
     grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
     time, states, grains = time[3::8], states[3::8], grains[3::8]
     rng = np.random.default_rng(1)
-    poses = states.copy()
-    poses[:, :3] += rng.normal(0.0, noise, (len(poses), 3))
-    turned = Rotation.from_rotvec(rng.normal(0.0, 10.0 * noise, (len(poses), 3)))
-    poses[:, 3:7] = (turned * Rotation.from_quat(poses[:, 3:7])).as_quat()
+    poses = shaken(states, rng, 3e-6, 3e-5)
     difference = PoseDifference()
     difference.span(window=0.2, max_age=0.1)
     for row, t in zip(poses, time, strict=True):

@@ -97,14 +97,11 @@ def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
     assert "root_tip: 1,232 facets -> " in capsys.readouterr().out
 
 
-def test_a_family_of_motions_is_a_scene_too(tmp_path):
+def test_a_family_of_motions_and_a_recorded_bag_are_scenes_too(tmp_path):
+    """The bag's surface is that of the parameter file."""
     assert len(load_tool(reduce(tmp_path, "--scene", "circumnutation", *ORIGIN)).plates) < 37
-
-
-def test_a_recorded_bag_is_a_scene_too(tmp_path):
-    """Its surface is that of the parameter file."""
     write_ros2(tmp_path / "bag", moments())
-    (tmp_path / "cell.yaml").write_text("/**:\n  ros__parameters:\n    mesh.file: plate\n    surface_height: 0.01\n")
+    (tmp_path / "cell.yaml").write_text("/**: {ros__parameters: {mesh.file: plate, surface_height: 0.01}}\n")
     bag = ("--scene", str(tmp_path / "bag"), "--params", str(tmp_path / "cell.yaml"))
     tool = load_tool(reduce(tmp_path, *bag, mesh="plate"))
     assert len(tool.plates) < 0.1 * len(tool.facets)
@@ -134,15 +131,6 @@ def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, caps
     assert message in refused(capsys, "reduce", "plate", "-o", str(tmp_path / "few.npz"), *options)
 
 
-def broken(tmp_path, change):
-    file = reduce(tmp_path, "--integration", "centroid", "--plates", "40")
-    with np.load(file, allow_pickle=False) as arrays:
-        content = dict(arrays)
-    change(content)
-    np.savez(file, **content)
-    return file
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -159,7 +147,11 @@ def broken(tmp_path, change):
     ],
 )
 def test_a_damaged_reduced_tool_is_refused_with_a_sentence(tmp_path, change, message):
-    file = broken(tmp_path, change)
+    file = reduce(tmp_path, "--integration", "centroid", "--plates", "40")
+    with np.load(file, allow_pickle=False) as arrays:
+        content = dict(arrays)
+    change(content)
+    np.savez(file, **content)
     with pytest.raises(InputError, match=r"few\.npz") as caught:
         load_tool(file)
     assert message in str(caught.value)
