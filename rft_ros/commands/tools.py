@@ -125,7 +125,7 @@ def _sweep(arguments: argparse.Namespace) -> int:
     if arguments.workers is not None and arguments.workers < 1:
         raise InputError(f"--workers is {arguments.workers}; it must be at least 1")
     design, out, form = read_design(arguments.study), arguments.output, arguments.format
-    written = (out / name for name in ("study.json", "chunks", f"results.{form}"))
+    written = (out / name for name in ("study.json", "chunks", "results.csv", f"results.{form}"))
     options.refuse_inputs(arguments, *written, also=design.files())
     report = run(design, out, scheduler=arguments.scheduler, workers=arguments.workers, form=form)
     print("\n".join(report.lines()))

@@ -30,25 +30,31 @@ Variant = dict[str, dict[str, Any]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Design:
-    """Lists of tools, motions and media. Every combination is a variant.
-
-    `picked`: numbers of the combinations, all or a random sample. `fingerprint`: checksum of the study, its meshes and
-    states files, and the version of rft_ros.
-    """
+    """Lists of tools, motions and media. Every combination is a variant; `picked`: their numbers, all or a sample."""
 
     file: Path
     tools: Sequence[dict[str, Any]]
     motions: Sequence[dict[str, Any]]
     media: Sequence[dict[str, Any]]
     picked: Sequence[int]
-    fingerprint: int
 
     def __len__(self) -> int:
         return len(self.picked)
 
     def files(self) -> list[Path]:
         """Its meshes and states files."""
-        return _files(self.tools, self.motions)
+        states = (Path(entry["states_file"]) for entry in self.motions if "states_file" in entry)
+        return [*(locate_mesh(entry["mesh"]) for entry in self.tools), *states]
+
+    def fingerprint(self) -> int:
+        """Checksum of the study, its meshes and states files, and the version of rft_ros."""
+        checksum = zlib.crc32(release().encode())
+        for file in dict.fromkeys((self.file, *self.files())):
+            try:
+                checksum = zlib.crc32(read_file(file, "file"), checksum)
+            except InputError:  # its variants' rows will say so
+                checksum = zlib.crc32(b"missing", checksum)
+        return checksum
 
     def variant(self, index: int) -> Variant:
         """Variant number `index`, from 0."""
@@ -105,18 +111,7 @@ def read_design(file: Path) -> Design:
         if type(seed) is not int or seed < 0:
             raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number of at least 0")
         picked = sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist())
-    checksum = zlib.crc32(release().encode(), zlib.crc32(read_file(file, "study")))
-    for used in dict.fromkeys(_files(tools, motions)):
-        try:
-            checksum = zlib.crc32(read_file(used, "file"), checksum)
-        except InputError:  # its variants' rows will say so
-            checksum = zlib.crc32(b"missing", checksum)
-    return Design(file=file, tools=tools, motions=motions, media=media, picked=picked, fingerprint=checksum)
-
-
-def _files(tools: Sequence[dict[str, Any]], motions: Sequence[dict[str, Any]]) -> list[Path]:
-    states = (Path(entry["states_file"]) for entry in motions if "states_file" in entry)
-    return [*(locate_mesh(entry["mesh"]) for entry in tools), *states]
+    return Design(file=file, tools=tools, motions=motions, media=media, picked=picked)
 
 
 def _expanded(file: Path, name: str, entries: object) -> Iterator[dict[str, Any]]:

@@ -1,12 +1,10 @@
 """Run a design study: chunks of variants go to workers, local or on a Dask cluster; every variant gets one row.
 
-The output folder holds the state of the run: `study.json` and a file for each finished chunk. The same study with the
-same folder continues where it stopped, and computes chunks with failed rows again.
+The output folder holds the state of the run: the study's checksum in `study.json`, and a file for each finished chunk.
+The same study with the same folder continues where it stopped, and computes chunks with failed rows again.
 """
 
 import csv
-import io
-import json
 import os
 import threading
 import time
@@ -130,14 +128,13 @@ def run(
     columns, total, name = [*own, *RESULTS, "reason"], len(design), design.file.stem
     with file_errors(f"output folder '{out}'", "written"):
         (out / "chunks").mkdir(parents=True, exist_ok=True)
-        record, own_record = out / "study.json", json.dumps({"fingerprint": design.fingerprint, "variants": total})
-        if record.exists() and record.read_text(encoding="utf-8") != own_record:
+        record, fingerprint = out / "study.json", design.fingerprint()
+        if record.exists() and record.read_bytes() != f"{fingerprint}\n".encode():
             raise InputError(
                 f"'{out}' holds the rows of a study other than '{design.file}', or of other meshes, states files or"
                 " another version of rft_ros; choose another folder or delete this one"
             )
-        with whole(record) as part:
-            part.write_text(own_record, encoding="utf-8")
+        _write(record, [[str(fingerprint)]])
         size = min(-(-total // _CHUNKS), _MOST_ROWS)
         chunks = {out / "chunks" / f"{k:06d}.csv": range(k, min(k + size, total)) for k in range(0, total, size)}
         tasks = {
@@ -147,18 +144,18 @@ def run(
         }
         computed, start = sum(map(len, tasks.values())), time.perf_counter()
         if tasks:
-            compute = partial(rows_of, columns=columns, fingerprint=design.fingerprint)
+            compute = partial(rows_of, columns=columns, fingerprint=fingerprint)
             with _workers(scheduler, workers or os.cpu_count()) as executor, bar(name, total) as update:
                 done = total - computed
                 update(done, name)
                 for file, rows in _answers(executor, tasks, compute):
-                    with whole(file) as part:
-                        part.write_text(_text(rows), encoding="utf-8")
+                    _write(file, rows)
                     done += len(rows)
                     update(done, f"{name}: {done:,} of {total:,}")
         seconds = time.perf_counter() - start
         rows = [row for file in chunks for row in _read(file)]
-        table = _table(out, [columns, *rows], form)
+        _write(table := out / "results.csv", [columns, *rows])
+        table = _parquet(table) if form == "parquet" else table
     return Report(table, total, computed, sum(bool(row[-1]) for row in rows), seconds)
 
 
@@ -215,10 +212,9 @@ def _answers(
     raise InputError(f"workers were killed {_ATTEMPTS} times; out of memory?")
 
 
-def _text(rows: Iterable[Sequence[str]]) -> str:
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows(rows)
-    return text.getvalue()
+def _write(file: Path, rows: Iterable[Sequence[str]]) -> None:
+    with whole(file) as part, part.open("w", encoding="utf-8", newline="") as out:
+        csv.writer(out, lineterminator="\n").writerows(rows)
 
 
 def _read(file: Path) -> Rows:
@@ -226,12 +222,8 @@ def _read(file: Path) -> Rows:
         return list(csv.reader(lines))
 
 
-def _table(out: Path, rows: Rows, form: str) -> Path:
-    file, text = out / f"results.{form}", _text(rows).encode()
-    if form == "csv":
-        with whole(file) as part:
-            part.write_bytes(text)
-        return file
+def _parquet(table: Path) -> Path:
+    """The table as a Parquet file beside it."""
     try:
         import pyarrow  # type: ignore[import-untyped]
         from pyarrow import csv as arrow_csv
@@ -239,6 +231,6 @@ def _table(out: Path, rows: Rows, form: str) -> Path:
     except ImportError:
         raise InputError("--format parquet needs pyarrow: pip install 'rft_ros[sweep]'") from None
     typed = arrow_csv.ConvertOptions(column_types={"reason": pyarrow.string()})  # it may be empty in every row
-    with whole(file) as part:
-        parquet.write_table(arrow_csv.read_csv(io.BytesIO(text), convert_options=typed), part)
-    return file
+    with whole(table.with_suffix(".parquet")) as part:
+        parquet.write_table(arrow_csv.read_csv(table, convert_options=typed), part)
+    return table.with_suffix(".parquet")

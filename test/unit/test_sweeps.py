@@ -169,12 +169,12 @@ def test_the_rows_of_another_study_are_not_mixed_in(small, tmp_path):
 def test_another_mesh_states_file_or_version_makes_another_study(tmp_path, monkeypatch):
     mesh, states = tmp_path / "my.stl", tmp_path / "states.csv"
     file = study(tmp_path, f"tools: [{{mesh: {mesh}}}]\nmotions: [{{states_file: {states}}}]\nmedia: [{{zeta: 1}}]")
-    prints = [read_design(file).fingerprint]
+    prints = [read_design(file).fingerprint()]
     for changed, content in ((mesh, "one"), (mesh, "two"), (states, "three")):
         changed.write_text(content)
-        prints.append(read_design(file).fingerprint)
+        prints.append(read_design(file).fingerprint())
     monkeypatch.setattr(design, "release", lambda: "another")
-    prints.append(read_design(file).fingerprint)
+    prints.append(read_design(file).fingerprint())
     assert len(set(prints)) == 5
 
 
