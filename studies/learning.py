@@ -167,7 +167,8 @@ def series_of(
     """A series in which every sample counts, as measured; below the speed `rest` [m/s] the tool is at rest."""
     velocities = states[:, 7:10]
     speeds = np.linalg.norm(velocities, axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
-    passing = (velocities[:, 2] > _WITHDRAWS * speeds) | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
+    pulled = rows[:, 2] < -0.5 * np.linalg.norm(rows[:, :3], axis=1)  # as by `is_withdrawn`
+    passing = (velocities[:, 2] > _WITHDRAWS * speeds) | (np.linalg.norm(velocities, axis=1) > _INERTIAL) | pulled
     return Series(
         name=name,
         reach=plates.reach,

@@ -13,18 +13,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.medium_filter import FILTER, absorb, begin, begin_again, copy, correct, grow
 from rft_ros.estimator.samples import Vector
-from rft_ros.estimator.surprise import (
-    FAULT,
-    JUDGE,
-    BeliefIssue,
-    Surprise,
-    compare,
-    feel_air,
-    find_issues,
-    judge,
-    offset_in_air,
-    watch_reading,
-)
+from rft_ros.estimator.surprise import JUDGE, BeliefIssue, Surprise, feel, judge
 from rft_ros.rft.compilation import compiled, inlined, machine_code
 
 __all__ = ["Belief", "BeliefIssue", "Learning", "Surprise"]
@@ -111,8 +100,7 @@ def _move(state, step, wet, passing):  # type: ignore[no-untyped-def]
 def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach):  # type: ignore[no-untyped-def]
     """Move, take the records that lie `lag` behind, predict with (L4), and keep a record for the measurement."""
     state = states[0]
-    wet, fx, fy, fz = row[6] > 0.0, row[0], row[1], row[2]
-    passing = passing or fz < -0.5 * math.sqrt(fx * fx + fy * fy + fz * fz)  # only a withdrawn tool is pulled down
+    wet = row[6] > 0.0
     _move(state, step, wet, passing)
     while state.first < state.open and records[state.first % _RECORDS].travel <= state.travel - lag:
         oldest = records[state.first % _RECORDS]
@@ -143,30 +131,17 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
 def _learn(states, records, y, stamp, usable, repeated, in_air):  # type: ignore[no-untyped-def]
     """Give the record of a stamp its measurement, and judge it."""
     state = states[0]
+    if in_air and usable:
+        feel(state, y)
     while state.open < state.end and records[state.open % _RECORDS].stamp < stamp:
         state.open += 1
     record = records[state.open % _RECORDS]
-    if in_air and usable:
-        feel_air(state, y)
-        find_issues(state, record, False)
-    if state.open == state.end or record.stamp > stamp:
-        return
-    state.open += 1
-    if not usable:
-        return
-    step = min(record.path - state.judged, _STEP_MOST)
-    state.judged = record.path
-    watch_reading(state, y, step, repeated)
-    compare(state, record, y, step)
-    find_issues(state, record, True)
-    record.fault = state.issues & FAULT != 0
-    record.measured = not (repeated or record.fault)  # a reading that repeats itself tells nothing new
-    if not record.measured:
-        return
-    record.r += offset_in_air(state) ** 2
-    for i in range(3):
-        record.y[i] = y[i]
-    judge(state, record, y, step)
+    if state.open < state.end and record.stamp == stamp:
+        state.open += 1
+        if usable:
+            judge(state, record, y, min(record.path - state.judged, _STEP_MOST), repeated)
+            for i in range(3):
+                record.y[i] = y[i]
 
 
 class Learning:

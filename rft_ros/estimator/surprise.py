@@ -6,8 +6,7 @@ from enum import Enum, IntEnum
 from rft_ros.estimator.medium_filter import dot
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["JUDGE", "BeliefIssue", "Surprise"]
-__all__ += ["FAULT", "compare", "feel_air", "find_issues", "judge", "offset_in_air", "watch_reading"]
+__all__ = ["JUDGE", "BeliefIssue", "Surprise", "feel", "judge"]
 
 _ENTRY = 0.008  # not judged over this path [m] after entering, while δ is being learned
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
@@ -45,8 +44,8 @@ JUDGE = [
 ]
 """Fields of a state that the functions below use."""
 
-_STUCK, _OPPOSED, _WEAK, _STRONG, _TURNED, _OFFSET, FAULT = 1, 2, 4, 8, 16, 32, 64
-"""Bits of issues in the order of `BeliefIssue`; `FAULT`: the force lies outside of what θ can be and must not teach."""
+# bits of issues in the order of `BeliefIssue`; _FAULT: the force lies outside of what θ can be and must not teach
+_STUCK, _OPPOSED, _WEAK, _STRONG, _TURNED, _OFFSET, _FAULT = 1, 2, 4, 8, 16, 32, 64
 
 
 class Surprise(IntEnum):
@@ -71,21 +70,38 @@ class BeliefIssue(str, Enum):
 
 
 @inlined
-def feel_air(state, y):  # type: ignore[no-untyped-def]
+def feel(state, y):  # type: ignore[no-untyped-def]
     """A reading in the air, where a tared cell shows nothing."""
     state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
     for i in range(3):
         state.air[i] += (y[i] - state.air[i]) / state.air_samples
+    bound = max(_FELT, 0.1 * math.sqrt(state.square))
+    state.issues = state.issues & ~_OFFSET | (_OFFSET if _offset(state) > bound else 0)
 
 
 @inlined
-def offset_in_air(state):  # type: ignore[no-untyped-def]
+def _offset(state):  # type: ignore[no-untyped-def]
     """What the cell read in the air [N]; 0 before enough of it."""
     return math.sqrt(dot(state.air, state.air)) if 2.0 * state.air_samples >= _AIR_SAMPLES else 0.0
 
 
 @inlined
-def watch_reading(state, y, step, repeated):  # type: ignore[no-untyped-def]
+def judge(state, record, y, step, repeated):  # type: ignore[no-untyped-def]
+    """A reading in the grains: what is wrong, whether it surprises, and whether it teaches, which the record gets."""
+    state.judged = record.path
+    _watch_reading(state, y, step, repeated)
+    if not record.passing:
+        _compare(state, record, y, step)
+    _find_issues(state, record)
+    record.fault = state.issues & _FAULT != 0
+    record.measured = not (repeated or record.fault)  # a reading that repeats itself tells nothing new
+    record.r += _offset(state) ** 2
+    if record.measured:
+        _score(state, record, y, step)
+
+
+@inlined
+def _watch_reading(state, y, step, repeated):  # type: ignore[no-untyped-def]
     """Follow a reading that repeats itself, and the least change between two."""
     if repeated:
         state.repeated_path += step
@@ -101,10 +117,8 @@ def watch_reading(state, y, step, repeated):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def compare(state, record, y, step):  # type: ignore[no-untyped-def]
+def _compare(state, record, y, step):  # type: ignore[no-untyped-def]
     """Means of the measured against the model's force."""
-    if record.passing:
-        return
     f = record.force
     square = dot(f, f)
     if square < _OPPOSING**2:
@@ -119,32 +133,31 @@ def compare(state, record, y, step):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def find_issues(state, record, wet):  # type: ignore[no-untyped-def]
+def _find_issues(state, record):  # type: ignore[no-untyped-def]
     """Set the issues. The model is judged from `_ENTRY` after the tool entered and after its force was felt."""
-    issues, square = 0 if wet else state.issues & _STUCK, state.square
-    if offset_in_air(state) > max(_FELT, 0.1 * math.sqrt(square)):
-        issues |= _OFFSET
+    square = state.square
+    issues = _OFFSET if _offset(state) > max(_FELT, 0.1 * math.sqrt(square)) else 0
     resolves = state.quantum**2 < 0.01 * dot(record.predicted, record.predicted)
-    if wet and resolves and state.repeats >= _STUCK_SAMPLES and state.repeated_path > _STUCK_LENGTH:
+    if resolves and state.repeats >= _STUCK_SAMPLES and state.repeated_path > _STUCK_LENGTH:
         issues |= _STUCK
     if state.along < -(_OPPOSING**2):
-        issues |= FAULT
+        issues |= _FAULT
     if square > 0.0 and state.judged - max(state.entered, state.felt) >= _ENTRY:
         if state.along < 0.0:
-            issues |= _OPPOSED | FAULT
+            issues |= _OPPOSED | _FAULT
         elif state.along < 0.2 * square:
-            issues |= _WEAK | (FAULT if state.along < 0.1 * square else 0)
+            issues |= _WEAK | (_FAULT if state.along < 0.1 * square else 0)
         elif state.along > 5.0 * square:
             issues |= _STRONG
         sideways = state.flat_square > 0.05 * square
         if state.along >= 0.0 and sideways and abs(state.flat_cross) > state.flat_along:
-            issues |= _TURNED | FAULT
+            issues |= _TURNED | _FAULT
     state.issues = issues
-    state.doubts |= issues if wet else 0
+    state.doubts |= issues
 
 
 @inlined
-def judge(state, record, y, step):  # type: ignore[no-untyped-def]
+def _score(state, record, y, step):  # type: ignore[no-untyped-def]
     """The mean error along the predicted force, in its deviations by (L4), and whether it is a surprise."""
     predicted = record.predicted
     size = math.sqrt(dot(predicted, predicted))
