@@ -87,7 +87,9 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
 
 def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treers2021, surface: float) -> PlateRun:
     """The steady force of one level run."""
-    plates = refined_plates(track.tool.vertices, track.tool.faces)
+    plates = track.tool.plates
+    if plates.integration != "refined":
+        plates = refined_plates(track.tool.vertices, track.tool.faces)
     normal, faces = faces_of(plates, track.tool.name)
     path = np.linalg.norm(np.diff(track.states[rows, :2], axis=0), axis=1).cumsum()
     steady = rows[1:][path >= (1.0 - _STEADY) * path[-1]]

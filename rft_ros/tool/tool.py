@@ -85,7 +85,8 @@ def load_tool(
     if integration not in (None, plates.integration):
         raise InputError(f"mesh file '{path}' holds plates for integration '{plates.integration}' only")
     tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=plates.integration)
-    return replace(tool, plates=plates, reduction=reduction, issues=check_mesh(mesh))
+    # the reduced plates are the user's choice, whatever the rule
+    return replace(tool, plates=plates, reduction=reduction, issues=tuple(i for i in tool.issues if i.kind != "coarse"))
 
 
 def tool_of_mesh(
