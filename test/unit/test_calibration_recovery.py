@@ -99,18 +99,15 @@ def run_at(beta, alpha):
     return PlateRun(beta=beta, psi=90.0, depth=0.05, alpha=alpha, error=0.00036)
 
 
-def test_an_alpha_y_table_holds_what_a_line_cannot():
+def test_alpha_y_is_constant_unless_its_slope_is_significant_and_a_table_holds_what_a_line_cannot():
+    noise = np.random.default_rng(3).normal(size=4) * 0.00036
+    for slope, model in ((0.0, "constant"), (-0.0015, "linear")):
+        runs = [run_at(beta, 0.2 + slope * beta + n) for beta, n in zip(BETAS, noise, strict=True)]
+        assert fit_alpha_y(runs, GENERIC).model == model
     alpha = {30.0: 0.10, 60.0: 0.16, 90.0: 0.09}
     fit = fit_alpha_y([run_at(beta, a) for beta, a in alpha.items() for _ in range(2)], GENERIC, model="table")
     assert dict(fit.rows) == pytest.approx(alpha)
     assert not fit.published
-
-
-@pytest.mark.parametrize(("slope", "model"), [(0.0, "constant"), (-0.0015, "linear")])
-def test_alpha_y_is_constant_unless_its_slope_is_significant(slope, model):
-    noise = np.random.default_rng(3).normal(size=4) * 0.00036
-    runs = [run_at(beta, 0.2 + slope * beta + n) for beta, n in zip(BETAS, noise, strict=True)]
-    assert fit_alpha_y(runs, GENERIC).model == model
 
 
 @pytest.mark.parametrize(("excess", "agrees"), [(0.0, True), (0.0001, True), (0.003, False)])
