@@ -121,7 +121,8 @@ def _learned(run: DemRun, model: Law, length: float) -> Array:
     for k, time in enumerate(run.times):
         stamp = round(1e9 * (1.0 + time - run.times[0]))
         step = 0.5 * (speeds[k] + speeds[k - 1]) * (time - run.times[k - 1]) if k else 0.0
-        out[k] = learning.predict(stamp, rows[k], step=step)[:3]
+        pulled = bool(rows[k, 2] < -0.5 * np.linalg.norm(rows[k, :3]))  # as by `is_withdrawn`
+        out[k] = learning.predict(stamp, rows[k], step=step, passing=pulled)[:3]
         learning.learn(stamp, run.forces[k])
     return out
 

@@ -5,7 +5,7 @@ import pytest
 from recordings import POSE, ROS2, STEP, TF, TOPICS, TWIST, WRENCH, message, plunge, transforms_cdr
 from replays import rows_of, values
 from rosbags.rosbag2 import StoragePlugin, Writer
-from test_messages_cloud import KIND, serialised
+from test_estimator_messages import KIND, serialised
 
 from rft_ros.bags.replay import replay
 from rft_ros.errors import InputError
