@@ -100,30 +100,30 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    whole = parser(program("rft"))
+    whole, name = parser(program("rft")), "rft"
     if not arguments:
         whole.print_help(sys.stderr)
         return 2
-    word = arguments[0]
-    if not word.startswith("-") and word not in _COMMANDS:
-        near = suggestion(word, _COMMANDS) or f"; there are {', '.join(_COMMANDS)}"
-        print(f"rft: there is no command '{word}'{near}", file=sys.stderr)
-        return 2
-    parsed, unknown = whole.parse_known_args(arguments)
-    if unknown:
-        options = [name for name in parsed.own._option_string_actions if name.startswith("--")]
-        near = suggestion(unknown[0], options) or f"; there are {', '.join(options)}"
-        parsed.own.error(f"'{unknown[0]}' is not one of its arguments{near}")
     try:
+        word = arguments[0]
+        if not word.startswith("-") and word not in _COMMANDS:
+            near = suggestion(word, _COMMANDS) or f"; there are {', '.join(_COMMANDS)}"
+            raise InputError(f"there is no command '{word}'{near}")
+        parsed, unknown = whole.parse_known_args(arguments)
+        if unknown:
+            options = [name for name in parsed.own._option_string_actions if name.startswith("--")]
+            near = suggestion(unknown[0], options) or f"; there are {', '.join(options)}"
+            parsed.own.error(f"'{unknown[0]}' is not one of its arguments{near}")
+        name = f"rft {parsed.command}"
         status: int = parsed.run(parsed)
         return status
     except InputError as error:
         # names in a damaged file may hold control characters
         sentence = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(error))
-        print(f"rft {parsed.command}: {sentence}", file=sys.stderr)
+        print(f"{name}: {sentence}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print(f"rft {parsed.command}: interrupted", file=sys.stderr)
+        print(f"{name}: interrupted", file=sys.stderr)
         return 130
 
 

@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass, field
 from tempfile import TemporaryFile
 from typing import NamedTuple
 
@@ -54,30 +53,6 @@ class Finding(NamedTuple):
         return f"{'OK ' if self.ok else 'FIX'} {self.text}"
 
 
-@dataclass(slots=True)
-class _Heard:
-    """Arrival [ns] and age at arrival [s] of one role's messages; how many have no stamp; their frames."""
-
-    times: list[int] = field(default_factory=list)
-    ages: list[float] = field(default_factory=list)
-    unstamped: int = 0
-    frames: Counter[str] = field(default_factory=Counter)
-
-    def add(self, sample: Sample, time: int) -> None:
-        if isinstance(sample, Stamped):
-            stamp = sample.stamp
-            self.frames[sample.frame] += 1
-        elif all(transform.fixed for transform in sample):
-            return
-        else:
-            stamp = max(transform.stamp for transform in sample)
-        self.times.append(time)
-        if stamp > 0:
-            self.ages.append((time - stamp) * 1e-9)
-        else:
-            self.unstamped += 1
-
-
 class Checkup:
     """Takes a cell's samples in the order of their arrival, and says what is wrong with the set-up.
 
@@ -98,16 +73,17 @@ class Checkup:
         # what is learned would hide a wrong sign or unit
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
         self._run = Run(self._estimator, TemporaryFile)
-        self._heard = {role: _Heard() for role in topics}
+        self._heard: dict[Role, list[tuple[int, int, str]]] = {role: [] for role in topics}  # arrival, stamp, frame
         self._poses = self._began = 0
         self._at_start: Counter[str] = Counter()  # reasons before the first estimate
 
     def push(self, sample: Sample, time: int) -> None:
         """Add a sample that arrived at `time` [ns]."""
         self._began = self._began or time
-        role = _ROLES.get(type(sample), "tf")
-        if role in self._heard:
-            self._heard[role].add(sample, time)
+        if isinstance(sample, Stamped):
+            self._hear(_ROLES[type(sample)], time, sample.stamp, sample.frame)
+        elif moving := [transform.stamp for transform in sample if not transform.fixed]:
+            self._hear("tf", time, max(moving), "")
         counts = self._estimator.counts
         for _, answer in push_all(self._estimator, sample):
             if answer is not None:
@@ -115,6 +91,10 @@ class Checkup:
                 self._run.add(answer)
                 if counts["estimates"] == 1 and time - self._began <= _START:
                     self._at_start = self._at_start or Counter(counts)
+
+    def _hear(self, role: Role, time: int, stamp: int, frame: str) -> None:
+        if role in self._heard:
+            self._heard[role].append((time, stamp, frame))
 
     def findings(self) -> list[Finding]:
         """The findings, after the last sample."""
@@ -155,23 +135,22 @@ class Checkup:
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
         for role, topic in self._topics.items():
-            heard = self._heard[role]
-            if not heard.times:
+            if not (heard := self._heard[role]):
                 yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
-            if heard.unstamped:
-                unstamped = f"{heard.unstamped} messages on {topic} have no stamp"
-                yield Finding(False, f"{role}: {unstamped}; the driver must set it")
-                continue
-            seconds = (heard.times[-1] - heard.times[0]) * 1e-9
-            rate = f"{(len(heard.times) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
-            age = float(np.median(heard.ages))
-            if abs(age) > limit and role != "surface":
+            times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
+            seconds, age = (times[-1] - times[0]) * 1e-9, float(np.median(times - stamps)) * 1e-9
+            if unstamped := int((stamps <= 0).sum()):
+                said = f"{unstamped} messages on {topic} have no stamp"
+                yield Finding(False, f"{role}: {said}; the driver must set it")
+            elif abs(age) > limit and role != "surface":
                 off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
                 yield Finding(False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
-                continue
-            frames = f", frame {' and '.join(sorted(heard.frames))}" if heard.frames else ""
-            yield Finding(True, f"{role}: {rate} on {topic}{frames}, stamps {1e3 * age:.0f} ms old")
+            else:
+                rate = f"{(len(heard) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
+                named = " and ".join(np.unique(frames))
+                frame = f", frame {named}" if named else ""
+                yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
         link = "publish the transform between the two"

@@ -29,13 +29,12 @@ GROUND = "ground.csv"
 _SECOND_LAG = 0.005
 _METRICS = ("rms_over_peak", "median_relative_error", "within_sigma", "within_two_sigma")
 
-# what a replay may write beside estimates/
-_FILES = ("estimates.csv", "summary.json", "report.html", GROUND)
+_FILES = ("estimates", "estimates.csv", "summary.json", "report.html", GROUND)
 
 
 def results(out: Path) -> list[Path]:
     """What a replay may write to the folder `out`."""
-    return [out / name for name in ("estimates", *_FILES)]
+    return [out / name for name in _FILES]
 
 
 def replay_model(values: Values) -> Model:
@@ -80,7 +79,7 @@ def replay(
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     check_replaceable(out / "estimates")
-    with whole_folder(out, ("estimates", *_FILES)) as part, ExitStack() as files:
+    with whole_folder(out, _FILES) as part, ExitStack() as files:
 
         def scratch() -> BinaryIO:
             return files.enter_context(TemporaryFile(dir=part))

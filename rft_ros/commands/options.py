@@ -84,11 +84,9 @@ OF_RECORDING = ("--params", "--remap", "--start", "--end")
 """How a recording is read."""
 
 
-def add(
-    command: argparse._ActionsContainer, name: str, metavar: str, meaning: str, *default: object, **how: Any
-) -> None:
-    """Add an option; `meaning` states its unit and default, `how` is argparse's."""
-    command.add_argument(name, **_option(metavar, meaning, *default, **how))
+def add(command: argparse._ActionsContainer, name: str, *meaning: Any, **how: Any) -> None:
+    """Add an option. `meaning`: metavar, help, which states unit and default, and the default; `how`: argparse's."""
+    command.add_argument(name, **_option(*meaning, **how))
 
 
 add_number = partial(add, type=finite)
@@ -108,7 +106,7 @@ def output(command: argparse._ActionsContainer, metavar: str, meaning: str, defa
 
 
 def tool_of(arguments: argparse.Namespace, mesh: str, **further: Any) -> "Tool":
-    """The tool of a mesh with `PLACED` and, if there, ``--integration``; its issues go to stderr."""
+    """The tool of a mesh with `PLACED` and, where the command has it, ``--integration``."""
     from rft_ros.tool import load_tool
 
     rule = getattr(arguments, "integration", None)

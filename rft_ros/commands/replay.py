@@ -3,7 +3,6 @@
 import argparse
 import json
 import sys
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -48,26 +47,29 @@ def _replay(arguments: argparse.Namespace) -> int:
         model = replay_model(values)
     options.warn_of(model.tool)
 
-    one = partial(replay, values=values, options=chosen, model=model, report=not arguments.no_report)
-    if len(bags) == 1:
-        summary = one(bags[0], out)
-        print("\n".join(summary.lines()), flush=True)
-        print(f"-> {out / ('summary.json' if arguments.no_report else 'report.html')}")
-        return _status({summary.bag: summary}, limits)
+    several = len(bags) > 1
     summaries: dict[str, Summary] = {}
     failures: dict[str, str] = {}
     for number, (bag, folder) in enumerate(zip(bags, folders, strict=True), start=1):
+        label = f"{number}/{len(bags)} {folder.name}" if several else None
         try:
-            summaries[folder.name] = one(bag, folder, label=f"{number}/{len(bags)} {folder.name}")
-            print("\n".join(summaries[folder.name].lines()), flush=True)
+            summary = replay(bag, folder, values, chosen, model=model, report=not arguments.no_report, label=label)
         except InputError as error:
+            if not several:
+                raise
             failures[folder.name] = str(error)
             print(f"rft replay: {error}", file=sys.stderr, flush=True)
-    content = {"bags": {name: summary.content() for name, summary in summaries.items()}, "failures": failures}
-    with whole(out / "summary.json") as part:
-        part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    print("\n".join([f"{len(summaries)} of {len(bags)} bags replayed", *_comparison(summaries)]))
-    return max(_status(summaries, limits), 1 if failures else 0)
+            continue
+        summaries[folder.name if several else summary.bag] = summary
+        print("\n".join(summary.lines()), flush=True)
+    if several:
+        content = {"bags": {name: summary.content() for name, summary in summaries.items()}, "failures": failures}
+        with whole(out / "summary.json") as part:
+            part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+        print("\n".join([f"{len(summaries)} of {len(bags)} bags replayed", *_comparison(summaries)]))
+    else:
+        print(f"-> {out / ('summary.json' if arguments.no_report else 'report.html')}")
+    return max(_status(summaries, limits), bool(failures))
 
 
 def folder_names(bags: list[Path]) -> list[str]:
