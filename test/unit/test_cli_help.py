@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from test_cli import HEADER, ROW, in_a_process, refused, rft
+from test_cli import STATE, in_a_process, refused, rft
 
 from rft_ros.cli import parser
 from rft_ros.commands.options import recording
@@ -36,19 +36,16 @@ def test_a_mistyped_command_gets_the_nearest_as_a_suggestion(tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--mesj", "x", "--mesh", "plate", "-o", "o"), "'--mesj' is not one of its arguments; did you mean '--mesh'?"),
-        (("--mesh", "plate"), "the following arguments are required: -o/--output"),
-        (("--mesh", "plate", "--zeta", "abc", "-o", "o"), "argument --zeta: 'abc' is not a number"),
-        (("--mesh", "plate", "--zeta", "inf", "-o", "o"), "argument --zeta: 'inf' is not a finite number"),
-        (
-            ("--mesh", "plate", "--alpha-y", "linaer", "-o", "o"),
-            "--alpha-y 'linaer' is not constant, linear or the CSV",
-        ),
+        (("-o", "o", "--mesj", "x"), "'--mesj' is not one of its arguments; did you mean '--mesh'?"),
+        ((), "the following arguments are required: -o/--output"),
+        (("-o", "o", "--zeta", "abc"), "argument --zeta: 'abc' is not a number"),
+        (("-o", "o", "--zeta", "inf"), "argument --zeta: 'inf' is not a finite number"),
+        (("-o", "o", "--alpha-y", "linaer"), "--alpha-y 'linaer' is not constant, linear or the CSV"),
     ],
 )
 def test_wrong_usage_is_a_sentence(tmp_path, words, sentence):
-    (tmp_path / "states.csv").write_text(f"{HEADER}\n{ROW}\n")
-    refused(rft("predict", "states.csv", *words, cwd=tmp_path), f"rft predict: {sentence}")
+    (tmp_path / "states.csv").write_text(STATE)
+    refused(rft("predict", "states.csv", "--mesh", "plate", *words, cwd=tmp_path), f"rft predict: {sentence}")
 
 
 @pytest.mark.parametrize("name", COMMANDS)
