@@ -78,8 +78,12 @@ KIND = "sensor_msgs/msg/PointCloud2"
 POINTS = np.arange(12.0).reshape(4, 3)
 
 
-def serialised(points=POINTS, *, ros1=False, dtype="<f4", names="xyz", height=1, padding=3, frame="world", pad_rows=0):
-    """A cloud, stamped 12 s and 34 ns."""
+STAMP = 12 * 10**9 + 34
+
+
+def serialised(
+    points=POINTS, *, ros1=False, dtype="<f4", names="xyz", height=1, padding=3, frame="world", pad_rows=0, stamp=STAMP
+):
     store, points = STORES[ros1], np.asarray(points)
     t = store.types
     step = padding + points.shape[1] * np.dtype(dtype).itemsize
@@ -92,7 +96,7 @@ def serialised(points=POINTS, *, ros1=False, dtype="<f4", names="xyz", height=1,
     size = np.dtype(dtype).itemsize
     kind = {"f4": 7, "f8": 8, "i4": 5}[dtype[1:]]
     fields = [t["sensor_msgs/msg/PointField"](n, padding + k * size, kind, 1) for k, n in enumerate(names)]
-    time = t["builtin_interfaces/msg/Time"](sec=12, nanosec=34)
+    time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
     head = {"stamp": time, "frame_id": frame, **({"seq": 0} if ros1 else {})}
     header = t["std_msgs/msg/Header"](**head)
     cloud = t[KIND](header, height, width, fields, dtype[0] == ">", step, rows.shape[1], rows.ravel(), True)
@@ -106,7 +110,7 @@ def serialised(points=POINTS, *, ros1=False, dtype="<f4", names="xyz", height=1,
 def test_a_cloud_is_read_as_it_was_written(ros1, dtype, height, pad_rows, frame):
     data = serialised(ros1=ros1, dtype=dtype, height=height, pad_rows=pad_rows, frame=frame)
     cloud = decoder("surface", ros1=ros1)(data)
-    assert (cloud.stamp, cloud.frame) == (12 * 10**9 + 34, frame)
+    assert (cloud.stamp, cloud.frame) == (STAMP, frame)
     assert_array_equal(np.column_stack([cloud.x, cloud.y, cloud.z]), POINTS)
 
 
