@@ -103,14 +103,11 @@ def read_design(file: Path) -> Design:
             raise InputError(f"study '{file}': '{name}' is not an entry of a study; use {', '.join(known)}")
     tools, motions, media = (tuple(_expanded(file, name, content.get(name))) for name in ("tools", "motions", "media"))
     total = len(tools) * len(motions) * len(media)
-    picked: Sequence[int] = range(total)
-    if content.get("sample") is not None:
-        sample, seed = content["sample"], content.get("seed", 0)
-        if type(sample) is not int or not 0 < sample <= total:
-            raise InputError(f"study '{file}': sample is {sample!r}; it must be a whole number from 1 to {total}")
-        if type(seed) is not int or seed < 0:
-            raise InputError(f"study '{file}': seed is {seed!r}; it must be a whole number of at least 0")
-        picked = sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist())
+    sample, seed = content.get("sample", total), content.get("seed", 0)
+    for name, value, low, high in (("sample", sample, 1, total), ("seed", seed, 0, 2**63)):
+        if type(value) is not int or not low <= value <= high:
+            raise InputError(f"study '{file}': {name} is {value!r}; it must be a whole number from {low} to {high:,}")
+    picked = sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist())
     return Design(file=file, tools=tools, motions=motions, media=media, picked=picked)
 
 

@@ -221,6 +221,8 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(motion, medium, reason
         (("alpha_y: linear", "mobilization_length: -0.003"), ("media 1", "must lie between 0")),
         (("alpha_y: linear", "law: li2013"), ("law is 'li2013'; it must be one of treers2021, agarwal2023",)),
         (("media:", "mediums:"), ("mediums",)),
+        (("\ntools:", "\nsample: 31\ntools:"), ("sample is 31; it must be a whole number from 1 to 30",)),
+        (("\ntools:", "\nseed: one\ntools:"), ("seed is 'one'; it must be a whole number",)),
         ((SMALL, "/**: {ros__parameters: {}}"), ("'/**' is not an entry of a study; use media, motions, sample",)),
     ],
 )
