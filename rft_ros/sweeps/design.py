@@ -107,7 +107,7 @@ def read_design(file: Path) -> Design:
     for name, value, low, high in (("sample", sample, 1, total), ("seed", seed, 0, 2**63)):
         if type(value) is not int or not low <= value <= high:
             raise InputError(f"study '{file}': {name} is {value!r}; it must be a whole number from {low} to {high:,}")
-    picked = sorted(np.random.default_rng(seed).choice(total, sample, replace=False).tolist())
+    picked = sorted(map(int, np.random.default_rng(seed).permutation(total)[:sample]))
     return Design(file=file, tools=tools, motions=motions, media=media, picked=picked)
 
 
