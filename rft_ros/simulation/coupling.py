@@ -101,8 +101,7 @@ def held(row, sums, inverse, twist, free, h, reach, wrench, after):  # type: ign
     b, matrix = np.empty((6, 6)), np.empty((6, 6))
     stiffness_matrix(sums, b)
     ahead = twist + h * free
-    give = h
-    while True:
+    for give in (h, h + _REBOUND):
         for i in range(6):
             wrench[i] = row[i] - give * _dot(b[i], ahead)
             for j in range(6):
@@ -111,9 +110,8 @@ def held(row, sums, inverse, twist, free, h, reach, wrench, after):  # type: ign
         _solve(matrix, wrench)
         for i in range(6):
             after[i] = ahead[i] + h * _dot(inverse[i], wrench)
-        if _dot(after, wrench) <= 0.0 or give > h:
+        if _dot(after, wrench) <= 0.0:
             break
-        give = h + _REBOUND
     linear, angular = after[:3], after[3:]
     return h * (sqrt(_dot(linear, linear)) + reach * sqrt(_dot(angular, angular)))
 
@@ -181,7 +179,9 @@ def calm(rows, sums, states, h, reach, answers, out):  # type: ignore[no-untyped
                 free[i] = (twist[i] - past[0, i]) / h - inverse[i, i] * past[2, i]
             known[4] = max(min(met / asked, 1.0) if asked > 0.0 else 1.0, _KEEPS * known[4])
             held(row, known[4] * sums[n], inverse, twist, free, h, reach, wrench, after)
-        else:
+            if not np.isfinite(wrench.sum()):  # steps or twists without measure
+                known[:] = 0.0
+        if known[2] == 0.0 and known[3] == 0.0:
             wrench[:] = row
         past[1], past[0] = twist - past[0], twist
         past[3], past[2] = wrench - past[2], wrench

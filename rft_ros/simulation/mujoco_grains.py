@@ -157,12 +157,12 @@ class MujocoGrains:
         body.measure(data)
         if now < self._past[0]:
             self.reset()
-        since, self._past[0] = now - self._past[0], now
-        if not self._implicit:
-            body.feel(self._grains.step(body.state, max(since, 1e-9))[0])
-            return self.wrench
+        self._past[0] = now
         h, reach, lagging = body.option.timestep, self.tool.plates.reach, self._past[1] > 0.0
-        row = self._grains.advance(body.state, since)[0]
+        if not self._implicit:
+            body.feel(self._grains.step(body.state, h)[0])
+            return self.wrench
+        row = self._grains.advance(body.state, h)[0]
         path = body.hold(row, self._grains.sums[0], h, reach)
         in_air = row[6] == 0.0 and body.state[0, 2] - self._surface > reach + path
         if lagging or (path > self._stride and not in_air):

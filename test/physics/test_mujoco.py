@@ -11,6 +11,7 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.installation import share_directory
+from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.simulation import MujocoGrains
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
@@ -74,8 +75,10 @@ def turned(poses):
     ("mesh", "mass", "quaternion", "timestep"),
     [
         ("plate", 0.02, TILTED, 0.005),
+        ("plate", 0.02, FLAT, 0.002),
         ("plate", 0.3, FLAT, 0.0005),
         ("plate", 5.0, TILTED, 0.002),
+        ("plate", 5.0, FLAT, 0.005),
         ("root_tip", 0.1, TILTED, 0.005),
         ("ellipsoid", 0.02, TILTED, 0.005),
         ("ellipsoid", 0.3, FLAT, 0.0005),
@@ -83,7 +86,7 @@ def turned(poses):
     ],
 )
 def test_a_body_that_fell_in_lies_still(mesh, mass, quaternion, timestep):
-    _, poses, twists, took, gave = dropped(mesh, mass, quaternion, timestep, 5.0)
+    _, poses, twists, took, gave = dropped(mesh, mass, quaternion, timestep, 13.0)
     late = slice(round(3.0 / timestep), None)
     round_one = mesh in ("ellipsoid", "sphere")
     assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < (5e-5 if round_one else 1e-5)
@@ -101,6 +104,29 @@ def test_the_rest_depth_does_not_depend_on_the_step(mesh, mass, quaternion):
         surface, poses, *_ = dropped(mesh, mass, quaternion, timestep, 1.0)
         depths.append(surface - poses[-1, 2])
     assert depths[1:] == pytest.approx([depths[0]] * 2, rel=0.1)
+
+
+@pytest.mark.parametrize("quaternion", [FLAT, TILTED])
+def test_a_body_too_heavy_for_45_mm_is_held_where_the_law_says(quaternion):
+    """One that falls in stops at about twice the depth at which it could be laid down."""
+    model = falling(("plate", 5.0, quaternion), timestep=0.005)
+    data, grains = mujoco.MjData(model), MujocoGrains(model, body="body_0", **GRAINS)
+    place(model, data, [grains])
+    pose = run(model, data, [grains], 2.0)[0][-1]
+    state = [*pose[:3], *np.roll(pose[3:], -1), 0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
+    law = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=GRAINS["zeta"])
+    assert pose[2] < -0.07
+    assert 1.0 < wrenches(grains.tool.plates, law, state)[0, 2] / (5.0 * 9.81) < 3.0
+
+
+@pytest.mark.parametrize("mass", [0.02, 0.5])
+def test_a_body_that_feels_the_wrench_of_grains_without_inertia_comes_to_rest(mass):
+    model = falling(("plate", mass, TILTED), timestep=0.002)
+    data, grains = mujoco.MjData(model), MujocoGrains(model, body="body_0", implicit=False, **GRAINS)
+    place(model, data, [grains])
+    _, twists, took, gave = run(model, data, [grains], 2.0)
+    assert np.abs(twists[-100:]).max() < 1e-5
+    assert gave < 0.02 * took
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
