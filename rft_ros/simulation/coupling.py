@@ -167,7 +167,7 @@ def calm(rows, sums, states, h, reach, answers, out):  # type: ignore[no-untyped
             uu, uy, yy = fits[3 * p], fits[3 * p + 1], fits[3 * p + 2]
             stiff = sums[n, 0] if p == 0 else sums[n, 4] + sums[n, 5] + sums[n, 6]
             explains = uy > 0.0 and uy * uy > _EXPLAINED * uu * yy and known[p] > _SAMPLES
-            if explains and h * h * stiff * uy > _STIFF * uu:
+            if explains and (h * h * stiff * uy > _STIFF * uu or known[3 - p] > 0.0):
                 known[2 + p] = uy / uu
         if known[2] > 0.0 or known[3] > 0.0:
             stiffness_matrix(sums[n], b)

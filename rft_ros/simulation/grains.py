@@ -18,6 +18,8 @@ __all__ = ["Grains", "GrainsBatch", "GrainsState"]
 
 Array = NDArray[np.float64]
 
+_Part = tuple[slice, Memory, Array, Array]
+
 GrainsState = dict[str, NDArray[np.float64] | NDArray[np.uint8]]
 """What grains remember of their bodies, by name."""
 
@@ -61,8 +63,10 @@ class GrainsBatch:
         # Threads take parts as they get ready. With a map each body has a surface of its own, so it is a part.
         parts = n if ground is not None else 1 if threads == 1 else min(n, 4 * self._threads)
         edges = np.linspace(0, n, parts + 1).astype(int)
-        slices = [slice(a, b) for a, b in itertools.pairwise(edges)]
-        self._parts = [(s, memory.part(s.start, s.stop), self._durations[s], self._rows[s]) for s in slices]
+        self._parts = [
+            (slice(a, b), memory.part(a, b), self._durations[a:b], self._rows[a:b])
+            for a, b in itertools.pairwise(edges)
+        ]
         self._pool = ThreadPoolExecutor(self._threads - 1) if threads > 1 else None
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()
@@ -75,38 +79,44 @@ class GrainsBatch:
         under held wrenches is calmed. Raises ValueError for states that are not finite and for another number of
         bodies; what the grains remember is then as before.
         """
-        # not changed where `checked_states` would only round a quaternion's length
         given = np.array(states, dtype=np.float64, ndmin=2)
-        checked = checked_states(given)
-        if np.abs(given[:, 3:7] - checked[:, 3:7]).max(initial=0.0) < 1e-9:
-            checked = given
-        if len(checked) != len(self._rows):
-            raise ValueError(f"states has {len(checked)} rows; there are {len(self._rows)} bodies")
-        dt = number("dt", dt, positive=True)
-        rows = self.advance(checked, dt)
-        calm(rows, self.sums, checked, dt, self._reach, self._remembered["answers"], self._wrenches)
+        # a quaternion that `checked_states` would only round stays as it is
+        if given.shape[1:] != (13,) or not abs(np.square(given[:, 3:7]).sum(axis=1) - 1.0).max(initial=0.0) < 1e-9:
+            given = checked_states(given)
+        elif not np.isfinite(given.sum()):
+            checked_states(given)
+        if len(given) != len(self._rows):
+            raise ValueError(f"states has {len(given)} rows; there are {len(self._rows)} bodies")
+        self.advance(given, number("dt", dt, positive=True), calms=True)
         return self._wrenches.copy()
 
-    def advance(self, states: Array, dt: float) -> Array:
-        """Rows of `wrenches_in_time` for checked states, in its units, shape [n, 19], not copied; no body is calmed."""
+    def advance(self, states: Array, dt: float, *, calms: bool = False) -> Array:
+        """Rows of `wrenches_in_time` for checked states, in its units, shape [n, 19], not copied.
+
+        `calms`: also compute the wrenches of `calm`.
+        """
         self._durations.fill(dt)
         parts = iter(self._parts)
         if self._pool is None:
-            self._run(parts, states)
+            self._run(parts, states, dt, calms)
         else:
-            jobs = [self._pool.submit(self._run, parts, states) for _ in range(self._threads - 1)]
-            self._run(parts, states)
+            jobs = [self._pool.submit(self._run, parts, states, dt, calms) for _ in range(self._threads - 1)]
+            self._run(parts, states, dt, calms)
             for job in jobs:
                 job.result()
         return self._rows
 
-    def _run(self, parts: Iterator[tuple[slice, Memory, Array, Array]], states: Array) -> None:
+    def _run(self, parts: Iterator[_Part], states: Array, dt: float, calms: bool) -> None:
         height, slope = self._surface, LEVEL
         for part, memory, durations, rows in parts:
             if self._support is not None and self._ground is not None:
                 surface = self._support.local_surface(self._ground, states[part][0], level=self._surface)
                 height, slope = surface.height, surface.slope
-            self._wrenches_of(states[part], durations, memory, surface_height=height, slope=slope, out=rows)
+            these = states[part]
+            self._wrenches_of(these, durations, memory, surface_height=height, slope=slope, out=rows)
+            if calms:
+                answers, out = self._remembered["answers"][part], self._wrenches[part]
+                calm(rows, memory.stiffness, these, dt, self._reach, answers, out)
 
     @property
     def stiffness(self) -> Array:
