@@ -2,7 +2,6 @@
 
 import math
 import os
-import shutil
 import signal
 import struct
 import subprocess
@@ -69,7 +68,8 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
     console = Console(highlight=False)
     about = _MUJOCO if mujoco else _ELLIPSOID
     console.print(f"[bold]rft demo[/bold]: {about} By hand, in terminals of your own:\n")
-    console.print("\n".join(f"  {command}" for command in _by_hand(parameters, program_of_arm)) + "\n", soft_wrap=True)
+    console.print(f"  {program('rft_node')} --ros-args --params-file {parameters}", soft_wrap=True)
+    console.print(f"  {sys.executable} -m {' '.join(program_of_arm)}\n", soft_wrap=True)
     signal.signal(signal.SIGTERM, _terminated)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the children
     rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way
@@ -92,13 +92,6 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
         console.print(f"recorded {count:5d} {topic}")
     console.print(f"-> {bag} (rosbag2, MCAP)", soft_wrap=True)
     return True
-
-
-def _by_hand(parameters: Path, program_of_arm: list[str]) -> list[str]:
-    """The commands that do the same by hand, as far as they are there: ROS from PyPI has no `ros2`."""
-    node = f"{program('rft_node')} --ros-args --params-file {parameters}"
-    ros2 = ["ros2 topic echo /rft/medium_learned", "ros2 service call /rft/tare std_srvs/srv/Trigger"]
-    return [node, f"{sys.executable} -m {' '.join(program_of_arm)}", *(ros2 if shutil.which("ros2") else [])]
 
 
 def _terminated(number: int, _: FrameType | None) -> NoReturn:

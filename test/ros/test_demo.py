@@ -4,7 +4,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,7 +14,6 @@ from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.installation import share_directory
 from rft_ros.node import virtual_arm
-from rft_ros.node.demo import _by_hand
 from rft_ros.node.virtual_arm import LAYER, PAUSE
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021
@@ -89,10 +87,3 @@ def test_a_signal_ends_the_virtual_arm_without_a_traceback(number):
     arm.send_signal(number)
     assert (arm.communicate(timeout=60)[1], arm.returncode) == ("", 0)
     node.destroy_node()
-
-
-def test_the_demo_names_no_ros2_command_where_there_is_none(monkeypatch, tmp_path):
-    monkeypatch.setenv("PATH", str(tmp_path))
-    assert not any("ros2" in command.split() for command in _by_hand(Path("demo.yaml"), ["rft_ros.node.virtual_arm"]))
-    (tmp_path / "ros2").touch(mode=0o755)
-    assert "ros2 topic echo /rft/medium_learned" in _by_hand(Path("demo.yaml"), ["rft_ros.node.virtual_arm"])

@@ -268,12 +268,12 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
     assert rft.set(sensor__bias=[0.0] * 6)[0]
 
 
-def test_without_a_load_cell_the_prediction_still_comes(rft):
+def test_without_a_load_cell_the_prediction_still_comes_and_a_reason(rft):
     compensated = len(rft.received["wrench_compensated"])
     for _ in range(2):  # the second tells that no sample came for the first
         rft.ask(rft.moment(), force=None)
-    assert int(rft.diagnostic("inputs")[2]["count.wrench_stale"]) >= 1
-    assert len(rft.received["wrench_compensated"]) == compensated
+    assert len(rft.received["wrench_compensated"]) <= compensated + 1
+    rft.until(lambda: "wrench_stale" in (rft.send(rft.moment(), force=None) or rft.diagnostic("inputs")[1]))
 
 
 def test_relative_files_are_looked_for_beside_the_parameter_file_whose_values_ros_takes(start_node, tmp_path):

@@ -17,6 +17,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
 
+from rft_ros.bags.writing import BagWriter
 from rft_ros.node.rft_node import RftNode
 
 S = 1_000_000_000
@@ -39,15 +40,6 @@ def test_a_driver_that_dies_and_returns_is_taken_up_again(rft):
     rft.wait_ready()
     rft.ask(rft.moment())
     rft.until(lambda: rft.send(rft.moment()) or rft.diagnostic("inputs")[0] == b"\x00")
-
-
-def test_a_load_cell_that_dies_leaves_the_prediction_and_a_reason(rft):
-    rft.ask(rft.moment())
-    residuals = len(rft.received["wrench_residual"])
-    for _ in range(3):
-        rft.ask(rft.moment(), force=None)
-    assert len(rft.received["wrench_residual"]) <= residuals + 1
-    rft.until(lambda: "wrench_stale" in (rft.send(rft.moment(), force=None) or rft.diagnostic("inputs")[1]))
 
 
 def test_poses_that_come_before_the_node_do_no_harm(start_process):
@@ -121,14 +113,13 @@ def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_a
 
 
 def test_speed_beyond_the_papers_is_a_warning_with_the_number(rft):
-    rft.until(
-        lambda: (
-            rft.send(rft.moment(), linear=(0.0, 0.0, -0.3)) or "0.300 m/s is faster" in rft.diagnostic("estimates")[1]
-        )
-    )
+    def warned():
+        rft.send(rft.moment(), linear=(0.0, 0.0, -0.3))
+        return "0.300 m/s is faster" in rft.diagnostic("estimates")[1]
+
+    rft.until(warned)
     level, message, values = rft.last_status("estimates")
-    assert level == b"\x01"
-    assert "inertia" in message
+    assert level == b"\x01" and "inertia" in message
     assert {"latency_median_us", "latency_p99_us", "depth_m", "fastest_m_s"} <= values.keys()
 
 
@@ -169,46 +160,29 @@ def test_a_parameter_it_does_not_know_is_named(start_node):
     rft.until(lambda: "no parameter 'medium.zeeta'" in rft.said())
 
 
-@pytest.fixture
-def start_demo(tmp_path):
-    """Start demos and wait until they have begun to wait for their node; whichever still runs is ended."""
-    demos = []
-
-    def start() -> tuple[subprocess.Popen[str], int]:
-        command = [sys.executable, "-m", "rft_ros.cli", "demo", "--seconds", "6", "-o", str(tmp_path / "out")]
-        demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        demos.append(demo)
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
+def test_a_demo_that_ends_early_says_why_ends_its_node_and_keeps_the_bag_before_it(tmp_path, number):
+    """SIGKILL to its node, or SIGTERM to the demo."""
+    out = tmp_path / "out"
+    with BagWriter(out / "bag"):
+        pass
+    before = sorted(out.rglob("*"))
+    command = [sys.executable, "-m", "rft_ros.cli", "demo", "--seconds", "6", "-o", str(out)]
+    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
         assert any("waiting for the node" in line for line in demo.stdout)
         lists = Path(f"/proc/{demo.pid}/task").glob("*/children")
         (node,) = [int(child) for threads in lists for child in threads.read_text().split()]
-        return demo, node
-
-    yield start
-    for demo in demos:
-        demo.terminate()
-        demo.communicate(timeout=WAIT)
-
-
-def test_a_demo_whose_node_dies_at_the_start_says_how_at_once(start_demo):
-    demo, node = start_demo()
-    os.kill(node, signal.SIGKILL)
-    _, said = demo.communicate(timeout=WAIT)
-    assert demo.returncode == 2
-    assert said.splitlines()[-1] == (
-        "rft demo: the node was ended by signal 9 before the demo was over; see its messages above"
-    )
-    assert "Traceback" not in said
-
-
-def test_a_demo_that_is_terminated_ends_its_node_and_says_nothing(start_demo):
-    demo, node = start_demo()
-    demo.terminate()
-    _, said = demo.communicate(timeout=WAIT)
-    assert demo.returncode == 128 + signal.SIGTERM
+        os.kill(node if number == signal.SIGKILL else demo.pid, number)
+        _, said = demo.communicate(timeout=WAIT)
+    finally:
+        demo.kill()
     assert "Traceback" not in said
     assert not Path(f"/proc/{node}").exists()
-
-
-def test_the_clock_of_a_header_is_kept_to_the_nanosecond(rft):
-    stamp = rft.moment() + 123_456_789
-    assert stamp_of(rft.ask(stamp)) == stamp
+    assert sorted(out.rglob("*")) == before
+    if number == signal.SIGTERM:
+        assert demo.returncode == 128 + signal.SIGTERM
+    else:
+        assert demo.returncode == 2
+        ended = "rft demo: the node was ended by signal 9 before the demo was over; see its messages above"
+        assert said.splitlines()[-1] == ended
