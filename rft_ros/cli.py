@@ -21,17 +21,18 @@ from rft_ros.installation import program, release
 __all__ = ["main", "parser"]
 
 _COMMANDS = {
-    "predict": predict.PREDICT,
-    "check-mesh": tools.CHECK_MESH,
-    "reduce": tools.REDUCE,
-    "replay": replay.REPLAY,
-    "calibrate": calibrate.CALIBRATE,
-    "sweep": tools.SWEEP,
-    "view": predict.VIEW,
-    "doctor": cell.DOCTOR,
-    "demo": cell.DEMO,
-    "warm-up": cell.WARM_UP,
+    "predict": (predict.predict_options, predict.predict),
+    "check-mesh": (tools.check_mesh_options, tools.check_mesh),
+    "reduce": (tools.reduce_options, tools.reduce),
+    "replay": (replay.replay_options, replay.replay),
+    "calibrate": (calibrate.calibrate_options, calibrate.calibrate),
+    "sweep": (tools.sweep_options, tools.sweep),
+    "view": (predict.view_options, predict.view),
+    "doctor": (cell.doctor_options, cell.doctor),
+    "demo": (cell.demo_options, cell.demo),
+    "warm-up": (cell.warm_up_options, cell.warm_up),
 }
+"""What adds a command's options, and what runs it: its docstring describes the command in one line, then examples."""
 
 
 def parser(rft: str = "rft") -> argparse.ArgumentParser:

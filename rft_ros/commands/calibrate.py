@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rft_ros.calibration.calibrate import Calibration
 
 
-def _options(command: argparse.ArgumentParser) -> None:
+def calibrate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=options.BAG)
     options.add(command, "--params", "FILE.yaml", "the node's own parameter file", type=Path, required=True)
     options.share(command, *options.OF_RECORDING[1:])
@@ -34,7 +34,7 @@ def _options(command: argparse.ArgumentParser) -> None:
     options.add_number(command, "--tare", "S", tare)
 
 
-def _calibrate(arguments: argparse.Namespace) -> int:
+def calibrate(arguments: argparse.Namespace) -> int:
     """Fit load cell, surface, ζ, memory and α_y to recorded bags.
 
     rft calibrate bag_1 bag_2 --params my_cell.yaml --figure fits.html -o calibrated.yaml
@@ -43,7 +43,8 @@ def _calibrate(arguments: argparse.Namespace) -> int:
 
     from rft_ros.bags.playback import mounted
     from rft_ros.bags.reading import bag_name
-    from rft_ros.calibration.calibrate import PARTS, calibrate
+    from rft_ros.calibration.calibrate import PARTS
+    from rft_ros.calibration.calibrate import calibrate as fitted_to
     from rft_ros.calibration.calibrated_file import alpha_y_table, write_calibrated
     from rft_ros.calibration.track import read_track
     from rft_ros.parameters import named_files
@@ -66,7 +67,7 @@ def _calibrate(arguments: argparse.Namespace) -> int:
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         options.warn_of(tool)
     with busy("fitting"):
-        result = calibrate(tracks, values, parts=parts, tare=chosen.tare, alpha_y=arguments.alpha_y)
+        result = fitted_to(tracks, values, parts=parts, tare=chosen.tare, alpha_y=arguments.alpha_y)
     console = Console()
     print_overview(result, console)
     if not result.fitted:
@@ -140,6 +141,3 @@ def _draw_penetrations(result: "Calibration", file: Path) -> None:
     title = f"Vertical penetration: ζ = {zeta.values[0]:.3f} ± {zeta.errors[0]:.3f}"
     panels.figure.update_layout(title=title)
     write_figure(file, panels.figure, title=title)
-
-
-CALIBRATE = options.Command(_options, _calibrate)

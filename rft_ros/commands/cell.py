@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rft_ros.parameters import Model, Settings
 
 
-def _doctor_options(command: argparse.ArgumentParser) -> None:
+def doctor_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
     options.add(command, "--bag", "BAG", f"{options.BAG} (default: listen to ROS)", type=Path)
     options.add(command, "--node", "NAME", "the node with its namespace (default /rft)", "/rft")
@@ -22,7 +22,7 @@ def _doctor_options(command: argparse.ArgumentParser) -> None:
     options.add_number(command, "--seconds", "S", "how long to listen to ROS [s] (default 5)", 5.0)
 
 
-def _doctor(arguments: argparse.Namespace) -> int:
+def doctor(arguments: argparse.Namespace) -> int:
     """Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node.
 
     rft doctor my_cell.yaml --bag recording
@@ -77,21 +77,21 @@ def _compiled(model: "Model", settings: "Settings") -> "Finding":
     return Finding(True, "compiled: yes")
 
 
-def _demo_options(command: argparse.ArgumentParser) -> None:
+def demo_options(command: argparse.ArgumentParser) -> None:
     options.output(command, "DIR", "folder for bag and report (default out/demo)", Path("out/demo"))
     options.add_number(command, "--seconds", "S", "how long the arm moves [s] (default 12)", 12.0)
     feels = "a simulated arm that feels the node's forces (needs mujoco)"
     command.add_argument("--mujoco", action="store_true", help=feels)
 
 
-def _demo(arguments: argparse.Namespace) -> int:
+def demo(arguments: argparse.Namespace) -> int:
     """Run a virtual arm, a real node and a live table (needs ROS).
 
     rft demo --seconds 20 -o out/demo
     rft demo --mujoco -o out/demo_mujoco
     """
     try:
-        from rft_ros.node.demo import demo
+        from rft_ros.node.demo import demo as run
     except ImportError as error:
         raise InputError(
             f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
@@ -105,7 +105,7 @@ def _demo(arguments: argparse.Namespace) -> int:
     parameters = share_directory("rft_ros") / "config" / ("mujoco_arm.yaml" if arguments.mujoco else "demo.yaml")
     tare = 1.5 if arguments.mujoco else 2.0  # s in which the arm rests in the air
     bag, out = arguments.output / "bag", arguments.output / "replay"
-    if not demo(bag, parameters, seconds=arguments.seconds, mujoco=arguments.mujoco):
+    if not run(bag, parameters, seconds=arguments.seconds, mujoco=arguments.mujoco):
         return 1
     print(f"the same offline: {program('rft')} replay {bag} --params {parameters} --tare {tare:g} -o {out}")
     summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
@@ -113,7 +113,11 @@ def _demo(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _warm_up(_arguments: argparse.Namespace) -> int:
+def warm_up_options(_command: argparse.ArgumentParser) -> None:
+    pass
+
+
+def warm_up(_arguments: argparse.Namespace) -> int:
     """Compile all machine code that node and replay can need, so that no start or change of a parameter waits for it.
 
     rft warm-up
@@ -123,8 +127,3 @@ def _warm_up(_arguments: argparse.Namespace) -> int:
     prepare(*EVERY_CODE, on_cold_cache=lambda: print("compiling, half a minute or more ...", flush=True))
     print("everything is compiled")
     return 0
-
-
-DOCTOR = options.Command(_doctor_options, _doctor)
-DEMO = options.Command(_demo_options, _demo)
-WARM_UP = options.Command(lambda _command: None, _warm_up)

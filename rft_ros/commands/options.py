@@ -3,10 +3,11 @@
 import argparse
 import math
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 from rft_ros.errors import InputError
 
@@ -21,16 +22,6 @@ MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellip
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
 """Help text for an argument that names a recording."""
-
-
-class Command(NamedTuple):
-    """A command of `rft`: what adds its options, and what runs it and returns the exit status.
-
-    The first line of the docstring of `run` describes the command; the lines after it are examples.
-    """
-
-    options: Callable[[argparse.ArgumentParser], None]
-    run: Callable[[argparse.Namespace], int]
 
 
 def finite(text: str) -> float:
@@ -162,6 +153,6 @@ def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
     file = arguments.params
     values = read_parameter_file(file, getattr(arguments, "node", NODE)) if file else defaults()
     written = read_replay_options(file) if file else ReplayOptions()
-    given = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
-    chosen = {name: getattr(written, name) if value is None else value for name, value in given.items()}
-    return values, ReplayOptions(remap=(*written.remap, *getattr(arguments, "remap", ())), **chosen)
+    words = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
+    given = {name: value for name, value in words.items() if value is not None}
+    return values, replace(written, remap=(*written.remap, *getattr(arguments, "remap", ())), **given)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from rft_ros.report.animation import Animation
 
 
-def _predict_options(command: argparse.ArgumentParser) -> None:
+def predict_options(command: argparse.ArgumentParser) -> None:
     header = "header t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz [s, m, quaternion, m/s, rad/s]; world axes, z up"
     command.add_argument("states", type=Path, metavar="STATES.csv", help=header)
     command.add_argument("--mesh", required=True, metavar="FILE", help=options.MESH)
@@ -26,7 +26,7 @@ def _predict_options(command: argparse.ArgumentParser) -> None:
     options.output(command, "OUT.csv", header)
 
 
-def _predict(arguments: argparse.Namespace) -> int:
+def predict(arguments: argparse.Namespace) -> int:
     """Predict the wrench at each state of a CSV file.
 
     rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv
@@ -51,7 +51,7 @@ def _predict(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _view_options(command: argparse.ArgumentParser) -> None:
+def view_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "source", type=Path, metavar="STATES.csv|BAG", help=f"states as for rft predict, or a {options.BAG}"
     )
@@ -62,7 +62,7 @@ def _view_options(command: argparse.ArgumentParser) -> None:
     options.output(command, "OUT.html", "page to write")
 
 
-def _view(arguments: argparse.Namespace) -> int:
+def view(arguments: argparse.Namespace) -> int:
     """Draw a tool moving through the grains: an animated page.
 
     rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
@@ -109,7 +109,3 @@ def _of_bag(arguments: argparse.Namespace) -> "Animation":
     *moving, ground = states_of(arguments.source, values, model, part)
     title = f"{model.tool.name}{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
     return animate_evenly(title, model.tool, model.law, *moving, surface_height=height, ground=ground)
-
-
-PREDICT = options.Command(_predict_options, _predict)
-VIEW = options.Command(_view_options, _view)

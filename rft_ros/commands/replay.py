@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from rft_ros.bags.summary import Limit, Summary
 
 
-def _options(command: argparse.ArgumentParser) -> None:
+def replay_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "bag", type=Path, nargs="+", metavar="BAG", help=f"{options.BAG}; several get a folder each below DIR"
     )
@@ -27,12 +27,13 @@ def _options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--no-report", action="store_true", help="write no report.html")
 
 
-def _replay(arguments: argparse.Namespace) -> int:
+def replay(arguments: argparse.Namespace) -> int:
     """Run recorded bags through the estimator.
 
     rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
     """
-    from rft_ros.bags.replay import replay, replay_model, results
+    from rft_ros.bags.replay import replay as run
+    from rft_ros.bags.replay import replay_model, results
     from rft_ros.bags.summary import read_limits
     from rft_ros.files import whole
     from rft_ros.parameters import named_files
@@ -53,7 +54,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     for number, (bag, folder) in enumerate(zip(bags, folders, strict=True), start=1):
         label = f"{number}/{len(bags)} {folder.name}" if several else None
         try:
-            summary = replay(bag, folder, values, chosen, model=model, report=not arguments.no_report, label=label)
+            summary = run(bag, folder, values, chosen, model=model, report=not arguments.no_report, label=label)
         except InputError as error:
             if not several:
                 raise
@@ -116,6 +117,3 @@ def _status(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
             none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
             print(f"rft replay: {none}", file=sys.stderr, flush=True)
     return status
-
-
-REPLAY = options.Command(_options, _replay)

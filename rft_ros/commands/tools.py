@@ -15,12 +15,12 @@ if TYPE_CHECKING:
     from rft_ros.tool import Tool
 
 
-def _check_options(command: argparse.ArgumentParser) -> None:
+def check_mesh_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("file", metavar="FILE", help=options.MESH)
     options.share(command, *options.PLACED)
 
 
-def _check(arguments: argparse.Namespace) -> int:
+def check_mesh(arguments: argparse.Namespace) -> int:
     """Report what a mesh file holds and what is wrong with it.
 
     rft check-mesh my_tool.stl --scale 0.001
@@ -32,7 +32,7 @@ def _check(arguments: argparse.Namespace) -> int:
     return 1 if tool.issues else 0
 
 
-def _reduce_options(command: argparse.ArgumentParser) -> None:
+def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=options.MESH)
     options.share(command, *options.PLACED, "--integration")
     size = command.add_mutually_exclusive_group()
@@ -52,7 +52,7 @@ def _reduce_options(command: argparse.ArgumentParser) -> None:
     options.output(command, "OUT.npz", "file to write; accepted wherever a mesh is")
 
 
-def _reduce(arguments: argparse.Namespace) -> int:
+def reduce(arguments: argparse.Namespace) -> int:
     """Write a tool with the fewest plates that its motions need.
 
     rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz
@@ -105,7 +105,7 @@ def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]"
     return states
 
 
-def _sweep_options(command: argparse.ArgumentParser) -> None:
+def sweep_options(command: argparse.ArgumentParser) -> None:
     study = "tools, motions and media, as in config/sweep_example.yaml"
     command.add_argument("study", type=Path, metavar="STUDY.yaml", help=study)
     options.output(command, "DIR", "folder for the results; a stopped sweep continues")
@@ -114,7 +114,7 @@ def _sweep_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--format", choices=("csv", "parquet"), default="csv", help="kind of table (default csv)")
 
 
-def _sweep(arguments: argparse.Namespace) -> int:
+def sweep(arguments: argparse.Namespace) -> int:
     """Run a design study: tools × motions × media, on all cores or a cluster.
 
     rft sweep config/sweep_example.yaml -o out/sweep
@@ -130,8 +130,3 @@ def _sweep(arguments: argparse.Namespace) -> int:
     report = run(design, out, scheduler=arguments.scheduler, workers=arguments.workers, form=form)
     print("\n".join(report.lines()))
     return 1 if report.failed == report.rows else 0  # every variant failed
-
-
-CHECK_MESH = options.Command(_check_options, _check)
-REDUCE = options.Command(_reduce_options, _reduce)
-SWEEP = options.Command(_sweep_options, _sweep)
