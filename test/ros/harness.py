@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import Future
 from functools import cache
 from pathlib import Path
@@ -217,25 +217,13 @@ class Harness:
         twist_stamp: int | None = None,
     ) -> None:
         """Send wrench and twist, then the pose that asks; None leaves an input out."""
+        still = (0.0, 0.0, 0.0)
         if force is not None:
-            m = WrenchStamped()
-            m.header.frame_id = "ft_sensor"
-            set_stamp(m, stamp)
-            m.wrench.force.x, m.wrench.force.y, m.wrench.force.z = force
-            self.wrench.publish(m)
+            self.wrench.publish(stamped(WrenchStamped, stamp, "ft_sensor", (*force, *still)))
         if linear is not None:
-            t = TwistStamped()
-            t.header.frame_id = "world"
-            set_stamp(t, stamp if twist_stamp is None else twist_stamp)
-            t.twist.linear.x, t.twist.linear.y, t.twist.linear.z = linear
-            self.twist.publish(t)
-        p = PoseStamped()
-        p.header.frame_id = frame
-        set_stamp(p, stamp)
-        p.pose.position.z = z
-        o = p.pose.orientation
-        o.x, o.y, o.z, o.w = quaternion
-        self.pose.publish(p)
+            when = stamp if twist_stamp is None else twist_stamp
+            self.twist.publish(stamped(TwistStamped, when, "world", (*linear, *still)))
+        self.pose.publish(stamped(PoseStamped, stamp, frame, (0.0, 0.0, z, *quaternion)))
 
     def ask(self, stamp: int, **inputs: object) -> WrenchStamped:
         """Send a moment and wait for its prediction.
@@ -342,6 +330,21 @@ def numbers(message: WrenchStamped) -> np.ndarray:
 
 def parameters(values: Mapping[str, object]) -> list[ParameterMessage]:
     return [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
+
+
+def stamped(kind: type, stamp: int, frame: str, numbers: Sequence[float]) -> object:
+    """A PoseStamped, TwistStamped or WrenchStamped of 7 or 6 numbers, position or linear part first."""
+    message = kind()
+    message.header.frame_id = frame
+    set_stamp(message, stamp)
+    if kind is PoseStamped:
+        p, q = message.pose.position, message.pose.orientation
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers
+    else:
+        twist, wrench = getattr(message, "twist", None), getattr(message, "wrench", None)
+        a, b = (twist.linear, twist.angular) if twist else (wrench.force, wrench.torque)
+        a.x, a.y, a.z, b.x, b.y, b.z = numbers
+    return message
 
 
 def set_stamp(message: object, stamp: int) -> None:

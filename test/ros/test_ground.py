@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import numbers, set_stamp
+from harness import numbers, set_stamp, stamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, started
@@ -37,17 +37,11 @@ def inputs(count=300):
     """(topic, stamp, message): a tool that sinks 1 cm, and a cloud every 0.2 s in which the ground rises."""
     for k in range(count):
         stamp = START + k * 5_000_000
-        pose, twist, wrench = PoseStamped(), TwistStamped(), WrenchStamped()
-        for message, frame in ((wrench, "ft_sensor"), (twist, "world"), (pose, "world")):
-            message.header.frame_id = frame
-            set_stamp(message, stamp)
-        pose.pose.position.z, pose.pose.orientation.w = 0.01 - 0.02 * k * 0.005, 1.0
-        twist.twist.linear.z = -0.02
         if k % 40 == 0:
             yield "surface_points", stamp, cloud(stamp, 0.001 * (k // 40))
-        yield "wrench_measured", stamp, wrench
-        yield "twist", stamp, twist
-        yield "pose", stamp, pose
+        yield "wrench_measured", stamp, stamped(WrenchStamped, stamp, "ft_sensor", [0.0] * 6)
+        yield "twist", stamp, stamped(TwistStamped, stamp, "world", [0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+        yield "pose", stamp, stamped(PoseStamped, stamp, "world", [0.0, 0.0, 0.01 - 1e-4 * k, 0.0, 0.0, 0.0, 1.0])
 
 
 def surface_publisher(rft):
@@ -71,10 +65,7 @@ def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
             publishers[topic].publish(message)
             poses += topic == "pose"
             rft.until(lambda poses=poses: len(rft.received["wrench_predicted"]) >= poses - 5)
-    last = WrenchStamped()
-    last.header.frame_id = "ft_sensor"
-    set_stamp(last, 2_000_000_000_000_000_000)
-    rft.wrench.publish(last)
+    rft.wrench.publish(stamped(WrenchStamped, 2_000_000_000_000_000_000, "ft_sensor", [0.0] * 6))
     assert_equal(rft, tmp_path / "inputs", GROUND, tmp_path)
     ground = read_height_map(tmp_path / "replayed" / "ground.csv", CELL)
     assert len(ground.points()) > 1000

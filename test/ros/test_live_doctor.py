@@ -7,7 +7,7 @@ from pathlib import Path
 
 import yaml
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import WAIT, Harness, set_stamp
+from harness import WAIT, Harness, stamped
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from test_live_transforms import transform, transform_publishers
 
@@ -45,20 +45,6 @@ def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
 
 def faults(lines):
     return [line for line in lines if line.startswith("FIX")]
-
-
-def stamped(kind, stamp, frame, numbers):
-    message = kind()
-    message.header.frame_id = frame
-    set_stamp(message, stamp)
-    if kind is PoseStamped:
-        p, q = message.pose.position, message.pose.orientation
-        p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers
-    else:
-        a, b = (message.twist.linear, message.twist.angular) if kind is TwistStamped else (
-            message.wrench.force, message.wrench.torque)  # fmt: skip
-        a.x, a.y, a.z, b.x, b.y, b.z = numbers
-    return message
 
 
 def test_a_right_cell_needs_nothing_with_topics(start_node, tmp_path):

@@ -6,7 +6,7 @@ from itertools import islice
 import numpy as np
 import pytest
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import OUTPUTS, numbers, set_stamp, stamp_of
+from harness import OUTPUTS, numbers, stamp_of, stamped
 from rclpy.serialization import serialize_message
 from rosbags.highlevel import AnyReader
 
@@ -55,10 +55,7 @@ def publish(rft, messages, *, frame):
         poses += topic == "pose"
         # no queue overflows, and no topic is ahead of another by the path that learning waits for
         rft.until(lambda poses=poses: len(rft.received["wrench_predicted"]) >= poses - 10)
-    last = WrenchStamped()
-    last.header.frame_id = frame
-    set_stamp(last, 2_000_000_000_000_000_000)
-    rft.wrench.publish(last)
+    rft.wrench.publish(stamped(WrenchStamped, 2_000_000_000_000_000_000, frame, [0.0] * 6))
 
 
 def assert_equal(rft, bag, parameters, tmp_path):
@@ -94,18 +91,11 @@ def test_live_equals_replay(start_node, tmp_path, twist_source, model):
         for k in range(count):
             t = k * 0.005
             stamp = start + k * 5_000_000 + int(random.integers(-100_000, 100_000))
-            pose, twist, wrench = PoseStamped(), TwistStamped(), WrenchStamped()
-            for message, frame in ((pose, "world"), (twist, "world"), (wrench, "ft_sensor")):
-                message.header.frame_id = frame
-                set_stamp(message, stamp)
-            set_stamp(wrench, stamp - int(random.integers(2_000_000)))
-            pitch = 0.15 * math.sin(4.0 * t)
-            pose.pose.position.x, pose.pose.position.z = 0.002 * t, 0.02 - 0.02 * t
-            pose.pose.orientation.y, pose.pose.orientation.w = math.sin(pitch / 2), math.cos(pitch / 2)
-            twist.twist.linear.x, twist.twist.linear.z = 0.002, -0.02
-            twist.twist.angular.y = 0.6 * math.cos(4.0 * t)
-            f = wrench.wrench.force
-            f.x, f.y, f.z = random.normal(size=3)
+            pitch, measured = 0.15 * math.sin(4.0 * t), stamp - int(random.integers(2_000_000))
+            place = 0.002 * t, 0.0, 0.02 - 0.02 * t, 0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2)
+            velocity = 0.002, 0.0, -0.02, 0.0, 0.6 * math.cos(4.0 * t), 0.0
+            wrench = stamped(WrenchStamped, measured, "ft_sensor", [*random.normal(size=3).tolist(), 0.0, 0.0, 0.0])
+            twist, pose = stamped(TwistStamped, stamp, "world", velocity), stamped(PoseStamped, stamp, "world", place)
             for order, (topic, message) in enumerate(zip(TOPICS, (wrench, twist, pose), strict=True)):
                 data = serialize_message(message)
                 bag.write_raw(f"/rft/{topic}", TOPICS[topic], stamp, data)

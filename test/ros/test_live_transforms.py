@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from harness import set_stamp
+from harness import stamped
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_typestore
@@ -75,11 +75,9 @@ def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
             data = transform(stamp, "base", "flange", (0.1, 0.2, -0.09 - 0.00004 * k), turn)
             arrivals.append((stamp + late, "tf", data))
         for k in range(300):
-            wrench = WrenchStamped()
-            wrench.header.frame_id = "ft_sensor"
-            set_stamp(wrench, start + k * 5_000_000 + 1)
-            wrench.wrench.force.z = 0.01 * k
-            arrivals.append((start + k * 5_000_000 + 1, "wrench_measured", serialize_message(wrench)))
+            stamp = start + k * 5_000_000 + 1
+            wrench = stamped(WrenchStamped, stamp, "ft_sensor", [0.0, 0.0, 0.01 * k, 0.0, 0.0, 0.0])
+            arrivals.append((stamp, "wrench_measured", serialize_message(wrench)))
         arrivals.sort(key=lambda a: a[0])
         for time, topic, data in arrivals:
             name, kind = ("/tf", TF) if topic == "tf" else (f"/rft/{topic}", TOPICS[topic])
@@ -90,10 +88,7 @@ def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
         publishers[topic].publish(data)
         wrenches += topic == "wrench_measured"
         rft.until(lambda wrenches=wrenches: len(rft.received["wrench_predicted"]) >= wrenches - 20)
-    last = WrenchStamped()
-    last.header.frame_id = "ft_sensor"
-    set_stamp(last, start + 10_000_000_000)
-    rft.wrench.publish(last)
+    rft.wrench.publish(stamped(WrenchStamped, start + 10_000_000_000, "ft_sensor", [0.0] * 6))
     replayed = assert_equal(rft, tmp_path / "inputs", PARAMETERS, tmp_path)
     assert len(replayed["wrench_residual"]) >= 290
     assert np.abs([w[2] for w in replayed["wrench_predicted"].values()]).max() > 0.1

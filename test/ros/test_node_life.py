@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import WAIT, InlineWorker, numbers, predicted_by_the_core, set_stamp, stamp_of
+from harness import WAIT, InlineWorker, numbers, predicted_by_the_core, stamp_of, stamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from rosgraph_msgs.msg import Clock
@@ -74,19 +74,16 @@ def test_a_pose_after_a_bag_loop_finds_the_twists_that_still_wait():
     """The node never spins here, so that no callback takes a twist before the pose's does."""
     node, peer = RftNode(InlineWorker(), arguments=["--ros-args", "-r", "__ns:=/loop"]), rclpy.create_node("loop")
     twists = peer.create_publisher(TwistStamped, "/loop/rft/twist", 10)
-    twist, pose = TwistStamped(), PoseStamped()
-    twist.header.frame_id = pose.header.frame_id = "world"
-    twist.twist.linear.z, pose.pose.position.z = -0.01, -0.01
     for moment in (100 * S, 10 * S):  # the bag loops
         end, estimates = time.monotonic() + WAIT, node.estimator.counts["estimates"]
         while node.estimator.counts["estimates"] == estimates:
             assert time.monotonic() < end, dict(node.estimator.counts)
             moment += 1_000_000
-            set_stamp(twist, moment)
-            set_stamp(pose, moment)
-            twists.publish(twist)
+            twists.publish(stamped(TwistStamped, moment, "world", (0.0, 0.0, -0.01, 0.0, 0.0, 0.0)))
             time.sleep(0.01)
-            node._on_pose(serialize_message(pose))
+            node._on_pose(
+                serialize_message(stamped(PoseStamped, moment, "world", (0.0, 0.0, -0.01, 0.0, 0.0, 0.0, 1.0)))
+            )
     node.destroy_node()
     peer.destroy_node()
 
