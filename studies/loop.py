@@ -194,16 +194,15 @@ def study() -> StudyResult:
     ways = PUBLISHED, EXPLICIT
     for hold in (1, 8):
         arms = {(w, z, a): held(a[0], 1e3 * a[1], 1e-3 * hold, w, zeta=z) for w in ways for z in ZETAS for a in ARMS}
-        what = f"{', '.join(f'{mass:g} kg on {k:g}' for mass, k in ARMS)} kN/m, force held over {hold} ms"
         for z in ZETAS:
             add(
-                f"arms of {what}, ζ {z:g}: scatter at holds [%]",
+                f"four arms, force held over {hold} ms, ζ {z:g}: scatter at holds [%]",
                 lambda w, z=z, arms=arms: (
                     ", ".join(f"{100.0 * arms[w, z, a]['scatter']:.2g}" for a in ARMS) if w in ways else "–"
                 ),
             )
         add(
-            f"greatest net work of the grains on these arms at {hold} ms, over what they take [%]",
+            f"greatest net work on these arms at {hold} ms, over what the grains take [%]",
             lambda w, arms=arms: (
                 f"{100.0 * max(arms[w, z, a]['net'] for z in ZETAS for a in ARMS):.0f}" if w in ways else "–"
             ),
