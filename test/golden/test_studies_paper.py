@@ -45,13 +45,6 @@ class TestHorizontal:
 
 
 class TestPlates:
-    def test_along_the_plate_the_stress_is_alpha_y(self):
-        own = leading_face(plate())
-        for beta in plates.BETAS:
-            constant, linear = (plates.stresses(own, beta, 0.0, model)[-1, 0] for model in ALPHA_Y)
-            assert constant == pytest.approx(0.136, abs=1e-6)
-            assert linear == pytest.approx(0.2035 - 0.0015 * beta, abs=1e-6)
-
     def test_the_intrusion_angle_is_the_papers(self):
         for phi in plates.PHIS:
             assert plates.gamma_deg(phi, 0.0) == pytest.approx(phi)
