@@ -297,11 +297,10 @@ class Estimator:
         in_grains = area > 0.0
         self._tare.watch(pose, in_grains=in_grains)
         belief = self._belief(motion, model, force, in_grains)
+        self._state = motion.state
         if in_grains and motion.rests and self._memory is None:
-            self._state = motion.state
             raise RefusedError(Reason.AT_REST)
         wrench, weight, sigma = cell.into_sensor(motion.state[0, 3:7], belief)
-        self._state = motion.state
         self._comparison.add(Prediction(pose, wrench, weight, cell, in_air=not in_grains))
         flags = self._quality.flags(
             motion, surface, self.settings, self.model.law, submerged=in_grains, depth=self.depth,
