@@ -61,7 +61,7 @@ class GrainsBatch:
         self.sums = memory.stiffness
         """`Memory.stiffness` of each body at the last step, in its units, shape [n, 10]."""
         # Threads take parts as they get ready. With a map each body has a surface of its own, so it is a part.
-        parts = n if ground is not None else 1 if threads == 1 else min(n, 4 * self._threads)
+        parts = n if ground is not None else 1 if threads == 1 else min(n, 2 * self._threads)
         edges = np.linspace(0, n, parts + 1).astype(int)
         self._parts = [
             (slice(a, b), memory.part(a, b), self._durations[a:b], self._rows[a:b])
