@@ -96,14 +96,13 @@ def error_in_double(target: Target, found: Fit) -> float:
 
 def error_in_use(name: str) -> float:
     """Greatest absolute error of f1 or f23 as the kernel computes it, on 2,001 shares of the speed."""
-    kernel: Callable[[float], float]
     if name == "f1":
-        a, b, function, kernel = mp.mpf(weights.A2), mp.mpf(weights.A3), mp.tanh, weights.f1
+        a, b, function, place = mp.mpf(weights.A2), mp.mpf(weights.A3), mp.tanh, 0
     else:
-        a, b, function, kernel = mp.mpf(weights.B2), mp.mpf(weights.B3), mp.atanh, weights.f23
+        a, b, function, place = mp.mpf(weights.B2), mp.mpf(weights.B3), mp.atanh, 1
     at_one = function(a - b) + function(b)
     shares = [k / 2000 for k in range(2001)]
-    return max(float(abs(kernel(u) - (function(a * mp.mpf(u) - b) + function(b)) / at_one)) for u in shares)
+    return max(float(abs(weights.f1_and_f23(u, u)[place] - (function(a * mp.mpf(u) - b) + function(b)) / at_one)) for u in shares)
 
 
 def main() -> int:

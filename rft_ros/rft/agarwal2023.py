@@ -8,9 +8,10 @@ x2² x3 is 0.18519 (also seen: 0.18589; 0.08 % of a flat plate's force). c3 of x
 which gives a flat plate 21 % more force and lets the grains pull at 12 % of all leading directions in place of 3 %).
 """
 
+from dataclasses import dataclass, field
 from math import radians, sin, sqrt
-from typing import NamedTuple
 
+from rft_ros.rft.alpha_y import PackedLaw, packed
 from rft_ros.rft.arguments import number
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.inertia import INERTIA, inertial_density
@@ -45,12 +46,24 @@ _UPRIGHT = 1.0 / sin(radians(5.0))
 _TINY = 1e-290
 
 
-class Agarwal2023(NamedTuple):
-    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³]."""
+@dataclass(frozen=True, slots=True)
+class Agarwal2023:
+    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³].
+
+    Raises ValueError for a field that is not a finite number.
+    """
 
     stiffness: float
     surface_friction: float
     inertia: float = 0.0
+    packed: PackedLaw = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        names = "inertia", "stiffness", "surface_friction"
+        given = [number(f"{name} of the law", getattr(self, name)) for name in names]
+        for name, value in zip(names, given, strict=True):
+            object.__setattr__(self, name, value)
+        object.__setattr__(self, "packed", packed(-1, given))
 
 
 def agarwal2023(
@@ -87,11 +100,11 @@ def _even_and_odd(c, x1, x2, square):  # type: ignore[no-untyped-def]
     return even, odd
 
 
-def agarwal2023_traction(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyped-def]
-    """Traction per depth [N/m³], Eq. (12), world axes. `flatness` is ignored."""
-    squared = vx * vx + vy * vy + vz * vz
-    per_speed = 1.0 / sqrt(max(squared, _TINY))
-    vx, vy, vz = vx * per_speed, vy * per_speed, vz * per_speed
+@inlined
+def agarwal2023_traction(stiffness, surface_friction, normal, velocity):  # type: ignore[no-untyped-def]
+    """Traction per depth [N/m³], Eq. (12), world axes; `velocity`: unit vector, or 0."""
+    nx, ny, nz = normal
+    vx, vy, vz = velocity
     # The published normal m = ±n never points up. Its sign matters by 10 to 20 % of an upright plate's force, so it
     # changes over 5° on either side: f(m·v) m and f(m·v) are split by parity in m, and only the small parts keep it.
     side = min(max(-nz * _UPRIGHT, -1.0), 1.0)
@@ -106,8 +119,8 @@ def agarwal2023_traction(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore
     back = f1 - across
     ax, ay, az = back * nx + f2 * vx, back * ny + f2 * vy, back * nz + f2 * vz - f3
     pressure = max(-across, 0.0)  # grains do not pull
-    share = min(law.surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0)
-    stiffness = law.stiffness if squared > 0.0 else 0.0
+    share = min(surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0)
+    stiffness = stiffness if vx * vx + vy * vy + vz * vz > 0.0 else 0.0
     return (
         stiffness * (share * ax - pressure * nx),
         stiffness * (share * ay - pressure * ny),

@@ -1,21 +1,20 @@
 """Models of α_y, the stress per depth along e1, the horizontal direction in the plate (Treers et al. 2021, IV-B).
 
-A model is a NamedTuple of numbers and arrays and a function ``alpha_y(model, sin_beta, cos_beta, sin_gamma, cos_gamma)
--> [N/cm³]``. numba compiles a kernel for each model's type. To add a model, write the NamedTuple and its function in
-plain arithmetic, and name both in `_MODELS`.
+A model is a NamedTuple of at most four numbers, and an array called `values` where it has one, and a function
+``f(model, sin_beta, cos_beta, sin_gamma, cos_gamma) -> [N/cm³]`` in plain arithmetic that unpacks it. To add a model,
+write both and name them in `_MODELS`.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.extending import overload
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.compilation import OPTIONS, inlined
+from rft_ros.rft.chunk import ALONG, ANGLES, E2, ROW, TRACTION, at, quadruple, wide_vectors
+from rft_ros.rft.compilation import inlined
 from rft_ros.rft.media import Medium
 
 __all__ = [
@@ -23,10 +22,14 @@ __all__ = [
     "AlphaY",
     "Constant",
     "Linear",
+    "PackedLaw",
     "Table",
+    "add_alpha_y",
     "alpha_y",
     "alpha_y_model",
     "checked_alpha_y",
+    "packed",
+    "packed_alpha_y",
 ]
 
 
@@ -81,6 +84,9 @@ class Table(NamedTuple):
 
 AlphaY = Constant | Linear | Table
 
+PackedLaw = tuple[int, NDArray[np.float64], NDArray[np.float64]]
+"""A law for the compiled loop: which, 15 numbers of which the first is the inertia, and the values of a table."""
+
 FINEST = 720
 """Steps of the finest grid of `Table.sampled` over the range of β, or of γ."""
 
@@ -129,18 +135,23 @@ def _beta(sin_beta, cos_beta):  # type: ignore[no-untyped-def]
     return 0.5 * math.pi + _atan2(-cos_beta, sin_beta)
 
 
+@inlined
 def _constant(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
-    return model.value
+    (value,) = model
+    return value
 
 
+@inlined
 def _linear(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
-    return model.intercept + model.slope * (_DEGREES * _beta(sin_beta, cos_beta))
+    intercept, slope = model
+    return intercept + slope * (_DEGREES * _beta(sin_beta, cos_beta))
 
 
+@inlined
 def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
-    v = model.values
-    s = (_beta(sin_beta, cos_beta) - model.beta) * model.beta_nodes
-    t = (_atan2(sin_gamma, cos_gamma) - model.gamma) * model.gamma_nodes
+    beta, beta_nodes, gamma, gamma_nodes, v = model
+    s = (_beta(sin_beta, cos_beta) - beta) * beta_nodes
+    t = (_atan2(sin_gamma, cos_gamma) - gamma) * gamma_nodes
     # NaN becomes 0, so that every index lies inside
     s = min(s if s > 0.0 else 0.0, v.shape[0] - 1.0)
     t = min(t if t > 0.0 else 0.0, v.shape[1] - 1.0)
@@ -165,7 +176,7 @@ _MODELS: dict[str, tuple[type, Callable[..., float], Callable[[Medium, Table | N
     "linear": (Linear, _linear, lambda medium, table: PAPER_LINEAR),
     "table": (Table, _table, _given),
 }
-_FUNCTIONS = {model: function for model, function, _ in _MODELS.values()}
+_TYPES = [model for model, _, _ in _MODELS.values()]
 
 ALPHA_Y_MODELS = tuple(_MODELS)
 """The names of the models."""
@@ -188,7 +199,7 @@ def checked_alpha_y(model: AlphaY) -> AlphaY:
 
     Raises TypeError for anything but a model, ValueError for a field that is not finite or has the wrong shape.
     """
-    if type(model) not in _FUNCTIONS:
+    if type(model) not in _TYPES:
         raise TypeError(f"alpha_y model is {model!r}; create one with alpha_y_model")
     fields: list[Any] = []
     for name, value in model._asdict().items():
@@ -208,12 +219,54 @@ def checked_alpha_y(model: AlphaY) -> AlphaY:
 
 def alpha_y(model: AlphaY, sin_beta: float, cos_beta: float, sin_gamma: float, cos_gamma: float) -> float:
     """α_y of a plate [N/cm³] from its attack angle β and intrusion angle γ."""
-    function = _FUNCTIONS[type(model)]
+    _, function, _ = list(_MODELS.values())[_TYPES.index(type(model))]
     return function(model, sin_beta, cos_beta, sin_gamma, cos_gamma)
 
 
-@overload(alpha_y, jit_options={"forceinline": True, **OPTIONS})
-def _compiled_alpha_y(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
-    if isinstance(model, types.BaseNamedTuple):
-        return _FUNCTIONS.get(model.instance_class)
-    return None
+def packed(kind: int, numbers: Iterable[float], values: NDArray[np.float64] | None = None) -> PackedLaw:
+    """A law for the compiled loop: arrays of its types, which nothing can change."""
+    given, table = np.zeros(15), np.zeros((2, 2)) if values is None else values.copy()
+    for k, value in enumerate(numbers):
+        given[k] = value
+    given.flags.writeable = table.flags.writeable = False
+    return kind, given, table
+
+
+def packed_alpha_y(model: AlphaY, numbers: Iterable[float]) -> PackedLaw:
+    """A law of 11 numbers and a checked model: the model's place in `ALPHA_Y_MODELS`, all numbers, and its values."""
+    of_model = [v for v in model if not isinstance(v, np.ndarray)]
+    return packed(_TYPES.index(type(model)), (*numbers, *of_model), getattr(model, "values", None))
+
+
+@inlined
+def _no_model(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
+    pass
+
+
+def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> Any:
+    """The step `add_alpha_y` with one more model."""
+    has_values = "values" in model._fields
+    count = len(model._fields) - has_values
+
+    @inlined
+    def add(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
+        wide_vectors()
+        if kind == kind_of_model:
+            numbers = (given[11], given[12], given[13], given[14])[:count]
+            fields = (*numbers, values) if has_values else numbers
+            for i in range(n):
+                sin_b, cos_b, sin_g, cos_g = quadruple(chunk, ANGLES, i)
+                along = chunk[at(ALONG, i)] * function(fields, sin_b, cos_b, sin_g, cos_g)
+                # e1 = e2 x E3
+                chunk[at(TRACTION, i)] += along * chunk[at(E2 + ROW, i)]
+                chunk[at(TRACTION + ROW, i)] -= along * chunk[at(E2, i)]
+        else:
+            otherwise(kind, given, values, chunk, n)
+
+    return add
+
+
+add_alpha_y = _no_model
+"""Add the part of the traction along e1 to that of the n plates of a chunk; the law as by `packed_alpha_y`."""
+for _kind, (_model, _function, _) in enumerate(_MODELS.values()):
+    add_alpha_y = _model_or(_kind, _model, _function, add_alpha_y)

@@ -1,22 +1,40 @@
-"""The compiled loops: position and velocity of each plate, Eq. (1), its loaded part, and the sums of Eq. (9).
+"""The compiled loop: position and velocity of each plate, Eq. (1), its loaded part, and the sums of Eq. (9).
 
-LLVM vectorises the loop over plates, so it uses selects instead of branches on data. Bounds on a whole block of plates
-(dry, trailing, submerged, none horizontal) select a shorter loop.
+Bounds on a whole block of plates say which blocks are dry or trail, and are skipped. The others are evaluated chunk by
+chunk in steps: geometry, tractions by the law, memory, sums. A step is a loop over plates that LLVM vectorises, so it
+uses selects in place of branches on data. All laws, rules and options are in the one loop, which is compiled once.
 """
 
 from math import cos, radians, sin, sqrt
-from typing import Any
 
 import numpy as np
 
+from rft_ros.rft.chunk import (
+    AREA,
+    BLOCKS,
+    LOAD,
+    NORMAL,
+    NUMBER,
+    PLACE,
+    SHARE,
+    SPEED,
+    STIFF,
+    TRACTION,
+    VELOCITY,
+    at,
+    new_chunk,
+    put,
+    triple,
+    wide_vectors,
+)
 from rft_ros.rft.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 from rft_ros.rft.inertia import inertia_force
-from rft_ros.rft.memory import GAPS, LOADED, advance, displacement, forget, is_empty, open_gaps
-from rft_ros.rft.plates import BLOCK, INTEGRATIONS, ROUNDING
-from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, traction_per_depth
+from rft_ros.rft.memory import GAPS, LOADED, MOTION, TRACTIONS, displacement, forget, is_empty, open_gaps, remember
+from rft_ros.rft.plates import BLOCK, ROUNDING
+from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
-__all__ = ["EDGE_AREAS", "PLATE_FORCES", "SUMS"]
+__all__ = ["EDGE_AREAS", "SUMS"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
@@ -82,10 +100,10 @@ def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _kind(bounds, b, seen, below, refined, past, active):  # type: ignore[no-untyped-def]
+def _kind(bounds, b, seen, below, refined, remembers, active):  # type: ignore[no-untyped-def]
     """The kind of a block; where the bounds leave two, the one with the longer loop.
 
-    `bounds`: from `Blocks`. `past`: as in `sums`; `active`: of the one body's memory.
+    `bounds`: from `Blocks`. `active`: of the one body's memory, if it `remembers`.
     """
     linear, angular, fastest, up, reach, rise = seen
     depth, spread = below - _middle(bounds, b, 2, rise), _spread(bounds, b, 2, rise) + ROUNDING * (reach + abs(below))
@@ -96,9 +114,7 @@ def _kind(bounds, b, seen, below, refined, past, active):  # type: ignore[no-unt
     lead = _middle(bounds, b, 0, linear) + _spread(bounds, b, 0, linear)
     lead += _middle(bounds, b, 1, angular) + _spread(bounds, b, 1, angular)
     if wet and lead + (bounds[b, 19] + ROUNDING) * fastest <= 0.0:
-        if past is not None:
-            return _FADING if active[b] == LOADED else _SKIP_WET
-        return _SKIP_WET
+        return _FADING if remembers and active[b] == LOADED else _SKIP_WET
     tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
     if tilt >= (_LEVEL if refined else FLAT):
         return _FLAT_OR_CUT
@@ -135,106 +151,88 @@ def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _plate(rows, i, axes, twist, below, rise, refined, careful):  # type: ignore[no-untyped-def]
-    """One plate in world axes, Eq. (1): centre of load, normal, scaled velocity, load, leading share, submerged area.
+def _centre_and_load(rows, first, i, below, rise, refined, cut):  # type: ignore[no-untyped-def]
+    """A plate's centre of load [m], tool axes, its load [m³] and its area below the surface [m²].
 
-    The centre of load is relative to the tool frame's origin; the load is depth integrated over the area below the
-    surface [m³]. `below`, `rise`: from `_surface`. `careful` False: the plate is fully submerged.
-    `careful` and `refined` must be constants, or the loop is not vectorised.
+    The load is the depth integrated over that area. `below`, `rise`: from `_surface`. `cut` False: the plate is fully
+    submerged. `refined` and `cut` must be constants, or the loop is not vectorised.
     """
-    vx, vy, vz, wx, wy, wz = twist
     zx, zy, zz = rise
-    a, b, c = rows[0, i], rows[1, i], rows[2, i]
-    area = rows[6, i]
+    a, b, c = rows[at(first, i)], rows[at(first + BLOCK, i)], rows[at(first + 2 * BLOCK, i)]
+    area = rows[at(first + 6 * BLOCK, i)]
     depth = below - (zx * a + zy * b + zz * c)
-    load = depth * area
-    if refined:
-        # e0, e1 and -(e0 + e1) are the corners from the centroid
-        e0x, e0y, e0z, e1x, e1y, e1z = rows[7, i], rows[8, i], rows[9, i], rows[10, i], rows[11, i], rows[12, i]
-        h0 = zx * e0x + zy * e0y + zz * e0z
-        h1 = zx * e1x + zy * e1y + zz * e1z
-        if careful:
-            p0, p1, p2, wet = _wet_part(depth - h0, depth - h1, depth + h0 + h1)
-            mean = p0 + p1 + p2
-            load = mean * area
-            area *= wet
-            per_mean = 1.0 / mean if mean > 1e-290 else 0.0
-            k0, k1 = (p0 - p2) * per_mean, (p1 - p2) * per_mean
-        else:
-            per_depth = -1.0 / (12.0 * depth)
-            k0, k1 = per_depth * (2.0 * h0 + h1), per_depth * (h0 + 2.0 * h1)
-        a, b, c = a + k0 * e0x + k1 * e1x, b + k0 * e0y + k1 * e1y, c + k0 * e0z + k1 * e1z
-    elif careful:
+    if not refined:
         area = area if depth > 0.0 else 0.0
-        load = depth * area
-    x, y, z = from_frame(axes, a, b, c)
-    nx, ny, nz = from_frame(axes, rows[3, i], rows[4, i], rows[5, i])
-    ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-    lead = ux * nx + uy * ny + uz * nz
-    if refined:
-        per_speed = 1.0 / sqrt(max(ux * ux + uy * uy + uz * uz, 1e-290))
-        # exactly 0 for a trailing plate: rounding must not decide which memory fades
-        share = min(max(lead * per_speed * rows[13, i] + 0.5, 0.0), 1.0)
+        return (a, b, c), depth * area, area
+    # e0, e1 and -(e0 + e1) are the corners from the centroid
+    corners = first + 7 * BLOCK
+    e0x, e0y, e0z = rows[at(corners, i)], rows[at(corners + BLOCK, i)], rows[at(corners + 2 * BLOCK, i)]
+    corners += 3 * BLOCK
+    e1x, e1y, e1z = rows[at(corners, i)], rows[at(corners + BLOCK, i)], rows[at(corners + 2 * BLOCK, i)]
+    h0 = zx * e0x + zy * e0y + zz * e0z
+    h1 = zx * e1x + zy * e1y + zz * e1z
+    if cut:
+        p0, p1, p2, wet = _wet_part(depth - h0, depth - h1, depth + h0 + h1)
+        mean = p0 + p1 + p2
+        load = mean * area
+        area *= wet
+        per_mean = 1.0 / mean if mean > 1e-290 else 0.0
+        k0, k1 = (p0 - p2) * per_mean, (p1 - p2) * per_mean
     else:
-        share = 1.0 if lead > 0.0 else 0.0
-    return (x, y, z), (nx, ny, nz), (ux, uy, uz), load, share, area
+        load = depth * area
+        per_depth = -1.0 / (12.0 * depth)
+        k0, k1 = per_depth * (2.0 * h0 + h1), per_depth * (h0 + 2.0 * h1)
+    return (a + k0 * e0x + k1 * e1x, b + k0 * e0y + k1 * e1y, c + k0 * e0z + k1 * e1z), load, area
 
 
 @inlined
-def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: ignore[no-untyped-def]
-    """Sums over consecutive plates: force, torque, submerged area, dF/dh and the moments r_j f_l.
-
-    `step`: None, or for plates with memory: their tractions, `displacement` in world axes, mobilization length [m];
-    then also the sums of `Memory.stiffness`.
-    """
-    axes, twist, law, below, rise, slope = scene
-    fx = fy = fz = submerged = 0.0
-    hx = hy = hz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
-    k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
-    for i in range(first, last):
-        plate = _plate(rows, i, axes, twist, below, rise, refined, careful)
-        (x, y, z), normal, velocity, load, share, area = plate
-        nx, ny, nz = normal
-        ux, uy, uz = velocity
-        loaded = area
-        if step is None:
-            ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
-            load = load * share if refined else (load if share > 0.0 else 0.0)
-            loaded = area * share
+def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):  # type: ignore[no-untyped-def]
+    """Eq. (1) for block b, world axes, stored from plate `i0` of the chunk on; returns its area below the surface."""
+    wide_vectors()
+    axes, twist, below, rise = scene
+    vx, vy, vz, wx, wy, wz = twist
+    first = b * np.uint64((14 if refined else 7) * BLOCK)
+    submerged = 0.0
+    for j in range(BLOCK):
+        (a, b, c), load, area = _centre_and_load(rows, first, j, below, rise, refined, cut)
+        nx, ny, nz = rows[at(first + 3 * BLOCK, j)], rows[at(first + 4 * BLOCK, j)], rows[at(first + 5 * BLOCK, j)]
+        normal = nx, ny, nz = from_frame(axes, nx, ny, nz)
+        x, y, z = from_frame(axes, a, b, c)
+        ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        lead = ux * nx + uy * ny + uz * nz
+        i = at(i0, j)
+        per_speed = orient(chunk, i, normal, (ux, uy, uz))
+        if refined:
+            # exactly 0 for a trailing plate: rounding must not decide which memory fades
+            share = min(max(lead * per_speed * rows[at(first + 13 * BLOCK, j)] + 0.5, 0.0), 1.0)
         else:
-            tractions, shift, turn, length = step
-            ex = shift[0] + turn[0] * x + turn[1] * y + turn[2] * z
-            ey = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
-            ez = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
-            # half a step before
-            depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
-            ax, ay, az = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
-            asked = ax * share, ay * share, az * share
-            ax, ay, az, stiff = advance(tractions, i, normal, (ex, ey, ez), asked, share > 0.0, depth, length)
-            if careful:
-                ax, ay, az = (ax if load > 0.0 else 0.0), (ay if load > 0.0 else 0.0), (az if load > 0.0 else 0.0)
-                stiff = stiff if load > 0.0 else 0.0
-                for c in range(7):
-                    tractions[c, i] = tractions[c, i] if load > 0.0 else 0.0
-            stiff *= load
-            k += stiff
-            kx += stiff * x
-            ky += stiff * y
-            kz += stiff * z
-            kxx += stiff * x * x
-            kyy += stiff * y * y
-            kzz += stiff * z * z
-            kxy += stiff * x * y
-            kxz += stiff * x * z
-            kyz += stiff * y * z
+            share = 1.0 if lead > 0.0 else 0.0
+        put(chunk, PLACE, i, (x, y, z))
+        submerged += area
+        loaded = 1.0 if remembers else share
+        chunk[at(LOAD, i)] = load * loaded
+        chunk[at(AREA, i)] = area * loaded
+        chunk[at(SHARE, i)] = share
+    return submerged
+
+
+@inlined
+def _add_sums(chunk, n, out):  # type: ignore[no-untyped-def]
+    """Add force, torque, dF/dh and the moments r_j f_l of a chunk."""
+    wide_vectors()
+    fx = fy = fz = hx = hy = hz = 0.0
+    xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
+    for i in range(n):
+        x, y, z = triple(chunk, PLACE, i)
+        ax, ay, az = triple(chunk, TRACTION, i)
+        load, area = chunk[at(LOAD, i)], chunk[at(AREA, i)]
         dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
         fy += dy
         fz += dz
-        submerged += area
-        hx += ax * loaded
-        hy += ay * loaded
-        hz += az * loaded
+        hx += ax * area
+        hy += ay * area
+        hz += az * area
         xx += x * dx
         xy += x * dy
         xz += x * dz
@@ -244,158 +242,153 @@ def _sums(rows, first, last, scene, refined, careful, flatness, step):  # type: 
         zx += z * dx
         zy += z * dy
         zz += z * dz
-    stiffness = k, kx, ky, kz, kxx, kyy, kzz, kxy, kxz, kyz
-    return fx, fy, fz, yz - zy, zx - xz, xy - yx, submerged, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz, *stiffness
+    part = fx, fy, fz, yz - zy, zx - xz, xy - yx, 0.0, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
+    for c, value in enumerate(part):
+        out[c] += value
 
 
 @inlined
-def _add_inertia(rows, first, last, scene, squared, refined, careful, out):  # type: ignore[no-untyped-def]
-    """Add the inertia of the grains to the sums: a second pass, which most media do without."""
-    axes, twist, law, below, rise, _ = scene
-    fx = fy = fz = xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
-    for i in range(first, last):
-        (x, y, z), normal, velocity, _, share, area = _plate(rows, i, axes, twist, below, rise, refined, careful)
-        dx, dy, dz = inertia_force(law.inertia, normal, velocity, area * share, squared)
-        fx += dx
-        fy += dy
-        fz += dz
-        xx += x * dx
-        xy += x * dy
-        xz += x * dz
-        yx += y * dx
-        yy += y * dy
-        yz += y * dz
-        zx += z * dx
-        zy += z * dy
-        zz += z * dz
-    part = fx, fy, fz, yz - zy, zx - xz, xy - yx, 0.0, 0.0, 0.0, 0.0, xx, xy, xz, yx, yy, yz, zx, zy, zz
-    for c in range(_COLUMNS):
-        out[c] += part[c]
+def _add_stiffness(chunk, n, out):  # type: ignore[no-untyped-def]
+    """Add the sums of `Memory.stiffness` of a chunk."""
+    wide_vectors()
+    k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
+    for i in range(n):
+        x, y, z = triple(chunk, PLACE, i)
+        stiff = chunk[at(STIFF, i)]
+        k += stiff
+        kx += stiff * x
+        ky += stiff * y
+        kz += stiff * z
+        kxx += stiff * x * x
+        kyy += stiff * y * y
+        kzz += stiff * z * z
+        kxy += stiff * x * y
+        kxz += stiff * x * z
+        kyz += stiff * y * z
+    for c, value in enumerate((k, kx, ky, kz, kxx, kyy, kzz, kxy, kxz, kyz)):
+        out[c] += value
 
 
-def _sums_of_states(refined: bool) -> Any:
-    """The loop over states for one integration rule."""
-    flatness = BLENDED if refined else SWITCHED
-
-    def sums(rows, bounds, reach, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
-        """`past`: None, or with memory: durations, mobilization length, the memory's arrays."""
-        for k in range(states.shape[0]):
-            axes, twist, scale, squared = _motion(states[k], reach)
-            below, rise = _surface(height, slope, states[k], axes)
-            if past is None:
-                step = None
-                active: Any = None
-                seen = _seen_from_tool(axes, twist, reach, rise)
-            else:
-                durations, length, all_tractions, all_active, motions, all_stiffness = past
-                body = k if len(motions) > 1 else 0
-                tractions, active, last, stiffness = (
-                    all_tractions[body],
-                    all_active[body],
-                    motions[body],
-                    all_stiffness[body],
-                )
-                for c in range(10):
-                    stiffness[c] = 0.0
-                if scale > 0.0:
-                    for c in range(6):
-                        last[c] = twist[c]
-                twist = last[0], last[1], last[2], last[3], last[4], last[5]
-                seen = _seen_from_tool(axes, twist, reach, rise)
-                moved, shift, turn, turn_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
-                step = tractions, shift, turn, length
-            for c in range(_COLUMNS):
-                out[k, c] = 0.0
-            # unsigned: numba adds code for negative indices otherwise
-            b, blocks = np.uint64(0), np.uint64(bounds.shape[0])
-            kind = _kind(bounds, b, seen, below, refined, past, active)
-            while b < blocks:
-                # with memory a submerged block joins a run of cut ones: starting a run costs more
-                first, run, previous = b, kind, kind
-                while b < blocks and (kind == run or (past is not None and kind == _PLAIN and previous == _CUT)):
-                    previous = kind
-                    if past is not None:  # a separate if, which numba drops where there is no memory
-                        if kind == _SKIP_DRY and active[b]:
-                            forget(tractions, b)
-                            active[b] = 0
-                        if kind == _SKIP_WET and moved:
-                            open_gaps(tractions, rows, b, into_frame(axes, *shift), turn_in_tool)
-                            active[b] = GAPS
-                    out[k, 6] += bounds[b, 18] if kind == _SKIP_WET else 0.0
-                    b += np.uint64(1)
-                    if b < blocks:
-                        kind = _kind(bounds, b, seen, below, refined, past, active)
-                if run >= _PLAIN:
-                    i, j = first * np.uint64(BLOCK), b * np.uint64(BLOCK)
-                    scene = axes, twist, law, below, rise, slope
-                    if run == _PLAIN:
-                        part = _sums(rows, i, j, scene, refined, False, NEVER_FLAT, step)
-                    elif run == _FLAT_OR_CUT:
-                        part = _sums(rows, i, j, scene, refined, True, flatness, step)
-                    else:
-                        part = _sums(rows, i, j, scene, refined, True, NEVER_FLAT, step)
-                    for c in range(_COLUMNS):
-                        out[k, c] += part[c]
-                    if law.inertia > 0.0 and run == _PLAIN:
-                        _add_inertia(rows, i, j, scene, squared, refined, False, out[k])
-                    elif law.inertia > 0.0:
-                        _add_inertia(rows, i, j, scene, squared, refined, True, out[k])
-                    if past is not None:
-                        for c in range(10):
-                            stiffness[c] += part[_COLUMNS + c]
-                        for c in range(first, b):
-                            active[c] = GAPS if run == _FADING and is_empty(tractions, c) else LOADED
-
-    return _made(sums, refined)
+@inlined
+def _inertia(chunk, n, inertia, squared, remembers):  # type: ignore[no-untyped-def]
+    """Replace the tractions of a chunk by the forces of the grains' inertia, and their loads by one."""
+    wide_vectors()
+    for i in range(n):
+        area = chunk[at(AREA, i)] * (chunk[at(SHARE, i)] if remembers else 1.0)
+        speed = chunk[at(SPEED, i)]
+        normal, direction = triple(chunk, NORMAL, i), triple(chunk, VELOCITY, i)
+        put(chunk, TRACTION, i, inertia_force(inertia, normal, direction, area, squared * speed * speed))
+        chunk[at(LOAD, i)] = 1.0
+        chunk[at(AREA, i)] = 0.0
 
 
-def _forces_of_plates(refined: bool) -> Any:
-    flatness = BLENDED if refined else SWITCHED
-
-    def forces(rows, reach, law, height, slope, state, order, out):  # type: ignore[no-untyped-def]
-        axes, twist, _, squared = _motion(state, reach)
-        below, rise = _surface(height, slope, state, axes)
-        for i in range(len(order)):
-            _, normal, velocity, load, share, area = _plate(rows, i, axes, twist, below, rise, refined, True)
-            nx, ny, nz = normal
-            ux, uy, uz = velocity
-            tx, ty, tz = traction_per_depth(law, nx, ny, nz, ux, uy, uz, flatness)
-            load = load * share if refined else (load if share > 0.0 else 0.0)
-            px, py, pz = inertia_force(law.inertia, normal, velocity, area * share, squared)
-            out[order[i], 0], out[order[i], 1], out[order[i], 2] = tx * load + px, ty * load + py, tz * load + pz
-
-    return _made(forces, refined)
+@inlined
+def _add_forces(chunk, i0, b, out):  # type: ignore[no-untyped-def]
+    for j in range(BLOCK):
+        ax, ay, az = triple(chunk, TRACTION, at(i0, j))
+        load = chunk[at(LOAD, at(i0, j))]
+        plate = at(b * np.uint64(BLOCK), j)
+        out[plate, 0] += ax * load
+        out[plate, 1] += ay * load
+        out[plate, 2] += az * load
 
 
-def _made(function: Any, refined: bool) -> Any:
-    # the name of its files in the cache
-    function.__qualname__ = f"{function.__name__}_{'refined' if refined else 'centroid'}"
-    return compiled(function, **OPTIONS)
+def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, forces):  # type: ignore[no-untyped-def]
+    """The sums for each state. `law`: its `packed`.
+
+    `past`: whether the plates remember, durations, mobilization length, `Memory.numbers`. `forces`: shape [m, 3], to
+    which those of the plates are added in the kernel's order, or [0, 3].
+    """
+    wide_vectors()
+    remembers, durations, length, memories = past
+    chunk, inertia = new_chunk(), law[1][0]
+    rule = np.uint64(14 if refined else 7)
+    # unsigned: numba adds code for negative indices otherwise
+    blocks, one = np.uint64(bounds.shape[0]), np.uint64(1)
+    for k in range(states.shape[0]):
+        axes, twist, scale, squared = _motion(states[k], reach)
+        below, rise = _surface(height, slope, states[k], axes)
+        memory = memories[k if len(memories) > 1 else 0]
+        stiffness, last = memory[:MOTION], memory[MOTION:TRACTIONS]
+        active, past_tractions = memory[TRACTIONS : TRACTIONS + bounds.shape[0]], memory[TRACTIONS + bounds.shape[0] :]
+        still = (0.0, 0.0, 0.0), axes
+        moved, motion, motion_in_tool = False, still, still
+        if remembers:
+            for c in range(MOTION):
+                stiffness[c] = 0.0
+            if scale > 0.0:
+                for c in range(6):
+                    last[c] = twist[c]
+            twist = last[0], last[1], last[2], last[3], last[4], last[5]
+            moved, motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
+        seen = _seen_from_tool(axes, twist, reach, rise)
+        scene = axes, twist, below, rise
+        for c in range(_COLUMNS):
+            out[k, c] = 0.0
+        b, count, flat = np.uint64(0), np.uint64(0), False
+        while b <= blocks:
+            kind = _kind(bounds, b, seen, below, refined, remembers, active) if b < blocks else _SKIP_DRY
+            changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
+            if count == np.uint64(BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
+                n = count * np.uint64(BLOCK)
+                flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
+                tractions(law, chunk, n, flatness)
+                if remembers:
+                    for j in range(count):
+                        w = np.uint64(chunk[at(NUMBER, j)])
+                        remember(chunk, j * np.uint64(BLOCK), past_tractions, w, motion, below, slope, length)
+                        active[w] = GAPS if is_empty(past_tractions, w) else LOADED
+                    _add_stiffness(chunk, n, stiffness)
+                for inertial in range(2 if inertia > 0.0 else 1):
+                    if inertial == 1:
+                        _inertia(chunk, n, inertia, squared, remembers)
+                    _add_sums(chunk, n, out[k])
+                    if len(forces) > 0:
+                        for j in range(count):
+                            _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(NUMBER, j)]), forces)
+                count = np.uint64(0)
+            if kind >= _PLAIN:
+                flat, i0 = kind == _FLAT_OR_CUT, count * np.uint64(BLOCK)
+                if not refined:
+                    out[k, 6] += _geometry(chunk, i0, rows, b, scene, remembers, False, True)
+                elif kind == _PLAIN:
+                    out[k, 6] += _geometry(chunk, i0, rows, b, scene, remembers, True, False)
+                else:
+                    out[k, 6] += _geometry(chunk, i0, rows, b, scene, remembers, True, True)
+                chunk[at(NUMBER, count)] = b
+                count += one
+            elif kind == _SKIP_WET:
+                out[k, 6] += bounds[b, 18]
+                if moved:
+                    open_gaps(past_tractions, rows, rule, b, motion_in_tool)
+                    active[b] = GAPS
+            elif remembers and b < blocks and active[b] != 0.0:
+                forget(past_tractions, b)
+                active[b] = 0.0
+            b += one
 
 
-def _edge_areas(rows, reach, surface_height, state):  # type: ignore[no-untyped-def]
-    """Wet areas [m²]: moving nearly parallel to itself; total."""
+SUMS = compiled(_sums, **OPTIONS)
+"""The loop over states."""
+
+
+def _edge_areas(packed, reach, surface_height, state):  # type: ignore[no-untyped-def]
+    """Wet areas [m²]: moving nearly parallel to itself; total. `packed`: of `Plates`."""
     edge = wet = 0.0
     axes, twist, _, _ = _motion(state, reach)
     below = surface_height - state[2]
     vx, vy, vz = into_frame(axes, twist[0], twist[1], twist[2])
     wx, wy, wz = into_frame(axes, twist[3], twist[4], twist[5])
     zx, zy, zz = axes[6:]
-    for i in range(rows.shape[1]):
-        a, b, c, nx, ny, nz = rows[0, i], rows[1, i], rows[2, i], rows[3, i], rows[4, i], rows[5, i]
-        area = rows[6, i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
+    for i in range(packed.shape[1]):
+        a, b, c, nx, ny, nz = packed[0, i], packed[1, i], packed[2, i], packed[3, i], packed[4, i], packed[5, i]
+        area = packed[6, i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
         ux, uy, uz = vx + wy * c - wz * b, vy + wz * a - wx * c, vz + wx * b - wy * a
         lead = ux * nx + uy * ny + uz * nz
         wet += area
         edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
     return edge, wet
 
-
-SUMS = {rule: _sums_of_states(rule == "refined") for rule in INTEGRATIONS}
-"""The loop over states by integration rule."""
-
-PLATE_FORCES = {rule: _forces_of_plates(rule == "refined") for rule in INTEGRATIONS}
-"""The loop over the plates of one state by integration rule."""
 
 EDGE_AREAS = compiled(_edge_areas, **OPTIONS)
 """The loop of `wrench.edge_share`."""

@@ -32,12 +32,13 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from rft_ros.rft.chunk import LOAD, NORMAL, PLACE, SHARE, STIFF, TRACTION, at, put, triple, wide_vectors
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.plates import BLOCK, Plates
 
-__all__ = ["DEPTH", "GAPS", "LOADED", "SLACK", "Memory"]
-__all__ += ["advance", "displacement", "forget", "is_empty", "open_gaps"]
+__all__ = ["DEPTH", "GAPS", "LOADED", "MOTION", "SLACK", "TRACTIONS", "Memory"]
+__all__ += ["displacement", "forget", "is_empty", "open_gaps", "remember"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
@@ -61,8 +62,11 @@ WIDEST = 5e-3
 SLACK = 10e-6
 """`Memory.slack` [m] for measured poses: five standard deviations of encoders of 2 µm."""
 
-GAPS, LOADED = 1, 2
+GAPS, LOADED = 1.0, 2.0
 """Values of `Memory.active`: the block's plates have no more than gaps behind them; they have tractions."""
+
+MOTION, TRACTIONS = 10, 30
+"""Where `Memory.motion`, and `Memory.active` with `Memory.tractions`, begin in `Memory.numbers`."""
 
 _FADED = 1e-6  # square:  a trailing plate whose y has fallen to this share of abs(t) remembers nothing
 _NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
@@ -70,52 +74,69 @@ _FAR = 1e30  # bounds displacements [m], so that no product overflows
 _TINY = 1e-290  # avoids 0 / 0
 
 
+Array = NDArray[np.float64]
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
     """The memory of the plates of one tool, in the order of their blocks; ``Memory(plates)`` is empty.
 
     `slack` [m]: so far the tool moves before its plates do, and so far it must turn back before they do, for poses with
-    noise; a simulator needs none. `tractions`: shape [7, m]: τ and t [N/m³], world axes; y², negative where there is a
-    gap, g [m] being in the first row. `active`: shape [m / BLOCK], 0, `GAPS` or `LOADED`. `motion`: shape [20]: the
-    last twist that was not zero, scaled to order one; 1 after the first state; slack; the pose that the plates have
-    followed to: position [m] and rotation matrix.
-    `stiffness`: shape [10], at the last state: Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz) over plates at x
-    from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴], abs(t) / λ(d) where it yields.
-    Of many `bodies` of these plates, state i is of body i, and the arrays have a row for each.
+    noise; a simulator needs none. Of many `bodies` of these plates, state i is of body i.
+    `numbers`: shape [bodies, m], what it remembers: one after the other `stiffness`, `motion`, `active`, `tractions`.
     """
 
     plates: Plates
     _: KW_ONLY
     slack: float = 0.0
     bodies: int = 1
-    tractions: NDArray[np.float64] = field(init=False)
-    active: NDArray[np.uint8] = field(init=False)
-    motion: NDArray[np.float64] = field(init=False)
-    stiffness: NDArray[np.float64] = field(init=False)
+    numbers: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        n, m = self.bodies, self.plates.blocks.rows.shape[1]
-        object.__setattr__(self, "tractions", np.zeros((n, 7, m)))
-        object.__setattr__(self, "active", np.zeros((n, m // BLOCK), dtype=np.uint8))
-        object.__setattr__(self, "motion", np.tile([*np.zeros(7), self.slack, *np.zeros(12)], (n, 1)))
-        object.__setattr__(self, "stiffness", np.zeros((n, 10)))
+        blocks = len(self.plates.blocks.bounds)
+        object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + 7 * BLOCK))))
+        self.motion[:, 7] = self.slack
 
     @property
-    def arrays(self) -> dict[str, NDArray[np.float64] | NDArray[np.uint8]]:
-        """What it remembers, by name: the fields above, in their units, shape [bodies, ...]."""
-        return {name: getattr(self, name) for name in ("tractions", "active", "motion", "stiffness")}
+    def stiffness(self) -> Array:
+        """At the last state Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz), shape [bodies, 10].
+
+        Over plates at x from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴], which is
+        abs(t) / λ(d) where the plate yields.
+        """
+        return self.numbers[:, :MOTION]
+
+    @property
+    def motion(self) -> Array:
+        """The motion so far, shape [bodies, 20].
+
+        The last twist that was not zero, scaled to order one; 1 after the first state; slack [m]; the pose that the
+        plates have followed to: position [m] and rotation matrix.
+        """
+        return self.numbers[:, MOTION:TRACTIONS]
+
+    @property
+    def active(self) -> Array:
+        """By block 0, `GAPS` or `LOADED`, shape [bodies, blocks]."""
+        return self.numbers[:, TRACTIONS : TRACTIONS + len(self.plates.blocks.bounds)]
+
+    @property
+    def tractions(self) -> Array:
+        """By block τ and t [N/m³], world axes, and y², shape [bodies, blocks * 7 * BLOCK].
+
+        y² is negative where there is a gap, g [m] being in the first row.
+        """
+        return self.numbers[:, TRACTIONS + len(self.plates.blocks.bounds) :]
 
     def copy_from(self, other: "Memory") -> None:
-        """Take over what a memory of the same plates and number of bodies holds, into the same arrays."""
-        for mine, theirs in zip(self.arrays.values(), other.arrays.values(), strict=True):
-            np.copyto(mine, theirs)
+        """Take over what a memory of the same plates and number of bodies holds, into the same array."""
+        np.copyto(self.numbers, other.numbers)
 
     def part(self, first: int, last: int) -> "Memory":
-        """The memory of bodies `first` to `last` - 1, which shares its arrays with this one."""
+        """The memory of bodies `first` to `last` - 1, which shares its array with this one."""
         made = Memory(self.plates, slack=self.slack)
         object.__setattr__(made, "bodies", last - first)
-        for name, array in self.arrays.items():
-            object.__setattr__(made, name, array[first:last])
+        object.__setattr__(made, "numbers", self.numbers[first:last])
         return made
 
 
@@ -188,21 +209,21 @@ def displacement(motion, state, axes, reach, counts):  # type: ignore[no-untyped
     turn = (*from_frame(axes, a, b, c), *from_frame(axes, d, e, f), *from_frame(axes, g, h, i))
     p, q, r = into_frame(axes, a, d, g), into_frame(axes, b, e, h), into_frame(axes, c, f, i)
     inner = p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]
-    return size * part > 0.0, (px, py, pz), turn, inner
+    shift = px, py, pz
+    return size * part > 0.0, (shift, turn), (into_frame(axes, px, py, pz), inner)
 
 
 @inlined
-def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: ignore[no-untyped-def]
-    """Advance a plate's traction over one step; returns it and the modulus by which it falls with motion [N/m⁴].
+def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[no-untyped-def]
+    """A plate's traction after one step, what it remembers then, and the modulus of its fall with motion [N/m⁴].
 
-    `moved`: its displacement [m]; `asked`: the law's traction per depth, 0 if it trails.
+    `past`: what it remembers, as `Memory.tractions`; `moved`: its displacement [m]; `asked`: the law's traction per
+    depth, 0 if it trails.
     """
     nx, ny, nz = normal
     dx, dy, dz = moved
     ax, ay, az = asked
-    mx, my, mz = tractions[0, i], tractions[1, i], tractions[2, i]
-    bx, by, bz = tractions[3, i], tractions[4, i], tractions[5, i]
-    limit = tractions[6, i]  # y²
+    (mx, my, mz), (bx, by, bz), limit = past
     opened = limit < 0.0
     gap = _select(opened, mx, 0.0)
     mx = _select(opened, 0.0, mx)
@@ -213,11 +234,12 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     dn = dx * nx + dy * ny + dz * nz
     # what counts is the part of the displacement after the gap has closed
     shut = max(gap - max(dn, 0.0), 0.0) + _select(leads | (mm > 0.0), 0.0, OPEN * max(-dn, 0.0))
-    used = _select(gap > 0.0, max(dn - gap, 0.0) / max(dn, _TINY), _select(shut > 0.0, 0.0, 1.0))
-
     square = depth * depth * (1.0 / (DEPTH * DEPTH))
     ratio = min(max(square, LEAST), GREATEST)
-    per_span = 1.0 / (length * ratio)
+    ahead = max(dn, _TINY)
+    r = 1.0 / (ahead * ratio)
+    used = _select(gap > 0.0, max(dn - gap, 0.0) * (r * ratio), _select(shut > 0.0, 0.0, 1.0))
+    per_span = (1.0 / length) * (r * ahead)
     strength = sqrt(_select(bb > 0.0, max(bb, limit), ax * ax + ay * ay + az * az))
     longer = max(ratio, LEAST_ELASTIC / ELASTIC - square) * (1.0 / LEAST_ELASTIC)
     k = used * strength * per_span * min(1.0 / ELASTIC, longer)
@@ -253,43 +275,88 @@ def advance(tractions, i, normal, moved, asked, leads, depth, length):  # type: 
     limit = _select(yields, mm, limit)
 
     gapes = shut > 0.0
-    tractions[0, i] = _select(gapes, min(shut, WIDEST), mx)
-    tractions[1, i] = my
-    tractions[2, i] = mz
-    tractions[3, i] = _select(yields, ax, bx)
-    tractions[4, i] = _select(yields, ay, by)
-    tractions[5, i] = _select(yields, az, bz)
-    tractions[6, i] = _select(gapes, -limit - _NONE, limit)
+    kept = _select(gapes, min(shut, WIDEST), mx), my, mz
+    yielded = _select(yields, ax, bx), _select(yields, ay, by), _select(yields, az, bz)
+    limit = _select(gapes, -limit - _NONE, limit)
     stiff = _select(yields, strength * per_span, k)
-    return mx, my, mz, _select(leads | (mm > 0.0), stiff, 0.0)
+    return (mx, my, mz), (kept, yielded, limit), _select(leads | (mm > 0.0), stiff, 0.0)
 
 
 @inlined
-def open_gaps(tractions, rows, b, shift, turn):  # type: ignore[no-untyped-def]
-    """Follow the gaps behind a block of plates that trail and have no traction; `shift`, `turn`: in tool axes."""
-    for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
-        x, y, z = rows[0, i], rows[1, i], rows[2, i]
+def remember(chunk, i0, tractions, b, motion, below, slope, length):  # type: ignore[no-untyped-def]
+    """Replace the law's tractions of block b, in a chunk from plate `i0` on, by those with memory.
+
+    `motion`: of `displacement`, world axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's.
+    """
+    wide_vectors()
+    shift, turn = motion
+    first = b * np.uint64(7 * BLOCK)
+    for j in range(BLOCK):
+        i = at(i0, j)
+        x, y, z = triple(chunk, PLACE, i)
+        ex = shift[0] + turn[0] * x + turn[1] * y + turn[2] * z
+        ey = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
+        ez = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
+        # half a step before
+        depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
+        share, load = chunk[at(SHARE, i)], chunk[at(LOAD, i)]
+        ax, ay, az = triple(chunk, TRACTION, i)
+        past = (
+            _vector(tractions, first, j),
+            _vector(tractions, first + 3 * BLOCK, j),
+            tractions[at(first + 6 * BLOCK, j)],
+        )
+        asked, moved = (ax * share, ay * share, az * share), (ex, ey, ez)
+        (tx, ty, tz), past, stiff = advance(past, triple(chunk, NORMAL, i), moved, asked, share > 0.0, depth, length)
+        wet = 1.0 if load > 0.0 else 0.0
+        put(chunk, TRACTION, i, (tx * wet, ty * wet, tz * wet))
+        chunk[at(STIFF, i)] = stiff * max(load, 0.0)
+        (mx, my, mz), (bx, by, bz), limit = past
+        tractions[at(first, j)] = mx * wet
+        tractions[at(first + BLOCK, j)] = my * wet
+        tractions[at(first + 2 * BLOCK, j)] = mz * wet
+        tractions[at(first + 3 * BLOCK, j)] = bx * wet
+        tractions[at(first + 4 * BLOCK, j)] = by * wet
+        tractions[at(first + 5 * BLOCK, j)] = bz * wet
+        tractions[at(first + 6 * BLOCK, j)] = limit * wet
+
+
+@inlined
+def _vector(rows, first, i):  # type: ignore[no-untyped-def]
+    return rows[at(first, i)], rows[at(first + BLOCK, i)], rows[at(first + 2 * BLOCK, i)]
+
+
+@inlined
+def open_gaps(tractions, rows, rule, b, motion):  # type: ignore[no-untyped-def]
+    """Follow the gaps behind block b, which trails and has no traction.
+
+    `rule`: rows of a plate; `motion`: of `displacement`, tool axes.
+    """
+    shift, turn = motion
+    first, form = b * np.uint64(7 * BLOCK), b * (rule * np.uint64(BLOCK))
+    for i in range(BLOCK):
+        x, y, z = _vector(rows, form, i)
+        nx, ny, nz = _vector(rows, form + 3 * BLOCK, i)
         dx = shift[0] + turn[0] * x + turn[1] * y + turn[2] * z
         dy = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
         dz = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
-        dn = dx * rows[3, i] + dy * rows[4, i] + dz * rows[5, i]
-        gap = min(max(tractions[0, i] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
-        tractions[0, i] = gap
-        tractions[6, i] = -_NONE if gap > 0.0 else 0.0
+        dn = dx * nx + dy * ny + dz * nz
+        gap = min(max(tractions[at(first, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
+        tractions[at(first, i)] = gap
+        tractions[at(first + 6 * BLOCK, i)] = -_NONE if gap > 0.0 else 0.0
 
 
 @inlined
 def is_empty(tractions, b):  # type: ignore[no-untyped-def]
-    """Whether the plates of a block remember no more than a gap."""
-    largest = 0.0
-    for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
-        largest = max(largest, abs(tractions[6, i]))
+    """Whether the plates of block b remember no more than a gap."""
+    first, largest = b * np.uint64(7 * BLOCK) + np.uint64(6 * BLOCK), 0.0
+    for i in range(BLOCK):
+        largest = max(largest, abs(tractions[at(first, i)]))
     return largest <= _NONE
 
 
 @inlined
 def forget(tractions, b):  # type: ignore[no-untyped-def]
-    """Clear the memory of a block."""
-    for i in range(b * np.uint64(BLOCK), (b + np.uint64(1)) * np.uint64(BLOCK)):
-        for k in range(7):
-            tractions[k, i] = 0.0
+    """Clear the memory of block b."""
+    for i in range(7 * BLOCK):
+        tractions[at(b * np.uint64(7 * BLOCK), i)] = 0.0

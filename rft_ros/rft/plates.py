@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 __all__ = ["BLOCK", "INTEGRATIONS", "ROUNDING", "Blocks", "Integration", "Plates"]
 
 BLOCK = 16
-"""Plates in a block: two AVX-512 registers."""
+"""Plates in a block, of which the kernel asks together whether they are wet and lead."""
 
 ROUNDING = 1e-12
 """Relative margin of the bounds of blocks against rounding."""
@@ -29,10 +29,10 @@ Array = NDArray[np.float64]
 class Blocks:
     """Plates in the kernel's order, padded to whole blocks by copies without area.
 
-    `rows`: shape [7 or 14, m]: those of `Plates.packed`, and for the refined rule two corners relative to the centroid
-    [m] and 1 / (2 sin θ), θ the half angle. `order`: the plate in each column before the padding, shape [n]. `bounds`:
-    shape [m / BLOCK, 20]: boxes (middle, half of the sides) of the normals, of r x n [m] and of the positions [m]; area
-    [m²]; sine of the greatest half angle.
+    `rows`: shape [blocks * (7 or 14) * BLOCK], block by block its rows: those of `Plates.packed`, and for the refined
+    rule two corners relative to the centroid [m] and 1 / (2 sin θ), θ the half angle. `order`: the plate in each place
+    before the padding, shape [n]. `bounds`: shape [blocks, 20]: boxes (middle, half of the sides) of the normals, of
+    r x n [m] and of the positions [m]; area [m²]; sine of the greatest half angle.
     """
 
     rows: Array
@@ -136,8 +136,9 @@ class Plates:
     @property
     def rows(self) -> Array:
         """The numbers of each plate, shape [7 or 14, n]; units and axes as in `Blocks.rows`."""
-        rows = np.empty((len(self.blocks.rows), len(self)))
-        rows[:, self.blocks.order] = self.blocks.rows[:, : len(self)]
+        by_block = self.blocks.rows.reshape(len(self.blocks.bounds), -1, BLOCK)
+        rows = np.empty((by_block.shape[1], len(self)))
+        rows[:, self.blocks.order] = np.hstack(list(by_block))[:, : len(self)]
         return rows
 
     @property
@@ -164,7 +165,8 @@ def _blocks(rows: Array, far: Array) -> Blocks:
     padding = -n % BLOCK
     packed = np.ascontiguousarray(np.hstack([rows[:, order], np.repeat(rows[:, order[-1:]], padding, axis=1)]))
     packed[6, n:] = 0.0
-    return Blocks(packed, order, _bounds(packed, np.concatenate([far[order], np.zeros(padding)])))
+    bounds = _bounds(packed, np.concatenate([far[order], np.zeros(padding)]))
+    return Blocks(packed.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel(), order, bounds)
 
 
 def _neighbours(features: Array) -> NDArray[np.int64]:

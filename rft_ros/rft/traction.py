@@ -1,24 +1,37 @@
-"""Traction per depth of one plate, Eqs. (8) and (12), from its normal and velocity; no other module knows a law's form.
+"""Traction per depth of plates, Eqs. (8) and (12), from their normals and velocities; no other module knows a law.
 
-A law is a NamedTuple of numbers and a function ``traction_per_depth(law, n, v, flatness) -> t``, in world axes with z
-up. The loops over plates (`rft_ros.rft.kernel`) call only `traction_per_depth`. To add a law, write both and add one
-line to `_FUNCTIONS`.
+A law is a dataclass of numbers, `Treers2021` or `Agarwal2023`. `tractions` takes its `packed` form, and evaluates it
+for the plates of a chunk.
 """
 
-from collections.abc import Callable
+from dataclasses import dataclass, field, fields
 from math import radians, sin, sqrt
-from typing import Any, NamedTuple
 
-from numba import types
-from numba.extending import overload
+import numpy as np
 
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import AlphaY, alpha_y, checked_alpha_y
+from rft_ros.rft.alpha_y import AlphaY, PackedLaw, add_alpha_y, checked_alpha_y, packed_alpha_y
 from rft_ros.rft.arguments import number
-from rft_ros.rft.compilation import OPTIONS, inlined
+from rft_ros.rft.chunk import (
+    ALONG,
+    ANGLES,
+    E2,
+    NORMAL,
+    ROW,
+    SIZE,
+    SPEED,
+    TRACTION,
+    UNBLENDED,
+    VELOCITY,
+    at,
+    put,
+    triple,
+    wide_vectors,
+)
+from rft_ros.rft.compilation import inlined
 from rft_ros.rft.inertia import INERTIA, inertial_density
 from rft_ros.rft.media import Medium
-from rft_ros.rft.velocity_weights import f1, f23
+from rft_ros.rft.velocity_weights import f1_and_f23
 
 __all__ = [
     "BLENDED",
@@ -29,9 +42,10 @@ __all__ = [
     "SWITCHED",
     "Law",
     "Treers2021",
-    "checked_law",
     "law_named",
+    "orient",
     "traction_per_depth",
+    "tractions",
     "treers2021",
 ]
 
@@ -50,12 +64,13 @@ _NUDGE = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
 
 
-class Treers2021(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Treers2021:
     """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
     `stiffness`: ζ in N/m³ per N/cm³. The other numbers are sums and differences of Li's coefficients [N/cm³], from
     expanding sin(±2β + γ) and cos(±2β + γ), so that no angle is computed. `alpha_y`: the model of Eq. (7). `inertia`:
-    λ ρ [kg/m³] of Eq. (11).
+    λ ρ [kg/m³] of Eq. (11). Raises ValueError for a field that is not a finite number, TypeError for another model.
     """
 
     stiffness: float
@@ -70,10 +85,21 @@ class Treers2021(NamedTuple):
     x_sin2b: float
     alpha_y: AlphaY
     inertia: float = 0.0
+    packed: PackedLaw = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "alpha_y", checked_alpha_y(self.alpha_y))
+        for name in (f.name for f in fields(self) if f.name not in ("alpha_y", "packed")):
+            object.__setattr__(self, name, number(f"{name} of the law", getattr(self, name)))
+        numbers = self.inertia, *(getattr(self, f.name) for f in fields(self)[:10])
+        object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
 
 
 Law = Treers2021 | Agarwal2023
-"""Any law. Its type selects the machine code."""
+"""Any law."""
+
+LAWS = ("treers2021", "agarwal2023")
+"""Names of the laws: values of the parameter `law`."""
 
 
 def treers2021(
@@ -96,7 +122,7 @@ def treers2021(
         x_cos2b_cosg=m.C11 + m.Cm11,
         x_sin2b_sing=m.Cm11 - m.C11,
         x_sin2b=m.D10,
-        alpha_y=checked_alpha_y(alpha_y_model),
+        alpha_y=alpha_y_model,
         inertia=inertial_density(density, inertia),
     )
 
@@ -122,91 +148,114 @@ def law_named(
     raise ValueError(f"law '{name}' is none of {', '.join(LAWS)}")
 
 
-def checked_law(law: Law) -> Law:
-    """The law with float64 fields: an integer field would compile another kernel.
-
-    Raises TypeError for anything but a law, ValueError for fields that are not finite numbers.
-    """
-    if type(law) not in _FUNCTIONS:
-        raise TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
-    fields: dict[str, Any] = {
-        name: checked_alpha_y(v) if name == "alpha_y" else number(f"{name} of the law", v)
-        for name, v in law._asdict().items()
-    }
-    return type(law)(**fields)
-
-
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
 """Near-horizontal plates: assume none, switch at `FLAT`, or blend over `FLAT_BLEND`."""
 
 _TINY = 1e-290  # avoids 1 / 0 where the reciprocal root multiplies zeros
 
 
-def _treers2021(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyped-def]
-    per_speed = 1.0 / sqrt(max(vx * vx + vy * vy + vz * vz, _TINY))
-    if flatness == NEVER_FLAT:
-        return _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, nx, ny, False)
-    # e2 of a horizontal plate: the velocity's horizontal direction (2D RFT holds)
-    wx, wy = vx * per_speed + _NUDGE, vy * per_speed
-    wx = 1.0 if wx * wx + wy * wy == 0.0 else wx
-    if flatness == SWITCHED:
-        flat = abs(nz) >= FLAT
-        hx, hy = wx if flat else nx, wy if flat else ny
-        return _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, hx, hy, flat)
-    ax, ay, az = _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, wx, wy, True)
-    bx, by, bz = _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, nx, ny, False)
-    share = min(sqrt(nx * nx + ny * ny) * (1.0 / _SIN_BLEND), 1.0)
-    return ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
+@inlined
+def orient(chunk, i, normal, velocity):  # type: ignore[no-untyped-def]
+    """Store plate i's normal, velocity, e2 and β, Eqs. (2) and (3), for `tractions`; returns 1 / abs(velocity)."""
+    nx, ny, nz = normal
+    vx, vy, vz = velocity
+    squared, horizontal = vx * vx + vy * vy + vz * vz, nx * nx + ny * ny
+    speed, length = sqrt(max(squared, _TINY)), sqrt(max(horizontal, _TINY))
+    reciprocal = 1.0 / (speed * length)  # one division for both
+    per_speed, per_length = reciprocal * length, reciprocal * speed
+    put(chunk, NORMAL, i, normal)
+    put(chunk, VELOCITY, i, (vx * per_speed, vy * per_speed, vz * per_speed))
+    chunk[at(SPEED, i)] = squared * per_speed
+    chunk[at(E2, i)] = nx * per_length
+    chunk[at(E2 + ROW, i)] = ny * per_length
+    chunk[at(ANGLES, i)] = horizontal * per_length
+    chunk[at(ANGLES + ROW, i)] = -nz
+    return per_speed
 
 
 @inlined
-def _with_direction(law, nx, ny, nz, vx, vy, vz, per_speed, hx, hy, flat):  # type: ignore[no-untyped-def]
-    """Traction per depth with e2 along (hx, hy), e1 = e2 x E3. `flat`: the normal may lie outside the e2-E3 plane."""
-    # The three roots are independent of each other: half of a plate's time is latency.
-    hh = hx * hx + hy * hy
-    per_h = 1.0 / sqrt(max(hh, _TINY))
-    v1h = vx * hy - vy * hx
-    v2h = vx * hx + vy * hy
-    qq = v2h * v2h + vz * vz * hh  # (v23 h)²
-    per_q = 1.0 / sqrt(max(qq, _TINY))
+def _turn_flat_plates(chunk, n, level):  # type: ignore[no-untyped-def]
+    """Give plates with abs(n·E3) >= `level` the velocity's horizontal direction as e2, where 2D RFT holds."""
+    wide_vectors()
+    for i in range(n):
+        nx, ny, nz = triple(chunk, NORMAL, i)
+        vx, vy, _ = triple(chunk, VELOCITY, i)
+        vx += _NUDGE
+        vx = 1.0 if vx * vx + vy * vy == 0.0 else vx
+        per_length = 1.0 / sqrt(vx * vx + vy * vy)
+        vx, vy = vx * per_length, vy * per_length
+        n2 = nx * vx + ny * vy
+        # (n·e2, n·E3) is at least FLAT long, or counts little: the series of the reciprocal is accurate to 1e-14
+        short = 1.0 - (n2 * n2 + nz * nz)
+        per_n23 = 1.0 + short * (0.5 + short * (0.375 + short * (0.3125 + short * 0.2734375)))
+        flat = abs(nz) >= level
+        chunk[at(E2, i)] = vx if flat else chunk[at(E2, i)]
+        chunk[at(E2 + ROW, i)] = vy if flat else chunk[at(E2 + ROW, i)]
+        chunk[at(ANGLES, i)] = n2 * per_n23 if flat else chunk[at(ANGLES, i)]
+        chunk[at(ANGLES + ROW, i)] = -nz * per_n23 if flat else chunk[at(ANGLES + ROW, i)]
 
-    # attack angle: β = atan2(n·E3, n·e2) + 90°. The length of (n·e2, n·E3) is 1, or at least FLAT for a flat plate:
-    # four terms of the series of its reciprocal are accurate to 1e-14 and save a root and a division.
-    n2 = (nx * hx + ny * hy) * per_h
-    short = 1.0 - (n2 * n2 + nz * nz) if flat else 0.0
-    per_n23 = 1.0 + short * (0.5 + short * (0.375 + short * (0.3125 + short * 0.2734375)))
-    sin_b = n2 * per_n23
-    cos_b = -nz * per_n23
-    cos_2b = 1.0 - 2.0 * sin_b * sin_b
-    sin_2b = 2.0 * sin_b * cos_b
 
-    # intrusion angle: γ = -atan2(v23·E3, v23·e2)
-    cos_g = v2h * per_q
-    sin_g = -vz * (hh * per_h * per_q)
-
-    alpha_z = (
-        law.z_one
-        + law.z_cos2b * cos_2b
-        + (law.z_cos2b_sing * cos_2b + law.z_sing) * sin_g
-        + law.z_sin2b_cosg * sin_2b * cos_g
+@inlined
+def _stresses(coefficients, sin_b, cos_b, e2, velocity):  # type: ignore[no-untyped-def]
+    """Eq. (8) without α_y: the traction along e2 and E3, what α_y is to be multiplied by along e1, sin and cos of γ."""
+    stiffness, z_one, z_cos2b, z_cos2b_sing, z_sin2b_cosg, z_sing, x_cosg, x_cos2b_cosg, x_sin2b_sing, x_sin2b = (
+        coefficients
     )
-    alpha_x = (law.x_cosg + law.x_cos2b_cosg * cos_2b) * cos_g + (law.x_sin2b_sing * sin_g + law.x_sin2b) * sin_2b
-    per_h_speed = per_h * per_speed
-    along = (law.stiffness * per_h) * f1(abs(v1h) * per_h_speed)
-    along *= alpha_y(law.alpha_y, sin_b, cos_b, sin_g, cos_g)
-    t1 = -along if v1h > 0.0 else along  # v1 = 0 has f1 = 0
-    weight = law.stiffness * f23(qq * per_q * per_h_speed)
-    t2 = -(weight * per_h) * alpha_x
-    return t1 * hy + t2 * hx, t2 * hy - t1 * hx, weight * alpha_z
+    ex, ey = e2
+    vx, vy, vz = velocity
+    v1, v2 = vx * ey - vy * ex, vx * ex + vy * ey
+    v23 = sqrt(v2 * v2 + vz * vz)
+    f1, f23, per_v23 = f1_and_f23(abs(v1), v23)
+    cos_g, sin_g = v2 * per_v23, -vz * per_v23
+    cos_2b, sin_2b = 1.0 - 2.0 * sin_b * sin_b, 2.0 * sin_b * cos_b
+    alpha_z = z_one + z_cos2b * cos_2b + (z_cos2b_sing * cos_2b + z_sing) * sin_g + z_sin2b_cosg * sin_2b * cos_g
+    alpha_x = (x_cosg + x_cos2b_cosg * cos_2b) * cos_g + (x_sin2b_sing * sin_g + x_sin2b) * sin_2b
+    along, across = stiffness * f1, stiffness * f23
+    t2 = -across * alpha_x
+    return (t2 * ex, t2 * ey, across * alpha_z), (-along if v1 > 0.0 else along), sin_g, cos_g
 
 
-_FUNCTIONS: dict[type, Callable[..., tuple[float, float, float]]] = {
-    Treers2021: _treers2021,
-    Agarwal2023: agarwal2023_traction,
-}
+@inlined
+def _treers2021(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
+    wide_vectors()
+    coefficients = (
+        given[1], given[2], given[3], given[4], given[5], given[6], given[7], given[8], given[9], given[10],
+    )  # fmt: skip
+    for i in range(n):
+        e2, velocity = (chunk[at(E2, i)], chunk[at(E2 + ROW, i)]), triple(chunk, VELOCITY, i)
+        t, along, sin_g, cos_g = _stresses(coefficients, chunk[at(ANGLES, i)], chunk[at(ANGLES + ROW, i)], e2, velocity)
+        put(chunk, TRACTION, i, t)
+        chunk[at(ALONG, i)] = along
+        chunk[at(ANGLES + 2 * ROW, i)] = sin_g
+        chunk[at(ANGLES + 3 * ROW, i)] = cos_g
+    add_alpha_y(kind, given, values, chunk, n)
 
-LAWS = ("treers2021", "agarwal2023")
-"""Names of the laws: values of the parameter `law`."""
+
+@inlined
+def tractions(law, chunk, n, flatness):  # type: ignore[no-untyped-def]
+    """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`."""
+    wide_vectors()
+    kind, given, values = law
+    if kind < 0:
+        for i in range(n):
+            normal, velocity = triple(chunk, NORMAL, i), triple(chunk, VELOCITY, i)
+            put(chunk, TRACTION, i, agarwal2023_traction(given[1], given[2], normal, velocity))
+        return
+    turns, blends = flatness != NEVER_FLAT, flatness == BLENDED
+    for turned in range(2 if blends else 1):
+        if turned == 1 or (turns and not blends):
+            _turn_flat_plates(chunk, n, -1.0 if blends else FLAT)
+        _treers2021(kind, given, values, chunk, n)
+        if blends and turned == 0:
+            for i in range(n):
+                put(chunk, UNBLENDED, i, triple(chunk, TRACTION, i))
+    if blends:
+        for i in range(n):
+            nx, ny, _ = triple(chunk, NORMAL, i)
+            share = min(sqrt(nx * nx + ny * ny) * (1.0 / _SIN_BLEND), 1.0)
+            ax, ay, az = triple(chunk, TRACTION, i)
+            bx, by, bz = triple(chunk, UNBLENDED, i)
+            put(chunk, TRACTION, i, (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)))
 
 
 def traction_per_depth(
@@ -216,13 +265,10 @@ def traction_per_depth(
 
     World axes. Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the
     direction of the velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the
-    released code) or `BLENDED`; a constant in compiled code.
+    released code) or `BLENDED`.
     """
-    return _FUNCTIONS[type(law)](law, nx, ny, nz, vx, vy, vz, flatness)
-
-
-@overload(traction_per_depth, jit_options={"forceinline": True, **OPTIONS})
-def _compiled_traction(law, nx, ny, nz, vx, vy, vz, flatness):  # type: ignore[no-untyped-def]
-    if isinstance(law, types.BaseNamedTuple):
-        return _FUNCTIONS.get(law.instance_class)
-    return None
+    chunk = np.zeros(SIZE)
+    orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
+    tractions(law.packed, chunk, 1, flatness)
+    x, y, z = triple(chunk, TRACTION, 0)
+    return float(x), float(y), float(z)

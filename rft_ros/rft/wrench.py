@@ -7,18 +7,20 @@ import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Literal
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rft_ros.rft.agarwal2023 import Agarwal2023
+from rft_ros.rft.alpha_y import PackedLaw
 from rft_ros.rft.arguments import FLOAT, number, numbers
 from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
-from rft_ros.rft.kernel import EDGE_AREAS, PLATE_FORCES, SUMS
-from rft_ros.rft.memory import Memory
-from rft_ros.rft.plates import Plates
-from rft_ros.rft.traction import Law, Treers2021, checked_law
+from rft_ros.rft.kernel import EDGE_AREAS, SUMS
+from rft_ros.rft.memory import TRACTIONS, Memory
+from rft_ros.rft.plates import BLOCK, Plates
+from rft_ros.rft.traction import Law, Treers2021
 
 __all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "wrenches", "wrenches_in_time"]
 
@@ -36,14 +38,6 @@ _CORES = os.cpu_count() or 1
 
 _STATE_ROW = (len(STATE),)
 _WIDTH = len(COLUMNS) + len(SENSITIVITIES)
-
-_Code = tuple[Callable[..., None], Law]
-# By a law's id: the law, which keeps the id from being reused, and by rule and loop the compiled code with the checked
-# law that it takes.
-_CODE: dict[int, tuple[Law, dict[tuple[object, ...], _Code]]] = {}
-_LAWS_KEPT = 32
-_ENTRIES: dict[tuple[object, ...], Callable[..., None]] = {}
-"""The compiled loops by rule, loop and law: looking one up through numba takes 0.4 ms."""
 
 LEVEL = 0.0, 0.0
 """The slope of a level surface."""
@@ -71,21 +65,19 @@ def wrenches(
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    entry, law = _code(plates, law, None)
-    incline = _incline(slope)
-    blocks, reach, height = plates.blocks, plates.reach, number("surface_height", surface_height)
+    tool, scene = _checked(plates, law, surface_height, slope)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
     result = _result(out, n)
     workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        entry(blocks.rows, blocks.bounds, reach, law, height, incline, states, None, result)
+        _loop()(*tool, *scene, states, _NO_MEMORY, result, _NO_FORCES)
     else:
-        tool = blocks.rows, blocks.bounds, reach, law, height, incline
         edges = np.linspace(0, n, workers + 1).astype(int)
         with ThreadPoolExecutor(workers) as pool:
             for job in [
-                pool.submit(entry, *tool, states[a:b], None, result[a:b]) for a, b in itertools.pairwise(edges)
+                pool.submit(_loop(), *tool, *scene, states[a:b], _NO_MEMORY, result[a:b], _NO_FORCES)
+                for a, b in itertools.pairwise(edges)
             ]:
                 job.result()
     return result if sensitivities else result[:, : len(COLUMNS)]
@@ -112,11 +104,9 @@ def wrenches_in_time(
     """
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
-    entry, law = _code(plates, law, memory)
-    incline = _incline(slope)
+    tool, scene = _checked(plates, law, surface_height, slope)
     if memory.plates is not plates and not np.array_equal(memory.plates.blocks.rows, plates.blocks.rows):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
-    blocks, height = plates.blocks, number("surface_height", surface_height)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
     durations = numbers("durations", durations, rows=n)
@@ -125,9 +115,9 @@ def wrenches_in_time(
     length = number("mobilization_length", mobilization_length, positive=True)
     if memory.bodies not in (1, n):
         raise ValueError(f"memory is of {memory.bodies} bodies; states has {n} rows")
-    past = durations, length, memory.tractions, memory.active, memory.motion, memory.stiffness
+    past = True, durations, length, memory.numbers
     result = _result(out, n)
-    entry(blocks.rows, blocks.bounds, plates.reach, law, height, incline, states, past, result)
+    _loop()(*tool, *scene, states, past, result, _NO_FORCES)
     return result if sensitivities else result[:, : len(COLUMNS)]
 
 
@@ -143,11 +133,12 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    entry, law = _code(plates, law, "forces")
-    blocks, incline, out = plates.blocks, _incline(slope), np.empty((len(plates), 3))
-    height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
-    entry(blocks.rows, plates.reach, law, height, incline, one, blocks.order, out)
-    return out
+    tool, scene = _checked(plates, law, surface_height, slope)
+    states = numbers("state", state, rows=13).reshape(1, 13)
+    forces, ordered = np.zeros((len(plates.blocks.bounds) * BLOCK, 3)), np.empty((len(plates), 3))
+    _loop()(*tool, *scene, states, _NO_MEMORY, np.empty((1, _WIDTH)), forces)
+    ordered[plates.blocks.order] = forces[: len(plates)]
+    return ordered
 
 
 def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0) -> float:
@@ -157,40 +148,35 @@ def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0)
     """
     _check_plates(plates)
     height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
-    edge, wet = EDGE_AREAS(plates.blocks.rows, plates.reach, height, one)
+    edge, wet = EDGE_AREAS(plates.packed, plates.reach, height, one)
     return edge / wet if wet > 0.0 else 0.0
 
 
-def _code(plates: Plates, law: Law, loop: Memory | Literal["forces"] | None) -> _Code:
-    """The compiled loop and the law to pass to it; compiles when a law's type is first seen.
+_LAWS = Treers2021, Agarwal2023
 
-    `loop`: "forces" on each plate, else sums over plates, with a memory or without.
-    """
-    key = plates.integration if plates.__class__ is Plates else "", loop.__class__
-    found = _CODE.get(id(law))
-    if found is not None and key in found[1]:
-        return found[1][key]
+_Tool = tuple[Array, Array, bool, float]
+_Scene = tuple[PackedLaw, float, tuple[float, float]]
+
+
+def _checked(plates: Plates, law: Law, surface_height: float, slope: tuple[float, float]) -> tuple[_Tool, _Scene]:
+    """The arguments of the loop that a tool and a scene make up."""
     _check_plates(plates)
-    good = checked_law(law)
-    model = *key, good.__class__, good.alpha_y.__class__ if isinstance(good, Treers2021) else None
-    if model not in _ENTRIES:
-        _ENTRIES[model] = _compiled(plates, good, loop)
-    if found is None:
-        if len(_CODE) >= _LAWS_KEPT:
-            _CODE.clear()
-        found = _CODE[id(law)] = law, {}
-    code = found[1][key] = _ENTRIES[model], good
-    return code
+    if law.__class__ not in _LAWS:
+        raise TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
+    tool = plates.blocks.rows, plates.blocks.bounds, plates.integration == "refined", plates.reach
+    return tool, (law.packed, number("surface_height", surface_height), _incline(slope))
 
 
-def _compiled(plates: Plates, law: Law, loop: Memory | Literal["forces"] | None) -> Callable[..., None]:
-    blocks, state, out = plates.blocks, np.zeros((1, 13)), np.zeros((1, _WIDTH))
-    if loop == "forces":
-        one = plates.reach, law, 0.0, LEVEL, state[0], blocks.order, out
-        return machine_code(PLATE_FORCES[plates.integration], (blocks.rows, *one))
-    past = loop and (np.zeros(1), 1.0, *loop.arrays.values())
-    scene = blocks.rows, blocks.bounds, plates.reach, law, 0.0, LEVEL
-    return machine_code(SUMS[plates.integration], (*scene, state, past, out))
+_NO_FORCES = np.zeros((0, 3))
+_NO_MEMORY = False, np.zeros(1), 1.0, np.zeros((1, TRACTIONS))
+
+
+@cache
+def _loop() -> Callable[..., None]:
+    """The compiled loop, from the cache on disk if it is there."""
+    plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
+    tool, scene = _checked(plates, Agarwal2023(1.0, 0.0), 0.0, LEVEL)
+    return machine_code(SUMS, (*tool, *scene, np.zeros((1, 13)), _NO_MEMORY, np.zeros((1, _WIDTH)), _NO_FORCES))
 
 
 def _incline(slope: tuple[float, float]) -> tuple[float, float]:

@@ -1,0 +1,102 @@
+"""A chunk of plates on its way through the kernel: rows of numbers on the stack, which stay in the first-level cache.
+
+Each step of the kernel is a loop over the plates of a chunk. LLVM vectorises it because all rows lie in one array at
+constant distances, so that it knows which of them overlap.
+"""
+
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import carray, types
+from numba.extending import intrinsic, overload
+
+from rft_ros.rft.compilation import inlined
+from rft_ros.rft.plates import BLOCK
+
+__all__ = ["ALONG", "ANGLES", "AREA", "BLOCKS", "E2", "LOAD", "NORMAL", "NUMBER", "PLACE", "ROW", "SHARE", "SIZE"]
+__all__ += ["SPEED", "STIFF", "TRACTION", "UNBLENDED", "VELOCITY"]
+__all__ += ["at", "new_chunk", "put", "quadruple", "triple", "wide_vectors"]
+
+BLOCKS = 8
+"""Blocks of plates in a chunk."""
+
+ROW = BLOCKS * BLOCK + 8
+"""Numbers from one row to the next: rows a multiple of 512 bytes apart would compete for lines of the cache."""
+
+PLACE, NORMAL, VELOCITY, SPEED, E2, ANGLES, LOAD, AREA, SHARE, TRACTION, UNBLENDED, ALONG, STIFF, NUMBER = (
+    ROW * row for row in (0, 3, 6, 9, 10, 12, 16, 17, 18, 19, 22, 25, 26, 27)
+)
+"""Where the rows of each quantity begin: centre of load [m], from the tool frame's origin (3 rows); outward normal (3);
+direction of the velocity (3) and scaled speed; x and y of e2 (2); sin β,
+cos β, sin γ, cos γ (4); load [m³] and area [m²] that the
+traction acts on; leading share; traction per depth [N/m³] (3); the same with each plate's own e2 (3); its part along
+e1 per α_y; its modulus times the load [N/m];
+and the numbers of the blocks. World axes."""
+
+SIZE = ROW * 28
+
+
+@intrinsic
+def _on_the_stack(_: Any) -> Any:
+    def generate(_: Any, builder: Any, *__: Any) -> Any:
+        with builder.goto_entry_block():
+            array = builder.alloca(ir.ArrayType(ir.DoubleType(), SIZE))
+        array.align = 64
+        return builder.bitcast(array, ir.DoubleType().as_pointer())
+
+    return types.CPointer(types.float64)(), generate
+
+
+def wide_vectors() -> None:
+    """Let LLVM use vectors of 512 bits in the compiled function that calls this, where the processor has them.
+
+    On Intel's it would use half as wide ones, since clocks once fell with wide ones; the steps take a tenth longer.
+    """
+
+
+@intrinsic
+def _wide_vectors(_: Any) -> Any:
+    def generate(context: Any, builder: Any, *_: Any) -> Any:
+        set.add(builder.function.attributes, '"prefer-vector-width"="512"')
+        return context.get_dummy_value()
+
+    return types.void(), generate
+
+
+@overload(wide_vectors, inline="always")  # into numba's own code, before LLVM's functions are made
+def _compiled_wide_vectors() -> Any:
+    def call():  # type: ignore[no-untyped-def]
+        _wide_vectors()
+
+    return call
+
+
+@inlined
+def new_chunk():  # type: ignore[no-untyped-def]
+    """An array of `SIZE` numbers on the stack of the compiled function that calls this."""
+    return carray(_on_the_stack(), (SIZE,))
+
+
+@inlined
+def at(row, i):  # type: ignore[no-untyped-def]
+    """The index of plate i in a row; unsigned, since numba's code for negative indices would prevent vectorisation."""
+    return np.uint64(row) + np.uint64(i)
+
+
+@inlined
+def triple(chunk, row, i):  # type: ignore[no-untyped-def]
+    """A vector of plate i, from three rows."""
+    return chunk[at(row, i)], chunk[at(row + ROW, i)], chunk[at(row + 2 * ROW, i)]
+
+
+@inlined
+def quadruple(chunk, row, i):  # type: ignore[no-untyped-def]
+    """Four numbers of plate i, from as many rows."""
+    return chunk[at(row, i)], chunk[at(row + ROW, i)], chunk[at(row + 2 * ROW, i)], chunk[at(row + 3 * ROW, i)]
+
+
+@inlined
+def put(chunk, row, i, vector):  # type: ignore[no-untyped-def]
+    """Store a vector of plate i in three rows."""
+    chunk[at(row, i)], chunk[at(row + ROW, i)], chunk[at(row + 2 * ROW, i)] = vector
