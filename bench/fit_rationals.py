@@ -102,7 +102,9 @@ def error_in_use(name: str) -> float:
         a, b, function, place = mp.mpf(weights.B2), mp.mpf(weights.B3), mp.atanh, 1
     at_one = function(a - b) + function(b)
     shares = [k / 2000 for k in range(2001)]
-    return max(float(abs(weights.f1_and_f23(u, u)[place] - (function(a * mp.mpf(u) - b) + function(b)) / at_one)) for u in shares)
+    kernel = [weights.f1_and_f23(share, share)[place] for share in shares]
+    exact = [(function(a * mp.mpf(share) - b) + function(b)) / at_one for share in shares]
+    return max(float(abs(k - e)) for k, e in zip(kernel, exact, strict=True))
 
 
 def main() -> int:

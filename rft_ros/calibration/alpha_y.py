@@ -7,7 +7,7 @@ model's.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -114,7 +114,7 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
         return np.asarray(wrenches(some, law, states, surface_height=surface, threads=1)[:, :3] @ e1)
 
     measured = track.grain_forces(sensor.cell)[steady] @ e1 - (force(edges, law) if edges.any() else 0.0)
-    fit = fit_series(force(faces, law._replace(alpha_y=Constant(1.0)))[:, None], measured)
+    fit = fit_series(force(faces, replace(law, alpha_y=Constant(1.0)))[:, None], measured)
     by_zero = float(fit.inverse.sum()) * sensor.force_error(track, int(steady[-1]), e1)
     return PlateRun(
         beta=float(np.degrees(np.arccos(abs(normal[2])))),

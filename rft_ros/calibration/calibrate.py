@@ -126,7 +126,7 @@ def calibrate(
         with result.or_reason("alpha_y"):
             if not isinstance(law, Treers2021):
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
-            runs = plate_runs(tracks, sensor, law._replace(stiffness=law.stiffness * zeta), surface=height)
+            runs = plate_runs(tracks, sensor, replace(law, stiffness=law.stiffness * zeta), surface=height)
             shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
             medium = medium_named(str(values["medium.name"]))
             fit = fit_alpha_y(runs, medium, shared_error=shared, model=alpha_y)

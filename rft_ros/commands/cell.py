@@ -65,13 +65,13 @@ def doctor(arguments: argparse.Namespace) -> int:
 
 def _compiled(model: "Model", settings: "Settings") -> "Finding":
     from rft_ros.bags.checkup import Finding
-    from rft_ros.estimator.warm_up import code_of, prepare
+    from rft_ros.estimator.warm_up import needed, prepare
 
     def stop() -> None:
         raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
 
     try:
-        prepare(code_of(model, settings), on_cold_cache=stop)
+        prepare(needed(settings, ground=model.ground is not None), on_cold_cache=stop)
     except InputError as error:
         return Finding(False, f"compiled: no; {error}")
     return Finding(True, "compiled: yes")
@@ -122,8 +122,8 @@ def warm_up(_arguments: argparse.Namespace) -> int:
 
     rft warm-up
     """
-    from rft_ros.estimator.warm_up import EVERY_CODE, prepare
+    from rft_ros.estimator.warm_up import prepare
 
-    prepare(*EVERY_CODE, on_cold_cache=lambda: print("compiling, half a minute or more ...", flush=True))
+    prepare(on_cold_cache=lambda: print("compiling, ten seconds or more ...", flush=True))
     print("everything is compiled")
     return 0

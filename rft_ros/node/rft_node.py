@@ -20,7 +20,7 @@ from sensor_msgs.msg import PointCloud2
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder, wrench_cdr
-from rft_ros.estimator.warm_up import Code, code_of, prepare, pyramid
+from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
 from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
@@ -69,16 +69,15 @@ class RftNode(Node):
         values = self._table.values
         files, settings = model_files(values), settings_of(values)
         loading = worker.load(files)  # trimesh stays out of this process
-        code = code_of(model_of(values, tool=pyramid(values["integration"])), settings)  # type: ignore[arg-type]
-        prepare(code, on_cold_cache=self._announce_compilation)
+        self._loaded = needed(settings, ground=bool(values["ground.cell"]))
+        prepare(self._loaded, on_cold_cache=self._announce_compilation)
         parts = loading.result()
         model = model_of(values, **parts._asdict())
         # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
         self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
         self._swap = ToolSwap(files, parts, worker)
         self._next_model = model
-        self._loaded = {code}
-        self._loading: tuple[Code, Future[None]] | None = None
+        self._loading: tuple[frozenset[str], Future[None]] | None = None
         self._loader = ThreadPoolExecutor(1)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
@@ -241,15 +240,15 @@ class RftNode(Node):
     def _use(self, model: Model) -> bool:
         """Bring a model and the settings into force, now or, if that needs more machine code, when that is loaded."""
         self._next_model, settings = model, settings_of(self.values)
-        code = code_of(model, settings)
-        if code in self._loaded:
+        parts = needed(settings, ground=model.ground is not None)
+        if parts <= self._loaded:
             self.estimator.use(settings=settings, model=model if model is not self.estimator.model else None)
             self._subscribe_to_clouds()
             return True
         self.estimator.use(settings=replace(settings, learning_mode=self.estimator.settings.learning_mode))
         if self._loading is None:
-            self._loading = code, self._loader.submit(prepare, code, at_low_priority=True)
-            self._swap.code = f"machine code of law {model.law_name}, alpha_y {model.alpha_y}, {code.integration}"
+            self._loading = parts, self._loader.submit(prepare, parts, at_low_priority=True)
+            self._swap.code = f"machine code of {' and '.join(sorted(parts - self._loaded))}"
         self._swap_timer.reset()
         return False
 
@@ -260,7 +259,7 @@ class RftNode(Node):
         elif outcome is not None and self._use(self._model(self.values)):
             self.announce("in force")
         if self._loading is not None and self._loading[1].done():
-            self._loaded.add(self._loading[0])
+            self._loaded |= self._loading[0]
             self._loading, self._swap.code = None, ""
             if self._use(self._next_model):
                 self.announce("in force")

@@ -135,19 +135,16 @@ def _beta(sin_beta, cos_beta):  # type: ignore[no-untyped-def]
     return 0.5 * math.pi + _atan2(-cos_beta, sin_beta)
 
 
-@inlined
 def _constant(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
     (value,) = model
     return value
 
 
-@inlined
 def _linear(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
     intercept, slope = model
     return intercept + slope * (_DEGREES * _beta(sin_beta, cos_beta))
 
 
-@inlined
 def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
     beta, beta_nodes, gamma, gamma_nodes, v = model
     s = (_beta(sin_beta, cos_beta) - beta) * beta_nodes
@@ -245,7 +242,7 @@ def _no_model(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
 
 def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> Any:
     """The step `add_alpha_y` with one more model."""
-    has_values = "values" in model._fields
+    alpha_y_of, has_values = inlined(function), "values" in model._fields
     count = len(model._fields) - has_values
 
     @inlined
@@ -256,7 +253,7 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
             fields = (*numbers, values) if has_values else numbers
             for i in range(n):
                 sin_b, cos_b, sin_g, cos_g = quadruple(chunk, ANGLES, i)
-                along = chunk[at(ALONG, i)] * function(fields, sin_b, cos_b, sin_g, cos_g)
+                along = chunk[at(ALONG, i)] * alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
                 # e1 = e2 x E3
                 chunk[at(TRACTION, i)] += along * chunk[at(E2 + ROW, i)]
                 chunk[at(TRACTION + ROW, i)] -= along * chunk[at(E2, i)]

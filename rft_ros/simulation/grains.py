@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 
 _Part = tuple[slice, Memory, Array, Array]
 
-GrainsState = dict[str, NDArray[np.float64] | NDArray[np.uint8]]
+GrainsState = dict[str, NDArray[np.float64]]
 """What grains remember of their bodies, by name."""
 
 
@@ -55,7 +55,7 @@ class GrainsBatch:
         self._support = None if ground is None else Support(tool.corners)
         n, self._threads = int(bodies), int(threads)
         memory = Memory(tool.plates, bodies=n)
-        self._remembered: GrainsState = {**memory.arrays, "answers": np.zeros((n, *ANSWERS))}
+        self._remembered: GrainsState = {"memory": memory.numbers, "answers": np.zeros((n, *ANSWERS))}
         self._start = self.state()
         self._durations, self._rows, self._wrenches = np.zeros(n), np.zeros((n, 19)), np.zeros((n, 6))
         self.sums = memory.stiffness

@@ -6,6 +6,7 @@ argument. Reading past an array ends the process by a signal, which `test_hostil
 
 import math
 import sys
+from dataclasses import replace
 from fractions import Fraction
 
 import numpy as np
@@ -99,7 +100,7 @@ def the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made, zeta=zeta)
     if raw:  # fields as a caller may set them
-        law = law._replace(stiffness=int(1e6), alpha_y=made)
+        law = replace(law, stiffness=int(1e6), alpha_y=made)
         zeta = 1
     states = form(np.array([WHOLE] * n, dtype=float))
     out = np.empty((n, 19)) if own else None

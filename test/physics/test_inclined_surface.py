@@ -1,5 +1,7 @@
 """The wrench below an inclined surface: depth is vertical, and the level plane is the special case."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -69,7 +71,7 @@ def test_forces_on_plates_add_up_to_the_wrench(rule):
 
 
 def test_inertia_of_a_submerged_plate_is_the_same_on_a_slope():
-    fast = LAW._replace(inertia=2000.0)
+    fast = replace(LAW, inertia=2000.0)
     state = [0.0, 0.0, -0.05, 0.0, 0.0, 0.0, 1.0, 0.3, 0.0, -0.4, 0.0, 0.0, 0.0]
     level, inclined = (
         wrenches(PLATE.plates, fast, state, slope=slope) - wrenches(PLATE.plates, LAW, state, slope=slope)

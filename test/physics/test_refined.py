@@ -176,7 +176,7 @@ def test_flat_faces_keep_their_area_and_begin_to_lead_over_a_degree():
     mesh = trimesh.creation.box((0.03, 0.02, 0.01))
     plates = refined(mesh)
     assert plates.area == pytest.approx(mesh.area, rel=1e-12)
-    np.testing.assert_allclose(plates.blocks.rows[13], 0.5 / np.sin(FLAT_HALF_ANGLE))
+    np.testing.assert_allclose(plates.rows[13], 0.5 / np.sin(FLAT_HALF_ANGLE))
 
 
 @pytest.mark.parametrize(

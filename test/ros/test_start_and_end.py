@@ -132,9 +132,9 @@ from dataclasses import replace
 from numba.core import event
 from rft_ros.estimator import Estimator, PoseSample, Settings
 from rft_ros.parameters import defaults, model_of
-from rft_ros.estimator.warm_up import EVERY_CODE, prepare
+from rft_ros.estimator.warm_up import prepare
 
-prepare(*EVERY_CODE, on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
+prepare(on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
 if "trimesh" in sys.modules:
     sys.exit("warming up imports trimesh, which the node does not need")
 for rule in ("centroid", "refined"):
