@@ -63,15 +63,17 @@ def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(tmp_
         assert "Traceback" not in said(tmp_path)
 
 
-def test_a_law_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_meanwhile(start_process, tmp_path):
+def test_learning_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_meanwhile(start_process, tmp_path):
     cold = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
     cheap = ("-p", "integration:=centroid", "-p", "tolerance:=0.0")
     rft = start_process("-p", "mesh.file:=plate", *cheap, environment=cold).wait_ready()
     before, answers = numbers(rft.ask(rft.moment())), []
-    assert rft.set(law="agarwal2023") == (True, "")
-    assert "preparing machine code of law agarwal2023" in rft.status()[1]
+    assert rft.set(**{"learning.mode": "apply"}) == (True, "")
+    assert "preparing machine code of learning" in rft.status()[1]
     rft.until(lambda: answers.append(numbers(rft.ask(rft.moment()))) or "in force: " in rft.said())
     np.testing.assert_array_equal(answers[:10], [before] * 10)
+    assert "preparing" not in rft.status()[1]
+    assert rft.set(law="agarwal2023") == (True, "")  # of which all machine code is there
     assert numbers(rft.ask(rft.moment()))[2] != before[2]
 
 
