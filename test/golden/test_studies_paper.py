@@ -131,10 +131,8 @@ class TestConvergence:
             assert (np.diff(one.errors) < 0.0).all()
             assert convergence.order(one) == pytest.approx(2.0, abs=0.35)
 
-    def test_from_80_facets_on_the_refined_rule_needs_a_quarter_of_the_facets(self, spheres):
-        """And nearly so with 20: 5.7 %, where the published rule with 80 has 5.6 %."""
-        assert (spheres["refined"].errors[1:-1] < spheres["centroid"].errors[2:]).all()
-        assert spheres["refined"].errors[0] < 1.05 * spheres["centroid"].errors[1]
+    def test_the_refined_rule_needs_a_quarter_of_the_facets(self, spheres):
+        assert (spheres["refined"].errors[:-1] < spheres["centroid"].errors[1:]).all()
         assert spheres["refined"].errors[2] < 0.01 < spheres["centroid"].errors[2]
 
     def test_fineness_is_one_over_curvature_times_the_facets_size(self):
