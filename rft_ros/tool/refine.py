@@ -131,23 +131,40 @@ def _with_area_of_surface(
 def _surface_areas(triangles: Array, normals: Array) -> tuple[Array, Array]:
     """Area of the curved patch over each triangle [m²], and the greatest height of the arcs over its edges [m].
 
-    Each triangle is divided into four at the tops of the arcs that fit the normals at the edges' ends; Richardson's
-    rule extrapolates the area.
+    Each triangle is divided into four, twice, at the tops of the arcs that fit the normals at the edges' ends;
+    Romberg's rule extrapolates the areas.
     """
-    after, normal_after = np.roll(triangles, -1, axis=1), np.roll(normals, -1, axis=1)
-    edge = after - triangles
-    length = np.linalg.norm(edge, axis=2)
+    areas = [0.5 * np.linalg.norm(_doubled_areas(triangles), axis=1)]
+    points, at = triangles[None], normals[None]  # shape [pieces, m, 3, 3]
+    sagitta = np.zeros(len(triangles))
+    for level in range(2):
+        points, at, bulge = _divided(points, at)
+        if level == 0:
+            sagitta = bulge.max(axis=(0, 2))
+        area_vectors = np.cross(points[:, :, 1] - points[:, :, 0], points[:, :, 2] - points[:, :, 0])
+        areas.append(0.5 * np.linalg.norm(area_vectors, axis=2).sum(axis=0))
+    first, second = (4.0 * areas[1] - areas[0]) / 3.0, (4.0 * areas[2] - areas[1]) / 3.0
+    return (16.0 * second - first) / 15.0, sagitta
+
+
+def _divided(points: Array, normals: Array) -> tuple[Array, Array, Array]:
+    """Four triangles for each, with normals, and the heights of the arcs over the edges [m], shape [pieces, m, 3]."""
+    after, normal_after = np.roll(points, -1, axis=2), np.roll(normals, -1, axis=2)
+    edge = after - points
+    length = np.linalg.norm(edge, axis=3)
+    between = _unit(normals + normal_after)
 
     def height(w: Array) -> Array:
         """Height of an arc over its chord, from the chord's component along the normal at one end."""
         sine = np.clip(w / np.where(length > 0.0, length, 1.0), -1.0, 1.0)
         return np.asarray(-0.5 * length * sine / (1.0 + np.sqrt(1.0 - sine * sine)))
 
-    arc = 0.5 * (height((edge * normals).sum(axis=2)) + height(-(edge * normal_after).sum(axis=2)))
-    middle = 0.5 * (triangles + after) + arc[..., None] * _unit(normals + normal_after)
-    (a, b, c), (ab, bc, ca) = np.moveaxis(triangles, 1, 0), np.moveaxis(middle, 1, 0)
-    whole, *quarters = (
-        0.5 * np.linalg.norm(np.cross(q - p, r - p), axis=1)
-        for p, q, r in ((a, b, c), (a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    )
-    return (4.0 * np.sum(quarters, axis=0) - whole) / 3.0, np.abs(arc).max(axis=1)
+    arc = 0.5 * (height((edge * normals).sum(axis=3)) + height(-(edge * normal_after).sum(axis=3)))
+    middle = 0.5 * (points + after) + arc[..., None] * between
+
+    def four(corner: Array, mid: Array) -> Array:
+        (a, b, c), (ab, bc, ca) = np.moveaxis(corner, 2, 0), np.moveaxis(mid, 2, 0)
+        pieces = [np.stack(p, axis=2) for p in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+        return np.concatenate(pieces)
+
+    return four(points, middle), four(normals, between), np.abs(arc)
