@@ -32,9 +32,10 @@ direction of the velocity (3) and scaled speed; x and y of e2 (2); sin β,
 cos β, sin γ, cos γ (4); load [m³] and area [m²] that the
 traction acts on; leading share; traction per depth [N/m³] (3); the same with each plate's own e2 (3); its part along
 e1 per α_y; its modulus times the load [N/m];
-and the numbers of the blocks. World axes."""
+and the numbers and kinds of its blocks. World
+axes."""
 
-SIZE = ROW * 28
+SIZE = ROW * 29
 
 
 @intrinsic

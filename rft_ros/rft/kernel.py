@@ -16,6 +16,7 @@ from rft_ros.rft.chunk import (
     NORMAL,
     NUMBER,
     PLACE,
+    ROW,
     SHARE,
     SPEED,
     STIFF,
@@ -331,6 +332,14 @@ def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, f
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
                 n = count * np.uint64(BLOCK)
+                for j in range(count):
+                    w, i0 = np.uint64(chunk[at(NUMBER, j)]), j * np.uint64(BLOCK)
+                    if not refined:
+                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, False, True)
+                    elif chunk[at(NUMBER + ROW, j)] == _PLAIN:
+                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, True, False)
+                    else:
+                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, True, True)
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness)
                 if remembers:
@@ -348,14 +357,8 @@ def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, f
                             _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(NUMBER, j)]), forces)
                 count = np.uint64(0)
             if kind >= _PLAIN:
-                flat, i0 = kind == _FLAT_OR_CUT, count * np.uint64(BLOCK)
-                if not refined:
-                    out[k, 6] += _geometry(chunk, i0, rows, b, scene, remembers, False, True)
-                elif kind == _PLAIN:
-                    out[k, 6] += _geometry(chunk, i0, rows, b, scene, remembers, True, False)
-                else:
-                    out[k, 6] += _geometry(chunk, i0, rows, b, scene, remembers, True, True)
-                chunk[at(NUMBER, count)] = b
+                flat = kind == _FLAT_OR_CUT
+                chunk[at(NUMBER, count)], chunk[at(NUMBER + ROW, count)] = b, kind
                 count += one
             elif kind == _SKIP_WET:
                 out[k, 6] += bounds[b, 18]
