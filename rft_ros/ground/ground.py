@@ -157,16 +157,16 @@ class Support:
         flat = np.sqrt(1.0 - z * z)
         directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
         self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
-        self._placed = np.empty_like(self._corners)
 
     def local_surface(self, ground: HeightMap, state: Array, *, level: float) -> LocalSurface:
         """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] where the map knows nothing.
 
         Where the map knows nothing it is exactly (level, 0, 0).
         """
+        placed = np.empty_like(self._corners)  # of this call: threads of a simulator share the support
         i0, j0 = map(float, ground.corner)  # one machine code for all maps
         h, sx, sy, rough, depth = _local_plane(
-            ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state, self._placed
+            ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state, placed
         )
         if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
             return LocalSurface(level, LEVEL, 0.0, level - float(state[2]))

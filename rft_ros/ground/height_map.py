@@ -1,7 +1,9 @@
 """A height map: square cells with one height each, from points, from files, and to files."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +56,10 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         self.heights.flags.writeable = False
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        # an unpickled array is writable, another type to numba, which would compile for it at the first pose
+        return partial(HeightMap, cell=self.cell, corner=self.corner, heights=self.heights), ()
 
     @classmethod
     def unknown(cls, cell: float, corner: tuple[float, float] = (0.0, 0.0)) -> "HeightMap":

@@ -241,14 +241,17 @@ class RftNode(Node):
         """Bring a model and the settings into force, now or, if that needs more machine code, when that is loaded."""
         self._next_model, settings = model, settings_of(self.values)
         parts = needed(settings, ground=model.ground is not None)
-        if parts <= self._loaded:
-            self.estimator.use(settings=settings, model=model if model is not self.estimator.model else None)
-            self._subscribe_to_clouds()
+        missing = parts - self._loaded
+        if missing:  # the rest comes into force now
+            settings = replace(settings, learning_mode=self.estimator.settings.learning_mode)
+        now = "ground" not in missing and model is not self.estimator.model
+        self.estimator.use(settings=settings, model=model if now else None)
+        self._subscribe_to_clouds()
+        if not missing:
             return True
-        self.estimator.use(settings=replace(settings, learning_mode=self.estimator.settings.learning_mode))
         if self._loading is None:
             self._loading = parts, self._loader.submit(prepare, parts, at_low_priority=True)
-            self._swap.code = f"machine code of {' and '.join(sorted(parts - self._loaded))}"
+            self._swap.code = f"machine code of {' and '.join(sorted(missing))}"
         self._swap_timer.reset()
         return False
 
@@ -259,6 +262,8 @@ class RftNode(Node):
         elif outcome is not None and self._use(self._model(self.values)):
             self.announce("in force")
         if self._loading is not None and self._loading[1].done():
+            if error := self._loading[1].exception():
+                self.get_logger().error(f"{self._swap.code} not loaded, it compiles at its first use: {error}")
             self._loaded |= self._loading[0]
             self._loading, self._swap.code = None, ""
             if self._use(self._next_model):

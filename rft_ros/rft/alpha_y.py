@@ -192,7 +192,7 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
 
 
 def checked_alpha_y(model: AlphaY) -> AlphaY:
-    """The model with float64 fields: an integer field would compile another kernel.
+    """The model with fields of float64, and values that no caller can change.
 
     Raises TypeError for anything but a model, ValueError for a field that is not finite or has the wrong shape.
     """
@@ -200,7 +200,7 @@ def checked_alpha_y(model: AlphaY) -> AlphaY:
         raise TypeError(f"alpha_y model is {model!r}; create one with alpha_y_model")
     fields: list[Any] = []
     for name, value in model._asdict().items():
-        if isinstance(value, np.ndarray) and value.ndim > 0:
+        if name == "values" and isinstance(value, np.ndarray) and value.ndim > 0:
             array = np.array(numbers(name, value, value.shape[1:]))  # a copy that no caller can change
             if not np.isfinite(array).all():
                 raise ValueError(f"{name} of the alpha_y model has a value that is not finite")
@@ -221,7 +221,7 @@ def alpha_y(model: AlphaY, sin_beta: float, cos_beta: float, sin_gamma: float, c
 
 
 def packed(kind: int, numbers: Iterable[float], values: NDArray[np.float64] | None = None) -> PackedLaw:
-    """A law for the compiled loop: arrays of its types, which nothing can change."""
+    """A law for the compiled loop, in arrays of the types that it takes."""
     given, table = np.zeros(15), np.zeros((2, 2)) if values is None else values.copy()
     for k, value in enumerate(numbers):
         given[k] = value

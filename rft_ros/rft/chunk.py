@@ -27,13 +27,10 @@ ROW = BLOCKS * BLOCK + 8
 PLACE, NORMAL, VELOCITY, SPEED, E2, ANGLES, LOAD, AREA, SHARE, TRACTION, UNBLENDED, ALONG, STIFF, NUMBER = (
     ROW * row for row in (0, 3, 6, 9, 10, 12, 16, 17, 18, 19, 22, 25, 26, 27)
 )
-"""Where the rows of each quantity begin: centre of load [m], from the tool frame's origin (3 rows); outward normal (3);
-direction of the velocity (3) and scaled speed; x and y of e2 (2); sin β,
-cos β, sin γ, cos γ (4); load [m³] and area [m²] that the
-traction acts on; leading share; traction per depth [N/m³] (3); the same with each plate's own e2 (3); its part along
-e1 per α_y; its modulus times the load [N/m];
-and the numbers and kinds of its blocks. World
-axes."""
+"""Where the rows of each quantity begin, world axes: centre of load [m], from the tool frame's origin (3 rows);
+outward normal (3); direction of the velocity (3) and scaled speed; x and y of e2 (2); sin β, cos β, sin γ, cos γ (4);
+load [m³] and area [m²] that the traction acts on; leading share; traction per depth [N/m³] (3); the same with each
+plate's own e2 (3); its part along e1 per α_y; its modulus times the load [N/m]; the blocks' numbers and kinds (2)."""
 
 SIZE = ROW * 29
 

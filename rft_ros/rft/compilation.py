@@ -83,12 +83,10 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         for name, address in c_helpers.items():  # numba's own way compiles its runtime first: 20 MB
             add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
-        try:
+        with suppress(Exception):  # unpickling another numba's file can raise almost anything
             content = self._file(sig, target_context.codegen()).read_bytes()
             if hashlib.sha256(content[32:]).digest() == content[:32]:
                 return self._impl.rebuild(target_context, pickle.loads(content[32:]))
-        except Exception:  # unpickling another numba's file can raise almost anything
-            pass
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
@@ -99,7 +97,7 @@ class _Cache(FunctionCache):
             self._impl.locator.ensure_cache_path()
             part.write_bytes(hashlib.sha256(content).digest() + content)
             part.replace(file)  # atomic: no process reads a partial file
-            for other in file.parent.glob(f"{self._impl.filename_base}.*.nbc"):
+            for other in file.parent.glob(f"{self._impl.filename_base.rpartition('-')[0]}-*.nbc"):  # at any line
                 if f".{self._sources}." not in other.name:
                     other.unlink(missing_ok=True)  # from older sources
         except OSError:

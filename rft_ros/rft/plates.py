@@ -44,7 +44,7 @@ class Blocks:
             array.flags.writeable = False
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # Unpickled arrays are writable, another type to numba, so `__post_init__` must run.
+        # unpickled arrays are writable, so `__post_init__` must run
         return Blocks, (self.rows, self.order, self.bounds)
 
 

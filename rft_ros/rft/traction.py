@@ -43,6 +43,7 @@ __all__ = [
     "Law",
     "Treers2021",
     "law_named",
+    "not_a_law",
     "orient",
     "traction_per_depth",
     "tractions",
@@ -100,6 +101,11 @@ Law = Treers2021 | Agarwal2023
 
 LAWS = ("treers2021", "agarwal2023")
 """Names of the laws: values of the parameter `law`."""
+
+
+def not_a_law(law: object) -> TypeError:
+    """The error for anything else."""
+    return TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
 
 
 def treers2021(
@@ -265,8 +271,10 @@ def traction_per_depth(
 
     World axes. Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the
     direction of the velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the
-    released code) or `BLENDED`.
+    released code) or `BLENDED`. Raises TypeError for anything but a law.
     """
+    if not isinstance(law, Law):
+        raise not_a_law(law)
     chunk = np.zeros(SIZE)
     orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
     tractions(law.packed, chunk, 1, flatness)

@@ -20,7 +20,7 @@ from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import EDGE_AREAS, SUMS
 from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
-from rft_ros.rft.traction import Law, Treers2021
+from rft_ros.rft.traction import Law, Treers2021, not_a_law
 
 __all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "wrenches", "wrenches_in_time"]
 
@@ -105,7 +105,10 @@ def wrenches_in_time(
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
     tool, scene = _checked(plates, law, surface_height, slope)
-    if memory.plates is not plates and not np.array_equal(memory.plates.blocks.rows, plates.blocks.rows):
+    if memory.plates is not plates and not (
+        memory.plates.integration == plates.integration
+        and np.array_equal(memory.plates.blocks.rows, plates.blocks.rows)
+    ):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
@@ -162,7 +165,7 @@ def _checked(plates: Plates, law: Law, surface_height: float, slope: tuple[float
     """The arguments of the loop that a tool and a scene make up."""
     _check_plates(plates)
     if law.__class__ not in _LAWS:
-        raise TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
+        raise not_a_law(law)
     tool = plates.blocks.rows, plates.blocks.bounds, plates.integration == "refined", plates.reach
     return tool, (law.packed, number("surface_height", surface_height), _incline(slope))
 

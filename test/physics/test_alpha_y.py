@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rft_ros.rft import MEDIA, Table, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, treers2021, wrenches
 from rft_ros.rft.alpha_y import FINEST, alpha_y
 
 attack = st.floats(0.0, 180.0)
@@ -101,3 +101,8 @@ def test_an_unknown_model_and_a_missing_table_are_refused_with_a_sentence():
         alpha_y_model("cubic", MEDIA["generic"])
     with pytest.raises(ValueError, match=r"alpha_y\.model 'table' needs alpha_y\.table to name a CSV file"):
         alpha_y_model("table", MEDIA["generic"])
+
+
+def test_an_array_in_place_of_a_number_is_refused():
+    with pytest.raises(ValueError, match="value of the alpha_y model is array"):
+        treers2021(MEDIA["generic"], Constant(np.array([5.0, 6.0])))

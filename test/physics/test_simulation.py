@@ -59,6 +59,18 @@ def test_bodies_in_one_call_are_as_bodies_alone_over_any_number_of_threads(plate
         assert together.swapaxes(0, 1).tobytes() == np.array(alone).tobytes()
 
 
+def test_threads_on_a_map_with_slopes_change_nothing(plate):
+    x, y = (v.ravel() for v in np.mgrid[-40:40, -40:40] * 0.005 + 0.0025)
+    hills = HeightMap.unknown(0.005).with_points(x, y, 0.01 * np.sin(20.0 * x) + 0.2 * y)
+    path = np.repeat(pressed(n=60)[:, None], 64, axis=1)
+    path[:, :, :2] += np.random.default_rng(1).uniform(-0.1, 0.1, (64, 2))
+    one, two = (
+        GrainsBatch(plate, LAW, bodies=64, mobilization_length=LENGTH, ground=hills, threads=threads)
+        for threads in (1, 2)
+    )
+    assert [two.step(s, 0.01).tobytes() for s in path] == [one.step(s, 0.01).tobytes() for s in path]
+
+
 def test_the_stiffness_is_what_a_small_motion_changes(plate):
     grains = Grains(plate, LAW, mobilization_length=LENGTH)
     states = np.vstack([pressed(), pressed()[-1:]])

@@ -1,5 +1,7 @@
 """The height map: cells from points, files in and out."""
 
+import pickle
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -81,6 +83,10 @@ def test_some_of_many_points_are_spread_over_the_map():
     assert {tuple(p) for p in some} <= {tuple(p) for p in every}
     assert np.ptp(some[:, 0]) > 0.8 * np.ptp(every[:, 0])
     assert len(every) == 400
+
+
+def test_a_map_from_another_process_cannot_be_changed_either():
+    assert not pickle.loads(pickle.dumps(HeightMap.unknown(CELL))).heights.flags.writeable
 
 
 def test_no_points_change_nothing():
