@@ -294,49 +294,17 @@ def _add_forces(chunk, i0, b, out):  # type: ignore[no-untyped-def]
         out[plate, 2] += az * load
 
 
-@inlined
-def _evaluate(chunk, count, flat, tool, scene, medium, past, out, stiffness, forces):  # type: ignore[no-untyped-def]
-    """Add the sums of the `count` blocks whose numbers are in the chunk, step by step.
-
-    `flat`: some plates may be horizontal. `medium`: law and scaled speeds' square; `past`: see `_sums`.
-    """
-    rows, refined = tool
-    law, squared = medium
-    remembers, active, tractions_past, motion, below, slope, length = past
-    n, inertia = count * np.uint64(BLOCK), law[1][0]
-    for j in range(count):
-        b, i = np.uint64(chunk[at(NUMBER, j)]), j * np.uint64(BLOCK)
-        if not refined:
-            out[6] += _geometry(chunk, i, rows, b, scene, remembers, False, True)
-        elif chunk[at(NUMBER + ROW, j)] == _PLAIN:
-            out[6] += _geometry(chunk, i, rows, b, scene, remembers, True, False)
-        else:
-            out[6] += _geometry(chunk, i, rows, b, scene, remembers, True, True)
-    tractions(law, chunk, n, (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT)
-    if remembers:
-        for j in range(count):
-            b = np.uint64(chunk[at(NUMBER, j)])
-            remember(chunk, j * np.uint64(BLOCK), tractions_past, b, motion, below, slope, length)
-            active[b] = GAPS if is_empty(tractions_past, b) else LOADED
-        _add_stiffness(chunk, n, stiffness)
-    for inertial in range(2 if inertia > 0.0 else 1):
-        if inertial == 1:
-            _inertia(chunk, n, inertia, squared, remembers)
-        _add_sums(chunk, n, out)
-        if len(forces) > 0:
-            for j in range(count):
-                _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(NUMBER, j)]), forces)
-
-
 def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, forces):  # type: ignore[no-untyped-def]
     """The sums for each state. `law`: its `packed`.
 
     `past`: whether the plates remember, durations, mobilization length, `Memory.numbers`. `forces`: shape [m, 3], to
-    which those of the plates are added in the kernel's order, or [0, 3].
+    which those of the plates are added in the kernel's order, or [0, 3]. One function: LLVM keeps what is the same for
+    all blocks in registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
     remembers, durations, length, memories = past
-    chunk, rule = new_chunk(), np.uint64(14 if refined else 7)
+    chunk, inertia = new_chunk(), law[1][0]
+    rule = np.uint64(14 if refined else 7)
     # unsigned: numba adds code for negative indices otherwise
     blocks, one = np.uint64(bounds.shape[0]), np.uint64(1)
     for k in range(states.shape[0]):
@@ -344,7 +312,7 @@ def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, f
         below, rise = _surface(height, slope, states[k], axes)
         memory = memories[k if len(memories) > 1 else 0]
         stiffness, last = memory[:MOTION], memory[MOTION:TRACTIONS]
-        active, tractions_past = memory[TRACTIONS : TRACTIONS + bounds.shape[0]], memory[TRACTIONS + bounds.shape[0] :]
+        active, past_tractions = memory[TRACTIONS : TRACTIONS + bounds.shape[0]], memory[TRACTIONS + bounds.shape[0] :]
         still = (0.0, 0.0, 0.0), axes
         moved, motion, motion_in_tool = False, still, still
         if remembers:
@@ -357,7 +325,6 @@ def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, f
             moved, motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
         seen = _seen_from_tool(axes, twist, reach, rise)
         scene = axes, twist, below, rise
-        now = remembers, active, tractions_past, motion, below, slope, length
         for c in range(_COLUMNS):
             out[k, c] = 0.0
         b, count, flat = np.uint64(0), np.uint64(0), False
@@ -365,7 +332,30 @@ def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, f
             kind = _kind(bounds, b, seen, below, refined, remembers, active) if b < blocks else _SKIP_DRY
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
-                _evaluate(chunk, count, flat, (rows, refined), scene, (law, squared), now, out[k], stiffness, forces)
+                n = count * np.uint64(BLOCK)
+                for j in range(count):
+                    w, i0 = np.uint64(chunk[at(NUMBER, j)]), j * np.uint64(BLOCK)
+                    if not refined:
+                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, False, True)
+                    elif chunk[at(NUMBER + ROW, j)] == _PLAIN:
+                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, True, False)
+                    else:
+                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, True, True)
+                flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
+                tractions(law, chunk, n, flatness)
+                if remembers:
+                    for j in range(count):
+                        w = np.uint64(chunk[at(NUMBER, j)])
+                        remember(chunk, j * np.uint64(BLOCK), past_tractions, w, motion, below, slope, length)
+                        active[w] = GAPS if is_empty(past_tractions, w) else LOADED
+                    _add_stiffness(chunk, n, stiffness)
+                for inertial in range(2 if inertia > 0.0 else 1):
+                    if inertial == 1:
+                        _inertia(chunk, n, inertia, squared, remembers)
+                    _add_sums(chunk, n, out[k])
+                    if len(forces) > 0:
+                        for j in range(count):
+                            _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(NUMBER, j)]), forces)
                 count = np.uint64(0)
             if kind >= _PLAIN:
                 flat = kind == _FLAT_OR_CUT
@@ -374,10 +364,10 @@ def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, f
             elif kind == _SKIP_WET:
                 out[k, 6] += bounds[b, 18]
                 if moved:
-                    open_gaps(tractions_past, rows, rule, b, motion_in_tool)
+                    open_gaps(past_tractions, rows, rule, b, motion_in_tool)
                     active[b] = GAPS
             elif remembers and b < blocks and active[b] != 0.0:
-                forget(tractions_past, b)
+                forget(past_tractions, b)
                 active[b] = 0.0
             b += one
 
