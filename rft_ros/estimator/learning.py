@@ -107,7 +107,7 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
         if oldest.fault:  # what taught until it was found may have been wrong as well
             copy(state.latest, state.prior)
             copy(state.push, state.prior)
-        elif oldest.measured and (not oldest.passing or oldest.path > state.entered):
+        elif oldest.measured and oldest.path > max(state.learned, state.entered if oldest.passing else 0.0):
             absorb(state, oldest)
         state.first += 1
     if state.end - state.first == _RECORDS:  # nothing came: the oldest will not teach

@@ -179,6 +179,7 @@ def test_a_prediction_uses_no_sample_of_the_lag_before_it_so_those_that_come_lat
 @settings(max_examples=100, deadline=None)
 @example(calls=[(1, [0.0] * 18, 1e-3, 0.1, False, [1e300, 1e300, 1e300], 1)] * 5)
 @example(calls=[(10, [0.0] * 18, 1e-3, 1e3, False, [0.0, 0.0, 0.0], 1)] * 30)
+@example(calls=[(k // 2, [0.0] * 18, 1e-3, step, False, [0.0] * 3, 1) for k, step in enumerate((1.0, 1e-300, 1.0))])
 def test_for_any_input_the_covariance_is_symmetric_positive_definite_and_all_is_finite(calls):
     learning, stamp = learner(), START
     for milliseconds, numbers, area, step, passing, force, count in calls:
