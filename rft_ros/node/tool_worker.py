@@ -20,8 +20,8 @@ class ToolWorker:
     """Loads one model's files at a time in a process beside the node, started early so that none wait for its imports.
 
     A thread waits for its answer: 100,000 plates that came through the pipe in the node's own thread would delay a tick
-    by 30 ms; in this one 50,000 delay it by 3 to 15 ms. The process has a low priority after the first files, which the node waits for.
-    It is replaced if it dies or gets a new request while it loads.
+    by 30 ms; in this one 50,000 delay it by 3 to 15 ms. The process has a low priority after the first files, which the
+    node waits for. It is replaced if it dies or gets a new request while it loads.
     """
 
     def __init__(self) -> None:
