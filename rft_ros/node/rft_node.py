@@ -68,10 +68,9 @@ class RftNode(Node):
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
         values = self._table.values
         files, settings = model_files(values), settings_of(values)
-        loading = worker.load(files)  # trimesh stays out of this process
         self._loaded = needed(settings, ground=bool(values["ground.cell"]))
         prepare(self._loaded, on_cold_cache=self._announce_compilation)
-        parts = loading.result()
+        parts = worker.load(files).result()  # after it: the worker would compile the forces too
         model = model_of(values, **parts._asdict())
         # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
         self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
