@@ -63,7 +63,10 @@ def test_threads_on_a_map_with_slopes_change_nothing(plate):
     x, y = (v.ravel() for v in np.mgrid[-40:40, -40:40] * 0.005 + 0.0025)
     hills = HeightMap.unknown(0.005).with_points(x, y, 0.01 * np.sin(20.0 * x) + 0.2 * y)
     path = np.repeat(pressed(n=60)[:, None], 64, axis=1)
-    path[:, :, :2] += np.random.default_rng(1).uniform(-0.1, 0.1, (64, 2))
+    rng = np.random.default_rng(1)
+    path[:, :, :2] += rng.uniform(-0.1, 0.1, (64, 2))
+    yaw = rng.uniform(-3.0, 3.0, 64)  # or all bodies would have the same corners, in world axes
+    path[:, :, 5], path[:, :, 6] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
     one, two = (
         GrainsBatch(plate, LAW, bodies=64, mobilization_length=LENGTH, ground=hills, threads=threads)
         for threads in (1, 2)
