@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.report.animation import TRACTION, Animation, animate_evenly
+from rft_ros.report.animation import TRACTION, Animation, animate
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,11 +44,9 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
-    scene = scene.in_millimetres()
     n, points, level = scene.first, scene.placed[scene.first], scene.surface_height
-    kilopascals, force = 1e-3 * scene.traction, scene.forces[n]
+    kilopascals, force = scene.traction[n], scene.forces[n]
     size = float(np.linalg.norm(force))
-    kilopascals = kilopascals[[n]]
     low, high = points.min(axis=0), points.max(axis=0)
     around = 0.45 * float((high - low).max())
     low, high = low - around, high + around
@@ -73,7 +71,7 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
     for shown, order in ((~above, 2), (above, 4)):  # the surface is drawn between them and veils only what is below
         if shown.any():
             edges = {"edgecolors": (0.0, 0.0, 0.0, 0.12), "linewidths": 0.25}
-            shades = colours(scale(1e-3 * scene.traction[n, shown]))
+            shades = colours(scale(kilopascals[shown]))
             axes.add_collection3d(Poly3DCollection(triangles[shown], facecolors=shades, **edges, zorder=order))
     if size > 0.0:
         axes.quiver(*points.mean(axis=0), *arrow, color=_FORCE, lw=3.0, arrow_length_ratio=0.16, zorder=5)
@@ -110,9 +108,9 @@ def draw_demo(bag: Path, file: Path) -> None:
             table = Path(folder) / name / "estimates.csv"
             tables.append(np.genfromtxt(table, delimiter=",", names=True, dtype=None, encoding="utf-8"))
     times, states, _ = states_of(bag, fixed, model, options)
-    scene = animate_evenly("Traction and force by the fixed model", model.tool, model.law, times, states)
+    scene = animate("Traction and force by the fixed model", model.tool, model.law, times, states)
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
-    strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 0.003] = -1.0
+    strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0
     scene = replace(scene, first=int(strength.argmax()))
 
     figure: Any = Figure(figsize=(13.6, 6.7), layout="constrained")

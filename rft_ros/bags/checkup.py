@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from tempfile import TemporaryFile
 from typing import NamedTuple
 
 import numpy as np
@@ -72,7 +71,7 @@ class Checkup:
         self._named, self._topics, self._tare = named, topics, tare
         # what is learned would hide a wrong sign or unit
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
-        self._run = Run(self._estimator, TemporaryFile)
+        self._run = Run(self._estimator)
         self._heard: dict[Role, list[tuple[int, int, str]]] = {role: [] for role in topics}  # arrival, stamp, frame
         self._poses = self._began = 0
         self._at_start: Counter[str] = Counter()  # reasons before the first estimate

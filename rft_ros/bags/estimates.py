@@ -3,10 +3,9 @@
 import math
 import struct
 from collections import Counter
-from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
-from typing import BinaryIO
+from tempfile import TemporaryFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +13,9 @@ from numpy.typing import NDArray
 from rft_ros.bags.phases import PHASES, lowest_points, phases_of
 from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
-from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.quality import flag_names
 
-__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "ROW", "Run", "write_estimates"]
+__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "ROW", "Rows", "Run", "write_estimates"]
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Components of a wrench: force [N], torque [N m]."""
@@ -34,8 +32,8 @@ COLUMNS = (
 )
 """Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; upper bound on the
 plates' speeds [m/s]; wrenches in the sensor frame [N], [N m], and one standard deviation of the predicted; or the
-reason for no estimate; generation of the model; `Phase`, empty where the pose or its velocity is unknown; names of
-`QualityFlag`s, joined by +."""
+reason for no estimate; generation of the model; `Phase`; names of `QualityFlag`s, joined by +. Depth and phase are
+empty where the pose or its velocity is unknown."""
 
 _BELIEF = ("vertical_strength", "horizontal_strength", "turn", "surface")
 
@@ -60,18 +58,12 @@ ROW = np.dtype(
 """A pose: stamp [ns]; number of the `Reason`, -1 for an estimate; number of the `Phase`, -1 for none; combined
 `QualityFlag`s; numbers in the units of `COLUMNS`, NaN where missing; the estimator's state (`rft_ros.rft.STATE`)."""
 
+Rows = NDArray[np.void]
+"""Rows of a replay, shape [n], of type `ROW`."""
+
 _REASONS = tuple(Reason)
 _CODES = {reason: code for code, reason in enumerate(Reason)}
-_UNPLACED = {
-    Reason.POSE_NOT_FINITE,
-    Reason.POSE_QUATERNION_NOT_UNIT,
-    Reason.POSE_FRAME_UNKNOWN,
-    Reason.POSE_STAMP_ZERO,
-    Reason.POSE_REPEATED,
-    Reason.POSE_OUT_OF_ORDER,
-}
-"""Reasons after which the depth is unknown."""
-
+_PLACED = (-1, _CODES[Reason.AT_REST])  # answers at which state and depth are known
 _HEAD, _WRENCH = struct.Struct("<4q29d"), struct.Struct("<6d")
 _NONE = (math.nan,) * 6
 _NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
@@ -81,32 +73,26 @@ _SIX = ",%.9g" * 6
 
 
 class Run:
-    """An estimator and a row of each of its answers, in files that `scratch` makes: memory does not grow with them.
+    """An estimator and a row of each of its answers, in unnamed files in `folder`: memory does not grow with them."""
 
-    `learning`: the estimator's, if the rows are to have what it learned.
-    """
-
-    def __init__(
-        self, estimator: Estimator, scratch: Callable[[], BinaryIO], *, learning: Learning | None = None
-    ) -> None:
-        self.estimator, self.learning = estimator, learning
+    def __init__(self, estimator: Estimator, folder: Path | None = None) -> None:
+        self.estimator = estimator
         self.issues: Counter[str] = Counter()
         """At how many answers learning had each of its issues."""
-        self._answers, self._measured = scratch(), scratch()
+        self._answers, self._measured = (TemporaryFile(dir=folder) for _ in range(2))  # noqa: SIM115
 
     def add(self, answer: Estimate | NoEstimate) -> None:
         """Add the estimator's last answer."""
         e, learned = self.estimator, _NOT_LEARNED
-        if self.learning:
-            belief = self.learning.belief()
+        if e.learning:
+            belief = e.learning.belief()
             learned = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
-            self.issues.update(map(str, self.learning.issues()))
+            self.issues.update(map(str, e.learning.issues()))
         if isinstance(answer, Estimate):
             codes, speed, wrenches = (-1, -1, answer.quality_flags), answer.speed, answer.predicted + answer.sigma
-            depth = e.surface.depth
         else:
             codes, speed, wrenches = (_CODES[answer.reason], -1, 0), math.nan, _NONE + _NONE
-            depth = math.nan if answer.reason in _UNPLACED else e.depth()
+        depth = e.surface.depth if codes[0] in _PLACED else math.nan
         self._answers.write(_HEAD.pack(answer.stamp, *codes, depth, speed, *wrenches, *_NONE, *learned))
         self._answers.write(e.state.tobytes())
         self._take()
@@ -115,7 +101,7 @@ class Run:
         for measurement in self.estimator.measurements():
             self._measured.write(_WRENCH.pack(*(measurement.compensated or _NONE)))
 
-    def rows(self) -> NDArray[np.void]:
+    def rows(self) -> Rows:
         """A row of each answer in order, shape [n], with all measurements and phases; read as they are used."""
         e = self.estimator
         e.finish()
@@ -127,35 +113,25 @@ class Run:
         rows = np.memmap(self._answers, ROW, "r+")
         if self._measured.tell():
             rows["compensated"][rows["reason"] == -1] = np.memmap(self._measured, "<f8", "r").reshape(-1, 6)
-        known = np.flatnonzero(np.isin(rows["reason"], (-1, _CODES[Reason.AT_REST])))
-        phases = phases_of(self._moments(rows, known), e.settings.rest_speed)
-        rows["phase"][known] = [PHASES.index(phase) for phase in phases]
+        known = np.flatnonzero(np.isin(rows["reason"], _PLACED))
+        sinking = np.empty(len(known))
+        for start in range(0, len(known), _BLOCK):
+            block = known[start : start + _BLOCK]
+            height, sinking[start : start + _BLOCK] = lowest_points(e.model.tool.corners, rows["state"][block])
+            if e.ground is None:
+                rows["depth"][block] = e.settings.surface_height - height
+        stamps, depth, speed = (rows[name][known] for name in ("stamp", "depth", "speed"))
+        rows["phase"][known] = phases_of(stamps, depth, sinking, np.nan_to_num(speed), e.settings.rest_speed)
         return rows
 
-    def _moments(
-        self, rows: NDArray[np.void], known: NDArray[np.intp]
-    ) -> Iterator[tuple[int, float, float, float, float]]:
-        """The arguments of `phases_of` at these rows; on level ground their depth follows from the state."""
-        e = self.estimator
-        for start in range(0, len(known), _BLOCK):
-            chosen = known[start : start + _BLOCK]
-            block = rows[chosen]
-            height, velocity = lowest_points(e.model.tool.corners, block["state"])
-            if e.ground is None:
-                block["depth"] = rows["depth"][chosen] = e.settings.surface_height - height
-            travel, speed = np.linalg.norm(velocity, axis=1), np.nan_to_num(block["speed"])
-            columns = (block["stamp"], block["depth"], -velocity[:, 2], travel, speed)
-            yield from zip(*(column.tolist() for column in columns), strict=True)
 
-
-def write_estimates(run: Run, rows: NDArray[np.void], folder: Path) -> None:
+def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
     """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a run's rows, shape [n]."""
     frame, generation = run.estimator.settings.sensor_frame, run.estimator.model.generation
-    learned = LEARNED_COLUMNS if run.learning else ()
+    learned = LEARNED_COLUMNS if run.estimator.learning else ()
     names = ("stamp", "reason", "phase", "quality_flags", "depth", "speed", "predicted", "compensated", "sigma")
-    with BagWriter(folder / "estimates") as bag, (folder / "estimates.csv").open(
-        "w", encoding="utf-8", newline="\n"
-    ) as table:  # fmt: skip
+    file = folder / "estimates.csv"
+    with BagWriter(folder / "estimates") as bag, file.open("w", encoding="utf-8", newline="\n") as table:
         table.write(",".join(COLUMNS + learned) + "\n")
         for start in range(0, len(rows), _BLOCK):
             block = np.array(rows[start : start + _BLOCK])

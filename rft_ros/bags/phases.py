@@ -1,6 +1,5 @@
-"""The phase of every pose: where the tool's lowest point is and how it moves, without flicker."""
+"""The phase of every pose: where the tool's lowest point is and how it moves."""
 
-from collections.abc import Iterable
 from enum import Enum
 
 import numpy as np
@@ -11,18 +10,18 @@ from rft_ros.rft.frames import rotation
 __all__ = ["PHASES", "Phase", "lowest_points", "phases_of"]
 
 _Array = NDArray[np.float64]
+_Numbers = NDArray[np.int64]
 
-_HOLD = 100_000_000  # shortest phase [ns]; it counts from its first moment
-_STEEP, _STILL_STEEP = 0.1, 0.05  # sine of the least slope that counts as down or up; within that phase
-_STILL_AT_REST = 1.5  # a tool at rest counts as at rest up to this many times `rest_speed`
+_AROUND = 100_000_000  # ns before and after a moment in which its phase must prevail
+_STEEP = 0.1  # least share of the tool's speed that counts as down or up
 
 
 class Phase(str, Enum):
     """What the tool does; users read the values.
 
-    APPROACH: its lowest point is above the surface, except in WITHDRAWAL. PENETRATION: below it, and that point moves
-    down. DWELL: below it, slower than `rest_speed`. WITHDRAWAL: that point moves up, or has left the grains and has not
-    moved down or sideways since. PLOUGHING: below the surface, any other motion.
+    WITHDRAWAL: its lowest point moves up, below the surface or above it. APPROACH: it is above the surface, in any
+    other motion. PENETRATION: it is below it and moves down. DWELL: below it, slower than `rest_speed`. PLOUGHING:
+    below it, any other motion.
     """
 
     APPROACH = "approach"
@@ -39,61 +38,37 @@ PHASES = tuple(Phase)
 
 
 def lowest_points(corners: _Array, states: _Array) -> tuple[_Array, _Array]:
-    """World z [m] of the lowest of a tool's corners, shape [n], and its velocity [m/s], shape [n, 3], at n states.
+    """World z [m] of the lowest of a tool's corners, and its downward velocity [m/s], shape [n] each, at n states.
 
     `corners`: in the tool frame [m], shape [m, 3]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
     """
     axes = np.array(rotation(*states[:, 3:7].T)).T.reshape(-1, 3, 3)
     lowest = corners[(axes[:, 2] @ corners.T).argmin(axis=1)]
-    arm = np.einsum("nij,nj->ni", axes, lowest)
-    return states[:, 2] + arm[:, 2], states[:, 7:10] + np.cross(states[:, 10:13], arm)
+    x, y, z = np.einsum("nij,nj->in", axes, lowest)
+    return states[:, 2] + z, states[:, 11] * x - states[:, 10] * y - states[:, 9]
 
 
-def phases_of(moments: Iterable[tuple[int, float, float, float, float]], rest_speed: float) -> list[Phase]:
-    """The phase of each moment, none shorter than 0.1 s but at the ends; a stamp that goes back begins another run.
+def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, rest_speed: float) -> _Numbers:
+    """Number in `PHASES` of the phase that prevails within 0.1 s of each of n moments; all shapes [n].
 
-    Moments: stamp [ns], depth of the lowest point [m], negative above the surface, its downward velocity and speed, and
-    the greatest speed of the tool's plates [m/s].
+    `stamps` [ns]: one that goes back begins another run. `depth` of the lowest point [m], negative above the surface;
+    `sinking`: its downward velocity; `speed` of the tool's fastest plate, `rest_speed` [m/s].
     """
-    found: list[Phase] = []
-    now: Phase | None = None
-    candidate: Phase | None = None
-    begin = since = newest = 0  # first moment of the candidate, its stamp; stamp of the last moment
-
-    def settle() -> None:
-        if candidate:
-            found[begin:] = [candidate] * (len(found) - begin)
-
-    for stamp, depth, sinking, travel, speed in moments:
-        if stamp < newest:
-            settle()
-            now = candidate = None
-        newest = stamp
-        seen = _phase(now, depth, sinking, travel, speed, rest_speed)
-        now = now or seen
-        found.append(now)
-        if seen is now:
-            candidate = None
-        elif seen is not candidate:
-            candidate, begin, since = seen, len(found) - 1, stamp
-        elif stamp - since >= _HOLD:
-            settle()
-            now, candidate = seen, None
-    settle()
-    return found
+    steep = np.maximum(rest_speed, _STEEP * speed)
+    cases = {
+        Phase.WITHDRAWAL: -sinking >= steep,
+        Phase.APPROACH: depth <= 0.0,
+        Phase.DWELL: speed < rest_speed,
+        Phase.PENETRATION: sinking >= steep,
+    }
+    seen = np.select([*cases.values()], [*map(PHASES.index, cases)], PHASES.index(Phase.PLOUGHING))
+    runs = np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps) < 0) + 1)
+    return np.concatenate([_prevailing(stamps[run], seen[run]) for run in runs])
 
 
-def _phase(now: Phase | None, depth: float, sinking: float, travel: float, speed: float, rest: float) -> Phase:
-    """The phase at a moment, without the hold time; thresholds favour the current phase."""
-    down = sinking >= max(rest, travel * (_STILL_STEEP if now is Phase.PENETRATION else _STEEP))
-    up = -sinking >= max(rest, travel * (_STILL_STEEP if now is Phase.WITHDRAWAL else _STEEP))
-    if depth <= 0.0:
-        if now is None or now is Phase.APPROACH or down:
-            return Phase.APPROACH
-        still = now is Phase.WITHDRAWAL and speed < rest * _STILL_AT_REST
-        return Phase.WITHDRAWAL if up or still else Phase.APPROACH
-    if speed < rest * (_STILL_AT_REST if now is Phase.DWELL else 1.0):
-        return Phase.DWELL
-    if down:
-        return Phase.PENETRATION
-    return Phase.WITHDRAWAL if up else Phase.PLOUGHING
+def _prevailing(stamps: _Numbers, seen: _Numbers) -> _Numbers:
+    first = np.searchsorted(stamps, stamps - _AROUND)
+    after = np.searchsorted(stamps, stamps + _AROUND, side="right")
+    sums = [np.append(0, np.cumsum(seen == code)) for code in range(len(PHASES))]
+    most: _Numbers = np.argmax([total[after] - total[first] for total in sums], axis=0)
+    return most

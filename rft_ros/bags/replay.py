@@ -2,11 +2,8 @@
 
 import time
 from collections.abc import Mapping
-from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryFile
-from typing import BinaryIO
 
 from rft_ros.bags.estimates import Run, write_estimates
 from rft_ros.bags.playback import ReplayOptions, play, topics_of, unposed
@@ -79,13 +76,9 @@ def replay(
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     check_replaceable(out / "estimates")
-    with whole_folder(out, _FILES) as part, ExitStack() as files:
-
-        def scratch() -> BinaryIO:
-            return files.enter_context(TemporaryFile(dir=part))
-
-        run = Run(estimator, scratch, learning=estimator.learning)
-        others = {name: Run(Estimator(own, model), scratch) for name, own in _learning_settings(settings).items()}
+    with whole_folder(out, _FILES) as part:
+        run = Run(estimator, part)
+        others = {name: Run(Estimator(own, model), part) for name, own in _learning_settings(settings).items()}
         with Recording(bag, topics, start=options.start, end=options.end) as recording:
             for sample, answer in play(recording, estimator, label or bag_name(bag)):
                 if answer is not None:

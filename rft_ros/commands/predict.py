@@ -87,7 +87,7 @@ def view(arguments: argparse.Namespace) -> int:
 
 
 def _of_states(arguments: argparse.Namespace) -> "Animation":
-    from rft_ros.report.animation import animate_evenly
+    from rft_ros.report.animation import animate
     from rft_ros.states_file import read_states
 
     if arguments.mesh is None:
@@ -95,17 +95,17 @@ def _of_states(arguments: argparse.Namespace) -> "Animation":
     moving = read_states(arguments.source)
     tool = options.tool_of(arguments, arguments.mesh)
     law = options.law_of(arguments)
-    return animate_evenly(tool.name, tool, law, *moving, surface_height=arguments.surface_height)
+    return animate(tool.name, tool, law, *moving, surface_height=arguments.surface_height)
 
 
 def _of_bag(arguments: argparse.Namespace) -> "Animation":
     from rft_ros.bags.playback import states_of
     from rft_ros.parameters import model_of, named_files, settings_of
-    from rft_ros.report.animation import animate_evenly
+    from rft_ros.report.animation import animate
 
     values, part = options.recording(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     model, height = model_of(values), settings_of(values).surface_height
     *moving, ground = states_of(arguments.source, values, model, part)
     title = f"{model.tool.name}{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
-    return animate_evenly(title, model.tool, model.law, *moving, surface_height=height, ground=ground)
+    return animate(title, model.tool, model.law, *moving, surface_height=height, ground=ground)

@@ -1,7 +1,6 @@
 """A tool that moves through the grains, coloured by traction, as a plotly figure."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,7 +10,7 @@ from rft_ros.ground import HeightMap, LocalSurface, Support
 from rft_ros.rft import LEVEL, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool, drawable
 
-__all__ = ["TRACTION", "Animation", "animate", "animate_evenly", "animation_figure"]
+__all__ = ["TRACTION", "Animation", "animate", "animation_figure"]
 
 Array = NDArray[np.float64]
 
@@ -21,15 +20,16 @@ TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d2
 
 _PERIOD = 83  # ms from frame to frame
 _MOMENTS = 60
+_MOST_FACES = 2000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Animation:
     """k moments of a tool with n vertices and m faces, in world axes.
 
-    `labels`: one for each moment. `placed`: vertices [m], shape [k, n, 3]. `faces`: indices of vertices, shape [m, 3].
-    `traction`: on each face [N/m²], shape [k, m]. `forces`: on the tool [N], shape [k, 3]. `surface_height` [m].
-    `first`: index of the moment shown first. `ground`: x [n], y [m] and heights [n, m] of a map of the ground [m].
+    `labels`: one for each moment. `placed`: vertices [mm], shape [k, n, 3]. `faces`: indices of vertices, shape [m, 3].
+    `traction`: on each face [kPa], shape [k, m]. `forces`: on the tool [N], shape [k, 3]. `surface_height` [mm].
+    `ground`: x [n], y [m] and heights [n, m] of a map of the ground [mm]. `first`: index of the moment shown first.
     """
 
     title: str
@@ -39,103 +39,79 @@ class Animation:
     traction: Array
     forces: Array
     surface_height: float
-    first: int = 0
-    ground: tuple[Array, Array, Array] | None = None
-
-    def in_millimetres(self) -> "Animation":
-        """The same with lengths in mm, for drawing."""
-        ground = self.ground and (1e3 * self.ground[0], 1e3 * self.ground[1], 1e3 * self.ground[2])
-        return replace(self, placed=1e3 * self.placed, surface_height=1e3 * self.surface_height, ground=ground)
+    ground: tuple[Array, Array, Array] | None
+    first: int
 
 
 def animate(
     title: str,
     tool: Tool,
     law: Law,
+    times: Array,
     states: Array,
-    labels: Sequence[str],
     *,
     surface_height: float,
     ground: HeightMap | None = None,
-    first: int = 0,
-    most_faces: int = 1500,
 ) -> Animation:
-    """The animation of states, shape [k, 13]. The traction does not include memory.
+    """The animation of at most 60 of n states, evenly spaced by index; the one with the greatest force comes first.
 
-    `surface_height` [m] where `ground` knows nothing.
+    `times` [s], shape [n]. `states`: shape [n, 13]. `surface_height` [m] where `ground` knows nothing. The traction
+    does not include memory.
     """
-    vertices, faces, plates = drawable(tool, most_faces=most_faces)
+    used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
+    times, states = times[used], states[used]
+    vertices, faces, plates = drawable(tool, most_faces=_MOST_FACES)
     support, level = Support(tool.corners), LocalSurface(surface_height, LEVEL, 0.0, 0.0)
-    forces, grid = [], None
+    of_plates, grid = [], None
     for state in states:
         surface = support.local_surface(ground, state, level=surface_height) if ground else level
-        forces.append(plate_forces(plates, law, state, surface_height=surface.height, slope=surface.slope))
+        of_plates.append(plate_forces(plates, law, state, surface_height=surface.height, slope=surface.slope))
     if ground is not None:  # around the tool's path
         around = 3.0 * tool.plates.reach
         x, y = np.linspace(states[:, :2].min(axis=0) - around, states[:, :2].max(axis=0) + around, 100).T
-        grid = x, y, ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
+        grid = 1e3 * x, 1e3 * y, 1e3 * ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
+    forces = np.sum(of_plates, axis=1)
     return Animation(
         title=title,
-        labels=tuple(labels),
-        placed=np.array([vertices @ rotation_matrix(state[3:7]).T + state[:3] for state in states]),
+        labels=tuple(f"t = {time:.2f} s" for time in times),
+        placed=np.array([1e3 * (vertices @ rotation_matrix(state[3:7]).T + state[:3]) for state in states]),
         faces=faces,
-        traction=np.linalg.norm(forces, axis=2) / plates.packed[6],
-        forces=np.sum(forces, axis=1),
-        surface_height=surface_height,
-        first=first,
+        traction=1e-3 * np.linalg.norm(of_plates, axis=2) / plates.packed[6],
+        forces=forces,
+        surface_height=1e3 * surface_height,
         ground=grid,
+        first=int(np.linalg.norm(forces, axis=1).argmax()),
     )
-
-
-def animate_evenly(title: str, tool: Tool, law: Law, times: Array, states: Array, **scene: Any) -> Animation:
-    """The animation of at most 60 of n states, evenly spaced by index.
-
-    `times` [s], shape [n]. `states`: shape [n, 13]. `scene`: as of `animate`.
-    """
-    used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
-    return animate(title, tool, law, states[used], [f"t = {time:.2f} s" for time in times[used]], **scene)
-
-
-def _box(scene: Animation) -> tuple[Array, Array]:
-    """Lowest and highest corner of tool and surface, shape [3], with margin; at least half as wide as high."""
-    points = scene.placed.reshape(-1, 3)
-    low, high = points.min(axis=0), points.max(axis=0)
-    low[2], high[2] = min(low[2], scene.surface_height), max(high[2], scene.surface_height)
-    narrow = np.maximum(0.5 * (high[2] - low[2]) - (high - low)[:2], 0.0)
-    low[:2], high[:2] = low[:2] - 0.5 * narrow, high[:2] + 0.5 * narrow
-    margin = 0.05 * (high - low).max()
-    return low - margin, high + margin
 
 
 def animation_figure(scene: Animation) -> Any:
     """A plotly Figure with a slider over the moments, and play and pause buttons."""
     import plotly.graph_objects as go
 
-    scene = scene.in_millimetres()
-    low, high = _box(scene)
-    kilopascals, sizes = 1e-3 * scene.traction, np.linalg.norm(scene.forces, axis=1)
+    low, high = scene.placed.min(axis=(0, 1)), scene.placed.max(axis=(0, 1))
+    low[2], high[2] = min(low[2], scene.surface_height), max(high[2], scene.surface_height)
+    margin = 0.25 * (high - low).max()  # so that a deep scene is no narrow column
+    low, high = low - margin, high + margin
+    sizes = np.linalg.norm(scene.forces, axis=1)
     starts = scene.placed.mean(axis=1)
     ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * scene.forces
     captions = [f"{scene.title}   {s}   |F| = {f:.2f} N" for s, f in zip(scene.labels, sizes, strict=True)]
     i, j, k = scene.faces.T
 
+    def line(points: Any, name: str, colour: str, width: int) -> Any:
+        x, y, z = np.array(points).T
+        return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, name=name)
+
     def moving(n: int) -> list[Any]:
         x, y, z = scene.placed[n].astype(np.float32).T
-        arrow, path = np.array([starts[n], ends[n]]).T, starts[: n + 1].T
         return [
             go.Mesh3d(
                 x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
-                colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=kilopascals.max() or 1.0, name="tool",
-                intensity=kilopascals[n].astype(np.float32), intensitymode="cell",
+                colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=scene.traction.max() or 1.0, name="tool",
+                intensity=scene.traction[n].astype(np.float32), intensitymode="cell",
                 colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
             ),
-            go.Scatter3d(
-                x=arrow[0], y=arrow[1], z=arrow[2], mode="lines+markers", line={"color": _FORCE, "width": 8},
-                marker={"size": [0, 5], "color": _FORCE}, name="force on the tool",
-            ),
-            go.Scatter3d(
-                x=path[0], y=path[1], z=path[2], mode="lines", line={"color": _PATH, "width": 3}, name="path"
-            ),
+            line([starts[n], ends[n]], "force on the tool", _FORCE, 8),
         ]  # fmt: skip
 
     x, y, heights = scene.ground or (*np.array([low, high]).T[:2], np.full((2, 2), scene.surface_height))
@@ -144,7 +120,7 @@ def animation_figure(scene: Animation) -> Any:
         colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
     )  # fmt: skip
     frames = [
-        go.Frame(data=moving(n), traces=[0, 1, 2], name=str(n), layout={"title": {"text": caption}})
+        go.Frame(data=moving(n), traces=[0, 1], name=str(n), layout={"title": {"text": caption}})
         for n, caption in enumerate(captions)
     ]
     each = {"frame": {"duration": _PERIOD, "redraw": True}, "fromcurrent": True, "mode": "immediate"}
@@ -160,7 +136,8 @@ def animation_figure(scene: Animation) -> Any:
     }
     menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
     steps = [button(label, [str(n)], at_once) for n, label in enumerate(scene.labels)]
-    return go.Figure(data=[*moving(scene.first), ground], frames=frames).update_layout(
+    still = line(starts, "path", _PATH, 3), ground
+    return go.Figure(data=[*moving(scene.first), *still], frames=frames).update_layout(
         title=captions[scene.first],
         font={"family": "system-ui, sans-serif", "size": 13},
         scene={
