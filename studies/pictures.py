@@ -96,7 +96,7 @@ def draw_demo(bag: Path, file: Path) -> None:
     from rft_ros.bags.replay import replay
     from rft_ros.installation import share_directory
     from rft_ros.node.virtual_arm import LAYER
-    from rft_ros.parameters import model_of, read_parameter_file
+    from rft_ros.parameters import model_of, read_parameter_file, settings_of
 
     values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
     fixed = {**values, "learning.mode": "off"}
@@ -108,7 +108,8 @@ def draw_demo(bag: Path, file: Path) -> None:
             table = Path(folder) / name / "estimates.csv"
             tables.append(np.genfromtxt(table, delimiter=",", names=True, dtype=None, encoding="utf-8"))
     times, states, _ = states_of(bag, fixed, model, options)
-    scene = animate("Traction and force by the fixed model", model.tool, model.law, times, states)
+    height, title = settings_of(fixed).surface_height, "Traction and force by the fixed model"
+    scene = animate(title, model.tool, model.law, times, states, surface_height=height)
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0
     scene = replace(scene, first=int(strength.argmax()))
