@@ -171,11 +171,10 @@ class Intake:
         for reason, (frame, *expected) in self._unknown.items():
             if all(tree.fixed(into, frame) is None for into in expected):
                 found[reason] = _UNKNOWN[reason].format(frame, *expected)
-        if not tree.linked(s.world_frame, s.tool_frame):
-            found[Reason.TF_FRAME_UNKNOWN] = tree.unlinked("tool_frame", s.tool_frame, s.world_frame)
-        if s.sensor_source == "tf" and tree.fixed(s.tool_frame, s.sensor_frame) is None:
-            sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, kind="fixed ")
-            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
+        if tool := tree.unlinked("tool_frame", s.tool_frame, s.world_frame):
+            found[Reason.TF_FRAME_UNKNOWN] = tool
+        if sensor := tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, fixed=True):
+            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor  # counted with sensor_source tf alone
         return {str(r): sentence for r, sentence in (found | tree.sentences).items() if self._counts[r.value]}
 
     # --- poses from transforms

@@ -1,12 +1,14 @@
 """The estimator's inputs (samples) and outputs (estimates, measurements, and the reasons for having none)."""
 
+from collections.abc import Reversible
 from enum import Enum
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from rft_ros.ground import Cloud
 
 __all__ = ["ABSURD", "PATIENCE", "TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason"]
 __all__ += ["RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
+__all__ += ["around"]
 
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
@@ -61,6 +63,19 @@ class TransformSample(NamedTuple):
     position: Vector
     quaternion: tuple[float, float, float, float]
     fixed: bool = False
+
+
+_Kept = TypeVar("_Kept", TwistSample, WrenchSample, TransformSample)
+
+
+def around(history: Reversible[_Kept], stamp: float) -> tuple[_Kept | None, _Kept | None]:
+    """The last sample at or before a stamp [ns] and the first after it, of samples in the order of their stamps."""
+    after = None
+    for sample in reversed(history):
+        if sample.stamp <= stamp:
+            return sample, after
+        after = sample
+    return None, after
 
 
 Stamped = PoseSample | TwistSample | WrenchSample | Cloud

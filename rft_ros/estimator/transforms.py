@@ -2,16 +2,14 @@
 
 import math
 from collections import deque
-from collections.abc import Iterator
 from typing import NamedTuple
 
-from rft_ros.estimator.samples import ABSURD, TIME_JUMP, Reason, TransformSample, Vector, Wrench
+from rft_ros.estimator.samples import ABSURD, TIME_JUMP, Reason, TransformSample, Vector, Wrench, around
 from rft_ros.rft import unit_quaternion
 
 __all__ = ["Placement", "Transforms"]
 
-_HISTORY = 4096  # transforms kept of a moving frame on the way: 8 s at 500 Hz
-_UNLINKED_HISTORY = 512  # kept of each moving frame until the way is known: 1 s at 500 Hz, the patience of a pose
+_HISTORY = 1024  # transforms kept of a moving frame on the way: 2 s at 500 Hz, twice the patience of a pose
 _LONGEST_NAME = 255
 _MOST_FRAMES = 4096
 _MOST_LISTED = 20
@@ -61,41 +59,22 @@ class Placement(NamedTuple):
         return Placement((-a, -b, -c), back.quaternion)
 
 
-_HERE = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+def _placed(history: deque[TransformSample], stamp: float, max_age: int) -> Placement | Reason:
+    """A frame in its parent at a stamp, interpolated between the transforms on both sides, within `max_age` [ns].
 
-
-class _Link(NamedTuple):
-    """A frame's transforms to its parent, in the order of their stamps; fixed: the last one alone."""
-
-    fixed: bool
-    history: deque[TransformSample]
-
-    @property
-    def newest(self) -> TransformSample:
-        return self.history[-1]
-
-    def at(self, stamp: int, max_age: int) -> tuple[str, Placement | Reason]:
-        """Parent and placement at a stamp, interpolated between the transforms on both sides, within `max_age` [ns].
-
-        Between two parents the transform before the stamp counts.
-        """
-        sample, after = self.newest, None
-        if self.fixed:
-            return sample.parent, Placement(*sample[3:5])
-        for sample in reversed(self.history):
-            if sample.stamp <= stamp:
-                break
-            after = sample
-        else:
-            return sample.parent, Reason.TF_MISSING
-        if sample.stamp < stamp:
-            if after is None:
-                return sample.parent, Reason.TF_STALE
-            if after.stamp - stamp > max_age or stamp - sample.stamp > max_age:
-                return sample.parent, Reason.TF_GAP
-            if after.parent == sample.parent:
-                return sample.parent, _between(sample, after, (stamp - sample.stamp) / (after.stamp - sample.stamp))
-        return sample.parent, Placement(*sample[3:5])
+    Between two parents the transform before the stamp counts.
+    """
+    before, after = around(history, stamp)
+    if before is None:
+        return Reason.TF_MISSING
+    if before.stamp < stamp and not before.fixed:
+        if after is None:
+            return Reason.TF_STALE
+        if max(after.stamp - stamp, stamp - before.stamp) > max_age:
+            return Reason.TF_GAP
+        if after.parent == before.parent:
+            return _between(before, after, (stamp - before.stamp) / (after.stamp - before.stamp))
+    return Placement(before.position, before.quaternion)
 
 
 def _between(a: TransformSample, b: TransformSample, share: float) -> Placement:
@@ -120,7 +99,7 @@ class Transforms:
 
     def __init__(self) -> None:
         self.sentences: dict[Reason, str] = {}
-        self._links: dict[str, _Link] = {}
+        self._links: dict[str, deque[TransformSample]] = {}  # by child, in the order of stamps; of a fixed one the last
         self._ends: tuple[str, str] | None = None
         self._kept: set[str] | None = None  # frames on the way between the ends; None: not linked
         self._fixed: dict[tuple[str, str], Placement] = {}
@@ -133,40 +112,37 @@ class Transforms:
 
     def push(self, sample: TransformSample) -> Reason | None:
         """Add a transform; returns the reason if it is refused, and `TF_TWO_PARENTS` if it is taken nevertheless."""
-        link = self._links.get(sample.child)
-        aside = self._kept is not None and sample.child not in self._kept and not sample.fixed
-        if aside and link is not None and not link.fixed and link.newest.parent == sample.parent:
+        history = self._links.get(sample.child)
+        last = history[-1] if history else None
+        moves = last is not None and not (last.fixed or sample.fixed)
+        same = last is not None and last.parent == sample.parent
+        aside = self._kept is not None and sample.child not in self._kept
+        if aside and moves and same:
             return None  # the last one that was kept says as much about the tree
         quaternion = unit_quaternion(*sample.quaternion)
-        reason, what = self._judged(sample, quaternion, link)
+        reason, what = self._judged(sample, quaternion, last)
         if reason is not None:
-            fixed = " (fixed)" * sample.fixed
-            self.sentences[reason] = f"{_short(sample.child)} in {_short(sample.parent)}{fixed}: {what}"
+            self.sentences[reason] = f"{_described(sample)}: {what}"
         if quaternion is None or reason not in (None, Reason.TF_TWO_PARENTS):
             return reason
-        if link is not None and not (link.fixed or sample.fixed) and sample.stamp <= link.newest.stamp:
-            if link.newest.stamp - sample.stamp < TIME_JUMP:
+        if moves and last is not None and sample.stamp <= last.stamp:
+            if last.stamp - sample.stamp < TIME_JUMP:
                 return reason
             self.begin_again(sample.stamp)
-            link = None
-        if link is None or link.fixed != sample.fixed:
-            link = self._links[sample.child] = _Link(sample.fixed, deque(maxlen=1 if sample.fixed else _HISTORY))
-        begins = not link.history or link.newest.parent != sample.parent
-        if aside:
-            link.history.clear()
-        elif self._kept is None and self._ends and len(link.history) >= _UNLINKED_HISTORY:
-            link.history.popleft()
-        link.history.append(sample._replace(quaternion=quaternion))
-        if begins:
+            history = None
+        if history is None or not moves or aside:
+            same = False
+            history = self._links[sample.child] = deque(maxlen=_HISTORY)
+        history.append(sample._replace(quaternion=quaternion, stamp=0 if sample.fixed else sample.stamp))
+        if not same:
             self._find_kept()
-        if begins or link.fixed:
             self._fixed.clear()
         return reason
 
     def _judged(
-        self, sample: TransformSample, quaternion: Quaternion | None, link: _Link | None
+        self, sample: TransformSample, quaternion: Quaternion | None, last: TransformSample | None
     ) -> tuple[Reason | None, str]:
-        """What is wrong with a transform of a frame that has this link, and in words."""
+        """What is wrong with a transform that follows this one of its frame, and in words."""
         stamp, parent, child, position, _, fixed = sample
         if not (parent and child and max(len(parent), len(child)) <= _LONGEST_NAME):
             return Reason.TF_INVALID, f"a name is missing or longer than {_LONGEST_NAME} characters"
@@ -176,111 +152,95 @@ class Transforms:
             return Reason.TF_INVALID, "the position is not finite"
         if not fixed and stamp <= 0:
             return Reason.TF_INVALID, "the stamp is zero"
-        if link is None and len(self._links) >= _MOST_FRAMES:
+        if last is None and len(self._links) >= _MOST_FRAMES:
             return Reason.TF_INVALID, f"there are {_MOST_FRAMES:,} frames already"
-        known = link is not None and link.newest.parent == parent
+        known = last is not None and last.parent == parent
         if not known and child in (line := self._line(parent)):
             return Reason.TF_LOOP, f"but {' in '.join(map(repr, line[: line.index(child) + 1]))}"
-        if link is None:
-            return None, ""
-        behind = link.newest.stamp - stamp
-        late = not (fixed or link.fixed) and 0 <= behind < TIME_JUMP
-        if known and link.fixed == fixed:
-            return (Reason.TF_OUT_OF_ORDER, f"{behind} ns before the last one") if late else (None, "")
-        return Reason.TF_TWO_PARENTS, f"before in {link.newest.parent!r}" + " (fixed)" * link.fixed
+        if last is not None and not (known and last.fixed == fixed):
+            return Reason.TF_TWO_PARENTS, f"before in {last.parent!r}" + " (fixed)" * last.fixed
+        if last is not None and not fixed and 0 <= last.stamp - stamp < TIME_JUMP:
+            return Reason.TF_OUT_OF_ORDER, f"{last.stamp - stamp} ns before the last one"
+        return None, ""
 
     def begin_again(self, stamp: int) -> None:
         """Forget moving transforms that lie a time jump or more after a stamp [ns]: they belong to the run before."""
-        late = [n for n, k in self._links.items() if not k.fixed and k.newest.stamp - stamp >= TIME_JUMP]
+        late = [n for n, h in self._links.items() if not h[-1].fixed and h[-1].stamp - stamp >= TIME_JUMP]
         for name in late:
             del self._links[name]
         if late:
             self._find_kept()
 
-    def at(self, target: str, source: str, stamp: int | None, max_age: int = 0) -> Placement | Reason:
-        """Placement of the frame `source` in the frame `target` at a stamp [ns]; None: by fixed transforms alone.
+    def at(self, target: str, source: str, stamp: int, max_age: int) -> Placement | Reason:
+        """Placement of the frame `source` in the frame `target` at a stamp [ns].
 
         Each moving transform on the way is interpolated between those on both sides of the stamp, within `max_age`
         [ns]. The reason may pass as more transforms come if it is `TF_FRAME_UNKNOWN` or `TF_STALE`.
         """
-        ends = dict(self._climb(target, stamp, max_age))
-        for frame, end in self._climb(source, stamp, max_age):
-            if frame in ends:
-                other = ends[frame]
-                if isinstance(end, Reason) or isinstance(other, Reason):
-                    return _reason(end, other)
-                return other.inverse().of(end)
-        return Reason.TF_FRAME_UNKNOWN
-
-    def _climb(self, frame: str, stamp: int | None, max_age: int) -> Iterator[tuple[str, Placement | Reason]]:
-        """A frame and its ancestors, and the frame's placement in each."""
-        end: Placement | Reason = _HERE
-        seen: set[str] = set()
-        while frame not in seen:  # transforms of several stamps may make a loop
-            seen.add(frame)
-            yield frame, end
-            link = self._links.get(frame)
-            if link is None or (stamp is None and not link.fixed):
-                return
-            frame, step = link.at(stamp or 0, max_age)
-            end = _reason(end, step) if isinstance(end, Reason) or isinstance(step, Reason) else step.of(end)
+        way = self._way(target, source, stamp)
+        if way is None:
+            return Reason.TF_FRAME_UNKNOWN
+        ends, reason = [Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))] * 2, None
+        for k, frames in enumerate(way):
+            for frame in frames:
+                step = _placed(self._links[frame], stamp, max_age)
+                if isinstance(step, Placement):
+                    ends[k] = step.of(ends[k])
+                elif reason in (None, Reason.TF_STALE):
+                    reason = step
+        return reason or ends[1].inverse().of(ends[0])
 
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
         found = self._fixed.get((target, source))
-        if found is None and isinstance(placement := self.at(target, source, None), Placement):
-            found = self._fixed[target, source] = placement
+        if found is None and isinstance(place := self.at(target, source, 0, 0), Placement):  # moving ones come later
+            found = self._fixed[target, source] = place
         return found
 
     def newest(self, target: str, source: str) -> int | None:
         """The last stamp [ns] at which all moving transforms between two frames are known; None if there are none."""
-        links = [self._links[frame] for frame in self._way(target, source) or ()]
-        return min((link.newest.stamp for link in links if not link.fixed), default=None)
+        last = [self._links[frame][-1] for frames in self._way(target, source) or () for frame in frames]
+        return min((sample.stamp for sample in last if not sample.fixed), default=None)
 
     def frames(self) -> list[str]:
-        """The frames, each with its parent, such as ``tool in flange (fixed)``; of many the first."""
-        links = sorted(self._links.items())
-        found = [f"{_short(c)} in {_short(k.newest.parent)}{' (fixed)' * k.fixed}" for c, k in links[:_MOST_LISTED]]
-        return [*found, f"{len(links) - _MOST_LISTED:,} more"] if len(links) > _MOST_LISTED else found
+        """The frames, each with its parent, such as ``'tool' in 'flange' (fixed)``; of many the first."""
+        found = [_described(self._links[name][-1]) for name in sorted(self._links)]
+        more = [f"{len(found) - _MOST_LISTED:,} more"] if len(found) > _MOST_LISTED else []
+        return found[:_MOST_LISTED] + more
 
-    def linked(self, target: str, source: str) -> bool:
-        """Whether the newest transforms link two frames."""
-        return self._way(target, source) is not None
-
-    def unlinked(self, parameter: str, frame: str, other: str, *, kind: str = "") -> str:
-        """A sentence: no transforms of this kind link `frame`, named by a parameter, and the frame `other`."""
-        missing = f"no transform names {parameter} {_short(frame)}"
-        if frame in self._links or any(link.newest.parent == frame for link in self._links.values()):
-            missing = f"no {kind}transforms link {parameter} {_short(frame)} and {_short(other)}"
+    def unlinked(self, parameter: str, frame: str, other: str, *, fixed: bool = False) -> str | None:
+        """A sentence unless transforms, or fixed ones alone, link `frame`, named by a parameter, and `other`."""
+        if (self.fixed if fixed else self._way)(other, frame) is not None:
+            return None
+        missing = f"no transform names {parameter} {frame!r}"
+        if frame in self._links or any(history[-1].parent == frame for history in self._links.values()):
+            missing = f"no {'fixed ' * fixed}transforms link {parameter} {frame!r} and {other!r}"
         return f"{missing}; there are {', '.join(self.frames()) or 'none'}"
 
-    def _line(self, frame: str) -> list[str]:
-        """A frame and its ancestors, by the newest transforms."""
+    def _line(self, frame: str, stamp: float = math.inf) -> list[str]:
+        """A frame and its ancestors at a stamp [ns]."""
         found = [frame]
-        while (link := self._links.get(frame)) is not None and link.newest.parent not in found:
-            frame = link.newest.parent
-            found.append(frame)
+        while history := self._links.get(found[-1]):
+            parent = (around(history, stamp)[0] or history[0]).parent
+            if parent in found:  # transforms of several stamps may make a loop
+                break
+            found.append(parent)
         return found
 
-    def _way(self, target: str, source: str) -> list[str] | None:
-        """The frames from `source` and from `target` up to their nearest common one, without it; None: no such."""
-        up, down = self._line(source), self._line(target)
+    def _way(self, target: str, source: str, stamp: float = math.inf) -> tuple[list[str], list[str]] | None:
+        """The frames from `source`, and from `target`, up to their nearest common one, without it; None: no such."""
+        up, down = self._line(source, stamp), self._line(target, stamp)
         meet = next((frame for frame in up if frame in down), None)
-        return None if meet is None else up[: up.index(meet)] + down[: down.index(meet)]
+        return None if meet is None else (up[: up.index(meet)], down[: down.index(meet)])
 
     def _find_kept(self) -> None:
         way = self._way(*self._ends) if self._ends else None
-        self._kept = None if way is None else set(way)
-        for name, link in self._links.items():
-            while self._kept is not None and name not in self._kept and len(link.history) > 1:
-                link.history.popleft()
+        self._kept = None if way is None else {*way[0], *way[1]}
+        for name, history in self._links.items():
+            while self._kept is not None and name not in self._kept and len(history) > 1:
+                history.popleft()
 
 
-def _reason(a: Placement | Reason, b: Placement | Reason) -> Reason:
-    """Of one or two reasons that which does not pass, else the first."""
-    found = [end for end in (a, b) if isinstance(end, Reason)]
-    return found[-1] if found[0] is Reason.TF_STALE else found[0]
-
-
-def _short(name: str) -> str:
-    return repr(name if len(name) <= _LONGEST_NAME else name[:_LONGEST_NAME] + "...")
+def _described(sample: TransformSample) -> str:
+    """A frame in its parent; names that are too long are cut."""
+    return f"{sample.child[:_LONGEST_NAME]!r} in {sample.parent[:_LONGEST_NAME]!r}" + " (fixed)" * sample.fixed
