@@ -268,8 +268,8 @@ class Estimator:
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
         mean = self._tare.mean(self._comparison.samples, window, rest_speed=rest, reach=reach)
         cell = self._cell or LoadCellFrame(self.settings.load_cell)
-        _, weight, _ = cell.into_sensor(self._state[0, 3:7], np.zeros(12))
-        fx, fy, fz, tx, ty, tz = (mean - cell.sign * np.array(weight)).tolist()
+        _, offset, _ = cell.into_sensor(self._state[0, 3:7], np.zeros(12))
+        fx, fy, fz, tx, ty, tz = (mean - cell.sign * np.array(offset) + self.settings.load_cell.bias).tolist()
         return fx, fy, fz, tx, ty, tz
 
     # --- poses
@@ -300,8 +300,8 @@ class Estimator:
         self._state = motion.state
         if in_grains and motion.rests and self._memory is None:
             raise RefusedError(Reason.AT_REST)
-        wrench, weight, sigma = cell.into_sensor(motion.state[0, 3:7], belief)
-        self._comparison.add(Prediction(pose, wrench, weight, cell, in_air=not in_grains))
+        wrench, offset, sigma = cell.into_sensor(motion.state[0, 3:7], belief)
+        self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         flags = self._quality.flags(
             motion, surface, self.settings, self.model.law, submerged=in_grains, depth=self.depth,
             withdraws=self._withdrawal.path > 0.0, learning=self.learning,

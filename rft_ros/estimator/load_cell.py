@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
+from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample, around
 from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled
@@ -32,18 +32,18 @@ _STRETCH = 0.25  # time over which poses are averaged to see a drift [s]: 10 µm
 
 @compiled
 def _into_sensor(mount, quaternion, answer, out):  # type: ignore[no-untyped-def]
-    """Write wrench, weight's wrench and deviations, in sensor axes about the sensor's origin, to `out`, shape [18].
+    """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to `out`, shape [18].
 
-    `mount`: position (3) and quaternion (4) of the sensor in the tool frame, weight [N], centre of mass (3).
-    `answer`: wrench and its standard deviations in world axes about the tool frame's origin. The errors of world
-    components, and those of force and torque, are taken as independent.
+    `mount`: position (3) and quaternion (4) of the sensor in the tool frame, weight [N], centre of mass (3), bias (6)
+    of a cell that reads the force on the tool. `answer`: wrench and its standard deviations in world axes about the
+    tool frame's origin. The errors of world components, and those of force and torque, are taken as independent.
     """
     tool = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
     sensor = rotation(mount[3], mount[4], mount[5], mount[6])
     px, py, pz = mount[0], mount[1], mount[2]
     turned = 0.0, 0.0, 0.0
     for i in range(18):
-        out[i] = 0.0
+        out[i] = mount[5 + i] if 6 <= i < 12 else 0.0
     for k in range(3):  # one world axis after another: in the sensor's axes, and its torque about the sensor's origin
         x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
         turned = into_frame(sensor, x, y, z)
@@ -55,24 +55,27 @@ def _into_sensor(mount, quaternion, answer, out):  # type: ignore[no-untyped-def
             out[15 + i] += (answer[6 + k] * lever[i]) ** 2 + (answer[9 + k] * turned[i]) ** 2
     wx, wy, wz = -mount[7] * turned[0], -mount[7] * turned[1], -mount[7] * turned[2]
     cx, cy, cz = mount[8], mount[9], mount[10]
-    out[6], out[7], out[8] = wx, wy, wz
-    out[9], out[10], out[11] = cy * wz - cz * wy, cz * wx - cx * wz, cx * wy - cy * wx
+    weight = wx, wy, wz, cy * wz - cz * wy, cz * wx - cx * wz, cx * wy - cy * wx
+    for i in range(6):
+        out[6 + i] += weight[i]
     for i in range(12, 18):
         out[i] = math.sqrt(out[i])
 
 
 class LoadCellFrame:
-    """A load cell's mounting and tool weight, prepared once."""
+    """A load cell's mounting, tool weight and bias, prepared once."""
 
     def __init__(self, cell: LoadCell) -> None:
-        self.sign, self.bias = cell.sign, cell.bias
+        self.sign = cell.sign
         self._place = Placement(cell.position, cell.quaternion)
-        self._mount = np.array([*cell.position, *cell.quaternion, cell.mass * GRAVITY, *cell.center_of_mass])
+        bias = [cell.sign * b for b in cell.bias]
+        self._mount = np.array([*cell.position, *cell.quaternion, cell.mass * GRAVITY, *cell.center_of_mass, *bias])
         self._out = np.zeros(18)
 
     def into_sensor(self, quaternion: Array, belief: Array) -> tuple[Wrench, Wrench, Wrench]:
-        """In the sensor frame: the wrench, the weight's wrench, one standard deviation of the wrench.
+        """In the sensor frame: the wrench, the offset that the cell reads beside it, one standard deviation.
 
+        The offset, bias and weight, has the sign of a force on the tool: the raw reading is `sign` times the sum.
         `belief`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
         """
         _into_sensor(self._mount, quaternion, belief, self._out)
@@ -85,11 +88,11 @@ class LoadCellFrame:
 
 
 class Prediction(NamedTuple):
-    """What an estimate says that is compared with the load cell: prediction and weight in the sensor frame."""
+    """What an estimate says that is compared with the load cell: `LoadCellFrame.into_sensor` at its pose."""
 
     pose: PoseSample
     wrench: Wrench
-    weight: Wrench
+    offset: Wrench
     cell: LoadCellFrame
     in_air: bool
 
@@ -109,6 +112,7 @@ class Comparison:
         self._counts, self._learn = counts, learn
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
+        self._last: Wrench | None = None
         self.max_age = 0
 
     def add(self, prediction: Prediction) -> None:
@@ -134,37 +138,28 @@ class Comparison:
         return final
 
     def _measured(self, prediction: Prediction) -> Measurement:
-        (stamp, *_), predicted, weight, cell, _ = prediction
-        before = after = None
-        newest_first = reversed(self.samples)
-        for sample in newest_first:
-            if sample.stamp <= stamp:
-                before = sample
-                break
-            after = sample
+        stamp, cell = prediction.pose.stamp, prediction.cell
+        before, after = around(self.samples, stamp)
         if before is None or stamp - before.stamp > self.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason.value] += 1
             self._learn(prediction, None, False)
             return Measurement(stamp, None, None, reason)
-        neighbour = next(newest_first, None)  # the sample before `before`; a repeated reading equals it
-        # written out by component: loops take twice as long. a, d: force and torque, as measured, then compensated;
-        # b, e: of the sample after, then the bias; f, t: the prediction; w, u: the weight
-        ax, ay, az, dx, dy, dz = before.wrench
+        share = 0.0
         if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
-            neighbour = after
             share = (stamp - before.stamp) / (after.stamp - before.stamp)
+        # written out by component: loops take twice as long
+        ax, ay, az, dx, dy, dz = before.wrench
+        if share and after is not None:
             bx, by, bz, ex, ey, ez = after.wrench
             ax, ay, az = ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
             dx, dy, dz = dx + share * (ex - dx), dy + share * (ey - dy), dz + share * (ez - dz)
-        sign = cell.sign
-        bx, by, bz, ex, ey, ez = cell.bias
-        fx, fy, fz, tx, ty, tz = predicted
-        wx, wy, wz, ux, uy, uz = weight
-        ax, ay, az = sign * (ax - bx) - wx, sign * (ay - by) - wy, sign * (az - bz) - wz
-        dx, dy, dz = sign * (dx - ex) - ux, sign * (dy - ey) - uy, sign * (dz - ez) - uz
-        self._learn(prediction, (ax, ay, az), neighbour is not None and neighbour.wrench == before.wrench)
-        residual = (ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz)
+        last, self._last = self._last, (ax, ay, az, dx, dy, dz)
+        sign, (bx, by, bz, ex, ey, ez), (fx, fy, fz, tx, ty, tz) = cell.sign, prediction.offset, prediction.wrench
+        ax, ay, az = sign * ax - bx, sign * ay - by, sign * az - bz
+        dx, dy, dz = sign * dx - ex, sign * dy - ey, sign * dz - ez
+        self._learn(prediction, (ax, ay, az), last == self._last)
+        residual = ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz
         return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 
 

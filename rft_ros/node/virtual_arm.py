@@ -67,8 +67,8 @@ def _raw_reading(
     frame: LoadCellFrame, quaternion: NDArray[np.float64], on_tool: NDArray[np.float64], noise: NDArray[np.float64]
 ) -> Wrench:
     """Reading of the load cell: wrench of the grains, weight, bias and noise, in its own frame."""
-    force, weight, _ = frame.into_sensor(quaternion, np.concatenate([on_tool, np.zeros(6)]))
-    fx, fy, fz, tx, ty, tz = (frame.sign * (force[k] + weight[k]) + frame.bias[k] + noise[k] for k in range(6))
+    force, offset, _ = frame.into_sensor(quaternion, np.concatenate([on_tool, np.zeros(6)]))
+    fx, fy, fz, tx, ty, tz = (frame.sign * (force[k] + offset[k]) + noise[k] for k in range(6))
     return fx, fy, fz, tx, ty, tz
 
 

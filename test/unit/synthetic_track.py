@@ -85,7 +85,7 @@ def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0)):
     for state, wrench in zip(states, wrench_rows, strict=True):
         answer = np.concatenate([wrench[:6], np.zeros(6)])
         numbers = np.concatenate(frame.into_sensor(state[3:7], answer)[:2])
-        rows.append(np.array(cell.bias) + cell.sign * (numbers[:6] + numbers[6:]))
+        rows.append(cell.sign * (numbers[:6] + numbers[6:]))
     readings = np.array(rows)
     return readings if rng is None else noisy(readings, rng, noise)
 
