@@ -55,7 +55,7 @@ _REASONS = {
     "a frame came with another parent, or fixed where it moved; it is taken, as by tf2": (Reason.TF_TWO_PARENTS,),
     "a transform would make a frame its own ancestor": (Reason.TF_LOOP,),
     "no transforms link `tool_frame` and `world_frame`": (Reason.TF_FRAME_UNKNOWN,),
-    "the wanted stamp is before the first transform kept (8 s at 500 Hz)": (Reason.TF_MISSING,),
+    "the wanted stamp is before the first transform kept (2 s at 500 Hz)": (Reason.TF_MISSING,),
     "none after the wanted stamp has come within 1 s of the other inputs' stamps": (Reason.TF_STALE,),
     "the transforms around the wanted stamp are over `max_input_age` away": (Reason.TF_GAP,),
     "from Python: a cloud, but `ground.cell` is 0": (Reason.SURFACE_OFF,),

@@ -46,25 +46,15 @@ PARAMETERS = (
     Parameter(
         "mesh.file",
         "plate",
-        "Tool mesh: a path (relative to the parameter file), a package:// or file:// URI, or a shipped mesh"
-        " (plate, ellipsoid, root_tip, sphere, abb_plate).",
+        "Tool mesh: a path (relative to the parameter file), a URI (package:// or file://), or a"
+        " shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate).",
     ),
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", "m", (1e-9, 1e6)),
     Parameter("mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
-    Parameter(
-        "law", "treers2021", "Traction law; agarwal2023 uses neither medium.name nor alpha_y.model.", choices=LAWS
-    ),
-    Parameter(
-        "medium.name", "generic", "Medium whose measured stresses are used (Li et al. 2013).", choices=tuple(MEDIA)
-    ),
+    Parameter("law", "treers2021", "Traction law; agarwal2023 uses no medium.name and no alpha_y.model.", choices=LAWS),
+    Parameter("medium.name", "generic", "Medium whose stresses were measured (Li et al. 2013).", choices=tuple(MEDIA)),
     Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", "", (1e-6, 1e6)),
-    Parameter(
-        "medium.zeta_error",
-        0.0,
-        "Relative standard error of medium.zeta, from calibration. 0.0: not known.",
-        "",
-        (0.0, 2.0),
-    ),
+    Parameter("medium.zeta_error", 0.0, "Relative standard error of medium.zeta. 0.0: not known.", "", (0.0, 2.0)),
     Parameter(
         "medium.mobilization_length",
         0.0,
@@ -72,45 +62,19 @@ PARAMETERS = (
         "m",
         (0.0, 1e3),
     ),
-    Parameter(
-        "medium.calibrated_depth",
-        0.0,
-        "Greatest depth of the calibration; deeper estimates are flagged. 0.0: not known.",
-        "m",
-        (0.0, 1e3),
-    ),
-    Parameter(
-        "medium.density",
-        0.0,
-        "Bulk density of the grains, for their inertia in fast motion. 0.0: no inertia, as published.",
-        "kg/m3",
-        (0.0, 1e5),
-    ),
+    Parameter("medium.calibrated_depth", 0.0, "Deeper estimates are flagged. 0.0: not known.", "m", (0.0, 1e3)),
+    Parameter("medium.density", 0.0, "Bulk density, for the grains' inertia. 0.0: no inertia.", "kg/m3", (0.0, 1e5)),
     Parameter("medium.inertia", INERTIA, "Factor of the inertia of an upright plate.", "", (0.0, 100.0)),
-    Parameter(
-        "medium.surface_friction",
-        SURFACE_FRICTION,
-        "Friction of the tool's surface; law agarwal2023 only.",
-        "",
-        (0.0, 10.0),
-    ),
+    Parameter("medium.surface_friction", SURFACE_FRICTION, "Friction on the tool (agarwal2023).", "", (0.0, 10.0)),
     Parameter("alpha_y.model", "constant", "Stress along the plate's horizontal direction e1.", choices=ALPHA_Y_MODELS),
-    Parameter(
-        "alpha_y.table", "", "CSV of beta, alpha_y or beta, gamma, alpha_y for alpha_y.model table.", "deg, N/cm3"
-    ),
+    Parameter("alpha_y.table", "", "CSV of beta, alpha_y or beta, gamma, alpha_y, for model table.", "deg, N/cm3"),
     Parameter(
         "integration",
         "refined",
-        "Integration rule: refined (exact at the surface, smooth at the leading edge), or centroid (as published).",
+        "refined: exact at the surface and at leading edges; centroid: as published.",
         choices=INTEGRATIONS,
     ),
-    Parameter(
-        "tolerance",
-        0.025,
-        "Reduce the tool to the fewest plates within this share of the force in any motion. 0.0: the full tool.",
-        "",
-        (0.0, 1.0),
-    ),
+    Parameter("tolerance", 0.025, "Take the fewest plates within this share of the force. 0.0: all.", "", (0.0, 1.0)),
     Parameter(
         "learning.mode",
         "off",
@@ -118,11 +82,7 @@ PARAMETERS = (
         choices=("off", "observe", "apply"),
     ),
     Parameter(
-        "learning.lag",
-        0.002,
-        "Path of the tool between a load-cell sample and the first prediction that it may change.",
-        "m",
-        (1e-5, 1.0),
+        "learning.lag", 0.002, "Path from a load-cell sample to the first prediction that uses it.", "m", (1e-5, 1.0)
     ),
     Parameter(
         "feedforward.gain",
@@ -138,94 +98,39 @@ PARAMETERS = (
         choices=("sensor_frame", "tool_frame", "world_frame"),
         applies="restart",
     ),
-    Parameter(
-        "feedforward.limit", (20.0, 2.0), "Largest force and torque of ~/wrench_feedforward.", "N, N m", (0.0, 1e4)
-    ),
-    Parameter(
-        "feedforward.rise_time",
-        0.2,
-        "Time of ~/wrench_feedforward from zero to the limit, and back to zero when estimates stop.",
-        "s",
-        (0.01, 1.0),
-    ),
+    Parameter("feedforward.limit", (20.0, 2.0), "Largest force and torque of feed-forward.", "N, N m", (0.0, 1e4)),
+    Parameter("feedforward.rise_time", 0.2, "Time from zero to the limit, and back.", "s", (0.01, 1.0)),
     Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)),
+    Parameter("ground.cell", 0.0, "Side of a cell of a map of the ground. 0.0: a level plane.", "m", (0.0, 1.0)),
     Parameter(
-        "ground.cell",
-        0.0,
-        "Side of the cells of a map of the ground's height. 0.0: a level plane at surface_height.",
-        "m",
-        (0.0, 1.0),
-    ),
-    Parameter(
-        "ground.file",
-        "",
-        "Heights at the start: CSV with columns x, y, h, or NPZ with these arrays, in world_frame. Needs ground.cell.",
-        "m",
+        "ground.file", "", "Heights at the start in world_frame: CSV of x, y, h, or NPZ. Needs ground.cell.", "m"
     ),
     Parameter("world_frame", "world", "frame_id of poses; z up."),
     Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),
     Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
     Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
-    Parameter(
-        "sensor.quaternion", (0.0, 0.0, 0.0, 1.0), "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"
-    ),
+    Parameter("sensor.quaternion", (*_ZERO3, 1.0), "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"),
     Parameter(
         "sensor.frame_source",
         "parameters",
-        "Place of the sensor on the tool: sensor.position and sensor.quaternion, or fixed transforms.",
+        "Source of position and quaternion (tf: fixed transforms).",
         choices=("parameters", "tf"),
     ),
-    Parameter(
-        "sensor.sign",
-        1.0,
-        "1.0: the driver reports the force on the tool; -1.0: the force by the tool.",
-        "",
-        (-1.0, 1.0),
-    ),
-    Parameter(
-        "sensor.bias",
-        (0.0,) * 6,
-        "What the driver reports with nothing attached: fx, fy, fz, tx, ty, tz.",
-        "N, N m",
-        (-1e6, 1e6),
-    ),
+    Parameter("sensor.sign", 1.0, "1.0: the driver reports the force on the tool; -1.0: by the tool.", "", (-1.0, 1.0)),
+    Parameter("sensor.bias", (0.0,) * 6, "Reading without load: fx, fy, fz, tx, ty, tz.", "N, N m", (-1e6, 1e6)),
     Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
     Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", "m", (-1e3, 1e3)),
-    Parameter(
-        "pose_source", "topic", "Pose of the tool from ~/pose, or from TF.", choices=("topic", "tf"), applies="restart"
-    ),
-    Parameter(
-        "tf_rate",
-        0.0,
-        "With pose_source tf: take poses at this rate; 0.0: at the stamps of the load cell.",
-        "Hz",
-        (0.0, 1e4),
-    ),
-    Parameter(
-        "twist_source", "topic", "Velocity from ~/twist, or from the last poses.", choices=("topic", "pose_difference")
-    ),
+    Parameter("pose_source", "topic", "Pose: ~/pose, or from TF.", choices=("topic", "tf"), applies="restart"),
+    Parameter("tf_rate", 0.0, "Poses from TF at this rate; 0.0: at the stamps of the load cell.", "Hz", (0.0, 1e4)),
+    Parameter("twist_source", "topic", "Velocity: ~/twist, or last poses.", choices=("topic", "pose_difference")),
     Parameter("twist_window", 0.2, "Longest span of poses that pose_difference fits a curve to.", "s", (1e-4, 1.0)),
-    Parameter(
-        "max_input_age",
-        0.1,
-        "Greatest difference between a pose's stamp and those of the twist, wrenches and transforms used with it.",
-        "s",
-        (1e-6, 1e6),
-    ),
+    Parameter("max_input_age", 0.1, "Greatest time between a pose and other samples used with it.", "s", (1e-6, 1e6)),
     Parameter("max_rate", 0.0, "Answer at most this often; 0.0: every pose.", "Hz", (0.0, 1e6)),
     Parameter(
-        "rest_speed",
-        0.0002,
-        "Below this speed of its fastest point a tool in grains is at rest: no estimate (with memory: the last force).",
-        "m/s",
-        (0.0, 1e3),
+        "rest_speed", 0.0002, "Slower in grains is rest: no estimate; with memory the last force.", "m/s", (0.0, 1e3)
     ),
     Parameter(
-        "executor",
-        "events",
-        "rclpy executor; events takes half the CPU time of single.",
-        choices=("events", "single"),
-        applies="restart",
+        "executor", "events", "rclpy executor (events: half the CPU).", choices=("events", "single"), applies="restart"
     ),
 )
 """Every parameter, in the order in which they are documented."""
