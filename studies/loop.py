@@ -16,7 +16,7 @@ from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021, wrenches
 from rft_ros.simulation import Grains, GrainsBatch, MujocoGrains
 from rft_ros.simulation.mujoco_grains import import_mujoco
 from rft_ros.simulation.six_axis_arm import SixAxisArm
-from rft_ros.tool import load_tool
+from rft_ros.tool import Tool, load_tool
 from studies.result import BLUE, GREEN, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = ["study"]
@@ -49,6 +49,13 @@ class _Published:
         return wrenches(self._plates, self._law, np.hstack([position, quaternion, twist])[None], threads=1)[0, :6]
 
 
+def _alone(way: str, tool: Tool, zeta: float) -> Any:
+    """Grains that know no inertia."""
+    if way == PUBLISHED:
+        return _Published(tool.plates, zeta)
+    return Grains(tool, law(zeta), mobilization_length=LENGTH)
+
+
 def dropped(mass: float, step: float, way: str, *, zeta: float = 0.33, seconds: float = 2.5) -> dict[str, float]:
     """A tilted plate that fell: depth [m], creep over the last second [m], speed [m/s], energy given over taken."""
     mujoco = import_mujoco()
@@ -60,19 +67,19 @@ def dropped(mass: float, step: float, way: str, *, zeta: float = 0.33, seconds: 
         ' contype="0" conaffinity="0"/></body></worldbody></mujoco>'
     )
     data = mujoco.MjData(model)
-    grains = MujocoGrains(model, body="body", zeta=zeta, mobilization_length=LENGTH, implicit=way == IMPLICIT)
-    published = _Published(grains.tool.plates, zeta)
+    grains = MujocoGrains(model, body="body", zeta=zeta, mobilization_length=LENGTH)
+    alone = _alone(way, grains.tool, zeta)
     mujoco.mj_kinematics(model, data)
     data.qpos[2] = start = 0.01 - grains.tool.lowest_point(data.xmat[1].reshape(3, 3))
     rows, took, gave = [], 0.0, 0.0
     for _ in range(round(seconds / step)):
-        if way == PUBLISHED:
+        if way == IMPLICIT:
+            wrench = grains.apply(data)
+        else:
             mujoco.mj_kinematics(model, data)
             twist = np.concatenate([data.qvel[:3], data.xmat[1].reshape(3, 3) @ data.qvel[3:]])
-            wrench = published.step(data.xpos[1], np.roll(data.xquat[1], -1), twist, step)
+            wrench = alone.step(data.xpos[1], np.roll(data.xquat[1], -1), twist, step)
             data.xfrc_applied[1] = wrench  # the plate's centre of mass is its origin
-        else:
-            wrench = grains.apply(data)
         mujoco.mj_step(model, data)
         work = step * (wrench @ np.concatenate([data.qvel[:3], data.xmat[1].reshape(3, 3) @ data.qvel[3:]]))
         took, gave = took + max(-work, 0.0), gave + max(work, 0.0)
@@ -97,9 +104,7 @@ def held(
     [N] sideways at the first hold for 10 s: the creep [m].
     """
     tool = load_tool("plate", tolerance=0.025)
-    grains: Any = _Published(tool.plates, zeta)
-    if way != PUBLISHED:
-        grains = Grains(tool, law(zeta), mobilization_length=LENGTH)
+    grains = _alone(way, tool, zeta)
     dt, depth = 0.001, -0.0184
     goals = np.array([[0, 0, 0.003], [0, 0, depth], [0.02, 0, depth], [0.01, 0, depth]])[: 2 if load else 4]
     rest = 11.0 if load else 1.5

@@ -22,7 +22,8 @@ from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, Treers2021, not_a_law
 
-__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "wrenches", "wrenches_in_time"]
+__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "prepared", "wrenches"]
+__all__ += ["wrenches_in_time"]
 
 Array = NDArray[np.float64]
 
@@ -122,6 +123,21 @@ def wrenches_in_time(
     result = _result(out, n)
     _loop()(*tool, *scene, states, past, result, _NO_FORCES)
     return result if sensitivities else result[:, : len(COLUMNS)]
+
+
+def prepared(plates: Plates, law: Law, memory: Memory, length: float) -> Callable[..., None]:
+    """`wrenches_in_time` for steps that must be short: checks nothing, which saves 4 us a call.
+
+    `length`: the mobilization length [m]. Call it with states, durations, surface height [m], slope and out: of the
+    types and shapes that `wrenches_in_time` names, C-contiguous.
+    """
+    tool, (packed, *_) = _checked(plates, law, 0.0, LEVEL)
+    loop, numbers_kept = _loop(), memory.numbers
+
+    def step(states: Array, durations: Array, height: float, slope: tuple[float, float], out: Array) -> None:
+        loop(*tool, packed, height, slope, states, (True, durations, length, numbers_kept), out, _NO_FORCES)
+
+    return step
 
 
 def plate_forces(

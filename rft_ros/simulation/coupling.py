@@ -14,11 +14,16 @@ import numpy as np
 
 from rft_ros.rft.compilation import compiled, inlined
 
-__all__ = ["ANSWERS", "calm", "held", "measure", "move", "put", "stiffness_matrix"]
+__all__ = ["ANSWER", "calm", "held", "measure", "move", "put", "stiffness_matrix"]
 
-ANSWERS = 7, 6
-"""Shape of what `calm` remembers of a body: twist and its change; held wrench and its change; the grains' wrench; sums
-of the two regressions; their samples, inverse mass and inertia, share of the stiffness that the last step showed."""
+ANSWER = np.dtype(
+    [(name, np.float64, 6) for name in ("twist", "change", "wrench", "varied", "row")]
+    + [(name, np.float64, 2) for name in ("uu", "uy", "yy", "samples", "inverse")]
+    + [("share", np.float64)]
+)
+"""What `calm` remembers of a body. At the last step: its twist, the twist's change, the held wrench, that wrench's
+change, the grains' own wrench. Of each half, linear and angular: the sums of a regression, their samples, and the
+inverse mass [1/kg] or inertia [1/(kg m²)], 0 while unknown. The share of the stiffness that the last steps showed."""
 
 _KEEPS, _EXPLAINED, _SAMPLES, _STIFF = 0.9, 0.8, 4.0, 0.05
 """Of `calm`: share of a sum that stays at each step; least explained variance, samples, and stiffness times inverse
@@ -130,59 +135,71 @@ def put(wrench, origin, center, applied):  # type: ignore[no-untyped-def]
 @compiled
 def move(state, twist, h):  # type: ignore[no-untyped-def]
     """Move a state, shape [13], in place: it takes this twist for h [s], in which it turns little."""
-    for i in range(3):
-        state[i] += h * twist[i]
+    state[:3] += h * twist[:3]
     state[7:] = twist
     a, b, c = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
     x, y, z, w = state[3], state[4], state[5], state[6]
-    x, y, z, w = (
-        x + a * w + b * z - c * y,
-        y + b * w + c * x - a * z,
-        z + c * w + a * y - b * x,
-        w - a * x - b * y - c * z,
-    )
-    size = sqrt(x * x + y * y + z * z + w * w)
-    state[3], state[4], state[5], state[6] = x / size, y / size, z / size, w / size
+    state[3] += a * w + b * z - c * y
+    state[4] += b * w + c * x - a * z
+    state[5] += c * w + a * y - b * x
+    state[6] -= a * x + b * y + c * z
+    state[3:7] /= sqrt(_dot(state[3:7], state[3:7]))
+
+
+@inlined
+def _learn(past, half, twist, stiff, h):  # type: ignore[no-untyped-def]
+    """Take the last step into one half's regression of the twist's second difference on the held wrench's change.
+
+    Its slope is the inverse mass or inertia. It counts once it explains what happens, if the half is so stiff that held
+    wrenches throw the body, or if the other half is.
+    """
+    uu = uy = yy = square = 0.0
+    for i in range(3 * half, 3 * half + 3):
+        u, y = h * past.varied[i], twist[i] - past.twist[i] - past.change[i]
+        uu, uy, yy, square = uu + u * u, uy + u * y, yy + y * y, square + past.wrench[i] ** 2
+    past.samples[half] = _KEEPS * past.samples[half] + (1.0 if uu > (1e-3 * h) ** 2 * square else 0.0)
+    past.uu[half] = uu = _KEEPS * past.uu[half] + uu
+    past.uy[half] = uy = _KEEPS * past.uy[half] + uy
+    past.yy[half] = yy = _KEEPS * past.yy[half] + yy
+    explains = uy > 0.0 and uy * uy > _EXPLAINED * uu * yy and past.samples[half] > _SAMPLES
+    if explains and (h * h * stiff * uy > _STIFF * uu or past.inverse[1 - half] > 0.0):
+        past.inverse[half] = uy / uu
+
+
+@inlined
+def _share_shown(past, row, b, moved):  # type: ignore[no-untyped-def]
+    """By how much the grains' wrench fell over the last displacement, as a share of what the stiffness b says."""
+    met = asked = 0.0
+    for i in range(6):
+        met += (past.row[i] - row[i]) * moved[i]
+        asked += moved[i] * _dot(b[i], moved)
+    return min(met / asked, 1.0) if asked > 0.0 else 1.0
 
 
 @compiled
 def calm(rows, sums, states, h, reach, answers, out):  # type: ignore[no-untyped-def]
     """Write the wrenches on bodies to hold over h [s], shape [n, 6]: those of `rows`, until a body chatters under them.
 
-    `answers`: shape [n, *ANSWERS]. The inverse mass and inertia, a scalar each, are the regression of the twist's
-    second differences on the held wrench's changes. They count once they explain it. Then the wrench is `held`, with
-    the acceleration without grains of the last step, and with the stiffness that the last step showed.
+    `answers`: of `ANSWER`, shape [n]. Once an inverse mass or inertia is known, the wrench is `held`, with the
+    acceleration without grains that the body had over the last step.
     """
     after, free, inverse, b = np.empty(6), np.empty(6), np.zeros((6, 6)), np.empty((6, 6))
     for n in range(len(rows)):
         row, twist, wrench, past = rows[n, :6], states[n, 7:], out[n], answers[n]
-        fits, known = past[5], past[6]
-        for p in range(2):
-            part = slice(3 * p, 3 * p + 3)
-            u, y = h * past[3, part], twist[part] - past[0, part] - past[1, part]
-            uu, uy, yy = _dot(u, u), _dot(u, y), _dot(y, y)
-            known[p] = _KEEPS * known[p] + (1.0 if uu > (1e-3 * h) ** 2 * _dot(past[2, part], past[2, part]) else 0.0)
-            for i, v in enumerate((uu, uy, yy)):
-                fits[3 * p + i] = _KEEPS * fits[3 * p + i] + v
-            uu, uy, yy = fits[3 * p], fits[3 * p + 1], fits[3 * p + 2]
-            stiff = sums[n, 0] if p == 0 else sums[n, 4] + sums[n, 5] + sums[n, 6]
-            explains = uy > 0.0 and uy * uy > _EXPLAINED * uu * yy and known[p] > _SAMPLES
-            if explains and (h * h * stiff * uy > _STIFF * uu or known[3 - p] > 0.0):
-                known[2 + p] = uy / uu
-        if known[2] > 0.0 or known[3] > 0.0:
+        wrench[:] = row
+        _learn(past, 0, twist, sums[n, 0], h)
+        _learn(past, 1, twist, sums[n, 4] + sums[n, 5] + sums[n, 6], h)
+        if past.inverse[0] > 0.0 or past.inverse[1] > 0.0:
             stiffness_matrix(sums[n], b)
-            moved = 0.5 * h * (twist + past[0])
-            met, asked = _dot(past[4] - row, moved), 0.0
+            shown = _share_shown(past, row, b, 0.5 * h * (twist + past.twist))
+            past.share = max(shown, _KEEPS * past.share)
             for i in range(6):
-                asked += moved[i] * _dot(b[i], moved)
-                inverse[i, i] = known[2 + i // 3]
-                free[i] = (twist[i] - past[0, i]) / h - inverse[i, i] * past[2, i]
-            known[4] = max(min(met / asked, 1.0) if asked > 0.0 else 1.0, _KEEPS * known[4])
-            held(row, known[4] * sums[n], inverse, twist, free, h, reach, wrench, after)
+                inverse[i, i] = past.inverse[i // 3]
+                free[i] = (twist[i] - past.twist[i]) / h - inverse[i, i] * past.wrench[i]
+            held(row, past.share * sums[n], inverse, twist, free, h, reach, wrench, after)
             if not np.isfinite(wrench.sum()):  # steps or twists without measure
-                known[:] = 0.0
-        if known[2] == 0.0 and known[3] == 0.0:
-            wrench[:] = row
-        past[1], past[0] = twist - past[0], twist
-        past[3], past[2] = wrench - past[2], wrench
-        past[4] = row
+                wrench[:] = row
+                past.inverse[:] = 0.0
+        past.change[:] = twist - past.twist
+        past.varied[:] = wrench - past.wrench
+        past.twist[:], past.wrench[:], past.row[:] = twist, wrench, row

@@ -1,26 +1,27 @@
 """Grains that a simulator steps: a body's pose and twist in, the wrench to hold over the step out."""
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.ground import HeightMap, Support
-from rft_ros.rft import LEVEL, Law, Memory, checked_states, wrenches_in_time
+from rft_ros.rft import LEVEL, Law, Memory, checked_states
 from rft_ros.rft.arguments import number
-from rft_ros.simulation.coupling import ANSWERS, calm, stiffness_matrix
+from rft_ros.rft.wrench import prepared
+from rft_ros.simulation.coupling import ANSWER, calm, stiffness_matrix
 from rft_ros.tool import Tool
 
 __all__ = ["Grains", "GrainsBatch", "GrainsState"]
 
 Array = NDArray[np.float64]
 
-_Part = tuple[slice, Memory, Array, Array]
+_Part = tuple[slice, Callable[..., None], Array]  # bodies, their wrenches, their stiffness
 
-GrainsState = dict[str, NDArray[np.float64]]
+GrainsState = dict[str, NDArray[Any]]
 """What grains remember of their bodies, by name."""
 
 
@@ -48,26 +49,23 @@ class GrainsBatch:
             raise TypeError(f"tool is {tool!r}; load one with rft_ros.tool.load_tool")
         if not number("bodies", bodies) >= 1.0 or not number("threads", threads) >= 1.0:
             raise ValueError(f"bodies is {bodies}, threads {threads}; both must be at least 1")
+        n, self._threads = int(bodies), int(threads)
+        self._reach, self._ground, self._support = tool.plates.reach, ground, Support(tool.corners)
         self._surface = number("surface_height", surface_height)
         length = number("mobilization_length", mobilization_length, positive=True)
-        self._wrenches_of = partial(wrenches_in_time, tool.plates, law, mobilization_length=length)
-        self._reach, self._ground = tool.plates.reach, ground
-        self._support = None if ground is None else Support(tool.corners)
-        n, self._threads = int(bodies), int(threads)
-        memory = Memory(tool.plates, bodies=n)
-        self._remembered: GrainsState = {"memory": memory.numbers, "answers": np.zeros((n, *ANSWERS))}
-        self._start = self.state()
+        memory, self._answers = Memory(tool.plates, bodies=n), np.zeros(n, ANSWER)
+        self._remembered: GrainsState = {"memory": memory.numbers, "answers": self._answers}
         self._durations, self._rows, self._wrenches = np.zeros(n), np.zeros((n, 19)), np.zeros((n, 6))
         self.sums = memory.stiffness
         """`Memory.stiffness` of each body at the last step, in its units, shape [n, 10]."""
         # Threads take parts as they get ready. With a map each body has a surface of its own, so it is a part.
         parts = n if ground is not None else 1 if threads == 1 else min(n, 2 * self._threads)
         edges = np.linspace(0, n, parts + 1).astype(int)
-        self._parts = [
-            (slice(a, b), memory.part(a, b), self._durations[a:b], self._rows[a:b])
-            for a, b in itertools.pairwise(edges)
-        ]
-        self._pool = ThreadPoolExecutor(self._threads - 1) if threads > 1 else None
+        self._parts: list[_Part] = []
+        for a, b in itertools.pairwise(edges):
+            own = memory.part(a, b)
+            self._parts.append((slice(a, b), prepared(tool.plates, law, own, length), own.stiffness))
+        self._pool = ThreadPoolExecutor(self._threads)
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()
 
@@ -79,12 +77,7 @@ class GrainsBatch:
         under held wrenches is calmed. Raises ValueError for states that are not finite and for another number of
         bodies; what the grains remember is then as before.
         """
-        given = np.array(states, dtype=np.float64, ndmin=2)
-        # a quaternion that `checked_states` would only round stays as it is
-        if given.shape[1:] != (13,) or not abs(np.square(given[:, 3:7]).sum(axis=1) - 1.0).max(initial=0.0) < 1e-9:
-            given = checked_states(given)
-        elif not np.isfinite(given.sum()):
-            checked_states(given)
+        given = checked_states(states)
         if len(given) != len(self._rows):
             raise ValueError(f"states has {len(given)} rows; there are {len(self._rows)} bodies")
         self.advance(given, number("dt", dt, positive=True), calms=True)
@@ -97,26 +90,22 @@ class GrainsBatch:
         """
         self._durations.fill(dt)
         parts = iter(self._parts)
-        if self._pool is None:
-            self._run(parts, states, dt, calms)
-        else:
-            jobs = [self._pool.submit(self._run, parts, states, dt, calms) for _ in range(self._threads - 1)]
-            self._run(parts, states, dt, calms)
-            for job in jobs:
-                job.result()
+        jobs = [self._pool.submit(self._run, parts, states, dt, calms) for _ in range(self._threads - 1)]
+        self._run(parts, states, dt, calms)
+        for job in jobs:
+            job.result()
         return self._rows
 
     def _run(self, parts: Iterator[_Part], states: Array, dt: float, calms: bool) -> None:
         height, slope = self._surface, LEVEL
-        for part, memory, durations, rows in parts:
-            if self._support is not None and self._ground is not None:
-                surface = self._support.local_surface(self._ground, states[part][0], level=self._surface)
+        for part, step, sums in parts:
+            these, rows = states[part], self._rows[part]
+            if self._ground is not None:
+                surface = self._support.local_surface(self._ground, these[0], level=self._surface)
                 height, slope = surface.height, surface.slope
-            these = states[part]
-            self._wrenches_of(these, durations, memory, surface_height=height, slope=slope, out=rows)
+            step(these, self._durations[part], height, slope, rows)
             if calms:
-                answers, out = self._remembered["answers"][part], self._wrenches[part]
-                calm(rows, memory.stiffness, these, dt, self._reach, answers, out)
+                calm(rows, sums, these, dt, self._reach, self._answers[part], self._wrenches[part])
 
     @property
     def stiffness(self) -> Array:
@@ -131,9 +120,8 @@ class GrainsBatch:
 
     def reset(self, bodies: ArrayLike | None = None) -> None:
         """Level beds that remember nothing: those of all bodies, or of these indices."""
-        chosen = slice(None) if bodies is None else np.asarray(bodies)
-        for name, array in self._remembered.items():
-            array[chosen] = self._start[name][chosen]
+        for array in self._remembered.values():
+            array[slice(None) if bodies is None else np.asarray(bodies)] = 0.0
 
     def state(self) -> GrainsState:
         """A copy of what the grains remember, a row for each body; picklable."""
@@ -150,23 +138,8 @@ class GrainsBatch:
 class Grains:
     """One body in one bed; arguments as for `GrainsBatch`."""
 
-    def __init__(
-        self,
-        tool: Tool,
-        law: Law,
-        *,
-        mobilization_length: float,
-        surface_height: float = 0.0,
-        ground: HeightMap | None = None,
-    ) -> None:
-        self._one = GrainsBatch(
-            tool,
-            law,
-            bodies=1,
-            mobilization_length=mobilization_length,
-            surface_height=surface_height,
-            ground=ground,
-        )
+    def __init__(self, tool: Tool, law: Law, **options: Any) -> None:
+        self._one = GrainsBatch(tool, law, bodies=1, **options)
         self.reset, self.state, self.restore = self._one.reset, self._one.state, self._one.restore
 
     def step(self, position: ArrayLike, quaternion: ArrayLike, twist: ArrayLike, dt: float) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rft_ros.ground import HeightMap
-from rft_ros.rft import MEDIA, Memory, alpha_y_model, treers2021, wrenches_in_time
+from rft_ros.rft import MEDIA, Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
 from rft_ros.simulation import Grains, GrainsBatch
 from rft_ros.tool import load_tool
 
@@ -37,7 +37,12 @@ def stepped(grains, states, dt=0.01):
 def test_a_step_gives_the_bytes_of_wrenches_in_time(plate):
     states = pressed()
     whole = wrenches_in_time(
-        plate.plates, LAW, states, np.full(len(states), 0.01), Memory(plate.plates), mobilization_length=LENGTH
+        plate.plates,
+        LAW,
+        checked_states(states),
+        np.full(len(states), 0.01),
+        Memory(plate.plates),
+        mobilization_length=LENGTH,
     )
     assert stepped(Grains(plate, LAW, mobilization_length=LENGTH), states).tobytes() == whole[:, :6].tobytes()
 
