@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.estimates import Run
+from rft_ros.bags.estimates import Rows, Run
 from rft_ros.bags.playback import push_all
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role
@@ -17,7 +17,6 @@ from rft_ros.parameters import Model, Values, settings_of
 
 __all__ = ["Checkup", "Finding"]
 
-Rows = NDArray[np.void]
 _Array = NDArray[np.float64]
 
 _ENOUGH = 20  # estimates in the grains, or in the air
@@ -27,9 +26,7 @@ _CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
 _BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the grains
 _CONTACT = 0.005, 0.1  # m, and share of the descent: greatest error of surface_height
 _STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
-_UNITS = {0.102: "kgf", 0.225: "lbf"}  # what a driver may report in place of N
 _RARE = 0.01  # share of poses
-_START = 1_000_000_000  # ns in which the first transforms and twists may be missing
 _EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
 _ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench", Cloud: "surface"}
 _ADVICE: dict[Role, str] = {
@@ -73,27 +70,25 @@ class Checkup:
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
         self._run = Run(self._estimator)
         self._heard: dict[Role, list[tuple[int, int, str]]] = {role: [] for role in topics}  # arrival, stamp, frame
-        self._poses = self._began = 0
+        self._poses = 0
         self._at_start: Counter[str] = Counter()  # reasons before the first estimate
 
     def push(self, sample: Sample, time: int) -> None:
         """Add a sample that arrived at `time` [ns]."""
-        self._began = self._began or time
+        heard: dict[Role, tuple[int, int, str]]
         if isinstance(sample, Stamped):
-            self._hear(_ROLES[type(sample)], time, sample.stamp, sample.frame)
-        elif moving := [transform.stamp for transform in sample if not transform.fixed]:
-            self._hear("tf", time, max(moving), "")
+            heard = {_ROLES[type(sample)]: (time, sample.stamp, sample.frame)}
+        else:
+            heard = {"tf": (time, transform.stamp, "") for transform in sample if not transform.fixed}
+        for role in heard.keys() & self._heard:
+            self._heard[role].append(heard[role])
         counts = self._estimator.counts
         for _, answer in push_all(self._estimator, sample):
             if answer is not None:
                 self._poses += 1
                 self._run.add(answer)
-                if counts["estimates"] == 1 and time - self._began <= _START:
+                if counts["estimates"] == 1:
                     self._at_start = self._at_start or Counter(counts)
-
-    def _hear(self, role: Role, time: int, stamp: int, frame: str) -> None:
-        if role in self._heard:
-            self._heard[role].append((time, stamp, frame))
 
     def findings(self) -> list[Finding]:
         """The findings, after the last sample."""
@@ -110,11 +105,10 @@ class Checkup:
     def _of_tool(self, rows: Rows) -> Finding:
         tool = self._estimator.model.tool
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
-        said = [issue.message for issue in tool.issues if issue.kind == "size"]
-        advice = f": {said[0]}" if said else ""
-        if len(rows) and not said:
-            advice = f", at most {1e3 * rows['depth'].max():.3g} mm below the surface"
-        return Finding(not said, f"mesh {tool.name}: {extents} mm{advice}")
+        if said := [issue.message for issue in tool.issues if issue.kind == "size"]:
+            return Finding(False, f"mesh {tool.name}: {extents} mm: {said[0]}")
+        depth = f", at most {1e3 * rows['depth'].max():.3g} mm below the surface" if len(rows) else ""
+        return Finding(True, f"mesh {tool.name}: {extents} mm{depth}")
 
     def _of_surface(self, error: tuple[float, float] | None) -> Finding:
         """`error`: of `_error_of_surface`."""
@@ -140,8 +134,7 @@ class Checkup:
             times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
             seconds, age = (times[-1] - times[0]) * 1e-9, float(np.median(times - stamps)) * 1e-9
             if unstamped := int((stamps <= 0).sum()):
-                said = f"{unstamped} messages on {topic} have no stamp"
-                yield Finding(False, f"{role}: {said}; the driver must set it")
+                yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
             elif abs(age) > limit and role != "surface":
                 off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
                 yield Finding(False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
@@ -152,19 +145,12 @@ class Checkup:
                 yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
-        link = "publish the transform between the two"
-        one = f"set the parameter to one of them, or {link}"
-        special = {
-            Reason.TF_FRAME_UNKNOWN: one,
-            Reason.SENSOR_FRAME_UNKNOWN: one,
-            Reason.SURFACE_FRAME_UNKNOWN: f"{link} on /tf_static",
-        }
-        for name, sentence in self._estimator.unknown_frames().items():
-            reason = Reason(name)
-            usual = f"set the parameter to it, or {link} on /tf_static"
-            mend = "stop or mend one of its publishers" if name.startswith("tf_") else usual
-            if reason is not Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
-                yield Finding(False, f"frames: {sentence}; {special.get(reason, mend)}")
+        for reason, sentence in self._estimator.unknown_frames().items():
+            mend = "set the parameter to one that there is, or publish the transform between the two on /tf_static"
+            if reason.startswith("tf_") and reason != Reason.TF_FRAME_UNKNOWN:
+                mend = "stop or mend one of its publishers"
+            if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
+                yield Finding(False, f"frames: {sentence}; {mend}")
         if frames := self._estimator.transforms.frames():
             yield Finding(True, f"frames: {', '.join(frames)}")
 
@@ -176,11 +162,11 @@ class Checkup:
             return
         turn = (Rotation.from_quat(cell.quaternion).inv() * Rotation.from_quat(place.quaternion)).magnitude()
         moved = float(np.linalg.norm(np.subtract(cell.position, place.position)))
-        there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
         if turn < np.radians(1.0) and moved < 1e-3:
-            yield Finding(True, f"sensor: the parameters and /tf_static agree: {there}")
+            yield Finding(True, "sensor: the parameters and /tf_static agree")
             return
         off = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
+        there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
         yield Finding(False, f"sensor: {off} ({there}); set sensor.frame_source: tf, or mend one of the two")
 
     def _of_load_cell(self, rows: Rows) -> Iterator[Finding]:
@@ -188,32 +174,26 @@ class Checkup:
         seen = (~wet).sum() >= _ENOUGH
         air = measured[~wet].mean(axis=0) if seen else np.zeros(3)
         load = float(np.linalg.norm(air))
+        ok, said = True, f"{load:.2f} N in the air"
         if self._tare:
-            tares = f"a replay tares over its first {self._tare:g} s; for the node call ~/tare in the air"
-            yield Finding(True, f"load cell: {load:.2f} N in the air; {tares}")
+            said += f"; a replay tares over its first {self._tare:g} s; for the node call ~/tare in the air"
         elif not seen:
-            yield Finding(False, "load cell: the tool was not seen in the air; lift it out of the grains and run again")
+            ok, said = False, "the tool was not seen in the air; lift it out of the grains and run again"
         elif load > _FELT:
-            advice = "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
-            yield Finding(False, f"load cell: it reads {load:.2f} N in the air; {advice}")
-        else:
-            yield Finding(True, f"load cell: {load:.2f} N in the air")
+            ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
+            said = f"it reads {said}; {advice}"
+        yield Finding(ok, f"load cell: {said}")
         pushed = wet & (rows["state"][:, 9] <= 0.5 * rows["speed"])
         predicted, measured = predicted[pushed], measured[pushed] - air
         if len(predicted) < _ENOUGH or np.abs(predicted).max() < _FELT or np.abs(measured).max() < 0.1 * _FELT:
             yield Finding(False, "sign: no push was seen; push the tool down into the grains and run again")
             return
-        direction = self._of_direction(predicted, measured)
-        yield direction
-        if not direction.ok:
-            return
-        ratio = float((predicted * measured).sum() / (predicted**2).sum())
-        if _STRENGTH[0] <= ratio <= _STRENGTH[1]:
-            yield Finding(True, f"strength: measured over predicted force {ratio:.2f}")
-            return
-        unit = next((f", here perhaps {unit}" for factor, unit in _UNITS.items() if 0.67 < ratio / factor < 1.5), "")
-        advice = f"check mesh.scale and the driver's unit (N{unit}), or fit medium.zeta with rft calibrate"
-        yield Finding(False, f"strength: measured over predicted force {ratio:.3g}; {advice}")
+        yield (direction := self._of_direction(predicted, measured))
+        if direction.ok:
+            ratio = float((predicted * measured).sum() / (predicted**2).sum())
+            ok = _STRENGTH[0] <= ratio <= _STRENGTH[1]
+            advice = "" if ok else "; check mesh.scale and the driver's unit (N), or fit medium.zeta with rft calibrate"
+            yield Finding(ok, f"strength: measured over predicted force {ratio:.3g}{advice}")
 
     def _of_direction(self, predicted: _Array, measured: _Array) -> Finding:
         """By axis; of what reverses or exchanges axes, what fits: another sign, or the cell turned by 90 or 180 deg."""
@@ -226,25 +206,22 @@ class Checkup:
             found: _Array = ((predicted * force).sum(axis=0) / np.maximum(scale, 1e-12))[axes]
             return found
 
-        found = alike(measured)
+        found, cell = alike(measured), self._estimator.settings.load_cell
         shown = ", ".join(f"{name} {r:.2f}" for name, r in zip(np.array([*"xyz"])[axes], found, strict=True))
         if (found >= _ALIKE).all():
             return Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
-        cell = self._estimator.settings.load_cell
-        reverse = f"set sensor.sign: {-cell.sign:g}"
-        opposite = bool((alike(-measured) >= _ALIKE).all())
-        turns = [turn for turn in _TURNS if (alike(turn.apply(measured)) >= _ALIKE).all()]
-        turn = min(turns, key=lambda t: t.magnitude(), default=None)
+        advice = []
+        if (alike(-measured) >= _ALIKE).all():
+            advice.append(f"set sensor.sign: {-cell.sign:g}")
+        if turns := [turn for turn in _TURNS if (alike(turn.apply(measured)) >= _ALIKE).all()]:
+            turn = min(turns, key=lambda t: t.magnitude())
+            turned = _listed((Rotation.from_quat(cell.quaternion) * turn).as_quat())
+            by = f"as if the cell were turned by {np.degrees(turn.magnitude()):.0f} degrees"
+            advice.append(f"set sensor.quaternion, such as {turned}, {by}")
+        advice = advice or ["check sensor.quaternion, sensor.sign, mesh.origin and surface_height"]
+        which = "; a drag along x and y tells which" if len(advice) > 1 else ""
         off = f"measured and predicted force do not agree along each axis (correlation {shown})"
-        if turn is None:
-            check = "check sensor.quaternion, sensor.sign, mesh.origin and surface_height"
-            return Finding(False, f"sign: {off}; {reverse if opposite else check}")
-        turned = f"sensor.quaternion: {_listed((Rotation.from_quat(cell.quaternion) * turn).as_quat())}"
-        if opposite:
-            both = f"{reverse}, or {turned} if the cell is mounted so; a drag along x and y tells which"
-            return Finding(False, f"sign or quaternion: {off}; {both}")
-        degrees = f"{np.degrees(turn.magnitude()):.0f} degrees"
-        return Finding(False, f"quaternion: {off}, as if the cell were turned by {degrees}; such as {turned}")
+        return Finding(False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}")
 
     def _of_reasons(self) -> Iterator[Finding]:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}

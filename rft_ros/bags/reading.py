@@ -1,21 +1,17 @@
 """Read rosbag2 (MCAP, SQLite) and ROS 1 bags as samples in the order of their receive times."""
 
 import os
-import re
-import sqlite3
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping
-from contextlib import ExitStack, closing, suppress
-from functools import partial
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
-from urllib.parse import quote
 
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.records import Channel, DataEnd, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
@@ -27,6 +23,8 @@ __all__ = ["Recording", "bag_name"]
 
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 
+_INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
+_REPAIRS = {".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
 _LATEST = 100_000_000  # greatest delay of a message in its file that is still sorted [ns], as in split bags
 _TOGETHER = 256  # messages sorted at a time
 _CHUNK_HEAD = 49  # bytes before the records of an uncompressed chunk (https://mcap.dev/spec)
@@ -67,28 +65,28 @@ def _indexed(path: Path, opened: ExitStack) -> _Part:
     return _Part(path.name, topics, reader.message_count, reader.start_time, reader.end_time - 1, messages)
 
 
-def _damaged(file: Path) -> _Part:
-    """An .mcap or .db3 file that rosbags cannot open, record by record."""
-    every = partial(_sqlite3 if file.suffix == ".db3" else _mcap, file)
-    topics: set[tuple[str, str]] = set()
-    count, first, last = 0, 2**63 - 1, 0
-    with suppress(Exception):  # `messages` raises it again
-        for time, topic, msgtype, _ in every():
-            topics.add((topic, msgtype))
-            count, first, last = count + 1, min(first, time), max(last, time)
-
-    def messages(topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
-        return ((time, topic, data) for time, topic, _, data in every() if topic in topics and start <= time < stop)
-
-    return _Part(file.name, topics, count, first, last, messages)
-
-
 def _is_ros1(bag: Path) -> bool:
     return bag.suffix == ".bag" and bag.is_file()
 
 
-def _mcap(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
-    """Receive time [ns], topic, type and content of each message up to the damage."""
+def _damaged(file: Path) -> _Part:
+    """An .mcap file that rosbags cannot open, record by record."""
+    topics: set[tuple[str, str]] = set()
+    count, first, last = 0, 2**63 - 1, 0
+    with suppress(Exception):  # `messages` raises it again
+        for time, topic, msgtype, _ in _messages(file):
+            topics.add((topic, msgtype))
+            count, first, last = count + 1, min(first, time), max(last, time)
+
+    def messages(topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
+        found = _messages(file)
+        return ((time, topic, data) for time, topic, _, data in found if topic in topics and start <= time < stop)
+
+    return _Part(file.name, topics, count, first, last, messages)
+
+
+def _messages(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
+    """Receive time [ns], topic, type and content of each message of an .mcap file up to the damage."""
     types: dict[int, str] = {}
     channels: dict[int, tuple[str, str]] = {}
     with file.open("rb") as stream:
@@ -96,8 +94,7 @@ def _mcap(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
             if isinstance(record, Schema):
                 types[record.id] = record.name
             elif isinstance(record, Channel):
-                kind, encoding = types.get(record.schema_id, "unknown type"), record.message_encoding
-                channels[record.id] = record.topic, kind if encoding == "cdr" else f"{kind} as {encoding}"
+                channels[record.id] = record.topic, types.get(record.schema_id, "unknown type")
             elif isinstance(record, Message):
                 yield record.log_time, *channels[record.channel_id], record.data
             elif isinstance(record, DataEnd):
@@ -106,11 +103,11 @@ def _mcap(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
 
 def _records(stream: BinaryIO) -> Iterator[McapRecord]:
     """The records of an MCAP file, those in chunks too; of a cut one that is not compressed, those before the cut."""
-    at = stream.tell()
+    at = 0
     try:
         try:
-            for record in StreamReader(stream, emit_chunks=True).records:
-                yield from breakup_chunk(record, validate_crc=True) if isinstance(record, Chunk) else (record,)
+            for record in StreamReader(stream, validate_crcs=True).records:
+                yield record
                 at = stream.tell()
         except EndOfFile:
             stream.seek(at)
@@ -122,16 +119,6 @@ def _records(stream: BinaryIO) -> Iterator[McapRecord]:
         raise ValueError("the file ends inside a record") from None
 
 
-def _sqlite3(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
-    """As `_mcap`, a message at a time."""
-    with closing(sqlite3.connect(f"file:{quote(str(file))}?immutable=1", uri=True)) as database:
-        # otherwise sqlite refuses a file that is shorter than its header says
-        database.execute("PRAGMA writable_schema = ON")
-        topics = {key: (name, msgtype) for key, name, msgtype in database.execute("SELECT id, name, type FROM topics")}
-        for key, time, data in database.execute("SELECT topic_id, timestamp, data FROM messages NOT INDEXED"):
-            yield time, *topics[key], data
-
-
 class Recording:
     """The samples of one bag, for use in a `with` block and one `for` loop; memory does not grow with the bag.
 
@@ -139,8 +126,8 @@ class Recording:
     `start`, `end`: receive time since the bag's first message on any topic [s]. `optional`: roles whose topic may be
     missing. Order: receive time (the bag's log time); at equal times surface, wrench, twist, pose, tf; then the file's.
 
-    Raises InputError for a missing topic, a topic of another type, a path that is not a bag, and a ROS 1
-    bag without index. A damaged bag is used up to the damage, which `damage` describes.
+    Raises InputError for a missing topic, a topic of another type, and a path that is not a bag. A damaged bag is used
+    up to the damage, which `damage` describes; of a file that is not MCAP nothing is used if rosbags cannot open it.
     """
 
     def __init__(
@@ -164,7 +151,7 @@ class Recording:
 
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
-            self._parts = list(self._open(opened))
+            self._parts = sorted(self._open(opened), key=lambda part: part.first)
             if not sum(part.size for part in self._parts):
                 raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
             self._check_topics()
@@ -234,14 +221,14 @@ class Recording:
                 return
 
     def _open(self, opened: ExitStack) -> Iterator[_Part]:
-        """The bag by rosbags; if that fails, file by file, up to a damaged one, which is read record by record."""
+        """The bag by rosbags; if that fails, file by file, a damaged .mcap file record by record."""
         bag = self.bag
         if not bag.exists():
             raise InputError(f"bag '{bag}' does not exist")
         if bag.is_file() and bag.suffix not in _SUFFIXES:
             suffixes = ", ".join(_SUFFIXES)
             raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {suffixes}")
-        files = sorted((f for f in bag.iterdir() if f.suffix in _SUFFIXES[:2]), key=_natural) if bag.is_dir() else [bag]
+        files = [f for f in sorted(bag.iterdir()) if f.suffix in _SUFFIXES[:2]] if bag.is_dir() else [bag]
         described = not bag.is_dir() or (bag / "metadata.yaml").exists()
         if not files and not described:
             raise InputError(f"folder '{bag}' is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
@@ -254,11 +241,11 @@ class Recording:
             try:
                 yield _indexed(file, opened)
             except Exception as error:
-                if file.suffix == ".bag":
-                    raise InputError(f"bag '{bag}' cannot be read ({reason_of(error)}); try 'rosbag reindex'") from None
                 self._why = f"{file.name} is damaged: {reason_of(error)}"
-                yield _damaged(file)
-                return
+                if file.suffix == ".mcap":
+                    yield _damaged(file)
+                else:
+                    self._why += f"; try '{_REPAIRS[file.suffix]}'"
 
     def _check_topics(self) -> None:
         found: dict[str, list[str]] = {}
@@ -272,15 +259,6 @@ class Recording:
             if types or role in self._optional:
                 continue
             fits = next((t for t, types in found.items() if types == [wanted]), "TOPIC")
-            advice = f"--remap {'/' if role == 'tf' else '~/'}{role}:={fits}"
-            if role == "pose" and TYPES["tf"] in found.get("/tf", ()):
-                advice = f"pose_source: tf, or {advice}"
-            if role == "twist":
-                advice = f"twist_source: pose_difference, or {advice}"
+            advice = f"{_INSTEAD.get(role, '')}--remap {'/' if role == 'tf' else '~/'}{role}:={fits}"
             there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
             raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' (use {advice}); it has {there}")
-
-
-def _natural(file: Path) -> list[str]:
-    """Sort key: numbers in a name count by value, so that part 10 of a split bag comes after part 9."""
-    return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", file.name)]

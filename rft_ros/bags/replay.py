@@ -1,6 +1,5 @@
 """Replay a recording through the estimator: estimates as a bag and a table, a summary, a report."""
 
-import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -69,7 +68,6 @@ def replay(
     refuse_overwriting(results(out), [bag, *named_files(values)])
     model = model or replay_model(values)
 
-    began = time.perf_counter()
     if options.tare:
         bias = _bias(bag, topics, settings_of(values), model, options.start or 0.0, options.tare)
         values = {**values, "sensor.bias": bias}
@@ -108,7 +106,6 @@ def replay(
             duration=(recording.time - recording.first) * 1e-9,
             damage=recording.damage,
             learning={name: _errors(other) for name, other in others.items()},
-            seconds=time.perf_counter() - began,
         )
         (part / "summary.json").write_text(summary.json(), encoding="utf-8")
         if report:

@@ -7,14 +7,14 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import AXES
+from rft_ros.bags.estimates import AXES, Rows
 from rft_ros.bags.phases import PHASES, Phase
 from rft_ros.errors import InputError, suggestion
 from rft_ros.estimator import Reason
@@ -23,7 +23,7 @@ from rft_ros.estimator.quality import Trust, flag_names, trust
 from rft_ros.files import read_yaml
 from rft_ros.parameters import Value, flat
 
-__all__ = ["METRIC_HEADS", "Axis", "Group", "Limit", "PhaseGroup", "Spread", "Summary", "check", "limit_lines"]
+__all__ = ["METRIC_HEADS", "Group", "Limit", "PhaseGroup", "Spread", "Summary", "check", "limit_lines"]
 __all__ += ["metric_line", "metric_rows", "metrics", "read_limits", "statistics", "summary_of"]
 
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
@@ -35,7 +35,7 @@ _WRONG = 0.5  # median error over which the set-up is the likely cause
 
 @dataclass(frozen=True, slots=True)
 class Spread:
-    """Root mean square, greatest magnitude and mean of one axis, [N] or [N m]; None without values."""
+    """Root mean square, greatest magnitude and mean, [N] or [N m]; None without values."""
 
     rms: float | None
     peak: float | None
@@ -43,32 +43,25 @@ class Spread:
 
 
 @dataclass(frozen=True, slots=True)
-class Axis:
-    """One axis of the wrench in the sensor frame: measured (compensated), predicted, and measured minus predicted.
-
-    "force" and "torque" are magnitudes; their `residual` is the magnitude of the difference.
-    """
-
-    measured: Spread
-    predicted: Spread
-    residual: Spread
-
-
-@dataclass(frozen=True, slots=True)
 class Group:
-    """Statistics of some estimates; None without values. `wrench`: by axis.
+    """Statistics of some estimates; None without values.
 
+    `wrench`: by axis in the sensor frame or "force" and "torque", their magnitudes; then "measured" (compensated),
+    "predicted" and "residual" (measured minus predicted; its magnitude is that of the difference).
     `rms_over_peak`: RMS residual force over the group's greatest measured force. `median_relative_error`: of residual
     over measured force where this exceeds 20 % of the replay's greatest. `within_sigma`, `within_two_sigma`: share of
     the measured force's components, in the grains, within one and two standard deviations of the prediction.
     """
 
     estimates: int
-    wrench: dict[str, Axis]
+    wrench: dict[str, dict[str, Spread]]
     rms_over_peak: float | None
     median_relative_error: float | None
     within_sigma: float | None
     within_two_sigma: float | None
+
+
+_WHOLE = [field.name for field in fields(Group)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +80,7 @@ class Summary(Group):
     reason; `unknown_frames`: by such a reason, a sentence on the frame_id. `quality_flags`, `trust`: number of
     estimates by name of `QualityFlag` and by `Trust`. `duration`: receive time covered [s]. `damage`: where and why
     reading stopped early. `warnings`: sentences on the set-up. `learning`: the error without learning ("off") and by
-    lag. `seconds`: wall time of the replay without its report, which is not in the file.
+    lag.
     """
 
     bag: str
@@ -104,12 +97,10 @@ class Summary(Group):
     warnings: list[str]
     learning: dict[str, dict[str, float | None]]
     phases: dict[str, PhaseGroup]
-    seconds: float = field(compare=False)
 
     def lines(self) -> list[str]:
         """Lines for the terminal: counts, and the magnitudes of forces and residuals."""
-        speed = f"{self.duration / self.seconds:.0f} times real time"
-        text = [f"{self.bag}: {self.estimates} estimates of {self.messages['pose']} poses, {speed}"]
+        text = [f"{self.bag}: {self.estimates} estimates of {self.messages['pose']} poses"]
         for reason, n in self.reasons.items():
             frame = f" ({self.unknown_frames[reason]})" if reason in self.unknown_frames else ""
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
@@ -127,17 +118,15 @@ class Summary(Group):
     def content(self) -> dict[str, Any]:
         """The content of summary.json; the same bag and parameters give the same content."""
         content = asdict(self)
-        del content["seconds"]
-        whole = {field.name: content.pop(field.name) for field in fields(Group)}
-        return content | whole
+        return content | {name: content.pop(name) for name in _WHOLE}  # these last
 
     def json(self) -> str:
         """The text of summary.json."""
         return json.dumps(self.content(), indent=2, allow_nan=False) + "\n"
 
 
-def summary_of(rows: NDArray[np.void], *, issues: Counter[str], **about: Any) -> Summary:
-    """The summary of rows, shape [n], columns `rft_ros.bags.estimates.ROW`, and what else is known about the replay.
+def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
+    """The summary of rows, shape [n], and what else is known about the replay.
 
     `issues`: at how many poses learning had each sentence.
     """
@@ -150,12 +139,12 @@ def summary_of(rows: NDArray[np.void], *, issues: Counter[str], **about: Any) ->
         for name in flag_names(quality_flags):
             by_flag[name] += count
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()] + _warnings(whole, phases)
-    of_all = {field.name: getattr(whole, field.name) for field in fields(Group)}
+    of_all = {name: getattr(whole, name) for name in _WHOLE}
     return Summary(quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **of_all, **about)
 
 
-def statistics(rows: NDArray[np.void]) -> tuple[Group, dict[str, PhaseGroup]]:
-    """Statistics of all estimates, and of each phase by name; of phases in the grains also by depth. `rows`: `ROW`."""
+def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
+    """Statistics of all estimates, and of each phase by name; of phases in the grains also by depth."""
     answered, depth = rows["reason"] < 0, rows["depth"]
     least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, :3], axis=1), initial=0.0))
     edges = _bin_edges(float(depth[answered].max(initial=0.0)))
@@ -165,29 +154,31 @@ def statistics(rows: NDArray[np.void]) -> tuple[Group, dict[str, PhaseGroup]]:
         in_phase, by_depth = rows["phase"] == code, {}
         binned = phase in (Phase.PENETRATION, Phase.PLOUGHING, Phase.WITHDRAWAL)
         for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges) if binned else ()):
-            chosen = in_phase & answered & (in_bin == k)
-            if chosen.any():
-                by_depth[f"{low:g}-{high:g}mm"] = Group(**_of(rows, chosen, least))
-        own = _of(rows, in_phase & answered, least)
+            if (chosen := in_phase & answered & (in_bin == k)).any():
+                by_depth[f"{low:g}-{high:g}mm"] = Group(**_of(rows[chosen], least))
+        own = _of(rows[in_phase & answered], least)
         groups[str(phase)] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
-    return Group(**_of(rows, answered, least)), groups
+    return Group(**_of(rows[answered], least)), groups
 
 
-def _of(rows: NDArray[np.void], chosen: NDArray[np.bool_], least_force: float) -> dict[str, Any]:
-    """The fields of a `Group` of the chosen rows; forces over `least_force` [N] have a relative error."""
-    measured, predicted = rows["compensated"][chosen], rows["predicted"][chosen]
-    wrenches = (measured, predicted, measured - predicted)
-    columns = [[*w.T, *(np.linalg.norm(w[:, k : k + 3], axis=1) for k in (0, 3))] for w in wrenches]
+def _of(rows: Rows, least_force: float) -> dict[str, Any]:
+    """The fields of a `Group` of rows with estimates; forces over `least_force` [N] have a relative error."""
+    measured, predicted = rows["compensated"], rows["predicted"]
+    kinds = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
+    full = {
+        k: np.column_stack([w, *(np.linalg.norm(part, axis=1) for part in (w[:, :3], w[:, 3:]))])
+        for k, w in kinds.items()
+    }
     names = (*AXES, "force", "torque")
-    axes = {name: Axis(*map(_spread, parts)) for name, *parts in zip(names, *columns, strict=True)}
-    rms, peak = axes["force"].residual.rms, axes["force"].measured.peak
-    force, residual = columns[0][6], columns[2][6]
+    wrench = {name: {k: _spread(w[:, column]) for k, w in full.items()} for column, name in enumerate(names)}
+    rms, peak = wrench["force"]["residual"].rms, wrench["force"]["measured"].peak
+    force, residual = (full[kind][:, names.index("force")] for kind in ("measured", "residual"))
     big = force > least_force
-    scores = (np.abs(wrenches[2][:, :3]) / rows["sigma"][chosen][:, :3])[np.any(predicted[:, :3], axis=1)]
+    scores = (np.abs(full["residual"][:, :3]) / rows["sigma"][:, :3])[np.any(predicted[:, :3], axis=1)]
     scores = scores[~np.isnan(scores)]
     return {
-        "estimates": len(measured),
-        "wrench": axes,
+        "estimates": len(rows),
+        "wrench": wrench,
         "rms_over_peak": rms / peak if rms is not None and peak else None,
         "median_relative_error": float(np.median(residual[big] / force[big])) if big.any() else None,
         "within_sigma": float(np.mean(scores < 1.0)) if len(scores) else None,
@@ -206,17 +197,17 @@ def _bin_edges(deepest: float) -> NDArray[np.float64]:
     """Edges [m] of at most ten bins from 0 to `deepest`, whose width is 1, 2 or 5 times a power of ten."""
     if not deepest > 0.0:
         return np.zeros(1)
-    power = math.floor(math.log10(deepest / _MOST_BINS))
-    widths = (factor * 10.0**exponent for exponent in (power, power + 1) for factor in (1, 2, 5))
-    width = next(w for w in widths if deepest / w <= _MOST_BINS * (1 + 1e-9))
-    return np.arange(math.ceil(deepest / width * (1 - 1e-9)) + 1, dtype=np.float64) * width
+    below = deepest * (1.0 - 1e-9)
+    width = 10.0 ** math.floor(math.log10(below / _MOST_BINS))
+    width *= next(factor for factor in (1, 2, 5, 10) if below < _MOST_BINS * factor * width)
+    return np.arange(math.ceil(below / width) + 1, dtype=np.float64) * width
 
 
 def _warnings(whole: Group, phases: dict[str, PhaseGroup]) -> list[str]:
     """Sentences on what is wrong with the set-up."""
     found = []
-    air = [phases[Phase.APPROACH].wrench[axis].measured.mean or 0.0 for axis in AXES[:3]]
-    peak = whole.wrench["force"].measured.peak or 0.0
+    air = [phases[Phase.APPROACH].wrench[axis]["measured"].mean or 0.0 for axis in AXES[:3]]
+    peak = whole.wrench["force"]["measured"].peak or 0.0
     if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):
         advice = "replay with --tare, or calibrate sensor.bias and sensor.mass"
         found.append(f"the load cell reads {load:.2f} N in the air: {advice}")
@@ -247,7 +238,7 @@ def metric_line(title: str, cells: Iterable[str], width: int = 18) -> str:
 def metrics(group: Group) -> tuple[str, ...]:
     """The values for `METRIC_HEADS` of a group; "-" if missing."""
     force = group.wrench["force"]
-    newtons = (force.measured.peak, force.residual.rms, force.residual.peak)
+    newtons = (force["measured"].peak, force["residual"].rms, force["residual"].peak)
     ratios = (group.rms_over_peak, group.median_relative_error)
     return str(group.estimates), *("-" if v is None else f"{v:.3f}" for v in newtons), *map(_percent, ratios)
 

@@ -1,7 +1,5 @@
 """Write a rosbag2 folder with one MCAP file."""
 
-import os
-import shutil
 from pathlib import Path
 
 import yaml
@@ -19,33 +17,23 @@ _MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros w
 
 
 def check_replaceable(path: Path) -> None:
-    """Raise InputError if there is anything at `path` but a bag that a BagWriter wrote, to its end or until killed."""
+    """Raise InputError if there is anything at `path` but a bag that a BagWriter wrote."""
     if not path.exists():
         return
     try:
-        file, metadata = path / f"{path.name}.mcap", path / "metadata.yaml"
-        if {*path.iterdir()} <= {file}:  # a killed writer leaves no metadata, and a file without an end
-            ours = not file.exists() or not _is_complete(file)
-        else:
-            about = yaml.safe_load(metadata.read_text(encoding="utf-8"))
-            ours = about["rosbag2_bagfile_information"]["custom_data"] == _MARK
+        about = yaml.safe_load((path / "metadata.yaml").read_text(encoding="utf-8"))
+        ours = about["rosbag2_bagfile_information"]["custom_data"] == _MARK
     except (OSError, ValueError, yaml.YAMLError, LookupError, TypeError):
         ours = False
     if not ours:
         raise InputError(f"'{path}' already exists and was not written by rft_ros; not overwritten")
 
 
-def _is_complete(file: Path) -> bool:
-    with file.open("rb") as mcap:
-        mcap.seek(-min(8, file.stat().st_size), os.SEEK_END)
-        return mcap.read() == b"\x89MCAP0\r\n"
-
-
 class BagWriter:
     """Writes a rosbag2 folder, for use in a `with` block; the same messages give the same bytes.
 
-    Replaces a bag at `path` that a BagWriter wrote; raises InputError if anything else is there, or the bag cannot be
-    written. After an exception in the block, the bag holds what was written before.
+    Nothing may be at `path` yet; raises InputError if the bag cannot be written. After an exception in the block, the
+    bag holds what was written before.
     """
 
     def __init__(self, path: Path) -> None:
@@ -55,9 +43,6 @@ class BagWriter:
 
     def __enter__(self) -> "BagWriter":
         with file_errors(f"bag '{self.path}'", "written"):
-            check_replaceable(self.path)
-            if self.path.exists():
-                shutil.rmtree(self.path)
             self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
             self._writer.open()
         for key, value in _MARK.items():

@@ -49,7 +49,7 @@ def agrees(group, rows):
     rows = [row for row in rows if not row["reason"]]
     assert group.estimates == len(rows)
     if not rows:
-        assert group.rms_over_peak is group.wrench["force"].measured.peak is None
+        assert group.rms_over_peak is group.wrench["force"]["measured"].peak is None
         return
     measured, residual = (
         np.array([[float(r[f"{kind}_f{a}"]) for a in "xyz"] for r in rows]) for kind in ("compensated", "residual")
@@ -58,8 +58,8 @@ def agrees(group, rows):
     rms, big = np.sqrt(np.mean(left**2)), size > 0.2 * np.hypot(30.0, 0.05)
     median = np.median(left[big] / size[big]) if big.any() else None
     force = group.wrench["force"]
-    assert (force.measured.peak, force.residual.rms) == pytest.approx((size.max(), rms), rel=1e-6)
-    assert group.wrench["fz"].residual.mean == pytest.approx(residual[:, 2].mean(), rel=1e-6)
+    assert (force["measured"].peak, force["residual"].rms) == pytest.approx((size.max(), rms), rel=1e-6)
+    assert group.wrench["fz"]["residual"].mean == pytest.approx(residual[:, 2].mean(), rel=1e-6)
     assert group.rms_over_peak == pytest.approx(rms / size.max(), rel=1e-6)
     assert group.median_relative_error == (median if median is None else pytest.approx(median, rel=1e-6))
 

@@ -15,14 +15,14 @@ from rft_ros.parameters import defaults, model_of
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
 TURNED = (Rotation.from_quat(MOUNT.quaternion) * TURN).as_quat().tolist()
-SIGN = "measured and predicted force do not agree along each axis"
+WRONG = "sign or quaternion: measured and predicted force do not agree along each axis"
 FAULTS = {
     "wrong frame": ("frames: pose frame_id 'world' is not world_frame 'map'; set the", {"world_frame": "map"}),
-    "wrong sign": (f"sign: {SIGN}", {"sensor.sign": -1.0}),
+    "wrong sign": (f"{WRONG} ... ; set sensor.sign: 1", {"sensor.sign": -1.0}),
     "no twist": ("twist: nothing on /none; set twist_source: pose_difference", {}, "~/twist:=/none"),
     "no stamps": ("wrench: 1050 messages on /unstamped have no stamp", {}, "~/wrench_measured:=/unstamped"),
-    "cell turned": (f"quaternion: {SIGN}", {"sensor.quaternion": TURNED}),
-    "turned and sign": (f"sign: {SIGN}", {"sensor.quaternion": TURNED, "sensor.sign": -1.0}),
+    "cell turned": (f"{WRONG} ... turned by 180 degrees", {"sensor.quaternion": TURNED}),
+    "turned and sign": (f"{WRONG} ... ; check sensor.quaternion", {"sensor.quaternion": TURNED, "sensor.sign": -1.0}),
     "mesh in metres": ("mesh ellipsoid: 0.019 x 0.019 x 0.036 mm: ", {"mesh.scale": 1e-6}),
     "surface too high": (
         "surface_height: the measured force begins 107 mm below where 0.22 m says; set it to about 0.113",
@@ -90,14 +90,15 @@ def test_a_good_cell_needs_nothing(examined, more):
     said = "\n".join(lines)
     assert "OK  surface_height: 0.12 m; the measured force begins within" in said
     assert "OK  sign: measured and predicted force agree along each axis (correlation x 1.00, y 1.00, z 1.00)" in said
-    assert "OK  strength: measured over predicted force 1.10" in said
+    assert "OK  strength: measured over predicted force 1.1" in said
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_each_fault_is_found_and_says_what_to_do(examined, fault):
     sentence, *cell = FAULTS[fault]
     lines = examined(*cell)
-    assert any(line.startswith(f"FIX {sentence}") for line in lines), lines
+    begin, *rest = sentence.split(" ... ")
+    assert any(line.startswith(f"FIX {begin}") and all(word in line for word in rest) for line in lines), lines
     assert fault not in ALONE or len(faults(lines)) == 1
     assert fault != "no stamps" or not any(line.startswith("OK  wrench") for line in lines)
 
@@ -138,6 +139,6 @@ def test_a_tare_that_only_a_replay_does_is_asked_of_the_node(examined):
 
 def test_a_straight_push_cannot_tell_a_sign_from_a_turned_cell(examined):
     (found,) = faults(examined({"sensor.sign": -1.0}, replayed={"end": 4.5}))
-    assert found.startswith(f"FIX sign or quaternion: {SIGN}")
-    assert "set sensor.sign: 1, or sensor.quaternion: [" in found
-    assert found.endswith("if the cell is mounted so; a drag along x and y tells which")
+    assert found.startswith(f"FIX {WRONG}")
+    assert "set sensor.sign: 1, or set sensor.quaternion, such as [" in found
+    assert found.endswith("; a drag along x and y tells which")
