@@ -75,13 +75,13 @@ class Checkup:
 
     def push(self, sample: Sample, time: int) -> None:
         """Add a sample that arrived at `time` [ns]."""
-        heard: dict[Role, tuple[int, int, str]]
+        role: Role = "tf"
         if isinstance(sample, Stamped):
-            heard = {_ROLES[type(sample)]: (time, sample.stamp, sample.frame)}
+            role, stamps, frame = _ROLES[type(sample)], [sample.stamp], sample.frame
         else:
-            heard = {"tf": (time, transform.stamp, "") for transform in sample if not transform.fixed}
-        for role in heard.keys() & self._heard:
-            self._heard[role].append(heard[role])
+            stamps, frame = [transform.stamp for transform in sample if not transform.fixed], ""
+        if stamps and role in self._heard:
+            self._heard[role].append((time, stamps[-1], frame))
         counts = self._estimator.counts
         for _, answer in push_all(self._estimator, sample):
             if answer is not None:
