@@ -24,6 +24,8 @@ __all__ = ["DELAY", "Cloud", "Ground", "LocalSurface", "Support"]
 
 Array = NDArray[np.float64]
 
+_Camera = tuple[Array, Array] | None
+
 DELAY = 500_000_000
 """A cloud changes the ground this long [ns] after its stamp, whenever it arrives until then. So the same stamps give
 the same results live and in a replay, and a pose finds the map ready: it takes some hundredths of a second."""
@@ -49,17 +51,15 @@ class LocalSurface(NamedTuple):
     depth: float
 
 
-def _disc() -> Array:
-    """Points of the unit disc of about equal area each: its centre and three rings, shape [37, 2]."""
-    points = [(0.0, 0.0)]
-    for ring in (1, 2, 3):
-        angle = np.arange(6 * ring) * (np.pi / (3 * ring))
-        radius = np.sqrt((3 * ring * ring + 0.25) / 37.0)  # area of the inner rings and half of this one
-        points += [(radius * np.cos(a), radius * np.sin(a)) for a in angle]
-    return np.array(points)
+def _spiral(n: int) -> tuple[Array, Array, Array]:
+    """Shares of an area, 0 to 1, and the cosines and sines at which a spiral meets them: even over a disc or sphere."""
+    k = np.arange(n)
+    angle = k * (np.pi * (3.0 - np.sqrt(5.0)))
+    return (k + 0.5) / n, np.cos(angle), np.sin(angle)
 
 
-_DISC = _disc()
+_AREA, _COS, _SIN = _spiral(37)
+_DISC = np.column_stack([np.sqrt(_AREA) * _COS, np.sqrt(_AREA) * _SIN])
 
 
 @inlined
@@ -107,10 +107,10 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):  # type: ignore[no-u
 
 
 @compiled
-def _local_plane(heights, i0, j0, cell, level, disc, corners, state, placed):  # type: ignore[no-untyped-def]
-    """Height at x = y = 0, slopes, roughness and depth; `placed`: work space for the corners in world axes."""
+def _local_plane(heights, i0, j0, cell, level, disc, corners, state):  # type: ignore[no-untyped-def]
+    """Height at x = y = 0, slopes, roughness and depth."""
     axes = rotation(state[3], state[4], state[5], state[6])
-    lowest = 0
+    placed, lowest = np.empty_like(corners), 0  # the corners in world axes
     for k in range(corners.shape[0]):
         placed[k] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
@@ -152,10 +152,10 @@ class Support:
 
     def __init__(self, corners: Array) -> None:
         # the points furthest out in many directions: a fine hull has thousands of corners
-        turn = np.arange(_DIRECTIONS) * (np.pi * (3.0 - np.sqrt(5.0)))
-        z = 1.0 - (2.0 * np.arange(_DIRECTIONS) + 1.0) / _DIRECTIONS
+        area, x, y = _spiral(_DIRECTIONS)
+        z = 1.0 - 2.0 * area
         flat = np.sqrt(1.0 - z * z)
-        directions = np.column_stack([flat * np.cos(turn), flat * np.sin(turn), z])
+        directions = np.column_stack([flat * x, flat * y, z])
         self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
 
     def local_surface(self, ground: HeightMap, state: Array, *, level: float) -> LocalSurface:
@@ -163,11 +163,8 @@ class Support:
 
         Where the map knows nothing it is exactly (level, 0, 0).
         """
-        placed = np.empty_like(self._corners)  # of this call: threads of a simulator share the support
         i0, j0 = map(float, ground.corner)  # one machine code for all maps
-        h, sx, sy, rough, depth = _local_plane(
-            ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state, placed
-        )
+        h, sx, sy, rough, depth = _local_plane(ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state)
         if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
             return LocalSurface(level, LEVEL, 0.0, level - float(state[2]))
         return LocalSurface(h, (sx, sy), rough, depth)
@@ -186,8 +183,8 @@ class Cloud(NamedTuple):
 class Ground:
     """The map in force, `map`, which `level` sets to `start`; None: a level plane.
 
-    `corners` of the tool's convex hull, tool frame [m], shape [k, 3]. `background`: with an executor of one thread,
-    clouds become maps there; without one, at once. `last_cloud`, `newest`: stamps of the last cloud and pose [ns].
+    `corners` of the tool's convex hull, tool frame [m], shape [k, 3]. `background`: an executor of one thread in which
+    clouds become maps; without one they do at once. `last_cloud`, `newest`: stamps of cloud and pose [ns].
     """
 
     def __init__(self, start: HeightMap | None, corners: Array, background: Executor | None = None) -> None:
@@ -196,7 +193,7 @@ class Ground:
         self._start = start
         self._background = background
         self._merged = start  # of the thread that makes maps
-        self._clouds: deque[tuple[Cloud, tuple[Array, Array] | None]] = deque(maxlen=_CLOUDS)
+        self._clouds: deque[tuple[Cloud, _Camera]] = deque(maxlen=_CLOUDS)
         self._places: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque(maxlen=_PLACES)
         self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()  # when it is due, and the map
         self.use(corners)
@@ -220,7 +217,7 @@ class Ground:
         self._places.clear()
         self.last_cloud = self.newest = 0
 
-    def add(self, cloud: Cloud, camera: tuple[Array, Array] | None = None) -> None:
+    def add(self, cloud: Cloud, camera: _Camera = None) -> None:
         """Take a cloud; it waits for the first pose at or after its stamp, which says where the tool was.
 
         `camera`: position [m], shape [3], and rotation to world, shape [3, 3], of the cloud's frame; None: it is the
@@ -260,14 +257,14 @@ class Ground:
             _, position, quaternion = next(place for place in self._places if place[0] >= cloud.stamp)
             low, high = self._corners.min(axis=0), self._corners.max(axis=0)
             tool = ToolBox(position=np.array(position), rotation=rotation_matrix(quaternion), low=low, high=high)
+            made: Future[HeightMap] = Future()
             if self._background:
                 made = self._background.submit(self._with, cloud, camera, tool)
             else:  # at once: when it is due is on a pose's path
-                made = Future()
                 made.set_result(self._with(cloud, camera, tool))
             self._waiting.append((cloud.stamp + DELAY, made))
 
-    def _with(self, cloud: Cloud, camera: tuple[Array, Array] | None, tool: ToolBox) -> HeightMap:
+    def _with(self, cloud: Cloud, camera: _Camera, tool: ToolBox) -> HeightMap:
         x, y, z = cloud.x, cloud.y, cloud.z
         if camera is not None:
             position, axes = camera

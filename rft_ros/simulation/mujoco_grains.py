@@ -95,8 +95,8 @@ class MujocoGrains:
     `scale` in metres per unit; reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains:
     `zeta`, `alpha_y` (a model's name) of the generic medium, or a `law` of your own; `mobilization_length` [m];
     `surface_height` [m] where `ground` knows nothing. One object serves one `MjData`. It starts anew when the data's
-    time goes back, as after `mj_resetData`; call `reset` after other jumps. `reset`, `state`: as of `GrainsBatch`.
-    Raises InputError or ValueError that names the argument that cannot be used.
+    time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises InputError or
+    ValueError that names the argument that cannot be used.
     """
 
     def __init__(
@@ -129,8 +129,7 @@ class MujocoGrains:
         bed: Any = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
         self._grains, self._ahead = (GrainsBatch(self.tool, law, bodies=1, **bed) for _ in range(2))
         self._surface, self._stride = float(surface_height), _STRIDE * mobilization_length
-        self.reset, self.state = self._grains.reset, self._grains.state
-        self._time = -math.inf
+        self._time, self._late = -math.inf, np.zeros(6)
         self.wrench = self._body.wrench
         """Held over the current step: force [N], torque about the body frame's origin [N m], shape [6], world axes."""
 
@@ -153,21 +152,26 @@ class MujocoGrains:
         in_air = row[6] == 0.0 and body.state[0, 2] - self._surface > reach + path
         if path > self._stride and not in_air:
             self._substeps(row, h, min(math.ceil(path / self._stride), _MOST))
+        else:
+            self._late.fill(0.0)
         return self.wrench
 
     def _substeps(self, row: Array, dt: float, n: int) -> None:
         """The wrench to hold over dt [s] where the body moves far, from n substeps.
 
         There the body's path counts: a step of MuJoCo's moves the body by dt times its twist at the end, which is
-        therefore that of the step's middle, and the twist now lags by half a step.
+        therefore that of the step's middle. So the twist now lags by half a step, and the latter half of what the
+        grains do in this step acts in the next one.
         """
         body, ahead, h, reach = self._body, self._ahead, dt / n, self.tool.plates.reach
         ahead.restore(self._grains.state())
-        wrench = 0.5 * row[:6]  # over the half step that the twist lags
+        wrench = self._late.copy() if self._late.any() else 0.5 * row[:6]
         state, twist = body.state.copy(), body.twist + dt * (0.5 * body.free + body.inverse @ wrench)
+        self._late.fill(0.0)
         for k in range(n):
             held(row, ahead.sums[0], body.inverse, twist, body.free, h, reach, body.wrench, body.after)
             wrench += (n - k - 0.5) / n**2 * body.wrench
+            self._late += (k + 0.5) / n**2 * body.wrench
             twist = body.after.copy()
             move(state[0], twist, h)
             row = ahead.advance(state, h)[0]
@@ -178,10 +182,19 @@ class MujocoGrains:
         """B of `GrainsBatch.stiffness` at the last step, in its units, shape [6, 6]."""
         return np.asarray(self._grains.stiffness[0])
 
+    def reset(self) -> None:
+        """A level bed that remembers nothing."""
+        self._grains.reset()
+        self._late.fill(0.0)
+
+    def state(self) -> GrainsState:
+        """A copy of what the grains remember; picklable. For rollouts, beside `mj_getState`."""
+        return {**self._grains.state(), "late": self._late.copy()}
+
     def restore(self, state: GrainsState) -> None:
-        """Go back to what `state` returned, as beside `mj_setState`."""
-        self._grains.restore(state)
-        self._time = -math.inf
+        """Go back to what `state` returned."""
+        self._grains.restore({name: array for name, array in state.items() if name != "late"})
+        self._late[:], self._time = state["late"], -math.inf
 
 
 def _tool_of_body(model: Any, body: int, name: str, tolerance: float) -> Tool:
