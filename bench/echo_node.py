@@ -1,7 +1,4 @@
-"""The bare minimum beside which rft_node is measured: the same three subscriptions, one WrenchStamped out per pose.
-
-`clouds`: it also takes clouds of points, and drops them.
-"""
+"""The bare minimum beside which rft_node is measured: the same three subscriptions, one WrenchStamped out per pose."""
 
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -9,7 +6,6 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.experimental import EventsExecutor
 from rclpy.node import Node
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import PointCloud2
 
 
 class EchoNode(Node):  # type: ignore[misc]
@@ -25,9 +21,6 @@ class EchoNode(Node):  # type: ignore[misc]
         self.create_subscription(WrenchStamped, "~/wrench_measured", self._on_wrench, qos)
         self.create_subscription(TwistStamped, "~/twist", self._on_twist, qos)
         self.create_subscription(PoseStamped, "~/pose", self._on_pose, qos)
-        if self.declare_parameter("clouds", False).value:
-            deep = QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
-            self.create_subscription(PointCloud2, "~/surface_points", lambda _: None, deep, raw=True)
 
     def _on_wrench(self, message: WrenchStamped) -> None:
         self._answer.wrench = message.wrench

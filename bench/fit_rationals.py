@@ -2,8 +2,8 @@
 
 Each odd function F is fitted as F(x) = x p(y) / q(y), where y is a function of x² in which nothing cancels. The fit
 minimises the relative error by linearised least squares whose weights grow where the error is largest (Lawson's
-method), in 50 digits. Prints the coefficients as the code holds them, the fit's error, that of its evaluation in double
-precision, and that of the functions in use. Takes a few seconds. Needs mpmath: pip install mpmath
+method), in 50 digits. Prints the coefficients as the code holds them, the fit's error and that of its evaluation in
+double precision. Takes a few seconds. Needs mpmath: pip install mpmath
 """
 
 import sys
@@ -94,19 +94,6 @@ def error_in_double(target: Target, found: Fit) -> float:
     return max(float(abs(mp.mpf(float(v)) / target.ratio(mp.mpf(y)) - 1)) for v, y in zip(values, ys, strict=True))
 
 
-def error_in_use(name: str) -> float:
-    """Greatest absolute error of f1 or f23 as the kernel computes it, on 2,001 shares of the speed."""
-    if name == "f1":
-        a, b, function, place = mp.mpf(weights.A2), mp.mpf(weights.A3), mp.tanh, 0
-    else:
-        a, b, function, place = mp.mpf(weights.B2), mp.mpf(weights.B3), mp.atanh, 1
-    at_one = function(a - b) + function(b)
-    shares = [k / 2000 for k in range(2001)]
-    kernel = [weights.f1_and_f23(share, share)[place] for share in shares]
-    exact = [(function(a * mp.mpf(share) - b) + function(b)) / at_one for share in shares]
-    return max(float(abs(k - e)) for k, e in zip(kernel, exact, strict=True))
-
-
 def main() -> int:
     mp.mp.dps = 50
     tanh_end = (mp.mpf(weights.A2) - mp.mpf(weights.A3)) ** 2
@@ -122,7 +109,6 @@ def main() -> int:
         print(f"  relative error {float(found.error):.1e}, in double precision {error_in_double(target, found):.1e}")
         print("  p:", ", ".join(repr(float(c)) for c in found.numerator))
         print("  q:", ", ".join(repr(float(c)) for c in found.denominator))
-    print(f"in use: f1 to {error_in_use('f1'):.1e}, f23 to {error_in_use('f23'):.1e} (absolute)")
     return 0
 
 

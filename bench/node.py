@@ -28,6 +28,7 @@ from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rich.console import Console
 from rich.table import Table
 
+RATIOS = {"median": "median_us", "p99": "p99_us", "CPU": "cpu"}  # of rft_node over the echo node
 _TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -185,7 +186,6 @@ def main() -> None:
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--executor", choices=("events", "single"), default="events")
     parser.add_argument("--busy", type=int, default=0, metavar="N", help="processes that keep a core busy meanwhile")
-    parser.add_argument("--parameter", action="append", default=[], metavar="NAME:=VALUE", help="of rft_node")
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -197,18 +197,7 @@ def main() -> None:
         title=f"executor {arguments.executor}, {arguments.busy} busy processes, {arguments.seconds:g} s a run, "
         f"median of {arguments.repeat} runs"
     )
-    for column in (
-        "rate Hz",
-        "node",
-        "lost / sent",
-        "median us",
-        "p99 us",
-        "CPU %",
-        "MB",
-        "x median",
-        "x p99",
-        "x CPU",
-    ):
+    for column in ("rate Hz", "node", "lost / sent", "median us", "p99 us", "CPU %", "MB", *(f"x {f}" for f in RATIOS)):
         table.add_column(column, justify="right")
     with tempfile.TemporaryDirectory() as folder, busy_processes(arguments.busy):
         for rate in arguments.rates:
@@ -217,7 +206,6 @@ def main() -> None:
                 mesh = sphere(Path(folder), elements)
                 nodes[mesh.stem] = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={mesh}"]
                 nodes[mesh.stem] += ["-p", "tolerance:=0.0", *executor]
-                nodes[mesh.stem] += [part for given in arguments.parameter for part in ("-p", given)]
             runs: dict[str, list[Run]] = {name: [] for name in nodes}
             for _ in range(arguments.repeat):
                 for name, command in nodes.items():
@@ -237,7 +225,7 @@ def _add_rows(table: Table, rate: float, runs: dict[str, list[Run]]) -> None:
         return float(median(getattr(run, field) for run in runs[name]))
 
     for name, own in runs.items():
-        ratios = [f"{of(name, f) / of('echo', f):.2f}" for f in ("median_us", "p99_us", "cpu")]
+        ratios = [f"{of(name, f) / of('echo', f):.2f}" for f in RATIOS.values()]
         table.add_row(
             f"{rate:g}",
             name,
