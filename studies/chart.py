@@ -18,7 +18,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import COLUMNS, INTEGRATIONS, MEDIA, SENSITIVITIES, Law, Plates, wrenches
-from rft_ros.tool.fewer_plates import Merger, chosen_plates
+from rft_ros.tool.reduce import chosen_plates, merged_plates
 from studies import numpy_rft
 from studies.chart_scenes import Scene, scenes
 from studies.paper import ALPHA_Y, ZETA, law
@@ -99,10 +99,9 @@ def _bodies(scene: Scene) -> Iterator[tuple[Plates, str]]:
         for level in range(scene.levels):
             yield scene.plates(level, rule), FULL
         delivered = scene.plates(scene.delivered, rule)
-        merger = Merger(delivered)
         for count in _MERGED_TO:
             if 2 * count < len(delivered):
-                yield merger.merged(count), MERGED
+                yield merged_plates(delivered, count), MERGED
         chosen: dict[int, Plates] = {}
         for plates in chosen_plates(delivered, scene.states[::2]) if scene.known else ():
             chosen[len(plates)] = plates

@@ -1,33 +1,59 @@
 """Reduced tools: the fewest plates whose wrench stays within a tolerance of the full tool's.
 
-The error is measured on motions that were not used for the choice. The same tool always gives the same plates.
+For any motion plates are merged: k-means, with plates drawn by area, groups them by position over the tool's radius and
+by outward normal, so that groups are small where the tool bends and large where it is flat. For a known scene plates
+are chosen by empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008): a greedy search adds the plate most
+like the missing wrench; the areas are a non-negative least-squares fit. The error is measured on motions that were not
+used for the choice. The same tool always gives the same plates.
 """
 
+import warnings
+from bisect import bisect_left
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import Plates, checked_states, wrenches
-from rft_ros.tool.fewer_plates import LAWS, Merger, chosen_plates
+from rft_ros.rft import (
+    MEDIA,
+    Plates,
+    alpha_y_model,
+    checked_states,
+    plate_forces,
+    rotation_matrix,
+    treers2021,
+    wrenches,
+)
 
-__all__ = ["Reduction", "random_motions", "reduced_for_any_motion", "reduced_for_scene"]
+__all__ = [
+    *("Reduction", "chosen_plates", "merged_plates"),
+    *("random_motions", "reduced_for_any_motion", "reduced_for_scene"),
+]
 
 Array = NDArray[np.float64]
+Labels = NDArray[np.int64]
 
-_CHOOSING, _MEASURING = 1, 2  # seeds
-_STATES = 1000  # for each; the percentile scatters by about 5 % of itself
+_LAWS = [treers2021(MEDIA["generic"], alpha_y_model(name, MEDIA["generic"])) for name in ("constant", "linear")]
+"""Plates chosen with one α_y model have errors of 2 % with the other."""
+
+_SEEDS = 1, 2  # of two sets of random motions
+_STATES = 4000  # in each; the percentile scatters by about 3 % of itself
 _SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's height
 _FEEBLE = 0.01  # of the median force: errors are divided by at least this force
 
-_FIRST = 16  # plates tried first; then doubled
+_COUNTS = np.unique(np.geomspace(4, 4096, 74).astype(int))  # numbers of plates that are tried
 _WORTH = 0.7  # of the facets: the most plates of a reduced tool; beyond, keep the full tool
-_STEPS = 5  # of the bisection between two numbers of plates
-_MORE = 1.1  # times the plates, where the measured error exceeds the tolerance
+_DRAWN = 4096  # plates drawn for k-means
+_ROUNDS = 10  # of k-means; more change the error less than its scatter
+_CANCELLED = 1e-6  # length of a mean normal below which it has no direction, as of the two sides of a plate
 
-_FEWEST_STATES = 20  # of a scene: of each six, four select plates, one decides when to stop, one measures the error
+_FEWEST_STATES = 20  # of a scene; of each three, two choose plates, one measures the error
 _NEAR = 0.3  # rad, and of the tool's reach: the largest gap between samples that may be interpolated
+_MOST_NUMBERS = 10_000_000  # in the matrix of all plates' wrenches; beyond it, every k-th state is used
+_FAINT = 1e-3  # of the strongest plate: weaker ones would get meaningless areas
+_RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable for plates that are alike
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,78 +79,51 @@ class Reduction:
 
 
 class _Errors:
-    """The error of reduced tools against the full tool over the same motions.
+    """The error of reduced tools against the full tool over the same states.
 
-    Relative to each state's own force (with one law) if `own_force`, else to the greatest force (with all laws).
+    Relative to each state's own force if `own_force`, else to the greatest force.
     """
 
     def __init__(self, plates: Plates, states: Array, *, own_force: bool) -> None:
-        self._laws, self._states = LAWS[-1:] if own_force else LAWS, states
-        self._full = np.stack([wrenches(plates, law, states) for law in self._laws])
+        self._states, self._reach = states, plates.reach
+        self._full = self._wrenches(plates)
         force = np.linalg.norm(self._full[..., :3], axis=2)
         self.any_force = bool(force.any())
-        places = plates.packed[:3].T
-        center = 0.5 * (places.min(axis=0) + places.max(axis=0))
-        self._lever = _rotated(states[:, 3:7], center)
-        self._radius = float(np.linalg.norm(places - center, axis=1).max()) or plates.reach or 1.0
         if own_force:
             self._scale = np.maximum(force, _FEEBLE * float(np.median(force[force > 0.0])) if self.any_force else 1.0)
         else:
             self._scale = np.maximum(force.max(axis=1, keepdims=True), 1e-300)
 
+    def _wrenches(self, plates: Plates) -> Array:
+        return np.stack([wrenches(plates, law, self._states)[:, :6] for law in _LAWS])
+
     def percentile_95(self, plates: Plates) -> float:
-        """Of the larger of two errors, no unit: of the force; of the torque about the center over the radius."""
-        off = np.stack([wrenches(plates, law, self._states) for law in self._laws]) - self._full
-        force = off[..., :3]
-        torque = off[..., 3:6] - np.cross(self._lever, force)
-        either = np.maximum(np.linalg.norm(force, axis=2), np.linalg.norm(torque, axis=2) / self._radius)
-        return float(np.percentile(either / self._scale, 95.0))
+        """By the worse law, of the larger of two errors, no unit: of the force; of the torque over the tool's reach."""
+        off = np.linalg.norm((self._wrenches(plates) - self._full).reshape(*self._full.shape[:2], 2, 3), axis=3)
+        larger = np.maximum(off[..., 0], off[..., 1] / self._reach)
+        return float(np.percentile(larger / self._scale, 95.0, axis=1).max())
 
 
 def reduced_for_any_motion(
     plates: Plates, corners: Array, tolerance: float, *, count: int | None = None
 ) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance, or about `count` plates regardless of their error.
+    """The fewest plates within the tolerance, or at most `count` plates regardless of their error.
 
     `corners`: of the tool's convex hull [m], shape [k, 3].
     """
-    merger = Merger(plates)
-    choosing, measuring = (
-        _Errors(plates, random_motions(corners, _STATES, seed=seed), own_force=True) for seed in (_CHOOSING, _MEASURING)
-    )
+    sets = [_Errors(plates, random_motions(corners, _STATES, seed=seed), own_force=True) for seed in _SEEDS]
+
+    def within(count: int) -> bool:
+        few = merged_plates(plates, count)
+        return max(errors.percentile_95(few) for errors in sets) <= tolerance
+
     if count is None:
-        few = _fewest(merger, choosing, measuring, tolerance, most=min(int(_WORTH * len(plates)), merger.most))
+        counts = _COUNTS[_WORTH * len(plates) >= _COUNTS].tolist()
+        best = bisect_left(counts, True, key=within)
+        count = counts[best] if best < len(counts) else len(plates)
     else:
-        few, tolerance = merger.merged(count), 0.0
-    return _reported(plates, few, measuring, tolerance, "any motion")
-
-
-def _fewest(merger: Merger, choosing: _Errors, measuring: _Errors, tolerance: float, *, most: int) -> Plates | None:
-    """The smallest number of plates within the tolerance, by doubling and bisection; None if there is none."""
-
-    def within(count: int) -> Plates | None:
-        plates = merger.merged(count)
-        return plates if choosing.percentile_95(plates) <= tolerance else None
-
-    low, high = 0, min(_FIRST, most)
-    while (best := within(high) if high else None) is None:
-        if high >= most:
-            return None
-        low, high = high, min(2 * high, most)
-    for _ in range(_STEPS):
-        middle = (low + high) // 2
-        if middle == low or high < 1.02 * low:
-            break
-        if (plates := within(middle)) is None:
-            low = middle
-        else:
-            high, best = middle, plates
-    while measuring.percentile_95(best) > tolerance:
-        high = int(_MORE * high) + 1
-        if high > most:
-            return None
-        best = merger.merged(high)
-    return best
+        tolerance = 0.0
+    return _reported(plates, merged_plates(plates, count), sets[-1], tolerance, "any motion")
 
 
 def reduced_for_scene(
@@ -137,29 +136,141 @@ def reduced_for_scene(
     """
     if len(states) < _FEWEST_STATES:
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
-    part = np.arange(len(states)) % 6
-    between = _halfway(states, plates.reach)
-    stopping, measuring = (_Errors(plates, between[part == k], own_force=False) for k in (2, 5))
-    if not (stopping.any_force and measuring.any_force):
+    third = np.arange(len(states)) % 3 == 2
+    errors = _Errors(plates, _halfway(states, plates.reach)[third], own_force=False)
+    if not errors.any_force:
         raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
-    few = None
     most, tolerance = (int(_WORTH * len(plates)), tolerance) if count is None else (count, 0.0)
-    for candidate in chosen_plates(plates, states[(part != 2) & (part != 5)]):
+    few = plates
+    for candidate in chosen_plates(plates, states[~third]):
         if len(candidate) > most:
             break
-        if count is not None:
+        if count is not None or errors.percentile_95(candidate) <= tolerance:
             few = candidate
-        elif max(c.percentile_95(candidate) for c in (stopping, measuring)) <= tolerance:
-            few = candidate
-            break
-    return _reported(plates, few, measuring, tolerance, f"a scene of {len(states):,} states")
+            if count is None:
+                break
+    return _reported(plates, few, errors, tolerance, f"a scene of {len(states):,} states")
 
 
-def _reported(
-    plates: Plates, few: Plates | None, measuring: _Errors, tolerance: float, motions: str
-) -> tuple[Plates, Reduction]:
-    facets, error, plates = len(plates), measuring.percentile_95(few) if few else 0.0, few or plates
-    return plates, Reduction(facets=facets, plates=len(plates), error=error, tolerance=tolerance, motions=motions)
+def _reported(plates: Plates, few: Plates, errors: _Errors, tolerance: float, motions: str) -> tuple[Plates, Reduction]:
+    error = 0.0 if few is plates else errors.percentile_95(few)
+    return few, Reduction(facets=len(plates), plates=len(few), error=error, tolerance=tolerance, motions=motions)
+
+
+def merged_plates(plates: Plates, count: int) -> Plates:
+    """Merge neighbouring plates into at most `count`; each keeps its parts' area and first moment.
+
+    For the refined rule it also keeps their second moments about the centroid and the spread of their normals.
+    """
+    from scipy.cluster.vq import kmeans2
+    from scipy.spatial import KDTree
+
+    rows, area = plates.rows, plates.packed[6]
+    if count >= len(plates):
+        return plates
+    place = rows[:3] - (rows[:3] @ area / area.sum())[:, None]
+    radius = float(np.linalg.norm(place, axis=0).max())
+    features = np.vstack([place / (radius or 1.0), rows[3:6]]).T
+    order = np.random.default_rng(0).choice(
+        len(features), min(len(features), _DRAWN), replace=False, p=area / area.sum()
+    )
+    drawn = features[order]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of groups without members
+        centres, _ = kmeans2(drawn, drawn[:count], iter=_ROUNDS, minit="matrix")
+    nearest = KDTree(centres).query(features)[1]
+    return Plates(_united(rows, np.unique(nearest, return_inverse=True)[1].reshape(-1)))
+
+
+def _means(groups: Labels, weights: Array, values: Array) -> Array:
+    """Weighted mean of each group, shape [groups, k]; values: shape [n, k]."""
+    totals = [np.bincount(groups, weights * column) for column in values.T]
+    return np.stack(totals, axis=1) / np.bincount(groups, weights)[:, None]
+
+
+def _united(rows: Array, groups: Labels) -> Array:
+    """One plate for each group, rows as `Plates.rows`; a group of one plate is that plate."""
+    area = np.bincount(groups, rows[6])
+    out = np.vstack([_means(groups, rows[6], rows[:6].T).T, area])
+    one, alone = np.unique(groups, return_index=True)[1], np.bincount(groups) == 1  # one plate of each group
+    cancelled = np.linalg.norm(out[3:6], axis=0) < _CANCELLED
+    out[3:6, cancelled] = rows[3:6, one[cancelled]]
+    out[3:6] /= np.linalg.norm(out[3:6], axis=0)
+    if len(rows) > 7:
+        # half angle of a fade with the variance of the group's normals
+        tilt = np.arccos(np.clip((rows[3:6] * out[3:6, groups]).sum(axis=0), -1.0, 1.0))
+        half = np.arcsin(np.minimum(0.5 / rows[13], 1.0))
+        angle = np.sqrt(_means(groups, rows[6], (1.5 * tilt**2 + half**2)[:, None])[:, 0])
+        out = np.vstack([out, _triangles(rows, groups, out), 0.5 / np.sin(np.minimum(angle, 0.5 * np.pi))])
+    out[:, alone] = rows[:, one[alone]]
+    return out
+
+
+def _triangles(rows: Array, groups: Labels, united: Array) -> Array:
+    """Two corners, relative to the centroid, of a triangle with each group's second moments, shape [6, m].
+
+    Equal moments give a submerged plate the depth integral and the centre of pressure of its parts.
+    """
+    normal = united[3:6].T
+    side = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
+    side /= np.linalg.norm(side, axis=1)[:, None]
+    axes = np.stack([side, np.cross(normal, side)], axis=1)  # shape [m, 2, 3]
+    vectors = rows[:3] - united[:3, groups], rows[7:10], rows[10:13]
+    away, first, second = (np.einsum("nak,kn->na", axes[groups], vector) for vector in vectors)
+    moments = away[:, :, None] * away[:, None]
+    for corner in (first, second, -first - second):
+        moments += corner[:, :, None] * corner[:, None] / 12.0
+    size, direction = np.linalg.eigh(_means(groups, rows[6], moments.reshape(-1, 4)).reshape(-1, 2, 2))
+    spread = direction * np.sqrt(np.maximum(size, 0.0))[:, None]
+    # a triangle inscribed in the unit circle has moments of 1/8; corners at a quarter turn, and a third further
+    turn = np.pi * np.array([0.5, 0.5 + 2.0 / 3.0])
+    corners = np.einsum("mab,bc,mak->ckm", spread, np.sqrt(8.0) * np.stack([np.cos(turn), np.sin(turn)]), axes)
+    return np.asarray(corners.reshape(6, -1))
+
+
+def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
+    """Selections of plates, each one plate larger, that reproduce the wrench of all plates over `states`.
+
+    `states`: shape [n, 13], units as `rft_ros.rft.STATE`. Ends when one more plate does not improve the fit.
+    """
+    from scipy.optimize import nnls
+
+    every = 1 + len(_LAWS) * 6 * len(states) * len(plates) // _MOST_NUMBERS
+    matrix = _wrenches_of_plates(plates, states[::every])
+    target = matrix.sum(axis=1)
+    norm = np.linalg.norm(matrix, axis=0)
+    least = max(_FAINT * norm.max(), 1e-300)
+    per_norm = np.where(norm > least, 1.0 / np.maximum(norm, least), 0.0)
+    chosen: list[int] = []
+    missing = target
+    while True:
+        gain = (missing @ matrix) * per_norm
+        gain[chosen] = 0.0
+        best = int(np.argmax(gain))
+        if gain[best] <= 0.0:
+            return
+        chosen.append(best)
+        # by the normal equations: the columns are few, and of unit length
+        columns = matrix[:, chosen] * per_norm[chosen]
+        lower = np.linalg.cholesky(columns.T @ columns + _RIDGE * np.eye(len(chosen)))
+        factors = nnls(lower.T, np.linalg.solve(lower, columns.T @ target))[0]
+        chosen = [plate for plate, factor in zip(chosen, factors, strict=True) if factor > 0.0]
+        factors = factors[factors > 0.0] * per_norm[chosen]
+        missing = target - matrix[:, chosen] @ factors
+        few = plates.rows[:, chosen]
+        few[6] *= factors
+        yield Plates(few)
+
+
+def _wrenches_of_plates(plates: Plates, states: Array) -> Array:
+    """Force, and torque over the tool's reach, of each plate at each state by each law; shape [laws 6 n, plates]."""
+    cases = [(law, state) for law in _LAWS for state in states]
+    out = np.empty((len(cases), 6, len(plates)))
+    for wrench, (law, state) in zip(out, cases, strict=True):
+        force = plate_forces(plates, law, state)
+        wrench[:3] = force.T
+        wrench[3:] = np.cross(plates.packed[:3].T @ rotation_matrix(state[3:7]).T, force).T / plates.reach
+    return out.reshape(-1, len(plates))
 
 
 def _halfway(states: Array, reach: float) -> Array:
@@ -185,6 +296,8 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
     below the surface at z = 0. Points of the tool turn about its center at most as fast as the center moves, 1 m/s.
     The same seed gives the same states.
     """
+    from scipy.spatial.transform import Rotation
+
     random = np.random.default_rng(seed)
 
     def directions(dimensions: int) -> Array:
@@ -195,20 +308,13 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
     radius = float(np.linalg.norm(corners - center, axis=1).max())
     states = np.zeros((count, 13))
     states[:, 3:7] = directions(4)
-    up = _rotated(states[:, 3:7] * [-1.0, -1.0, -1.0, 1.0], np.array([0.0, 0.0, 1.0]))
-    heights = up @ (corners - center).T
+    rotations = Rotation.from_quat(states[:, 3:7])
+    heights = rotations.as_matrix()[:, 2] @ (corners - center).T
     top, bottom = heights.max(axis=1), heights.min(axis=1)
     depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
-    lever = _rotated(states[:, 3:7], center)
+    lever = rotations.apply(center)
     states[:, :3] = -lever
     states[:, 2] -= depth + bottom
     states[:, 10:13] = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]
     states[:, 7:10] = directions(3) - np.cross(states[:, 10:13], lever)
     return checked_states(states)
-
-
-def _rotated(quaternions: Array, vector: Array) -> Array:
-    """A vector rotated by each unit quaternion xyzw, shape [n, 3]."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(quaternions).apply(vector))

@@ -8,8 +8,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.sweeps.motions import OscillatingInsertion, sample
 from rft_ros.tool import load_tool
-from rft_ros.tool.fewer_plates import Merger
-from rft_ros.tool.reduce import random_motions, reduced_for_any_motion, reduced_for_scene
+from rft_ros.tool.reduce import merged_plates, random_motions, reduced_for_any_motion, reduced_for_scene
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 RULES = ["centroid", "refined"]
@@ -62,12 +61,12 @@ def test_a_tolerance_outside_0_to_1_is_refused_with_a_sentence(tolerance):
 @pytest.mark.parametrize("rule", RULES)
 def test_merging_keeps_area_and_first_moment(rule):
     full = load_tool("ellipsoid", integration=rule).facets
-    few = Merger(full).merged(100)
+    few = merged_plates(full, 100)
     assert 80 <= len(few) <= 100
     assert few.integration == rule
     assert few.area == pytest.approx(full.area, rel=1e-12)
     np.testing.assert_allclose(*(p.packed[:3] @ p.packed[6] for p in (few, full)), atol=1e-12 * full.area)
-    np.testing.assert_allclose(Merger(full).merged(len(full)).rows, full.rows, rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(merged_plates(full, len(full)).rows, full.rows, rtol=1e-12, atol=1e-15)
 
 
 def test_a_flat_square_merged_to_one_triangle_feels_the_same_wrench_while_it_is_submerged():
@@ -75,7 +74,7 @@ def test_a_flat_square_merged_to_one_triangle_feels_the_same_wrench_while_it_is_
     square = trimesh.Trimesh([[0, 0, 0], [0, 0.03, 0], [0, 0.03, 0.03], [0, 0, 0.03]], [[0, 2, 1], [0, 3, 2]])
     triangles = square.subdivide().subdivide().triangles - [0.0, 0.015, 0.015]
     full = Plates.from_triangles(triangles, np.full(len(triangles), 0.02))
-    one = Merger(full).merged(1)
+    one = merged_plates(full, 1)
     assert len(one) == 1
     for q in ([0, 0, 0, 1], [0.3, 0.2, 0.1, 0.9273618495]):
         state = checked_states([0.01, 0.02, -0.06, *q, -0.01, 0.002, -0.003, 0, 0, 0])
