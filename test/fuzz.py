@@ -109,7 +109,7 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
     states.write_text(table)
     alpha_y = "beta,gamma,alpha_y\n0,0,0.1\n0,90,0.2\n90,0,0.1\n90,90,0.3"
     params.write_text(f"rft:\n  ros__parameters:\n    mesh: {{file: {mesh}}}\n    tolerance: 0.0\n")
-    main(["reduce", str(mesh), "--plates", "20", "-o", str(folder / "ball.npz")])
+    main(["reduce", str(mesh), "--tolerance", "0.3", "-o", str(folder / "ball.npz")])
     meshes["npz"] = (folder / "ball.npz").read_bytes()
     for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3):
         write_ros2(folder / plugin.name, moments(40), plugin=plugin)

@@ -35,11 +35,8 @@ def check_mesh(arguments: argparse.Namespace) -> int:
 def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=options.MESH)
     options.share(command, *options.PLACED, "--integration")
-    size = command.add_mutually_exclusive_group()
     allowed = "error allowed, as a share of force, at the 95th percentile of motions not used to choose (default 0.025)"
-    options.add_number(size, "--tolerance", "SHARE", allowed, 0.025)
-    most = "at most this many plates, regardless of the error (default: --tolerance decides)"
-    options.add(size, "--plates", "N", most, type=int)
+    options.add_number(command, "--tolerance", "SHARE", allowed, 0.025)
     scene = (
         "choose plates for these motions only: a states file, a recorded bag, or a family of motions (straight,"
         " plate_drag, oscillating_insertion, circumnutation) (default: any motion)"
@@ -60,9 +57,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     from rft_ros.tool.mesh_file import SUFFIX, save_reduced
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
-    count, tolerance = arguments.plates, arguments.tolerance
-    if count is not None and count < 1:
-        raise InputError(f"--plates is {count}; it must be at least 1")
+    tolerance = arguments.tolerance
     if not 0.0 < tolerance <= 1.0:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
     if arguments.output.suffix.lower() != SUFFIX:
@@ -74,9 +69,9 @@ def reduce(arguments: argparse.Namespace) -> int:
     states = None if arguments.scene is None else _scene(arguments, tool)
     with busy("choosing plates"):
         if states is None:
-            plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance, count=count)
+            plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
         else:
-            plates, reduction = reduced_for_scene(tool.facets, states, tolerance, count=count)
+            plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
     save_reduced(arguments.output, tool, plates, reduction, scale=arguments.scale, origin=arguments.origin)
     print(f"{tool.name} for {reduction.motions}, {plates.integration}: {reduction} -> {arguments.output}")
     origin = " ".join(f"{v:g}" for v in arguments.origin)

@@ -24,8 +24,8 @@ _COARSE_SHARE = 0.5  # of the area
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 
 
-_Surface = Literal["not_closed", "crowded", "inconsistent_winding", "inside_out"]
-_Kind = Literal[_Surface, "duplicate_facets", "degenerate_facets", "concave", "size", "coarse"]
+_Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
+_Kind = Literal[_Surface, "concave", "size", "coarse"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
     """Issues of a mesh in metres. At least one of its facets must have an area."""
     degenerate = degenerate_facets(mesh)
     volume = _volume_if_closed(mesh)
-    return (*_of_surface(mesh, degenerate, volume), *_of_shape(mesh, degenerate, volume), *_of_size(mesh))
+    return (*_of_surface(mesh, degenerate, volume), *_of_shape(mesh, degenerate, volume))
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
@@ -89,24 +89,13 @@ def _of_surface(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: 
     joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
     a, b, c = joined.faces.T
     joined.update_faces((a != b) & (b != c) & (c != a))
-    facets = np.bincount(joined.edges_unique_inverse)
-    open_edges, crowded = int((facets == 1).sum()), int((facets > 2).sum())
-    several = f"edges of three or more facets: {crowded:,}"
-    if open_edges:
-        tail = f"; {several}" if crowded else ""
-        yield MeshIssue("not_closed", f"the surface is not closed (open edges: {open_edges:,}{tail})")
-    elif crowded:
-        yield MeshIssue("crowded", f"parts of the surface touch ({several})")
-
-    # consistently wound facets traverse their common edge in opposite directions
-    direction = np.where(joined.edges[:, 0] == joined.edges_sorted[:, 0], 1.0, -1.0)
-    if twisted := int(((facets == 2) & (np.bincount(joined.edges_unique_inverse, direction) != 0.0)).sum()):
-        message = f"the winding is inconsistent (edges between an outward and an inward facet: {twisted:,})"
-        yield MeshIssue("inconsistent_winding", message)
+    if open_edges := int((np.bincount(joined.edges_unique_inverse) == 1).sum()):
+        yield MeshIssue("not_closed", f"the surface is not closed (open edges: {open_edges:,})")
+    if not joined.is_winding_consistent:
+        yield MeshIssue("inconsistent_winding", "the winding is inconsistent: some facets face outward, others inward")
     elif volume < 0.0:
         message = f"the surface is inside out (volume {volume * 1e6:.3g} cm³), so trailing facets count as leading"
         yield MeshIssue("inside_out", message)
-
     first = joined.faces.argmin(axis=1)[:, None]
     same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
     if repeated := len(same_start) - len(np.unique(same_start, axis=0)):
@@ -114,7 +103,7 @@ def _of_surface(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: 
 
 
 def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> Iterator[MeshIssue]:
-    """Facets with other parts of the tool in front of them. RFT ignores such shielding."""
+    """Facets with other parts of the tool in front of them, whose shielding RFT ignores; the size."""
     keep = np.flatnonzero(~degenerate)
     keep = keep[:: 1 + len(keep) // _SAMPLED]
     points = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
@@ -132,9 +121,6 @@ def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: fl
             f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it;"
             " if grains fill them, use the convex hull (docs/where-it-fails.md)",
         )
-
-
-def _of_size(mesh: "trimesh.Trimesh") -> Iterator[MeshIssue]:
     extent = float(mesh.extents.max())
     step, factor = (1e-3 if extent > _LARGEST else 1e3), 1.0
     while not _SMALLEST <= extent * factor <= _LARGEST:

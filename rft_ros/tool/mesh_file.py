@@ -1,17 +1,15 @@
 """Files of tools: find a mesh, read it and place it in the tool frame; write and read reduced tools.
 
 A reduced tool's file (.npz without pickle) is accepted wherever a mesh file is. Its arrays: `vertices` [n, 3] and
-`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: JSON with the format,
-integration rule, `Reduction`, and for the record the mesh file, its SHA-256 and its placement. Lengths are in the mesh
-file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the same as for the mesh.
+`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: JSON with the format and
+the `Reduction`. Lengths are in the mesh file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the same
+as for the mesh.
 """
 
-import hashlib
 import io
 import json
 import logging
 import math
-import re
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -48,9 +46,6 @@ _FORMAT = "rft_ros reduced tool 1"
 _SCHEMES = "package://", "file://"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
-# trimesh starts another mesh at these lines, which reorders the facets and drops those with NaN.
-_SEAMS = {".obj": rb"usemtl [^\n]*", ".stl": rb"(?i)endsolid[^\n]*\n\s*solid[^\n]*"}
-
 _FOLDED = math.pi - 1e-3  # rad between the normals of facets that lie on each other
 _SLIVER = 1e-6  # of the largest facet: the area of one that rounding may have turned over
 _TOO_BIG = 1e60  # beyond this, squared areas overflow
@@ -95,25 +90,15 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
 
     `scale`: metres per mesh unit; units and up-axes declared in the file are ignored. `origin`: where the tool
     frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh with its transforms
-    applied. Facets keep their order and winding; none is dropped or repaired (but pycollada reads NaN in DAE as 0).
-    Raises InputError that names the file, or `mesh.scale` or `mesh.origin` with its value.
+    applied. Facets keep their winding. Raises InputError that names the file, or `mesh.scale` or `mesh.origin`.
     """
     name, suffix = f"mesh file '{path}'", path.suffix.lower()
     checked_file(path, "mesh file")  # a folder has no suffix either
     if suffix not in _SUFFIXES:
         raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, SUFFIX))}")
-    data = read_file(path, "mesh file")
-    if not data:
-        raise InputError(f"{name} is empty")
-    loaded = _load(data, path)
-    if len(getattr(loaded, "faces", ())) == 0:  # a point cloud has no attribute `faces`
-        raise InputError(f"{name} has no facets: it is empty, cut short or not a valid {suffix[1:].upper()} file")
+    loaded = _load(read_file(path, "mesh file"), path)
     if len(loaded.faces) > MAX_FACETS:
         raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
-    if loaded.vertices.shape[1] != 3:
-        raise InputError(f"{name} has vertices with {loaded.vertices.shape[1]} coordinates instead of 3")
-    if loaded.faces.min() < 0 or loaded.faces.max() >= len(loaded.vertices):
-        raise InputError(f"{name} has facets with vertices that are not in it")
     mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
     if suffix in _POLYGONS and (folds := _folds(mesh)):
         raise InputError(
@@ -128,15 +113,15 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
 
     suffix = path.suffix.lower()
     binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
-    if suffix in _SEAMS and not binary_stl:
+    if suffix in (".obj", ".stl") and not binary_stl:
         # trimesh needs another package for text that is not UTF-8, such as a name or a comment
-        data = re.sub(_SEAMS[suffix], b"", data.decode(errors="replace").encode())
+        data = data.decode(errors="replace").encode()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             # numpy before 2.3 only warns about a word among the numbers
             warnings.filterwarnings("error", message="string or file could not be read")
-            return trimesh.load(
+            mesh = trimesh.load(
                 io.BytesIO(data),
                 file_type=suffix[1:],
                 force="mesh",
@@ -144,10 +129,14 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
                 skip_materials=True,
                 maintain_order=True,
             )
+        if mesh.vertices.shape[1] != 3 or mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+            raise ValueError
     except ImportError as error:
         raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception:  # each reader raises its own errors, and some quote the file
-        raise InputError(f"mesh file '{path}' is not a valid {suffix[1:].upper()} file") from None
+        why = "it may be empty, cut short or without facets"
+        raise InputError(f"mesh file '{path}' is not a valid {suffix[1:].upper()} file: {why}") from None
+    return mesh
 
 
 def _folds(mesh: "trimesh.Trimesh") -> int:
@@ -195,15 +184,7 @@ def save_reduced(
     The same content gives the same bytes. Raises InputError where the file cannot be written.
     """
     shift = np.array(origin, dtype=np.float64)
-    about = {
-        "format": _FORMAT,
-        "mesh": Path(tool.file).name,
-        "sha256": hashlib.sha256(Path(tool.file).read_bytes()).hexdigest(),
-        "integration": plates.integration,
-        "scale": scale,
-        "origin": shift.tolist(),
-        "reduction": asdict(reduction),
-    }
+    about = {"format": _FORMAT, "reduction": asdict(reduction)}
     with whole(file) as part, part.open("wb") as stream:
         np.savez(
             stream,
@@ -222,18 +203,10 @@ def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple[
     vertices, faces, rows, text = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
         about = json.loads(str(text))
-        if about.get("format") != _FORMAT:
-            raise ValueError(f"its format is '{about.get('format')}', not '{_FORMAT}'")
-        for name, array, kind in (("vertices", vertices, np.float64), ("faces", faces, np.int64)):
-            if array.ndim != 2 or array.shape[1] != 3 or array.dtype != kind or not len(array):
-                want = np.dtype(kind)
-                raise ValueError(f"{name} of shape {array.shape} and type {array.dtype} are not [n, 3], {want}")
-        if faces.min() < 0 or faces.max() >= len(vertices):
-            raise ValueError("faces refer to vertices that are missing")
-        plates, reduction = Plates(rows), Reduction(**about["reduction"])
-        if plates.integration != about["integration"]:
-            raise ValueError(f"its plates are not for integration '{about['integration']}'")
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        plates, reduction, vertices = Plates(rows), Reduction(**about["reduction"]), vertices.astype(np.float64)
+        if about["format"] != _FORMAT or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
+            raise ValueError(f"its format is '{about['format']}', or its facets are not of three of its vertices")
+    except (ValueError, LookupError, TypeError) as error:
         why = reason_of(error)
         raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {why}") from None
     mesh = _in_tool_frame(vertices, faces, file, scale, origin)

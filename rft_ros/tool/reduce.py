@@ -3,14 +3,15 @@
 For any motion plates are merged: k-means, with plates drawn by area, groups them by position over the tool's radius and
 by outward normal, so that groups are small where the tool bends and large where it is flat. For a known scene plates
 are chosen by empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008): a greedy search adds the plate most
-like the missing wrench; the areas are a non-negative least-squares fit. The error is measured on motions that were not
-used for the choice. The same tool always gives the same plates.
+like the missing wrench; the areas are a non-negative least-squares fit. Random motions, or states of the scene that
+chose no plates, measure the error. The same tool always gives the same plates.
 """
 
 import warnings
 from bisect import bisect_left
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,15 +36,15 @@ __all__ = [
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 
-_LAWS = [treers2021(MEDIA["generic"], alpha_y_model(name, MEDIA["generic"])) for name in ("constant", "linear")]
+_GENERIC = MEDIA["generic"]
+_LAWS = [treers2021(_GENERIC, alpha_y_model(name, _GENERIC)) for name in ("constant", "linear")]
 """Plates chosen with one α_y model have errors of 2 % with the other."""
 
-_SEEDS = 1, 2  # of two sets of random motions
-_STATES = 4000  # in each; the percentile scatters by about 3 % of itself
+_STATES = 2000  # random motions; the percentile scatters by about 4 % of itself
 _SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's height
 _FEEBLE = 0.01  # of the median force: errors are divided by at least this force
 
-_COUNTS = np.unique(np.geomspace(4, 4096, 74).astype(int))  # numbers of plates that are tried
+_COUNTS = np.unique(np.geomspace(4, 4096, 142).astype(int))  # numbers of plates that are tried
 _WORTH = 0.7  # of the facets: the most plates of a reduced tool; beyond, keep the full tool
 _DRAWN = 4096  # plates drawn for k-means
 _ROUNDS = 10  # of k-means; more change the error less than its scatter
@@ -61,8 +62,7 @@ class Reduction:
     """Result of a reduction.
 
     `facets`: number of plates of the full tool. `plates`: of the reduced tool. `error`: 95th percentile over `motions`,
-    relative to each state's own force (any motion) or to the greatest force (a scene). `tolerance`: of that error; 0 if
-    the number of plates was given instead.
+    relative to each state's own force (any motion) or to the greatest force (a scene). `tolerance`: of that error.
     """
 
     facets: int
@@ -73,7 +73,7 @@ class Reduction:
 
     def __str__(self) -> str:
         """Such as "2,352 facets -> 148 plates, 1.8 % at the 95th percentile"."""
-        if self.plates == self.facets and self.tolerance > 0.0:
+        if self.plates == self.facets:
             return f"{self.facets:,} facets, all of them needed for {100.0 * self.tolerance:g} %"
         return f"{self.facets:,} facets -> {self.plates:,} plates, {100.0 * self.error:.1f} % at the 95th percentile"
 
@@ -85,7 +85,7 @@ class _Errors:
     """
 
     def __init__(self, plates: Plates, states: Array, *, own_force: bool) -> None:
-        self._states, self._reach = states, plates.reach
+        self._states, self._reach, self._facets = states, plates.reach, len(plates)
         self._full = self._wrenches(plates)
         force = np.linalg.norm(self._full[..., :3], axis=2)
         self.any_force = bool(force.any())
@@ -103,33 +103,31 @@ class _Errors:
         larger = np.maximum(off[..., 0], off[..., 1] / self._reach)
         return float(np.percentile(larger / self._scale, 95.0, axis=1).max())
 
+    def reduction(self, few: Plates, tolerance: float, motions: str) -> Reduction:
+        return Reduction(
+            facets=self._facets,
+            plates=len(few),
+            error=self.percentile_95(few),
+            tolerance=tolerance,
+            motions=motions,
+        )
 
-def reduced_for_any_motion(
-    plates: Plates, corners: Array, tolerance: float, *, count: int | None = None
-) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance, or at most `count` plates regardless of their error.
 
-    `corners`: of the tool's convex hull [m], shape [k, 3].
-    """
-    sets = [_Errors(plates, random_motions(corners, _STATES, seed=seed), own_force=True) for seed in _SEEDS]
+def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, Reduction]:
+    """The fewest plates within the tolerance; `corners`: of the tool's convex hull [m], shape [k, 3]."""
+    errors = _Errors(plates, random_motions(corners, _STATES, seed=1), own_force=True)
 
     def within(count: int) -> bool:
-        few = merged_plates(plates, count)
-        return max(errors.percentile_95(few) for errors in sets) <= tolerance
+        return errors.percentile_95(merged_plates(plates, count)) <= tolerance
 
-    if count is None:
-        counts = _COUNTS[_WORTH * len(plates) >= _COUNTS].tolist()
-        best = bisect_left(counts, True, key=within)
-        count = counts[best] if best < len(counts) else len(plates)
-    else:
-        tolerance = 0.0
-    return _reported(plates, merged_plates(plates, count), sets[-1], tolerance, "any motion")
+    counts = _COUNTS[_WORTH * len(plates) >= _COUNTS].tolist()
+    best = bisect_left(counts, True, key=within)
+    few = merged_plates(plates, counts[best]) if best < len(counts) else plates
+    return few, errors.reduction(few, tolerance, "any motion")
 
 
-def reduced_for_scene(
-    plates: Plates, states: Array, tolerance: float, *, count: int | None = None
-) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance over a scene's states, or at most `count` plates regardless of the error.
+def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[Plates, Reduction]:
+    """The fewest plates within the tolerance over a scene's states.
 
     `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. InputError where there are too few
     states, or none with a force.
@@ -140,25 +138,13 @@ def reduced_for_scene(
     errors = _Errors(plates, _halfway(states, plates.reach)[third], own_force=False)
     if not errors.any_force:
         raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
-    most, tolerance = (int(_WORTH * len(plates)), tolerance) if count is None else (count, 0.0)
-    few = plates
-    for candidate in chosen_plates(plates, states[~third]):
-        if len(candidate) > most:
-            break
-        if count is not None or errors.percentile_95(candidate) <= tolerance:
-            few = candidate
-            if count is None:
-                break
-    return _reported(plates, few, errors, tolerance, f"a scene of {len(states):,} states")
-
-
-def _reported(plates: Plates, few: Plates, errors: _Errors, tolerance: float, motions: str) -> tuple[Plates, Reduction]:
-    error = 0.0 if few is plates else errors.percentile_95(few)
-    return few, Reduction(facets=len(plates), plates=len(few), error=error, tolerance=tolerance, motions=motions)
+    candidates = takewhile(lambda few: len(few) <= _WORTH * len(plates), chosen_plates(plates, states[~third]))
+    few = next((few for few in candidates if errors.percentile_95(few) <= tolerance), plates)
+    return few, errors.reduction(few, tolerance, f"a scene of {len(states):,} states")
 
 
 def merged_plates(plates: Plates, count: int) -> Plates:
-    """Merge neighbouring plates into at most `count`; each keeps its parts' area and first moment.
+    """Merge neighbouring plates into at most `count`, which is fewer; each keeps its parts' area and first moment.
 
     For the refined rule it also keeps their second moments about the centroid and the spread of their normals.
     """
@@ -166,8 +152,6 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     from scipy.spatial import KDTree
 
     rows, area = plates.rows, plates.packed[6]
-    if count >= len(plates):
-        return plates
     place = rows[:3] - (rows[:3] @ area / area.sum())[:, None]
     radius = float(np.linalg.norm(place, axis=0).max())
     features = np.vstack([place / (radius or 1.0), rows[3:6]]).T

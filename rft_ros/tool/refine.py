@@ -23,6 +23,8 @@ _TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
 """A point is a tip if more than this share of its normal's tilt against the facets is not balanced at their other
 corners (on a curved surface it is), and if the tilt exceeds this sine."""
 
+_STEEPEST = 0.1  # least cosine of the angle between a facet's normal and those at its corners, where it is divided by
+
 _WELD = 1e-6  # of the tool's size: closer corners become one
 
 Array = NDArray[np.float64]
@@ -131,40 +133,18 @@ def _with_area_of_surface(
 def _surface_areas(triangles: Array, normals: Array) -> tuple[Array, Array]:
     """Area of the curved patch over each triangle [m²], and the greatest height of the arcs over its edges [m].
 
-    Each triangle is divided into four, twice, at the tops of the arcs that fit the normals at the edges' ends;
-    Romberg's rule extrapolates the areas.
+    To second order in the angles: the slopes at the corners vary linearly in between, and the arcs over the edges lean
+    outwards, so that the patch is larger than the triangle below it.
     """
-    areas = [0.5 * np.linalg.norm(_doubled_areas(triangles), axis=1)]
-    points, at = triangles[None], normals[None]  # shape [pieces, m, 3, 3]
-    sagitta = np.zeros(len(triangles))
-    for level in range(2):
-        points, at, bulge = _divided(points, at)
-        if level == 0:
-            sagitta = bulge.max(axis=(0, 2))
-        area_vectors = np.cross(points[:, :, 1] - points[:, :, 0], points[:, :, 2] - points[:, :, 0])
-        areas.append(0.5 * np.linalg.norm(area_vectors, axis=2).sum(axis=0))
-    first, second = (4.0 * areas[1] - areas[0]) / 3.0, (4.0 * areas[2] - areas[1]) / 3.0
-    return (16.0 * second - first) / 15.0, sagitta
-
-
-def _divided(points: Array, normals: Array) -> tuple[Array, Array, Array]:
-    """Four triangles for each, with normals, and the heights of the arcs over the edges [m], shape [pieces, m, 3]."""
-    after, normal_after = np.roll(points, -1, axis=2), np.roll(normals, -1, axis=2)
-    edge = after - points
-    length = np.linalg.norm(edge, axis=3)
-    between = _unit(normals + normal_after)
-
-    def height(w: Array) -> Array:
-        """Height of an arc over its chord, from the chord's component along the normal at one end."""
-        sine = np.clip(w / np.where(length > 0.0, length, 1.0), -1.0, 1.0)
-        return np.asarray(-0.5 * length * sine / (1.0 + np.sqrt(1.0 - sine * sine)))
-
-    arc = 0.5 * (height((edge * normals).sum(axis=3)) + height(-(edge * normal_after).sum(axis=3)))
-    middle = 0.5 * (points + after) + arc[..., None] * between
-
-    def four(corner: Array, mid: Array) -> Array:
-        (a, b, c), (ab, bc, ca) = np.moveaxis(corner, 2, 0), np.moveaxis(mid, 2, 0)
-        pieces = [np.stack(p, axis=2) for p in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
-        return np.concatenate(pieces)
-
-    return four(points, middle), four(normals, between), np.abs(arc)
+    doubled = _doubled_areas(triangles)
+    facet = _unit(doubled)
+    upright = np.maximum(np.einsum("fck,fk->fc", normals, facet), _STEEPEST)
+    slopes = normals / upright[:, :, None] - facet[:, None]
+    squared_slope = ((slopes**2).sum(axis=(1, 2)) + (slopes.sum(axis=1) ** 2).sum(axis=1)) / 12.0
+    after = np.roll(normals, -1, axis=1)
+    edges = np.roll(triangles, -1, axis=1) - triangles
+    heights = (edges * (after - normals)).sum(axis=2) / 8.0
+    outwards = np.cross(edges, facet[:, None])  # as long as the edge
+    beyond = (2.0 / 3.0 * heights * (_unit(normals + after) * outwards).sum(axis=2)).sum(axis=1)
+    below = 0.5 * np.linalg.norm(doubled, axis=1) + beyond
+    return below * np.sqrt(1.0 + squared_slope), np.abs(heights).max(axis=1)

@@ -68,9 +68,9 @@ def load_tool(
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
     `integration`: the plates' rule; None: the rule of a reduced tool, ``refined`` for a mesh. `tolerance`: over 0, use
-    the fewest plates whose wrench stays within this share of the full tool's in any motion, at the 95th percentile
-    (`rft_ros.tool.reduce`); a reduced tool stays as it is. Normals come from the facets' winding, not from the file.
-    Facets without area are dropped. Raises InputError, one sentence, for a file or value that cannot be used.
+    the fewest plates whose wrench stays within this share of the full tool's in any motion, at the 95th percentile; a
+    reduced tool stays as it is. Normals come from the facets' winding. Facets without area are dropped. Raises
+    InputError, one sentence, for a file or value that cannot be used.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
@@ -85,8 +85,7 @@ def load_tool(
     if integration not in (None, plates.integration):
         raise InputError(f"mesh file '{path}' holds plates for integration '{plates.integration}' only")
     tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=plates.integration)
-    # the reduced plates are the user's choice, whatever the rule
-    return replace(tool, plates=plates, reduction=reduction, issues=tuple(i for i in tool.issues if i.kind != "coarse"))
+    return replace(tool, plates=plates, reduction=reduction)
 
 
 def tool_of_mesh(
@@ -171,7 +170,7 @@ def describe_tool(tool: Tool) -> list[str]:
     side = "below" if below >= 0.0 else "above"
     lines.append(f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)")
     lines.append(f"area: {tool.facets.area * 1e6:.1f} mm²")
-    if not {"not_closed", "crowded", "inconsistent_winding"} & {f.kind for f in tool.issues}:
+    if not {"not_closed", "inconsistent_winding"} & {f.kind for f in tool.issues}:
         volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
         lines.append(f"volume: {volume * 1e9:.1f} mm³")
     return lines + [f"warning: {f.message}" for f in tool.issues]

@@ -38,10 +38,8 @@ def at_random_times(motion):
 )
 def test_a_scene_of_the_paper_needs_few_facets_for_1_percent_of_its_peak_force(body, name, share, rule):
     tool, motion = body(name, rule), SCENES[name]
-    count = int(share * len(tool.facets))
-    plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.02)[1]), 0.01, count=count)
-    assert len(plates) == reduction.plates <= count
-    assert reduction.error < 0.01
+    plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.02)[1]), 0.0095)
+    assert len(plates) == reduction.plates <= share * len(tool.facets)
     for law in (CONSTANT, LINEAR):
         assert percentile_95(tool, plates, law, at_random_times(motion), of_peak=True) < 0.01
 
@@ -49,7 +47,7 @@ def test_a_scene_of_the_paper_needs_few_facets_for_1_percent_of_its_peak_force(b
 def test_the_reported_error_is_measured_between_samples_that_repeat_the_same_phases(body):
     """16 samples per period of the ellipsoid: held-out samples would report 0.1 % where the error is 1.5 %."""
     tool, motion = body("ellipsoid-exp", "centroid"), SCENES["ellipsoid-exp"]
-    plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.1)[1]), 0.01, count=117)
+    plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.1)[1]), 0.01)
     error = percentile_95(tool, plates, LINEAR, at_random_times(motion), of_peak=True)
     assert reduction.error > 0.7 * error > 0.007
 
@@ -64,12 +62,3 @@ def test_the_ellipsoid_in_any_motion_needs_few_plates_for_2_5_percent_of_its_own
     others = (agarwal2023(), agarwal2023(density=1500.0), treers2021(GENERIC, LINEAR.alpha_y, density=1500.0))
     for law in (CONSTANT, LINEAR, *others):  # plates are chosen with the first two
         assert percentile_95(tool, plates, law, random_motions(tool.corners, 3000, seed=99)) < 0.026, law
-
-
-def test_a_buried_ellipsoid_needs_fewer_plates(body):
-    tool = body("ellipsoid-exp", "refined")
-    plates, _ = reduced_for_any_motion(tool.facets, tool.corners, 0.025, count=110)
-    states = random_motions(tool.corners, 3000, seed=99)
-    states[:, 2] -= 0.05
-    assert len(plates) <= 110
-    assert percentile_95(tool, plates, LINEAR, states) < 0.025
