@@ -3,15 +3,17 @@
 import os
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from tempfile import TemporaryDirectory
+from typing import BinaryIO
 
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Channel, DataEnd, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
@@ -20,6 +22,8 @@ from rft_ros.estimator import Sample, TransformSample
 from rft_ros.estimator.messages import TYPES, Role, decoder
 
 __all__ = ["Recording", "bag_name"]
+
+_Reader = Reader1 | Reader2
 
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 
@@ -36,87 +40,53 @@ def bag_name(bag: Path) -> str:
     return os.fsencode(bag.resolve().name).decode(errors="backslashreplace")
 
 
-class _Part(NamedTuple):
-    """A bag or one file of it: topics with types, number of messages, first and last time [ns].
-
-    `messages`: time, topic and content of the messages on some topics between two times, up to any damage.
-    """
-
-    name: str
-    topics: set[tuple[str, str]]
-    size: int
-    first: int
-    last: int
-    messages: Callable[[Collection[str], int, int], Iterator[tuple[int, str, bytes]]]
-
-
-def _indexed(path: Path, opened: ExitStack) -> _Part:
-    """What rosbags can open."""
-    reader = Reader1(path) if _is_ros1(path) else Reader2(path)
-    reader.open()
-    opened.callback(reader.close)
-
-    def messages(topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
-        if chosen := [c for c in reader.connections if c.topic in topics]:  # for rosbags, an empty list means all
-            for connection, time, data in reader.messages(chosen, start, stop):
-                yield time, connection.topic, data
-
-    topics = {(c.topic, c.msgtype) for c in reader.connections}
-    return _Part(path.name, topics, reader.message_count, reader.start_time, reader.end_time - 1, messages)
-
-
 def _is_ros1(bag: Path) -> bool:
     return bag.suffix == ".bag" and bag.is_file()
 
 
-def _damaged(file: Path) -> _Part:
-    """An .mcap file that rosbags cannot open, record by record."""
-    topics: set[tuple[str, str]] = set()
-    count, first, last = 0, 2**63 - 1, 0
-    with suppress(Exception):  # `messages` raises it again
-        for time, topic, msgtype, _ in _messages(file):
-            topics.add((topic, msgtype))
-            count, first, last = count + 1, min(first, time), max(last, time)
-
-    def messages(topics: Collection[str], start: int, stop: int) -> Iterator[tuple[int, str, bytes]]:
-        found = _messages(file)
-        return ((time, topic, data) for time, topic, _, data in found if topic in topics and start <= time < stop)
-
-    return _Part(file.name, topics, count, first, last, messages)
+def _opened(path: Path, opened: ExitStack) -> _Reader:
+    reader = Reader1(path) if _is_ros1(path) else Reader2(path)
+    reader.open()
+    opened.callback(reader.close)
+    return reader
 
 
-def _messages(file: Path) -> Iterator[tuple[int, str, str, bytes]]:
-    """Receive time [ns], topic, type and content of each message of an .mcap file up to the damage."""
-    types: dict[int, str] = {}
-    channels: dict[int, tuple[str, str]] = {}
-    with file.open("rb") as stream:
-        for record in _records(stream):
-            if isinstance(record, Schema):
-                types[record.id] = record.name
-            elif isinstance(record, Channel):
-                channels[record.id] = record.topic, types.get(record.schema_id, "unknown type")
-            elif isinstance(record, Message):
-                yield record.log_time, *channels[record.channel_id], record.data
-            elif isinstance(record, DataEnd):
-                return
+def _recover(file: Path, copy: Path, topics: Collection[str]) -> None:
+    """Write what comes before the damage of an .mcap file to a whole one: messages on `topics`, one on each other."""
+    schemas, channels = {0: 0}, dict[int, tuple[int, str]]()
+    met = set[str]()  # the first message on any topic tells when the bag begins
+    with file.open("rb") as damaged, copy.open("wb") as whole:
+        writer = Writer(whole, compression=CompressionType.NONE)
+        writer.start("ros2")
+        with suppress(Exception):  # mcap's parsers raise anything on damage
+            for r in _records(damaged):
+                if isinstance(r, Schema) and r.id not in schemas:  # each chunk has them again
+                    schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
+                elif isinstance(r, Channel) and r.id not in channels:
+                    channel = writer.register_channel(r.topic, r.message_encoding, schemas[r.schema_id], r.metadata)
+                    channels[r.id] = channel, r.topic
+                elif isinstance(r, Message):
+                    channel, topic = channels[r.channel_id]
+                    if topic in topics or topic not in met:
+                        met.add(topic)
+                        writer.add_message(channel, r.log_time, r.data, r.publish_time)
+                elif isinstance(r, DataEnd):
+                    break
+        writer.finish()  # type: ignore[no-untyped-call]
 
 
 def _records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file, those in chunks too; of a cut one that is not compressed, those before the cut."""
+    """The records of an MCAP file, those in chunks too, also in one that is cut unless it is compressed."""
     at = 0
     try:
-        try:
-            for record in StreamReader(stream, validate_crcs=True).records:
-                yield record
-                at = stream.tell()
-        except EndOfFile:
-            stream.seek(at)
-            head = stream.read(_CHUNK_HEAD)
-            if head[:1] != bytes([Opcode.CHUNK]) or any(head[37:41]):  # length of the compression's name
-                raise
-            yield from StreamReader(stream, skip_magic=True).records
+        for record in StreamReader(stream, validate_crcs=True).records:
+            yield record
+            at = stream.tell()
     except EndOfFile:
-        raise ValueError("the file ends inside a record") from None
+        stream.seek(at)
+        head = stream.read(_CHUNK_HEAD)
+        if head[:1] == bytes([Opcode.CHUNK]) and not any(head[37:41]):  # length of the compression's name
+            yield from StreamReader(stream, skip_magic=True).records
 
 
 class Recording:
@@ -146,17 +116,17 @@ class Recording:
         self._topics = dict(topics)
         self._offsets = (start, end)
         self._optional = optional
-        self._parts: list[_Part] = []
+        self._readers: list[_Reader] = []
         self._why = ""
 
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
-            self._parts = sorted(self._open(opened), key=lambda part: part.first)
-            if not sum(part.size for part in self._parts):
+            self._readers = sorted(self._open(opened), key=lambda reader: reader.start_time)
+            if not sum(reader.message_count for reader in self._readers):
                 raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
             self._check_topics()
             self.fixed = tuple(dict.fromkeys(self._read_fixed()))
-            first, last = min(p.first for p in self._parts), max(p.last for p in self._parts)
+            first, last = self._readers[0].start_time, max(reader.end_time for reader in self._readers) - 1
             start, end = self._offsets
             self.first = self.time = first if start is None else first + round(start * 1e9)
             self.last = last if end is None else min(last, first + round(end * 1e9))
@@ -170,13 +140,12 @@ class Recording:
         self._opened.close()
 
     def _read_fixed(self) -> Iterator[TransformSample]:
-        topic = self._topics.get("tf", "/tf") + "_static"
-        decode = decoder("tf_static", ros1=_is_ros1(self.bag))
-        for part in self._parts:
-            if (topic, TYPES["tf_static"]) in part.topics:
-                with suppress(Exception):  # damage: `_messages` finds and reports it
-                    for _, _, data in part.messages({topic}, part.first, part.last + 1):
-                        yield from decode(bytes(data))  # type: ignore[misc]
+        topic, decode = self._topics.get("tf", "/tf") + "_static", decoder("tf_static", ros1=_is_ros1(self.bag))
+        for reader in self._readers:
+            chosen = [c for c in reader.connections if (c.topic, c.msgtype) == (topic, TYPES["tf_static"])]
+            with suppress(Exception):  # damage: `_messages` finds and reports it
+                for _, _, data in reader.messages(chosen) if chosen else ():
+                    yield from decode(bytes(data))  # type: ignore[misc]
 
     @property
     def damage(self) -> str | None:
@@ -213,15 +182,18 @@ class Recording:
         yield from queue
 
     def _messages(self, topics: Collection[str]) -> Iterator[tuple[int, str, bytes]]:
-        for part in self._parts:
+        for reader in self._readers:
+            chosen = [c for c in reader.connections if c.topic in topics]
             try:
-                yield from part.messages(topics, self.first, self.last + 1)
+                # for rosbags, no connections means all
+                for connection, time, data in reader.messages(chosen, self.first, self.last + 1) if chosen else ():
+                    yield time, connection.topic, data
             except Exception as error:  # rosbags' parsers raise anything on damage
-                self._why = f"{part.name} is damaged: {reason_of(error)}"
+                self._why = f"{Path(str(reader.path)).name} is damaged: {reason_of(error)}"
                 return
 
-    def _open(self, opened: ExitStack) -> Iterator[_Part]:
-        """The bag by rosbags; if that fails, file by file, a damaged .mcap file record by record."""
+    def _open(self, opened: ExitStack) -> Iterator[_Reader]:
+        """The bag by rosbags; if that fails, file by file, of a damaged .mcap file what comes before the damage."""
         bag = self.bag
         if not bag.exists():
             raise InputError(f"bag '{bag}' does not exist")
@@ -233,23 +205,25 @@ class Recording:
         if not files and not described:
             raise InputError(f"folder '{bag}' is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
         try:
-            yield _indexed(bag, opened)
+            yield _opened(bag, opened)
             return
         except Exception as error:
             self._why = reason_of(error) if described else "metadata.yaml is missing"
         for file in files:
             try:
-                yield _indexed(file, opened)
+                yield _opened(file, opened)
             except Exception as error:
                 self._why = f"{file.name} is damaged: {reason_of(error)}"
                 if file.suffix == ".mcap":
-                    yield _damaged(file)
+                    copy = Path(opened.enter_context(TemporaryDirectory())) / file.name
+                    _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
+                    yield _opened(copy, opened)
                 else:
                     self._why += f"; try '{_REPAIRS[file.suffix]}'"
 
     def _check_topics(self) -> None:
         found: dict[str, list[str]] = {}
-        for topic, msgtype in sorted({pair for part in self._parts for pair in part.topics}):
+        for topic, msgtype in sorted({(c.topic, c.msgtype) for reader in self._readers for c in reader.connections}):
             found.setdefault(topic, []).append(msgtype)
         for role, topic in self._topics.items():
             wanted, types = TYPES[role], found.get(topic)
