@@ -25,6 +25,8 @@ _TOPICS: dict[Role, str] = {
     "surface": "~/surface_points",
     "tf": "/tf",
 }
+_Pushed = tuple[Sample, Estimate | NoEstimate | None]
+
 _SECTION = "rft_replay"
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
@@ -70,8 +72,7 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
     No twist topic if the velocity comes from the poses; no surface topic on a level plane; /tf in place of a pose topic
     if poses come from transforms. Raises InputError for a remap that cannot be used.
     """
-    tf = values["pose_source"] == "tf"
-    topics = {role: _resolved(name, node) for role, name in _TOPICS.items() if tf or role != "tf"}
+    topics = {role: _resolved(name, node) for role, name in _TOPICS.items()}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
         left, separator, right = (part.strip() for part in rule.partition(":="))
@@ -81,15 +82,12 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
             left = "~" + left.removeprefix(str(Path.home()))
         role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
         if role is None:
-            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS[role] for role in topics)}")
+            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS.values())}")
         topics[role] = _resolved(right, node)
-    if values["twist_source"] != "topic":
-        del topics["twist"]
-    if not values["ground.cell"]:
-        del topics["surface"]
-    if tf:
-        del topics["pose"]
-    return topics
+    unused: set[Role] = {"pose"} if values["pose_source"] == "tf" else {"tf"}
+    unused |= {"twist"} if values["twist_source"] != "topic" else set()
+    unused |= {"surface"} if not values["ground.cell"] else set()
+    return {role: topic for role, topic in topics.items() if role not in unused}
 
 
 def _resolved(name: str, node: str) -> str:
@@ -99,16 +97,14 @@ def _resolved(name: str, node: str) -> str:
     return name if name.startswith("/") else f"{node.rpartition('/')[0]}/{name}"
 
 
-def push_all(estimator: Estimator, sample: Sample) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
+def push_all(estimator: Estimator, sample: Sample) -> Iterator[_Pushed]:
     """Push a sample and the poses that follow from it; yield each, with the answer to a pose."""
     yield sample, estimator.push(sample)
     for pose in estimator.poses_after(sample):
         yield pose, estimator.push_pose(pose)
 
 
-def play(
-    recording: Recording, estimator: Estimator, label: str
-) -> Iterator[tuple[Sample, Estimate | NoEstimate | None]]:
+def play(recording: Recording, estimator: Estimator, label: str) -> Iterator[_Pushed]:
     """Push every sample of an open recording into the estimator; yield it, with the answer if it is a pose.
 
     Fixed transforms come first. With `pose_source` tf the poses follow from the transforms. At the end all measurements

@@ -66,8 +66,8 @@ def _tables(summary: Summary) -> Iterator[Table]:
         metric_rows(summary),
     )
     trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
-    counted = {flag: summary.quality_flags[flag_names(flag)[0]] for flag in QualityFlag}
-    flags = [(flag_names(f)[0], f"{n:,}", trust(f).value, sentences(f)) for f, n in counted.items() if n]
+    counted = [(name, QualityFlag[name.upper()], n) for name, n in summary.quality_flags.items() if n]
+    flags = [(name, f"{n:,}", trust(flag).value, sentences(flag)) for name, flag, n in counted]
     sentence = f"How many estimates have each flag (trust: {trusted})."
     yield Table("Quality flags", sentence, ("flag", "estimates", "trust", "meaning"), flags or [("none", "0", "", "")])
     read = [(role, topic, f"{summary.messages[role]:,}") for role, topic in summary.topics.items()]

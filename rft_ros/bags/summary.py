@@ -6,7 +6,7 @@ import math
 import re
 import sys
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -19,12 +19,12 @@ from rft_ros.bags.phases import PHASES, Phase
 from rft_ros.errors import InputError, suggestion
 from rft_ros.estimator import Reason
 from rft_ros.estimator.messages import Role
-from rft_ros.estimator.quality import Trust, flag_names, trust
+from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, trust
 from rft_ros.files import read_yaml
 from rft_ros.parameters import Value, flat
 
-__all__ = ["METRIC_HEADS", "Group", "Limit", "PhaseGroup", "Spread", "Summary", "check", "limit_lines"]
-__all__ += ["metric_line", "metric_rows", "metrics", "read_limits", "statistics", "summary_of"]
+__all__ = ["METRIC_HEADS", "Group", "Limit", "PhaseGroup", "Spread", "Summary"]
+__all__ += ["check", "limit_lines", "metric_rows", "read_limits", "statistics", "summary_of"]
 
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
@@ -113,7 +113,7 @@ class Summary(Group):
             rms, median, one, two = (_percent(value) for value in errors.values())
             text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
         rows = [("force on the tool", *METRIC_HEADS), *metric_rows(self)]
-        return text + [metric_line(title, cells) for title, *cells in rows]
+        return text + [f"  {title:<18}" + "".join(f"{cell:>12}" for cell in cells) for title, *cells in rows]
 
     def content(self) -> dict[str, Any]:
         """The content of summary.json; the same bag and parameters give the same content."""
@@ -131,13 +131,10 @@ def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
     `issues`: at how many poses learning had each sentence.
     """
     whole, phases = statistics(rows)
-    by_flag = dict.fromkeys(flag_names(-1), 0)  # -1: all flags
-    by_trust = {level.value: 0 for level in Trust}
-    sets, counts = np.unique(rows["quality_flags"][rows["reason"] < 0], return_counts=True)
-    for quality_flags, count in zip(sets.tolist(), counts.tolist(), strict=True):
-        by_trust[trust(quality_flags).value] += count
-        for name in flag_names(quality_flags):
-            by_flag[name] += count
+    flags = rows["quality_flags"][rows["reason"] < 0]
+    by_flag = {name: int(np.count_nonzero(flags & QualityFlag[name.upper()])) for name in flag_names(-1)}  # -1: all
+    levels = Counter(map(trust, flags.tolist()))
+    by_trust = {level.value: levels[level] for level in Trust}
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()] + _warnings(whole, phases)
     of_all = {name: getattr(whole, name) for name in _WHOLE}
     return Summary(quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **of_all, **about)
@@ -222,21 +219,15 @@ METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", 
 
 def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
     """Title and metrics of the whole replay, of each phase that occurs, and of the depth bins of penetration."""
-    rows = [("whole", *metrics(summary))]
+    rows = [("whole", *_metrics(summary))]
     for name, phase in summary.phases.items():
-        rows += [(name, *metrics(phase))] if phase.poses else []
+        rows += [(name, *_metrics(phase))] if phase.poses else []
         if name == Phase.PENETRATION:
-            rows += [(f"  {depths}", *metrics(group)) for depths, group in phase.depth_bins.items()]
+            rows += [(f"  {depths}", *_metrics(group)) for depths, group in phase.depth_bins.items()]
     return rows
 
 
-def metric_line(title: str, cells: Iterable[str], width: int = 18) -> str:
-    """A line of a table in the terminal."""
-    return f"  {title:<{width}}" + "".join(f"{cell:>12}" for cell in cells)
-
-
-def metrics(group: Group) -> tuple[str, ...]:
-    """The values for `METRIC_HEADS` of a group; "-" if missing."""
+def _metrics(group: Group) -> tuple[str, ...]:
     force = group.wrench["force"]
     newtons = (force["measured"].peak, force["residual"].rms, force["residual"].peak)
     ratios = (group.rms_over_peak, group.median_relative_error)
@@ -293,11 +284,9 @@ def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | No
 
 
 def limit_lines(checks: list[tuple[Limit, float | None]]) -> list[str]:
-    """A table: each limit with the value, and "ok" or "FAILED"."""
-    width = max(len(limit.metric) for limit, _ in checks)
-    text = [f"  {'metric':<{width}}{'value':>12}{'min':>10}{'max':>10}"]
-    for limit, value in checks:
-        shown = "-" if value is None else f"{value:.5g}"
-        bounds = "".join(f"{'' if math.isinf(b) else f'{b:g}':>10}" for b in (limit.min, limit.max))
-        text.append(f"  {limit.metric:<{width}}{shown:>12}{bounds}  {'ok' if limit.allows(value) else 'FAILED'}")
-    return text
+    """A line for each limit: "ok" or "FAILED", the metric and its value."""
+    return [
+        f"  {'ok    ' if limit.allows(value) else 'FAILED'} {limit.metric}: {'-' if value is None else f'{value:.5g}'}"
+        f" (min {limit.min:g}, max {limit.max:g})"
+        for limit, value in checks
+    ]

@@ -67,7 +67,7 @@ def replay(arguments: argparse.Namespace) -> int:
         content = {"bags": {name: summary.content() for name, summary in summaries.items()}, "failures": failures}
         with whole(out / "summary.json") as part:
             part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        print("\n".join([f"{len(summaries)} of {len(bags)} bags replayed", *_comparison(summaries)]))
+        print(f"{len(summaries)} of {len(bags)} bags replayed")
     else:
         print(f"-> {out / ('summary.json' if arguments.no_report else 'report.html')}")
     return max(_status(summaries, limits), bool(failures))
@@ -85,18 +85,6 @@ def folder_names(bags: list[Path]) -> list[str]:
             unique, number = f"{name}_{number}", number + 1
         names.append(unique)
     return names
-
-
-def _comparison(summaries: "dict[str, Summary]") -> list[str]:
-    """A table: the metrics of each bag by its folder's name, overall and over penetration."""
-    from rft_ros.bags.summary import METRIC_HEADS, metric_line, metrics
-
-    width = max(map(len, summaries), default=0) + 14
-    text = [metric_line("force on the tool", METRIC_HEADS, width)]
-    for name, summary in summaries.items():
-        text.append(metric_line(name, metrics(summary), width))
-        text.append(metric_line("  penetration", metrics(summary.phases["penetration"]), width))
-    return text
 
 
 def _status(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
