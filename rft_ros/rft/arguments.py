@@ -30,15 +30,10 @@ def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: in
     `row`: shape of one row; a single row becomes shape [1, *row]. `rows`: the required n. Raises ValueError
     that names the argument.
     """
-    if (
-        values.__class__ is np.ndarray
-        and values.dtype is FLOAT
-        and values.flags.carray
-        and values.ndim == 1 + len(row)
-        and values.shape[1:] == row
-        and (rows is None or len(values) == rows)
-    ):
-        return values
+    if values.__class__ is np.ndarray and values.dtype is FLOAT and values.flags.carray:
+        shape = values.shape
+        if shape and shape[1:] == row and (rows is None or shape[0] == rows):
+            return values
     try:
         given = np.asarray(values)
     except ValueError:

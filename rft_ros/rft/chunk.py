@@ -14,8 +14,8 @@ from numba.extending import intrinsic, overload
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.plates import BLOCK
 
-__all__ = ["ALONG", "ANGLES", "AREA", "BLOCKS", "E2", "LOAD", "NORMAL", "NUMBER", "PLACE", "ROW", "SHARE", "SIZE"]
-__all__ += ["SPEED", "STIFF", "TRACTION", "UNBLENDED", "VELOCITY"]
+__all__ = ["ALONG", "ANGLES", "AREA", "BLOCKS", "E2", "KIND", "KINDS", "LOAD", "NORMAL", "NUMBER", "PLACE", "ROW", "SHARE", "SIZE"]
+__all__ += ["SPEED", "STIFF", "TOTAL", "TRACTION", "UNBLENDED", "VELOCITY"]
 __all__ += ["at", "new_chunk", "put", "quadruple", "triple", "wide_vectors"]
 
 BLOCKS = 8
@@ -24,13 +24,16 @@ BLOCKS = 8
 ROW = BLOCKS * BLOCK + 8
 """Numbers from one row to the next: rows a multiple of 512 bytes apart would compete for lines of the cache."""
 
-PLACE, NORMAL, VELOCITY, SPEED, E2, ANGLES, LOAD, AREA, SHARE, TRACTION, UNBLENDED, ALONG, STIFF, NUMBER = (
-    ROW * row for row in (0, 3, 6, 9, 10, 12, 16, 17, 18, 19, 22, 25, 26, 27)
+PLACE, NORMAL, VELOCITY, SPEED, E2, ANGLES, LOAD, AREA, SHARE, TRACTION, UNBLENDED, ALONG, STIFF, KIND, NUMBER = (
+    ROW * row for row in (0, 3, 6, 9, 10, 12, 16, 17, 18, 19, 22, 25, 26, 27, 28)
 )
 """Where the rows of each quantity begin, world axes: centre of load [m], from the tool frame's origin (3 rows);
 outward normal (3); direction of the velocity (3) and scaled speed; x and y of e2 (2); sin β, cos β, sin γ, cos γ (4);
 load [m³] and area [m²] that the traction acts on; leading share; traction per depth [N/m³] (3); the same with each
-plate's own e2 (3); its part along e1 per α_y; its modulus times the load [N/m]; the blocks' numbers and kinds (2)."""
+plate's own e2 (3); its part along e1 per α_y; its modulus times the load [N/m]; kinds of the next `KINDS` blocks;
+numbers and kinds of the chunk's blocks, with the totals of the state, `TOTAL`, behind them."""
+
+KINDS, TOTAL = 128, NUMBER + 2 * BLOCKS
 
 SIZE = ROW * 29
 

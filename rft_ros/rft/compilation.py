@@ -36,7 +36,7 @@ def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
     `numba.njit` would also compile two entries from Python for each, which takes three times as long in all; numba's
     own inlining takes longer still.
     """
-    made: Callable[_P, _R] = register_jitable(forceinline=True, **OPTIONS)(function)
+    made: Callable[_P, _R] = register_jitable(forceinline=True, no_cfunc_wrapper=True, **OPTIONS)(function)
     return made
 
 

@@ -12,14 +12,16 @@ import numpy as np
 from rft_ros.rft.chunk import (
     AREA,
     BLOCKS,
+    KIND,
+    KINDS,
     LOAD,
     NORMAL,
     NUMBER,
     PLACE,
-    ROW,
     SHARE,
     SPEED,
     STIFF,
+    TOTAL,
     TRACTION,
     VELOCITY,
     at,
@@ -90,36 +92,36 @@ def _seen_from_tool(axes, twist, reach, rise):  # type: ignore[no-untyped-def]
 
 @inlined
 def _middle(bounds, b, box, v):  # type: ignore[no-untyped-def]
-    """Dot product of a vector and the middle of a block's box: 0 of the normals, 1 of r x n, 2 of the positions."""
-    return v[0] * bounds[b, 6 * box] + v[1] * bounds[b, 6 * box + 1] + v[2] * bounds[b, 6 * box + 2]
+    """Dot product of a vector and the middle of a block's box: 0 of the normals, 6 of r x n, 12 of the positions."""
+    return v[0] * bounds[box, b] + v[1] * bounds[box + 1, b] + v[2] * bounds[box + 2, b]
 
 
 @inlined
 def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
     """How far the dot product of a vector and any point in the box can lie from `_middle`."""
-    return abs(v[0]) * bounds[b, 6 * box + 3] + abs(v[1]) * bounds[b, 6 * box + 4] + abs(v[2]) * bounds[b, 6 * box + 5]
+    return abs(v[0]) * bounds[box + 3, b] + abs(v[1]) * bounds[box + 4, b] + abs(v[2]) * bounds[box + 5, b]
 
 
 @inlined
-def _kind(bounds, b, seen, below, refined, remembers, active):  # type: ignore[no-untyped-def]
-    """The kind of a block; where the bounds leave two, the one with the longer loop.
+def _classify(chunk, bounds, first, last, seen, below, level):  # type: ignore[no-untyped-def]
+    """Store the kinds of blocks; where the bounds leave two, the one with the longer loop.
 
-    `bounds`: from `Blocks`. `active`: of the one body's memory, if it `remembers`.
+    `bounds`: of `Blocks`. `level`: abs(n·E3) from which on a plate may be horizontal.
     """
+    wide_vectors()
     linear, angular, fastest, up, reach, rise = seen
-    depth, spread = below - _middle(bounds, b, 2, rise), _spread(bounds, b, 2, rise) + ROUNDING * (reach + abs(below))
-    if depth + spread <= 0.0:
-        return _SKIP_DRY
-    wet = depth - spread > 0.0
-    # v·n of a plate is linear · n + angular · (r x n)
-    lead = _middle(bounds, b, 0, linear) + _spread(bounds, b, 0, linear)
-    lead += _middle(bounds, b, 1, angular) + _spread(bounds, b, 1, angular)
-    if wet and lead + (bounds[b, 19] + ROUNDING) * fastest <= 0.0:
-        return _FADING if remembers and active[b] == LOADED else _SKIP_WET
-    tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
-    if tilt >= (_LEVEL if refined else FLAT):
-        return _FLAT_OR_CUT
-    return _PLAIN if wet else _CUT
+    margin = ROUNDING * (reach + abs(below))
+    for b in range(first, last):
+        depth, spread = below - _middle(bounds, b, 12, rise), _spread(bounds, b, 12, rise) + margin
+        wet = depth - spread > 0.0
+        # v·n of a plate is linear · n + angular · (r x n)
+        lead = _middle(bounds, b, 0, linear) + _spread(bounds, b, 0, linear)
+        lead += _middle(bounds, b, 6, angular) + _spread(bounds, b, 6, angular)
+        trails = lead + (bounds[19, b] + ROUNDING) * fastest <= 0.0
+        tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
+        kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
+        kind = _SKIP_WET if wet & trails else kind
+        chunk[at(KIND, b - first)] = _SKIP_DRY if depth + spread <= 0.0 else kind
 
 
 @inlined
@@ -218,8 +220,8 @@ def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):  # type: igno
 
 
 @inlined
-def _add_sums(chunk, n, out):  # type: ignore[no-untyped-def]
-    """Add force, torque, dF/dh and the moments r_j f_l of a chunk."""
+def _add_sums(chunk, n):  # type: ignore[no-untyped-def]
+    """Add force, torque, dF/dh and the moments r_j f_l of a chunk to the totals."""
     wide_vectors()
     fx = fy = fz = hx = hy = hz = 0.0
     xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
@@ -245,11 +247,11 @@ def _add_sums(chunk, n, out):  # type: ignore[no-untyped-def]
         zz += z * dz
     part = fx, fy, fz, yz - zy, zx - xz, xy - yx, 0.0, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
     for c, value in enumerate(part):
-        out[c] += value
+        chunk[at(TOTAL, c)] += value
 
 
 @inlined
-def _add_stiffness(chunk, n, out):  # type: ignore[no-untyped-def]
+def _add_stiffness(chunk, n, memory):  # type: ignore[no-untyped-def]
     """Add the sums of `Memory.stiffness` of a chunk."""
     wide_vectors()
     k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
@@ -267,7 +269,7 @@ def _add_stiffness(chunk, n, out):  # type: ignore[no-untyped-def]
         kxz += stiff * x * z
         kyz += stiff * y * z
     for c, value in enumerate((k, kx, ky, kz, kxx, kyy, kzz, kxy, kxz, kyz)):
-        out[c] += value
+        memory[c] += value
 
 
 @inlined
@@ -294,30 +296,30 @@ def _add_forces(chunk, i0, b, out):  # type: ignore[no-untyped-def]
         out[plate, 2] += az * load
 
 
-def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, forces):  # type: ignore[no-untyped-def]
-    """The sums for each state. `law`: its `packed`.
+def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
+    """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `past`: whether the plates remember, durations, mobilization length, `Memory.numbers`. `forces`: shape [m, 3], to
-    which those of the plates are added in the kernel's order, or [0, 3]. One function: LLVM keeps what is the same for
-    all blocks in registers, and a state takes 8 % longer if it is divided.
+    `law`: its `packed`. `past`: whether the plates remember, durations, mobilization length, `Memory.numbers`. The
+    forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks
+    in registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
     remembers, durations, length, memories = past
     chunk, inertia = new_chunk(), law[1][0]
-    rule = np.uint64(14 if refined else 7)
+    level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == 3
     # unsigned: numba adds code for negative indices otherwise
-    blocks, one = np.uint64(bounds.shape[0]), np.uint64(1)
+    rule, blocks, one = np.uint64((14 if refined else 7) * BLOCK), np.uint64(bounds.shape[1]), np.uint64(1)
+    remembered = np.uint64(TRACTIONS) + blocks
     for k in range(states.shape[0]):
         axes, twist, scale, squared = _motion(states[k], reach)
         below, rise = _surface(height, slope, states[k], axes)
         memory = memories[k if len(memories) > 1 else 0]
-        stiffness, last = memory[:MOTION], memory[MOTION:TRACTIONS]
-        active, past_tractions = memory[TRACTIONS : TRACTIONS + bounds.shape[0]], memory[TRACTIONS + bounds.shape[0] :]
         still = (0.0, 0.0, 0.0), axes
         moved, motion, motion_in_tool = False, still, still
         if remembers:
             for c in range(MOTION):
-                stiffness[c] = 0.0
+                memory[c] = 0.0
+            last = memory[MOTION:TRACTIONS]
             if scale > 0.0:
                 for c in range(6):
                     last[c] = twist[c]
@@ -326,50 +328,61 @@ def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out, f
         seen = _seen_from_tool(axes, twist, reach, rise)
         scene = axes, twist, below, rise
         for c in range(_COLUMNS):
-            out[k, c] = 0.0
+            chunk[at(TOTAL, c)] = 0.0
         b, count, flat = np.uint64(0), np.uint64(0), False
         while b <= blocks:
-            kind = _kind(bounds, b, seen, below, refined, remembers, active) if b < blocks else _SKIP_DRY
+            place = b & np.uint64(KINDS - 1)
+            if place == np.uint64(0):
+                _classify(chunk, bounds, b, min(b + np.uint64(KINDS), blocks), seen, below, level)
+            kind = chunk[at(KIND, place)] if b < blocks else _SKIP_DRY
+            if remembers and kind == _SKIP_WET and memory[at(TRACTIONS, b)] == LOADED:
+                kind = _FADING
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
                 n = count * np.uint64(BLOCK)
                 for j in range(count):
                     w, i0 = np.uint64(chunk[at(NUMBER, j)]), j * np.uint64(BLOCK)
+                    submerged = 0.0
                     if not refined:
-                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, False, True)
-                    elif chunk[at(NUMBER + ROW, j)] == _PLAIN:
-                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, True, False)
+                        submerged = _geometry(chunk, i0, rows, w, scene, remembers, False, True)
+                    elif chunk[at(NUMBER + BLOCKS, j)] == _PLAIN:
+                        submerged = _geometry(chunk, i0, rows, w, scene, remembers, True, False)
                     else:
-                        out[k, 6] += _geometry(chunk, i0, rows, w, scene, remembers, True, True)
+                        submerged = _geometry(chunk, i0, rows, w, scene, remembers, True, True)
+                    chunk[at(TOTAL, 6)] += submerged
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness)
                 if remembers:
                     for j in range(count):
                         w = np.uint64(chunk[at(NUMBER, j)])
-                        remember(chunk, j * np.uint64(BLOCK), past_tractions, w, motion, below, slope, length)
-                        active[w] = GAPS if is_empty(past_tractions, w) else LOADED
-                    _add_stiffness(chunk, n, stiffness)
+                        first = remembered + w * np.uint64(7 * BLOCK)
+                        remember(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, length)
+                        memory[at(TRACTIONS, w)] = GAPS if is_empty(memory, first) else LOADED
+                    _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
                         _inertia(chunk, n, inertia, squared, remembers)
-                    _add_sums(chunk, n, out[k])
-                    if len(forces) > 0:
+                    _add_sums(chunk, n)
+                    if of_plates:
                         for j in range(count):
-                            _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(NUMBER, j)]), forces)
+                            _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(NUMBER, j)]), out)
                 count = np.uint64(0)
             if kind >= _PLAIN:
                 flat = kind == _FLAT_OR_CUT
-                chunk[at(NUMBER, count)], chunk[at(NUMBER + ROW, count)] = b, kind
+                chunk[at(NUMBER, count)], chunk[at(NUMBER + BLOCKS, count)] = b, kind
                 count += one
             elif kind == _SKIP_WET:
-                out[k, 6] += bounds[b, 18]
+                chunk[at(TOTAL, 6)] += bounds[18, b]
                 if moved:
-                    open_gaps(past_tractions, rows, rule, b, motion_in_tool)
-                    active[b] = GAPS
-            elif remembers and b < blocks and active[b] != 0.0:
-                forget(past_tractions, b)
-                active[b] = 0.0
+                    open_gaps(memory, remembered + b * np.uint64(7 * BLOCK), rows, b * rule, motion_in_tool)
+                    memory[at(TRACTIONS, b)] = GAPS
+            elif remembers and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
+                forget(memory, remembered + b * np.uint64(7 * BLOCK))
+                memory[at(TRACTIONS, b)] = 0.0
             b += one
+        if not of_plates:
+            for c in range(out.shape[1]):
+                out[k, c] = chunk[at(TOTAL, c)]
 
 
 SUMS = compiled(_sums, **OPTIONS)

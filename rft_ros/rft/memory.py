@@ -93,7 +93,7 @@ class Memory:
     numbers: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        blocks = len(self.plates.blocks.bounds)
+        blocks = self.plates.blocks.bounds.shape[1]
         object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + 7 * BLOCK))))
         self.motion[:, 7] = self.slack
 
@@ -118,7 +118,7 @@ class Memory:
     @property
     def active(self) -> Array:
         """By block 0, `GAPS` or `LOADED`, shape [bodies, blocks]."""
-        return self.numbers[:, TRACTIONS : TRACTIONS + len(self.plates.blocks.bounds)]
+        return self.numbers[:, TRACTIONS : TRACTIONS + self.plates.blocks.bounds.shape[1]]
 
     @property
     def tractions(self) -> Array:
@@ -126,7 +126,7 @@ class Memory:
 
         y² is negative where there is a gap, g [m] being in the first row.
         """
-        return self.numbers[:, TRACTIONS + len(self.plates.blocks.bounds) :]
+        return self.numbers[:, TRACTIONS + self.plates.blocks.bounds.shape[1] :]
 
     def part(self, first: int, last: int) -> "Memory":
         """The memory of bodies `first` to `last` - 1, which shares its array with this one.
@@ -284,14 +284,13 @@ def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[n
 
 
 @inlined
-def remember(chunk, i0, tractions, b, motion, below, slope, length):  # type: ignore[no-untyped-def]
-    """Replace the law's tractions of block b, in a chunk from plate `i0` on, by those with memory.
+def remember(chunk, i0, memory, first, motion, below, slope, length):  # type: ignore[no-untyped-def]
+    """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
 
-    `motion`: of `displacement`, world axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's.
+    `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's.
     """
     wide_vectors()
     shift, turn = motion
-    first = b * np.uint64(7 * BLOCK)
     for j in range(BLOCK):
         i = at(i0, j)
         x, y, z = triple(chunk, PLACE, i)
@@ -303,9 +302,9 @@ def remember(chunk, i0, tractions, b, motion, below, slope, length):  # type: ig
         share, load = chunk[at(SHARE, i)], chunk[at(LOAD, i)]
         ax, ay, az = triple(chunk, TRACTION, i)
         past = (
-            _vector(tractions, first, j),
-            _vector(tractions, first + 3 * BLOCK, j),
-            tractions[at(first + 6 * BLOCK, j)],
+            _vector(memory, first, j),
+            _vector(memory, first + 3 * BLOCK, j),
+            memory[at(first + 6 * BLOCK, j)],
         )
         asked, moved = (ax * share, ay * share, az * share), (ex, ey, ez)
         (tx, ty, tz), past, stiff = advance(past, triple(chunk, NORMAL, i), moved, asked, share > 0.0, depth, length)
@@ -313,13 +312,13 @@ def remember(chunk, i0, tractions, b, motion, below, slope, length):  # type: ig
         put(chunk, TRACTION, i, (tx * wet, ty * wet, tz * wet))
         chunk[at(STIFF, i)] = stiff * max(load, 0.0)
         (mx, my, mz), (bx, by, bz), limit = past
-        tractions[at(first, j)] = mx * wet
-        tractions[at(first + BLOCK, j)] = my * wet
-        tractions[at(first + 2 * BLOCK, j)] = mz * wet
-        tractions[at(first + 3 * BLOCK, j)] = bx * wet
-        tractions[at(first + 4 * BLOCK, j)] = by * wet
-        tractions[at(first + 5 * BLOCK, j)] = bz * wet
-        tractions[at(first + 6 * BLOCK, j)] = limit * wet
+        memory[at(first, j)] = mx * wet
+        memory[at(first + BLOCK, j)] = my * wet
+        memory[at(first + 2 * BLOCK, j)] = mz * wet
+        memory[at(first + 3 * BLOCK, j)] = bx * wet
+        memory[at(first + 4 * BLOCK, j)] = by * wet
+        memory[at(first + 5 * BLOCK, j)] = bz * wet
+        memory[at(first + 6 * BLOCK, j)] = limit * wet
 
 
 @inlined
@@ -328,13 +327,12 @@ def _vector(rows, first, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def open_gaps(tractions, rows, rule, b, motion):  # type: ignore[no-untyped-def]
-    """Follow the gaps behind block b, which trails and has no traction.
+def open_gaps(memory, first, rows, form, motion):  # type: ignore[no-untyped-def]
+    """Follow the gaps behind a block that trails and has no traction.
 
-    `rule`: rows of a plate; `motion`: of `displacement`, tool axes.
+    `first`, `form`: where it begins in `Memory.numbers` and in `rows`; `motion`: of `displacement`, tool axes.
     """
     shift, turn = motion
-    first, form = b * np.uint64(7 * BLOCK), b * (rule * np.uint64(BLOCK))
     for i in range(BLOCK):
         x, y, z = _vector(rows, form, i)
         nx, ny, nz = _vector(rows, form + 3 * BLOCK, i)
@@ -342,22 +340,22 @@ def open_gaps(tractions, rows, rule, b, motion):  # type: ignore[no-untyped-def]
         dy = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
         dz = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
         dn = dx * nx + dy * ny + dz * nz
-        gap = min(max(tractions[at(first, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
-        tractions[at(first, i)] = gap
-        tractions[at(first + 6 * BLOCK, i)] = -_NONE if gap > 0.0 else 0.0
+        gap = min(max(memory[at(first, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
+        memory[at(first, i)] = gap
+        memory[at(first + 6 * BLOCK, i)] = -_NONE if gap > 0.0 else 0.0
 
 
 @inlined
-def is_empty(tractions, b):  # type: ignore[no-untyped-def]
-    """Whether the plates of block b remember no more than a gap."""
-    first, largest = b * np.uint64(7 * BLOCK) + np.uint64(6 * BLOCK), 0.0
+def is_empty(memory, first):  # type: ignore[no-untyped-def]
+    """Whether the plates of a block remember no more than a gap."""
+    largest = 0.0
     for i in range(BLOCK):
-        largest = max(largest, abs(tractions[at(first, i)]))
+        largest = max(largest, abs(memory[at(first + 6 * BLOCK, i)]))
     return largest <= _NONE
 
 
 @inlined
-def forget(tractions, b):  # type: ignore[no-untyped-def]
-    """Clear the memory of block b."""
+def forget(memory, first):  # type: ignore[no-untyped-def]
+    """Clear the memory of a block."""
     for i in range(7 * BLOCK):
-        tractions[at(b * np.uint64(7 * BLOCK), i)] = 0.0
+        memory[at(first, i)] = 0.0

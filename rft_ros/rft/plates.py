@@ -4,7 +4,7 @@ The kernel visits them in blocks of neighbours and skips blocks in which no plat
 body's plates trail, and a tool is seldom fully submerged. Skipping single plates would prevent vectorisation.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import Any, Literal
 
 import numpy as np
@@ -31,7 +31,7 @@ class Blocks:
 
     `rows`: shape [blocks * (7 or 14) * BLOCK], block by block its rows: those of `Plates.packed`, and for the refined
     rule two corners relative to the centroid [m] and 1 / (2 sin θ), θ the half angle. `order`: the plate in each place
-    before the padding, shape [n]. `bounds`: shape [blocks, 20]: boxes (middle, half of the sides) of the normals, of
+    before the padding, shape [n]. `bounds`: shape [20, blocks]: boxes (middle, half of the sides) of the normals, of
     r x n [m] and of the positions [m]; area [m²]; sine of the greatest half angle.
     """
 
@@ -60,13 +60,14 @@ class Plates:
     `integration`: ``centroid``, the published rule: depth and velocity at the centroid; a plate either leads or not.
     ``refined``: each plate is a triangle; depth is integrated over its part below the surface, the force acts at its
     centre of pressure, and the leading share grows continuously over its half angle (`from_triangles`).
-    `blocks`: the same plates in the kernel's order.
+    `blocks`: the same plates in the kernel's order. `form`: what the kernel takes of them.
     """
 
     packed: Array
     reach: float
     integration: Integration
     blocks: Blocks
+    form: tuple[Array, Array, bool, float] = field(repr=False)
 
     def __init__(self, rows: ArrayLike) -> None:
         r = np.array(rows, dtype=np.float64, order="C")
@@ -91,8 +92,9 @@ class Plates:
 
     def _set(self, packed: Array, reach: float, integration: Integration, blocks: Blocks) -> "Plates":
         packed.flags.writeable = False
-        for field, value in zip(fields(self), (packed, reach, integration, blocks), strict=True):
-            object.__setattr__(self, field.name, value)
+        form = blocks.rows, blocks.bounds, integration == "refined", reach
+        for f, value in zip(fields(self), (packed, reach, integration, blocks, form), strict=True):
+            object.__setattr__(self, f.name, value)
         return self
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -136,7 +138,7 @@ class Plates:
     @property
     def rows(self) -> Array:
         """The numbers of each plate, shape [7 or 14, n]; units and axes as in `Blocks.rows`."""
-        by_block = self.blocks.rows.reshape(len(self.blocks.bounds), -1, BLOCK)
+        by_block = self.blocks.rows.reshape(self.blocks.bounds.shape[1], -1, BLOCK)
         rows = np.empty((by_block.shape[1], len(self)))
         rows[:, self.blocks.order] = np.hstack(list(by_block))[:, : len(self)]
         return rows
@@ -196,4 +198,4 @@ def _bounds(rows: Array, extents: Array) -> Array:
 
     fade = 0.5 / by_block[13].min(axis=1) if len(rows) > 7 else np.zeros(by_block.shape[1])
     boxes = box(normal, np.zeros_like(far)), box(moment, far), box(place, far)
-    return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]).T)
+    return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]))

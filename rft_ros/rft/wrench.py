@@ -66,22 +66,22 @@ def wrenches(
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    tool, scene = _checked(plates, law, surface_height, slope)
+    scene = _checked(plates, law, surface_height, slope)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
-    result = _result(out, n)
+    result = _result(out, n, sensitivities)
     workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        _loop()(*tool, *scene, states, _NO_MEMORY, result, _NO_FORCES)
+        _loop()(*scene, states, _NO_MEMORY, result)
     else:
         edges = np.linspace(0, n, workers + 1).astype(int)
         with ThreadPoolExecutor(workers) as pool:
             for job in [
-                pool.submit(_loop(), *tool, *scene, states[a:b], _NO_MEMORY, result[a:b], _NO_FORCES)
+                pool.submit(_loop(), *scene, states[a:b], _NO_MEMORY, result[a:b])
                 for a, b in itertools.pairwise(edges)
             ]:
                 job.result()
-    return result if sensitivities else result[:, : len(COLUMNS)]
+    return result if sensitivities or out is None else result[:, : len(COLUMNS)]
 
 
 def wrenches_in_time(
@@ -105,7 +105,7 @@ def wrenches_in_time(
     """
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
-    tool, scene = _checked(plates, law, surface_height, slope)
+    scene = _checked(plates, law, surface_height, slope)
     if memory.plates is not plates and not (
         memory.plates.integration == plates.integration
         and np.array_equal(memory.plates.blocks.rows, plates.blocks.rows)
@@ -120,9 +120,9 @@ def wrenches_in_time(
     if memory.bodies not in (1, n):
         raise ValueError(f"memory is of {memory.bodies} bodies; states has {n} rows")
     past = True, durations, length, memory.numbers
-    result = _result(out, n)
-    _loop()(*tool, *scene, states, past, result, _NO_FORCES)
-    return result if sensitivities else result[:, : len(COLUMNS)]
+    result = _result(out, n, sensitivities)
+    _loop()(*scene, states, past, result)
+    return result if sensitivities or out is None else result[:, : len(COLUMNS)]
 
 
 def prepared(plates: Plates, law: Law, memory: Memory, length: float) -> Callable[..., None]:
@@ -152,10 +152,10 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    tool, scene = _checked(plates, law, surface_height, slope)
+    scene = _checked(plates, law, surface_height, slope)
     states = numbers("state", state, rows=13).reshape(1, 13)
-    forces, ordered = np.zeros((len(plates.blocks.bounds) * BLOCK, 3)), np.empty((len(plates), 3))
-    _loop()(*tool, *scene, states, _NO_MEMORY, np.empty((1, _WIDTH)), forces)
+    forces, ordered = np.zeros((plates.blocks.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
+    _loop()(*scene, states, _NO_MEMORY, forces)
     ordered[plates.blocks.order] = forces[: len(plates)]
     return ordered
 
@@ -173,20 +173,18 @@ def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0)
 
 _LAWS = Treers2021, Agarwal2023
 
-_Tool = tuple[Array, Array, bool, float]
-_Scene = tuple[PackedLaw, float, tuple[float, float]]
+_Scene = tuple[Array, Array, bool, float, PackedLaw, float, tuple[float, float]]
 
 
-def _checked(plates: Plates, law: Law, surface_height: float, slope: tuple[float, float]) -> tuple[_Tool, _Scene]:
-    """The arguments of the loop that a tool and a scene make up."""
+def _checked(plates: Plates, law: Law, surface_height: float, slope: tuple[float, float]) -> _Scene:
+    """The arguments of the loop that a tool, a law and a surface make up."""
     _check_plates(plates)
     if law.__class__ not in _LAWS:
         raise not_a_law(law)
-    tool = plates.blocks.rows, plates.blocks.bounds, plates.integration == "refined", plates.reach
-    return tool, (law.packed, number("surface_height", surface_height), _incline(slope))
+    height = number("surface_height", surface_height)
+    return *plates.form, law.packed, height, slope if slope is LEVEL else _incline(slope)
 
 
-_NO_FORCES = np.zeros((0, 3))
 _NO_MEMORY = False, np.zeros(1), 1.0, np.zeros((1, TRACTIONS))
 
 
@@ -194,14 +192,12 @@ _NO_MEMORY = False, np.zeros(1), 1.0, np.zeros((1, TRACTIONS))
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    tool, scene = _checked(plates, Agarwal2023(1.0, 0.0), 0.0, LEVEL)
-    return machine_code(SUMS, (*tool, *scene, np.zeros((1, 13)), _NO_MEMORY, np.zeros((1, _WIDTH)), _NO_FORCES))
+    scene = _checked(plates, Agarwal2023(1.0, 0.0), 0.0, LEVEL)
+    return machine_code(SUMS, (*scene, np.zeros((1, 13)), _NO_MEMORY, np.zeros((1, _WIDTH))))
 
 
 def _incline(slope: tuple[float, float]) -> tuple[float, float]:
     """The slope as two floats."""
-    if slope is LEVEL:
-        return slope
     try:
         x, y = slope
     except (TypeError, ValueError):
@@ -221,11 +217,11 @@ def _workers(threads: int | None, states: int, plates: int) -> int:
     return min(int(threads or _CORES), states, 1 + states * plates // _WORTH_A_THREAD)
 
 
-def _result(out: Array | None, n: int) -> Array:
+def _result(out: Array | None, n: int, sensitivities: bool) -> Array:
     """The array for the result: `out`, checked, or a new one."""
-    shape = n, _WIDTH
     if out is None:
-        return np.empty(shape)
+        return np.empty((n, _WIDTH if sensitivities else len(COLUMNS)))
+    shape = n, _WIDTH
     if out.__class__ is np.ndarray and out.dtype is FLOAT and out.flags.carray and out.shape == shape:
         return out
     what = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else repr(out)
