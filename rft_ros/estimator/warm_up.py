@@ -1,5 +1,6 @@
 """Machine code for all that a pose can reach: from the cache on disk, or compiled by processes beside this one."""
 
+import gc
 import threading
 from collections.abc import Callable
 from contextlib import suppress
@@ -19,13 +20,12 @@ from rft_ros.rft import Plates, agarwal2023, edge_share, wrenches
 
 __all__ = ["PARTS", "compile_part", "needed", "prepare"]
 
+_PLATE = Plates.from_arrays([[0.0, 0.0, -1.0]], [[0.0, 0.0, -1.0]], [1.0])
 _STATE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
 
 
 def _forces() -> None:
-    plates = Plates.from_arrays([[0.0, 0.0, -1.0]], [[0.0, 0.0, -1.0]], [1.0])
-    wrenches(plates, agarwal2023(), _STATE)
-    edge_share(plates, _STATE)
+    wrenches(_PLATE, agarwal2023(), _STATE)
 
 
 def _motion() -> None:
@@ -33,6 +33,7 @@ def _motion() -> None:
     difference.span(window=1.0, max_age=1.0)
     for k in range(1, 6):
         difference.push(PoseSample(k * 10_000_000, "world", (0.0, 0.0, -0.001 * k), (0.0, 0.0, 0.0, 1.0)))
+    edge_share(_PLATE, _STATE)
     LoadCellFrame(LoadCell()).into_sensor(_STATE[3:7], np.zeros(12))
     prior_belief(np.zeros(7), zeta_error=0.0, reach=0.0)
     withdrawal = Withdrawal()
@@ -52,8 +53,8 @@ _PARTS: dict[str, Callable[[], object]] = {
     "ground": _ground,
 }
 PARTS = frozenset(_PARTS)
-"""The parts of the machine code, each compiled by a process of its own: of every law, rule and model; of the motion and
-the load cell; of learning; of a map of the ground."""
+"""The parts of the machine code, each compiled by a process of its own: of every law, rule and model; of the motion,
+the load cell and the quality flags; of learning; of a map of the ground."""
 
 
 def needed(settings: Settings, *, ground: bool) -> frozenset[str]:
@@ -90,6 +91,7 @@ def compile_part(part: str, at_low_priority: bool) -> None:
     """In a process beside: compile one of `PARTS`."""
     if at_low_priority:
         lower_priority()
+    gc.set_threshold(100_000)  # the compiler keeps most of its objects: looking for others takes a tenth longer
     _load(frozenset({part}))
 
 

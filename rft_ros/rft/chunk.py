@@ -14,8 +14,8 @@ from numba.extending import intrinsic, overload
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.plates import BLOCK
 
-__all__ = ["ALONG", "ANGLES", "AREA", "BLOCKS", "E2", "KIND", "KINDS", "LOAD", "NORMAL", "NUMBER", "PLACE", "ROW", "SHARE", "SIZE"]
-__all__ += ["SPEED", "STIFF", "TOTAL", "TRACTION", "UNBLENDED", "VELOCITY"]
+__all__ = ["ALONG", "ANGLES", "AREA", "BLOCKS", "E2", "KIND", "KINDS", "LOAD", "NORMAL", "NUMBER", "PLACE", "ROW"]
+__all__ += ["SHARE", "SIZE", "SPEED", "STIFF", "TOTAL", "TRACTION", "UNBLENDED", "VELOCITY"]
 __all__ += ["at", "new_chunk", "put", "quadruple", "triple", "wide_vectors"]
 
 BLOCKS = 8

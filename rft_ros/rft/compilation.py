@@ -33,8 +33,8 @@ _R = TypeVar("_R")
 def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
     """A function that LLVM inlines where compiled code calls it; Python calls it uncompiled.
 
-    `numba.njit` would also compile two entries from Python for each, which takes three times as long in all; numba's
-    own inlining takes longer still.
+    `numba.njit` would also compile entries from Python and from C for each, which takes three times as long in all;
+    numba's own inlining takes longer still.
     """
     made: Callable[_P, _R] = register_jitable(forceinline=True, no_cfunc_wrapper=True, **OPTIONS)(function)
     return made

@@ -287,7 +287,8 @@ def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[n
 def remember(chunk, i0, memory, first, motion, below, slope, length):  # type: ignore[no-untyped-def]
     """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
 
-    `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's.
+    `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
+    depth of the tool frame's origin [m], and the surface's.
     """
     wide_vectors()
     shift, turn = motion

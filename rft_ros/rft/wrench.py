@@ -77,8 +77,7 @@ def wrenches(
         edges = np.linspace(0, n, workers + 1).astype(int)
         with ThreadPoolExecutor(workers) as pool:
             for job in [
-                pool.submit(_loop(), *scene, states[a:b], _NO_MEMORY, result[a:b])
-                for a, b in itertools.pairwise(edges)
+                pool.submit(_loop(), *scene, states[a:b], _NO_MEMORY, result[a:b]) for a, b in itertools.pairwise(edges)
             ]:
                 job.result()
     return result if sensitivities or out is None else result[:, : len(COLUMNS)]
