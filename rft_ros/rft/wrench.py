@@ -130,11 +130,10 @@ def prepared(plates: Plates, law: Law, memory: Memory, length: float) -> Callabl
     `length`: the mobilization length [m]. Call it with states, durations, surface height [m], slope and out: of the
     types and shapes that `wrenches_in_time` names, C-contiguous.
     """
-    tool, (packed, *_) = _checked(plates, law, 0.0, LEVEL)
-    loop, numbers_kept = _loop(), memory.numbers
+    loop, form, packed, kept = _loop(), plates.form, law.packed, memory.numbers
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], out: Array) -> None:
-        loop(*tool, packed, height, slope, states, (True, durations, length, numbers_kept), out, _NO_FORCES)
+        loop(*form, packed, height, slope, states, (True, durations, length, kept), out)
 
     return step
 
