@@ -1,6 +1,5 @@
-"""/diagnostics at 1 Hz: inputs, estimates and model, each OK, WARN or ERROR (REP 107)."""
+"""/diagnostics at 1 Hz: inputs, estimates, model and what was learned, each OK, WARN or ERROR (REP 107)."""
 
-import math
 from collections import Counter
 from dataclasses import asdict
 
@@ -13,29 +12,26 @@ from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
-from rft_ros.node.tool_worker import ToolSwap
+from rft_ros.node.swap import Swap
 
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two reports [s]."""
 
 _LATENCIES = 1000  # recorded per report, at most
-_QUIET_REPORTS = 3  # a reason that is missing in this many successive reports has ended
+_QUIET_REPORTS = 3  # a problem that is missing in this many successive reports has ended
 _NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value, Reason.SURFACE_RATE_LIMITED.value}
-"""Reasons that are part of normal operation: no warning in the log or the status."""
+"""Reasons that are part of normal operation."""
 
 
 class Diagnostics:
     """Counts messages and estimates, and publishes and logs what happened since the last report."""
 
-    def __init__(self, node: Node, estimator: Estimator, swap: ToolSwap) -> None:
-        self._node = node
+    def __init__(self, node: Node, estimator: Estimator, swap: Swap) -> None:
+        self._node, self._estimator, self._swap = node, estimator, swap
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._estimator = estimator
-        self._swap = swap
         self._reported: Counter[str] = Counter()
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
-        self._newest_estimate: Estimate | None = None
-        self._ongoing: dict[str, tuple[int, int]] = {}  # by reason: count, reports since the last occurrence
+        self._ongoing: dict[str, int] = {}  # reports since the last one that had the problem
         self._idle = True  # no pose came before the last report
         self._begin()
 
@@ -54,7 +50,6 @@ class Diagnostics:
         """Record an estimate, and the time from its pose's callback to its publication [s]."""
         if len(self._latencies) < _LATENCIES:
             self._latencies.append(latency)
-        self._newest_estimate = estimate
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
 
@@ -66,52 +61,44 @@ class Diagnostics:
             message += f"; preparing {self._swap.preparing}"
         problems = [f"the last swap failed: {self._swap.last_failure}"] if self._swap.last_failure else []
         problems += ["no poses come"] if self._idle else []
-        if lasting := [self._named(reason) for reason in sorted(self._ongoing) if reason not in _NORMAL]:
-            problems.append(f"not all inputs can be used: {', '.join(lasting)}")
-        if self._estimator.learning is not None and (medium := self._medium(self._estimator.learning)).level:
-            problems.append(f"medium: {medium.message}")
+        problems += map(self._sentence, sorted(self._ongoing))
         if problems:
             raise InputError("; ".join([message, *problems]))
         return message
 
     def publish(self) -> None:
-        """Publish the statuses, and log each reason that began or ended since the last report."""
+        """Publish the statuses, and log each problem that began or ended since the last report."""
         now = self._node.get_clock().now()
         counts = Counter(self._estimator.counts)
         new, self._reported = counts - self._reported, counts
         reasons = {reason: n for reason, n in new.items() if reason != "estimates"}
-        bad = sorted(self._named(reason) for reason in reasons if reason not in _NORMAL)
+        bad = sorted(reasons.keys() - _NORMAL)
         array = DiagnosticArray()
         array.header.stamp = now.to_msg()
         array.status = [self._inputs(now.nanoseconds, bad), self._estimates(new["estimates"], reasons), self._model()]
-        if self._estimator.learning is not None:
-            array.status.append(self._medium(self._estimator.learning))
+        if (learning := self._estimator.learning) is not None:
+            bad += learning.issues()
+            bad += [f"grains {learning.surprise.name.lower()} than learned"] if learning.surprise else []
+            array.status.append(self._medium(learning))
         self._publisher.publish(array)
-        self._log_changes(reasons)
+        self._log_changes(bad)
         self._idle = not self._received["pose"]
         self._begin()
 
-    def _named(self, reason: str) -> str:
-        """The reason, for a frame with a sentence on which one is unknown."""
-        sentence = self._estimator.unknown_frames().get(reason)
-        return f"{reason} ({sentence})" if sentence else reason
+    def _sentence(self, problem: str) -> str:
+        """The problem, for a frame with a sentence on which one is unknown."""
+        sentence = self._estimator.unknown_frames().get(problem)
+        return f"{problem} ({sentence})" if sentence else problem
 
-    def _log_changes(self, reasons: dict[str, int]) -> None:
+    def _log_changes(self, problems: list[str]) -> None:
         logger = self._node.get_logger()
-        for reason, n in sorted(reasons.items()):
-            if reason not in self._ongoing:
-                began = f"{self._named(reason)}: began, {n} in the last {DIAGNOSTICS_PERIOD:.0f} s"
-                if reason in _NORMAL:  # two calls, because rclpy allows one severity per call site
-                    logger.info(began)
-                else:
-                    logger.warning(began)
-            self._ongoing[reason] = self._ongoing.get(reason, (0, 0))[0] + n, 0
-        for reason in sorted(self._ongoing.keys() - reasons):
-            total, quiet = self._ongoing[reason]
-            self._ongoing[reason] = total, quiet + 1
-            if quiet + 1 >= _QUIET_REPORTS:
-                del self._ongoing[reason]
-                logger.info(f"{reason}: ended, {total} in all")
+        for problem in problems:
+            if problem not in self._ongoing:
+                logger.warning(f"began: {self._sentence(problem)}")
+        self._ongoing = {problem: n + 1 for problem, n in self._ongoing.items()} | dict.fromkeys(problems, 0)
+        for problem in [problem for problem, n in self._ongoing.items() if n >= _QUIET_REPORTS]:
+            del self._ongoing[problem]
+            logger.info(f"ended: {problem}")
 
     def _status(
         self, component: str, values: dict[str, object], problem: str, fine: str, level: bytes = DiagnosticStatus.WARN
@@ -127,9 +114,10 @@ class Diagnostics:
         values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in roles}
         values |= {f"{role}_age_s": (now - stamp) * 1e-9 for role, stamp in self._newest.items()}
         values |= {f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"}
+        problems, level = list(map(self._sentence, bad)), DiagnosticStatus.WARN
         if not self._received["pose"]:
-            return self._status("inputs", values, ", ".join(["no poses", *bad]), "", DiagnosticStatus.ERROR)
-        return self._status("inputs", values, ", ".join(bad), "inputs arrive")
+            problems, level = ["no poses", *problems], DiagnosticStatus.ERROR
+        return self._status("inputs", values, ", ".join(problems), "inputs arrive", level)
 
     def _estimates(self, new: int, reasons: dict[str, int]) -> DiagnosticStatus:
         flags = self._quality_flags
@@ -141,10 +129,6 @@ class Diagnostics:
             "trust": (trust(flags) if new else Trust.NO).value,
             "quality_flags": ", ".join(flag_names(flags)),
         }
-        if (newest := self._newest_estimate) is not None:
-            values["speed_m_s"] = newest.speed
-            values["force_sigma_n"] = math.hypot(*newest.sigma[:3])
-            values["torque_sigma_nm"] = math.hypot(*newest.sigma[3:])
         if self._latencies:
             values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, (50, 99))
         speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST

@@ -6,12 +6,12 @@ import time
 from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 
 from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.estimator.messages import wrench_cdr
 from rft_ros.estimator.quality import Trust, trust
 from rft_ros.estimator.transforms import Placement
+from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
 
 __all__ = ["FeedForward", "Ramp"]
@@ -64,8 +64,8 @@ class FeedForward:
     no trust, for any pose without an estimate within `max_input_age`, with the gain at 0, and when the node ends.
     """
 
-    def __init__(self, node: Node, estimator: Estimator, qos: QoSProfile) -> None:
-        self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", qos)
+    def __init__(self, node: Node, estimator: Estimator) -> None:
+        self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", OUTPUTS)
         self._clock = node.get_clock()
         self._estimator = estimator
         self._ramp = Ramp()

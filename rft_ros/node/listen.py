@@ -4,28 +4,22 @@ import time
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import rclpy
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.srv import GetParameters
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
-from sensor_msgs.msg import PointCloud2
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from rft_ros.bags.checkup import Finding
 from rft_ros.errors import InputError
 from rft_ros.estimator import Sample
 from rft_ros.estimator.messages import UNREADABLE, Role, decoder
-from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
+from rft_ros.node.topics import INPUTS, MESSAGES, transform_message, type_name
 from rft_ros.parameters import FILES, Value, Values, checked
 
 __all__ = ["Listener"]
 
-_INPUTS = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT, durability=DurabilityPolicy.VOLATILE)
-_MESSAGES = {"pose": PoseStamped, "twist": TwistStamped, "wrench": WrenchStamped, "surface": PointCloud2}
 _DISCOVERY = 6.0  # s: DDS announces a node at the latest after 3 s, on a busy machine later
-_MOST_NAMED = 5
 _OURS = "rft_doctor"
 
 
@@ -46,19 +40,20 @@ class Listener:
 
     def compare(self, values: Values, file: Path) -> tuple[Finding, Value]:
         """Whether the node runs with the parameters of `file`, `values`; and the bias in force, which a tare sets."""
-        bias = values["sensor.bias"]
         if (running := self._running(list(values))) is None:
             advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
-            return Finding(False, f"node: no node {self._name} was found; {advice}"), bias
-        own = running["sensor.bias"]
-        differs = [name for name in values if name != "sensor.bias" and not _same(name, running[name], values[name])]
+            return Finding(False, f"node: no node {self._name} was found; {advice}"), values["sensor.bias"]
+        bias = running["sensor.bias"]
+        differs = [
+            f"{name} {running[name]} (file: {values[name]})"
+            for name in values
+            if name != "sensor.bias" and not _same(name, running[name], values[name])
+        ]
         if not differs:
-            note = f"; sensor.bias is its own: {own}" if own != bias else ""
-            return Finding(True, f"node: {self._name} runs with the parameters of {file}{note}"), own
-        named = ", ".join(f"{name} {running[name]} (file: {values[name]})" for name in differs[:_MOST_NAMED])
-        named += f" and {len(differs) - _MOST_NAMED} more" if len(differs) > _MOST_NAMED else ""
+            note = f"; sensor.bias is its own: {bias}" if bias != values["sensor.bias"] else ""
+            return Finding(True, f"node: {self._name} runs with the parameters of {file}{note}"), bias
         advice = "restart it with the file, whose section must be for its name, or set them"
-        return Finding(False, f"node: {self._name} runs with {named}; {advice}"), own
+        return Finding(False, f"node: {self._name} runs with {', '.join(differs)}; {advice}"), bias
 
     def _running(self, names: list[str]) -> Values | None:
         client = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
@@ -77,19 +72,18 @@ class Listener:
 
         Returns findings about publishers' types and QoS.
         """
-        wanted: dict[Role, tuple[str, Any]] = {role: (topic, _MESSAGES.get(role)) for role, topic in topics.items()}
-        if message := transform_message(needed="tf" in topics):
-            tf = topics.get("tf", "/tf")
-            wanted["tf_static"] = f"{tf}_static", message
-            if "tf" in topics:
-                wanted["tf"] = tf, message
-        for role, (topic, kind) in wanted.items():
+        wanted = dict(topics)
+        transforms = transform_message(needed="tf" in topics)
+        if transforms:
+            wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
+        kinds = {role: MESSAGES.get(role, transforms) for role in wanted}
+        for role, topic in wanted.items():
             take = partial(self._take, decoder(role, ros1=False), push)
-            self._node.create_subscription(kind, topic, take, TRANSFORMS_QOS.get(role, _INPUTS), raw=True)
+            self._node.create_subscription(kinds[role], topic, take, INPUTS[role], raw=True)
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(self._node, timeout_sec=min(left, 0.1))
-        return [f for role, (topic, kind) in wanted.items() for f in self._of_topic(role, topic, kind)]
+        return [f for role, topic in wanted.items() for f in self._publishers(role, topic, type_name(kinds[role]))]
 
     def _take(self, decode: Callable[[bytes], Sample], push: Callable[[Sample, int], None], data: bytes) -> None:
         try:
@@ -98,9 +92,8 @@ class Listener:
             return
         push(sample, self._node.get_clock().now().nanoseconds)
 
-    def _of_topic(self, role: Role, topic: str, kind: Any) -> list[Finding]:
+    def _publishers(self, role: Role, topic: str, wanted: str) -> list[Finding]:
         """Findings about the type and the QoS of a topic's publishers, by those that node and doctor ask for."""
-        wanted = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
         names = self._name, f"/{_OURS}"
         publishers = self._node.get_publishers_info_by_topic(topic)
         others = self._node.get_subscriptions_info_by_topic(topic)

@@ -79,7 +79,7 @@ def _run(stop: threading.Event) -> str:
     """Run the node until it is to stop; returns why it cannot."""
     import gc
 
-    from rft_ros.node.tool_worker import ToolWorker
+    from rft_ros.node.swap import ToolWorker
 
     worker = ToolWorker()  # first: its imports take as long as the node's
     import rclpy
@@ -113,7 +113,7 @@ def _run(stop: threading.Event) -> str:
         pass
     finally:
         rclpy.try_shutdown()
-        worker.close()
+        worker.end()
     return ""
 
 

@@ -1,60 +1,63 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
 from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from time import perf_counter
 
-import numpy as np
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import InertiaStamped, TwistStamped, WrenchStamped
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.node import Node
-from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
-from sensor_msgs.msg import PointCloud2
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
 
-from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
-from rft_ros.ground import write_height_map
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
-from rft_ros.node.learned_medium import LearnedMedium
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
-from rft_ros.node.services import save, serve
-from rft_ros.node.stiffness import Stiffness
-from rft_ros.node.tool_worker import ToolSwap, ToolWorker
-from rft_ros.node.transforms import TRANSFORMS_QOS, transform_message
-from rft_ros.parameters import TOOL_PARAMETERS, ModelFiles, Value, Values, model_files, model_of, settings_of
+from rft_ros.node.services import Services
+from rft_ros.node.stiffness import stiffness_message
+from rft_ros.node.swap import Swap, ToolWorker
+from rft_ros.node.topics import INPUTS, MESSAGES, OUTPUTS, transform_message
+from rft_ros.parameters import (
+    TOOL_PARAMETERS,
+    ModelFiles,
+    Settings,
+    Value,
+    Values,
+    model_files,
+    model_of,
+    read_alpha_y_table,
+    settings_of,
+)
+from rft_ros.rft import Table
 from rft_ros.tool import locate_mesh
 
 __all__ = ["RftNode"]
 
-_INPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream."""
-
-_CLOUDS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=2, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""A cloud has megabytes."""
-
-_OUTPUTS = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE)
-
-_TARE_WINDOW = 1.0  # s
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
-_NO_GROUND = "the ground is a level plane; set ground.cell"
-_IN_FILES = frozenset({*TOOL_PARAMETERS.values(), "alpha_y.model", "alpha_y.table", "ground.cell", "ground.file"})
+_LEARNED_PERIOD = 20_000_000  # ns
+_LEARNED = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
 
 
 def _in_model(changed: frozenset[str]) -> bool:
     settings_only = {"medium.zeta_error", "medium.calibrated_depth"}
     return any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - settings_only)
+
+
+def _needs(values: Values, settings: Settings) -> tuple[ModelFiles, frozenset[str]]:
+    """The files and the machine code of these parameters."""
+    return model_files(values), needed(settings, ground=bool(values["ground.cell"]))
 
 
 class RftNode(Node):
@@ -66,51 +69,39 @@ class RftNode(Node):
     def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
         super().__init__("rft", cli_args=arguments)
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
-        values = self._table.values
-        files, settings = model_files(values), settings_of(values)
-        self._loaded = needed(settings, ground=bool(values["ground.cell"]))
-        prepare(self._loaded, on_cold_cache=self._announce_compilation)
-        parts = worker.load(files).result()  # after it: the worker would compile the forces too
-        model = model_of(values, **parts._asdict())
+        values, settings = self.values, settings_of(self.values)
+        files, code = _needs(values, settings)
+        prepare(code, on_cold_cache=self._announce_compilation)
+        self._swap = Swap(worker, files, worker.load(files), code)  # after the code, which the worker would compile too
+        self._alpha_y_table: tuple[str, Table] | None = None
         # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
-        self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
-        self._swap = ToolSwap(files, parts, worker)
-        self._next_model = model
-        self._loading: tuple[frozenset[str], Future[None]] | None = None
-        self._loader = ThreadPoolExecutor(1)
+        self.estimator = Estimator(settings, self._model(values), background=ThreadPoolExecutor(1))
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
 
-        self._predicted = self.create_publisher(WrenchStamped, "~/wrench_predicted", _OUTPUTS)
-        self._compensated = self.create_publisher(WrenchStamped, "~/wrench_compensated", _OUTPUTS)
-        self._residual = self.create_publisher(WrenchStamped, "~/wrench_residual", _OUTPUTS)
-        self._sigma = self.create_publisher(WrenchStamped, "~/wrench_sigma", _OUTPUTS)
-        self._stiffness = Stiffness(self, self.estimator, _OUTPUTS)
-        self._medium = LearnedMedium(self, self.estimator, _OUTPUTS)
-        self._feedforward = FeedForward(self, self.estimator, _OUTPUTS)
+        self._predicted = self._publisher(WrenchStamped, "~/wrench_predicted")
+        self._compensated = self._publisher(WrenchStamped, "~/wrench_compensated")
+        self._residual = self._publisher(WrenchStamped, "~/wrench_residual")
+        self._sigma = self._publisher(WrenchStamped, "~/wrench_sigma")
+        self._stiffness = self._publisher(InertiaStamped, "~/stiffness")
+        self._learned, self._learned_at = self._publisher(JointState, "~/medium_learned"), 0
+        self._feedforward = FeedForward(self, self.estimator)
         self._feedforward.use(values)
         self._markers = Markers(self, self.estimator)
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
 
-        self._subscribe(WrenchStamped, "~/wrench_measured", partial(self._on_input, "wrench"))
-        self._twists = self._subscribe(TwistStamped, "~/twist", self._on_twist)
-        message = transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"]))
-        if message:
-            self._subscribe(message, "/tf_static", partial(self._on_input, "tf_static"), TRANSFORMS_QOS["tf_static"])
+        self._subscribe("wrench", "~/wrench_measured", partial(self._on_input, "wrench"))
+        self._twists = self._subscribe("twist", "~/twist", self._on_twist)
+        if transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"])):
+            self._subscribe("tf_static", "/tf_static", partial(self._on_input, "tf_static"))
         if values["pose_source"] == "tf":
-            self._subscribe(message, "/tf", partial(self._on_input, "tf"), TRANSFORMS_QOS["tf"])
+            self._subscribe("tf", "/tf", partial(self._on_input, "tf"))
         else:
-            self._subscribe(PoseStamped, "~/pose", self._on_pose)
+            self._subscribe("pose", "~/pose", self._on_pose)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
-
-        serve(self, "tare", self._tare)
-        serve(self, "status", self._diagnostics.summary)
-        serve(self, "forget", self._medium.forget)
-        serve(self, "save_medium", lambda: self._medium.save(self.values))
-        serve(self, "level_ground", self._level_ground)
-        serve(self, "save_ground", self._save_ground)
+        Services(self, self.estimator, self._table, status=self._diagnostics.summary)
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
@@ -119,17 +110,21 @@ class RftNode(Node):
         self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
         self._swap_timer.cancel()
 
-    def _subscribe(
-        self, message: type, topic: str, callback: Callable[[bytes], None], qos: QoSProfile = _INPUTS
-    ) -> Subscription:
+    def _publisher(self, message: type, topic: str) -> Publisher:
+        return self.create_publisher(message, topic, OUTPUTS)
+
+    def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
         # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
+        message = MESSAGES.get(role) or transform_message(needed=True)
         overridable = QoSOverridingOptions.with_default_policies()
-        return self.create_subscription(message, topic, callback, qos, raw=True, qos_overriding_options=overridable)
+        return self.create_subscription(
+            message, topic, callback, INPUTS[role], raw=True, qos_overriding_options=overridable
+        )
 
     def _subscribe_to_clouds(self) -> None:
         """Once the ground is a map."""
         if self.estimator.ground is not None and self._clouds is None:
-            self._clouds = self._subscribe(PointCloud2, "~/surface_points", partial(self._on_input, "surface"), _CLOUDS)
+            self._clouds = self._subscribe("surface", "~/surface_points", partial(self._on_input, "surface"))
 
     def _announce_compilation(self) -> None:
         self.get_logger().info("compiling, ten seconds or more, first start only; services answer after it")
@@ -191,13 +186,29 @@ class RftNode(Node):
         answer = self.estimator.push_pose(sample)
         if isinstance(answer, Estimate):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
-            self._stiffness.publish(answer.stamp)
+            self._publish_stiffness(answer.stamp)
             self._feedforward.estimated(answer)
             self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
-            self._medium.publish(answer)
+            self._publish_learned(answer.stamp)
             self._diagnostics.answered(answer, perf_counter() - start)
             self._markers.estimated(answer)
         self._publish_measurements()
+
+    def _publish_stiffness(self, stamp: int) -> None:
+        if self._stiffness.get_subscription_count():
+            e = self.estimator
+            self._stiffness.publish(stiffness_message(stamp, e.settings.world_frame, e.stiffness, e.state[:3]))
+
+    def _publish_learned(self, stamp: int) -> None:
+        """Position: a value (turn [rad], surface [m], surprise in standard deviations); effort: its standard error."""
+        if (learning := self.estimator.learning) is None or 0 <= stamp - self._learned_at < _LEARNED_PERIOD:
+            return
+        self._learned_at, belief = stamp, learning.belief()
+        message = JointState(name=_LEARNED)
+        message.header.stamp = Time(nanoseconds=stamp).to_msg()
+        message.position = [getattr(belief, name) for name in _LEARNED]
+        message.effort = [*(getattr(belief, f"{name}_error") for name in _LEARNED[:4]), 1.0]
+        self._learned.publish(message)
 
     def _publish_measurements(self) -> None:
         for measurement in self.estimator.measurements():
@@ -211,95 +222,49 @@ class RftNode(Node):
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
         settings_of(values)
         transform_message(needed=values["sensor.frame_source"] == "tf")
-        files = model_files(values)
-        if changed & _IN_FILES and not self._swap.knows(files):
-            if "mesh.file" in changed:  # at once, although the process that loads it checks again
-                checked_file(locate_mesh(str(values["mesh.file"])), "mesh.file")
-            if table := self._swap.missing(files).table:
-                checked_file(Path(table), "alpha_y.table")
+        if "mesh.file" in changed and model_files(values).tool != self._swap.files.tool:
+            checked_file(
+                locate_mesh(str(values["mesh.file"])), "mesh.file"
+            )  # at once, although the worker checks again
         if _in_model(changed):
             self._model(values)
 
     def _apply(self, values: Values, changed: frozenset[str]) -> None:
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._feedforward.use(values)
-        self._use(self._model(values) if _in_model(changed) else self._next_model)
-        if changed & _IN_FILES:
-            self._swap.want(model_files(values))
-            self._swap_timer.reset()
-
-    def _model(self, values: Values) -> Model:
-        """The next model, of the files in force."""
-        parts, (cell, file) = self._swap.parts, self._swap.in_force.ground or (0.0, "")
-        known = {**values, "ground.cell": cell, "ground.file": file}
-        if self._swap.missing(model_files(values)).table:
-            known["alpha_y.model"] = self._next_model.alpha_y
-        return model_of(known, **parts._asdict(), generation=self._next_model.generation + 1)
-
-    def _use(self, model: Model) -> bool:
-        """Bring a model and the settings into force, now or, if that needs more machine code, when that is loaded."""
-        self._next_model, settings = model, settings_of(self.values)
-        parts = needed(settings, ground=model.ground is not None)
-        missing = parts - self._loaded
-        if missing:  # the rest comes into force now
-            settings = replace(settings, learning_mode=self.estimator.settings.learning_mode)
-        now = "ground" not in missing and model is not self.estimator.model
-        self.estimator.use(settings=settings, model=model if now else None)
-        self._subscribe_to_clouds()
-        if not missing:
-            return True
-        if self._loading is None:
-            self._loading = parts, self._loader.submit(prepare, parts, at_low_priority=True)
-            self._swap.code = f"machine code of {' and '.join(sorted(missing))}"
+        self._use(new_model=_in_model(changed))
+        self._swap.want(*_needs(values, settings_of(values)))
         self._swap_timer.reset()
-        return False
+
+    def _model(self, values: Values, *, generation: int = 0) -> Model:
+        """The model of these parameters with the tool and the ground in force."""
+        cell, file = self._swap.files.ground or (0.0, "")
+        known, table = {**values, "ground.cell": cell, "ground.file": file}, None
+        if values["alpha_y.model"] == "table" and (name := str(values["alpha_y.table"])):
+            if self._alpha_y_table is None or self._alpha_y_table[0] != name:
+                self._alpha_y_table = name, read_alpha_y_table(name)
+            table = self._alpha_y_table[1]
+        return model_of(known, **self._swap.parts._asdict(), table=table, generation=generation)
+
+    def _use(self, *, new_model: bool) -> None:
+        """Bring into force what is loaded."""
+        settings, model = settings_of(self.values), None
+        if "learning" not in self._swap.code:
+            settings = replace(settings, learning_mode="off")
+        if new_model:
+            model = self._model(self.values, generation=self.estimator.model.generation + 1)
+        self.estimator.use(settings=settings, model=model)
+        self._subscribe_to_clouds()
 
     def _on_swap_poll(self) -> None:
-        outcome = self._swap.poll()
-        if isinstance(outcome, ModelFiles):
-            self._undo(outcome)
-        elif outcome is not None and self._use(self._model(self.values)):
+        succeeded = self._swap.poll()
+        if succeeded:
+            self._use(new_model=True)
             self.announce("in force")
-        if self._loading is not None and self._loading[1].done():
-            if error := self._loading[1].exception():
-                self.get_logger().error(f"{self._swap.code} not loaded, it compiles at its first use: {error}")
-            self._loaded |= self._loading[0]
-            self._loading, self._swap.code = None, ""
-            if self._use(self._next_model):
-                self.announce("in force")
+        elif succeeded is not None:
+            self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
+            tool, (cell, file) = self._swap.files.tool, self._swap.files.ground or (0.0, "")
+            before: dict[str, Value] = {name: getattr(tool, field) for field, name in TOOL_PARAMETERS.items()}
+            self._table.set_all({**before, "ground.cell": cell, "ground.file": file}, why="the swap failed")
         if not self._swap.preparing:
             self._swap_timer.cancel()
-
-    def _undo(self, failed: ModelFiles) -> None:
-        """Reset the parameters to the files requested before the failed swap."""
-        m, wanted = self.estimator.model, self._swap.wanted
-        stays = f"tool {m.tool.name} and alpha_y {m.alpha_y} stay in force"
-        self.get_logger().error(f"not swapped, {stays}: {self._swap.last_failure}")
-        parameters: dict[str, Value] = {name: getattr(wanted.tool, field) for field, name in TOOL_PARAMETERS.items()}
-        parameters["ground.cell"], parameters["ground.file"] = wanted.ground or (0.0, "")
-        if wanted.table != failed.table:
-            parameters["alpha_y.model"] = "table" if wanted.table else m.alpha_y
-            parameters["alpha_y.table"] = wanted.table or self.values["alpha_y.table"]
-        self._table.set_all(parameters, why=f"the swap to {failed} failed")
-        self._swap.want(wanted)
-
-    # --- services
-
-    def _tare(self) -> str:
-        bias = self.estimator.tare(_TARE_WINDOW)
-        if refused := self._table.set_all({"sensor.bias": bias}, why="tare"):
-            raise InputError(f"tare refused: {refused}")
-        return "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
-
-    def _level_ground(self) -> str:
-        if not self.estimator.level_ground():
-            raise InputError(_NO_GROUND)
-        return "ground as at the start"
-
-    def _save_ground(self) -> str:
-        if (ground := self.estimator.ground) is None:
-            raise InputError(f"not saved: {_NO_GROUND}")
-        if np.isnan(ground.heights).all():
-            raise InputError("not saved: no height is known yet")
-        # Here and not in a thread: the answer tells what became of it, and the largest map takes 10 ms.
-        return save("rft_ground_{}.npz", lambda file: write_height_map(file, ground))

@@ -3,41 +3,99 @@
 import os
 from collections.abc import Callable
 from datetime import datetime, timezone
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from rft_ros.errors import InputError, file_errors
+from rft_ros.estimator import Estimator
+from rft_ros.estimator.learning import Learning
+from rft_ros.ground import write_height_map
+from rft_ros.node.node_parameters import NodeParameters
+from rft_ros.parameters import write_parameter_file
 
-_MOST_FILES = 100
-
-
-def serve(node: Node, name: str, answer: Callable[[], str]) -> None:
-    """Answer ``~/name`` with the sentence that `answer` returns or, without success, with that of its InputError."""
-
-    def callback(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        try:
-            response.success, response.message = True, answer()
-        except InputError as error:
-            response.message = str(error)
-        return response
-
-    node.create_service(Trigger, f"~/{name}", callback)
+_TARE_WINDOW = 1.0  # s
+_NO_GROUND = "the ground is a level plane; set ground.cell"
 
 
-def save(name: str, write: Callable[[Path], None]) -> str:
-    """Write a new file in $ROS_HOME or ~/.ros and return its path; {} in `name` becomes the time.
+class Services:
+    """Answers each service with a sentence; success is false where that is an InputError's."""
 
-    Anyone on the network may ask for it, so that the folder takes a hundred files of a name. Raises InputError.
-    """
+    def __init__(
+        self, node: Node, estimator: Estimator, parameters: NodeParameters, *, status: Callable[[], str]
+    ) -> None:
+        self._estimator, self._parameters = estimator, parameters
+        answers = {
+            "tare": self._tare,
+            "status": status,
+            "forget": self._forget,
+            "save_medium": self._save_medium,
+            "level_ground": self._level_ground,
+            "save_ground": self._save_ground,
+        }
+        for name, answer in answers.items():
+            node.create_service(Trigger, f"~/{name}", partial(_respond, answer))
+
+    def _tare(self) -> str:
+        bias = self._estimator.tare(_TARE_WINDOW)
+        if refused := self._parameters.set_all({"sensor.bias": bias}, why="tare"):
+            raise InputError(f"tare refused: {refused}")
+        return "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
+
+    def _learning(self) -> Learning:
+        if self._estimator.learning is None:
+            raise InputError("learning.mode is off")
+        return self._estimator.learning
+
+    def _forget(self) -> str:
+        self._learning().forget()
+        return "back to the calibration"
+
+    def _save_medium(self) -> str:
+        """All parameters, with the learned ζ and its error."""
+        learning, values = self._learning(), self._parameters.values
+        if (learned := learning.strength()) is None:
+            raise InputError("not saved: nothing was learned yet")
+        strength, error = learned
+        zeta = float(values["medium.zeta"]) * strength  # type: ignore[arg-type]
+        new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
+        doubts = "; ".join(map(str, learning.doubts()))
+        comment = "; ".join(filter(None, ["rft_node: medium.zeta learned from the load cell", doubts]))
+        path = _save("rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment))
+        return path + (f" (doubtful, it was learned while {doubts}; then call ~/forget and learn again)" * bool(doubts))
+
+    def _level_ground(self) -> str:
+        if not self._estimator.level_ground():
+            raise InputError(_NO_GROUND)
+        return "ground as at the start"
+
+    def _save_ground(self) -> str:
+        if (ground := self._estimator.ground) is None:
+            raise InputError(f"not saved: {_NO_GROUND}")
+        if np.isnan(ground.heights).all():
+            raise InputError("not saved: no height is known yet")
+        # Here and not in a thread: the answer tells what became of it, and the largest map takes 10 ms.
+        return _save("rft_ground_{}.npz", lambda file: write_height_map(file, ground))
+
+
+def _respond(answer: Callable[[], str], _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    try:
+        response.success, response.message = True, answer()
+    except InputError as error:
+        response.message = str(error)
+    return response
+
+
+def _save(name: str, write: Callable[[Path], None]) -> str:
+    """Write a new file in $ROS_HOME or ~/.ros and return its path; {} in `name` becomes the time."""
     # Not ROS time: simulated time begins at 1970 each time and would repeat names.
     moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
     folder = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
     with file_errors(f"folder '{folder}'", "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        if len([*folder.glob(name.format("*"))]) >= _MOST_FILES:
-            raise InputError(f"not saved: folder '{folder}' has {_MOST_FILES} such files; move them away")
     file = folder / name.format(moment)
     write(file)
     return str(file)

@@ -117,43 +117,36 @@ def tool_request(values: Values) -> ToolRequest:
 
 
 class ModelParts(NamedTuple):
-    """What a model takes from files, None for what it does not: the tool, the table of α_y, the ground."""
+    """What a model takes from files that take time to load; None for what it does not."""
 
     tool: Tool | None = None
-    table: Table | None = None
     ground: HeightMap | None = None
 
 
 class ModelFiles(NamedTuple):
-    """The files of `ModelParts`, to load them later or in another process: alpha_y.table, ground.cell and ground.file.
+    """The files of `ModelParts`, to load them later or in another process; None: not to be loaded.
 
-    None: not to be loaded.
+    `ground`: ground.cell and ground.file.
     """
 
     tool: ToolRequest | None = None
-    table: str | None = None
     ground: tuple[float, str] | None = None
 
     def load(self) -> ModelParts:
         """Load them. Raises InputError for what cannot be used."""
-        return ModelParts(
-            tool=self.tool and self.tool.load(),
-            table=read_alpha_y_table(self.table) if self.table else None,
-            ground=_ground_of(*self.ground) if self.ground else None,
-        )
+        return ModelParts(tool=self.tool and self.tool.load(), ground=_ground_of(*self.ground) if self.ground else None)
 
     def __str__(self) -> str:
         """The parameters that name the files, with their values."""
         cell, ground = self.ground or (0.0, "")
-        named = ("mesh.file", self.tool and self.tool.file), ("alpha_y.table", self.table), ("ground.file", ground)
+        named = ("mesh.file", self.tool and self.tool.file), ("ground.file", ground)
         return " and ".join(f"{name} '{file}'" for name, file in named if file) or f"ground.cell {cell:g}"
 
 
 def model_files(values: Values) -> ModelFiles:
     """The files of the model from checked values."""
     v: Mapping[str, Any] = values
-    table = v["alpha_y.table"] if v["alpha_y.model"] == "table" else ""
-    return ModelFiles(tool_request(values), table or None, (v["ground.cell"], v["ground.file"]))
+    return ModelFiles(tool_request(values), (v["ground.cell"], v["ground.file"]))
 
 
 def model_of(

@@ -10,7 +10,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
 from functools import cache
 from pathlib import Path
 from typing import IO
@@ -28,7 +27,6 @@ from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
-from rft_ros.errors import InputError
 from rft_ros.node import main, rft_node
 from rft_ros.parameters import ModelFiles, ModelParts, defaults, tool_request
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
@@ -44,18 +42,12 @@ _LOCKS: list[IO[str]] = []  # held as long as the process lives
 class InlineWorker:
     """Loads a model's files in this process, which has the mesh library in memory; the node asks it as its own."""
 
-    def load(self, request: ModelFiles) -> "Future[ModelParts]":
-        found: Future[ModelParts] = Future()
-        try:
-            shipped = request.tool and request.tool.file.isidentifier()
-            tool = _shipped(request.tool) if shipped else None
-            parts = (request._replace(tool=None) if tool else request).load()
-            found.set_result(parts._replace(tool=tool) if tool else parts)
-        except InputError as error:
-            found.set_exception(error)
-        return found
+    def load(self, request: ModelFiles) -> ModelParts:
+        if request.tool and request.tool.file.isidentifier():
+            return request._replace(tool=None).load()._replace(tool=_shipped(request.tool))
+        return request.load()
 
-    def cancel(self, loading: "Future[ModelParts]") -> None:
+    def end(self) -> None:
         pass
 
 

@@ -10,39 +10,28 @@ import pytest
 import rclpy
 
 from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
-from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.installation import share_directory
 from rft_ros.node import virtual_arm
-from rft_ros.node.virtual_arm import LAYER, PAUSE
+from rft_ros.node.virtual_arm import LAYER
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
-from rft_ros.rft import MEDIA, alpha_y_model, treers2021
-from rft_ros.tool import load_tool
-
-SECONDS, RATE = 12, 125
 
 
 def descent(mode):
     """Depth [m], measured and predicted force, its deviation [N] and the surprise flag at each moment in the grains."""
     values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
-    values |= {"learning.mode": mode, "sensor.bias": virtual_arm._LOAD_CELL.bias}
+    values |= {"learning.mode": mode, "sensor.bias": virtual_arm.LOAD_CELL.bias}
     estimator = Estimator(settings_of(values), model_of(values))
-    tool, medium = load_tool("ellipsoid"), MEDIA["generic"]
-    law = treers2021(medium, alpha_y_model("constant", medium), zeta=0.33)
-    frame, random = LoadCellFrame(virtual_arm._LOAD_CELL), np.random.default_rng(1)
     rows = {}
-    for k in range(round(PAUSE * RATE), SECONDS * RATE):
-        state, stamp = virtual_arm._state(k / RATE), 1_000_000_000 + k * 1_000_000_000 // RATE
-        on_tool = virtual_arm._grain_wrench(tool, law, state)
-        numbers = state[0].tolist()
-        reading = virtual_arm._raw_reading(frame, state[0, 3:7], on_tool, random.normal(scale=virtual_arm._NOISE))
+    for t, state, reading in virtual_arm.moments(12.0):
+        if t < virtual_arm.PAUSE:
+            continue
+        stamp, numbers = round((t + 1.0) * 1e9), state.tolist()
         estimator.push_wrench(WrenchSample(stamp, "ft_sensor", reading))
         estimator.push_twist(TwistSample(stamp, "world", tuple(numbers[7:10]), tuple(numbers[10:])))
         answer = estimator.push_pose(PoseSample(stamp, "world", tuple(numbers[:3]), tuple(numbers[3:7])))
         surprised = bool(answer.quality_flags & QualityFlag.SURPRISE)
         rows[stamp] = [estimator.depth(), *answer.predicted[:3], *answer.sigma[:3], surprised]
-        for m in estimator.measurements():
-            rows[m.stamp] += m.compensated[:3]
     estimator.finish()
     for m in estimator.measurements():
         rows[m.stamp] += m.compensated[:3]

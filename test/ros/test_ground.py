@@ -13,7 +13,6 @@ from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, started
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.ground import read_height_map
-from rft_ros.node.services import save
 
 CELL = 0.002
 START = 1_700_000_000_000_000_000
@@ -99,13 +98,6 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     assert rft.set(ground__cell=0.0) == (True, "")
     rft.until(lambda: rft.trigger("level_ground") == level)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
-
-
-def test_services_that_save_do_not_fill_the_disk(tmp_path, monkeypatch):
-    monkeypatch.setenv("ROS_HOME", str(tmp_path))
-    assert all(Path(save("rft_ground_{}.npz", Path.touch)).exists() for _ in range(100))
-    with pytest.raises(InputError, match="has 100 such files"):
-        save("rft_ground_{}.npz", Path.touch)
 
 
 def test_a_cloud_in_another_frame_is_counted_and_the_node_lives(start_node):

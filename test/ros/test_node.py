@@ -67,7 +67,7 @@ def test_laws_densities_and_memory_change_without_a_restart(rft):
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
 
-def test_a_table_of_alpha_y_swaps_in_and_one_that_cannot_be_used_is_refused_without_quoting_it(rft, tmp_path):
+def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without_quoting_it(rft, tmp_path):
     table, secret, fifo = (tmp_path / name for name in ("alpha_y.csv", "secret.csv", "fifo.csv"))
     table.write_text("beta,alpha_y\n0,0.2035\n180,0.0\n")
     secret.write_text("beta,alpha_y\nroot:hunter2\n")
@@ -81,11 +81,7 @@ def test_a_table_of_alpha_y_swaps_in_and_one_that_cannot_be_used_is_refused_with
     ):
         assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=str(file))
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
-    rft.until(lambda: rft.diagnostic("model")[2]["alpha_y"] == "table")
-    assert rft.set(alpha_y__table=str(secret)) == (True, "")
-    rft.until(lambda: rft.diagnostic("model")[2]["last_swap_failure"] != "")
-    assert f"alpha_y.table '{secret}' line 2 is not numbers" in rft.status()[1]
-    assert rft.diagnostic("model")[0] == b"\x01"
+    assert refusal(rft, alpha_y__table=str(secret)) == f"alpha_y.table '{secret}' line 2 is not numbers"
     assert rft.get("alpha_y.table").string_value == str(table)
     assert rft.set(medium__zeta=0.5) == (True, "")
     assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core(zeta=0.5)[2], rel=1e-12)
@@ -179,16 +175,16 @@ def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_
     def until_logged(sentence, **inputs):
         rft.until(lambda: rft.send(rft.moment(), **inputs) or rft.spin(0.1) or sentence in rft.said())
 
-    until_logged("wrench_missing: began", force=None)
+    until_logged("began: wrench_missing", force=None)
     sentence = "pose frame_id 'elsewhere' is not world_frame 'world'"
     rft.send(rft.moment(), frame="elsewhere", force=None)
     rft.until(lambda: sentence in rft.diagnostic("inputs")[1])
     assert rft.last_status("inputs")[0] == b"\x01"
-    until_logged(f"pose_frame_unknown ({sentence}): began, 1 in the last 1 s", force=None)
-    until_logged("pose_frame_unknown: ended, 1 in all", force=None)
-    assert "wrench_missing: ended" not in rft.said()
-    until_logged("wrench_missing: ended")
-    assert rft.said().count("wrench_missing: began") == 1
+    until_logged(f"began: pose_frame_unknown ({sentence})", force=None)
+    until_logged("ended: pose_frame_unknown", force=None)
+    assert "ended: wrench_missing" not in rft.said()
+    until_logged("ended: wrench_missing")
+    assert rft.said().count("began: wrench_missing") == 1
 
 
 def test_the_measured_wrench_is_interpolated_at_the_stamp_from_samples_that_come_after_the_prediction(rft):

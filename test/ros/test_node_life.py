@@ -141,7 +141,7 @@ def test_the_status_service_says_what_is_in_force(rft, tmp_path):
 
     with_poses(lambda good, said: good and said.endswith("tool plate in force"))
     rft.send(rft.moment(), frame="camera")
-    rft.until_status(lambda good, said: not good and "used: pose_frame_unknown" in said and "'camera'" in said)
+    rft.until_status(lambda good, said: not good and "pose_frame_unknown (" in said and "'camera'" in said)
     broken = tmp_path / "broken.stl"
     broken.write_text("no mesh")
     assert rft.set(mesh__file=str(broken))[0]

@@ -3,43 +3,33 @@
 import os
 import resource
 import signal
-import time
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.node.tool_worker import ToolWorker
-from rft_ros.parameters import ModelFiles
+from rft_ros.node import swap
+from rft_ros.node.swap import Swap, ToolWorker
+from rft_ros.parameters import ModelFiles, ModelParts
 from rft_ros.tool import ToolRequest, load_tool
 
-WAIT = 180.0
-
-
-def files(*request, **options):
-    return ModelFiles(ToolRequest(*request, **options))
+NOTHING = frozenset[str]()
 
 
 @pytest.fixture(scope="module")
 def worker():
     started = ToolWorker()
     yield started
-    started.close()
-    assert not Path(f"/proc/{started.process.pid}").exists()
+    started.end()
+
+
+def files(*request):
+    return ModelFiles(ToolRequest(*request))
 
 
 def loaded(worker, *request):
-    return worker.load(files(*request)).result(WAIT).tool
-
-
-def test_the_first_tool_is_loaded_at_full_priority_and_others_beside_the_node():
-    worker, ours = ToolWorker(), os.getpriority(os.PRIO_PROCESS, 0)
-    assert os.getpriority(os.PRIO_PROCESS, worker.process.pid) == ours
-    for _ in range(2):  # it lowers the priority once the first answer has gone
-        loaded(worker, "plate")
-    assert os.getpriority(os.PRIO_PROCESS, worker.process.pid) == max(ours, 10)
-    worker.close()
+    return worker.load(files(*request)).tool
 
 
 def test_a_tool_arrives_unchanged_with_aligned_read_only_arrays(worker):
@@ -52,7 +42,7 @@ def test_a_tool_arrives_unchanged_with_aligned_read_only_arrays(worker):
     assert back.plates.packed.flags.aligned
 
 
-def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues(worker):
+def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_priority(worker):
     pid = worker.process.pid
     with pytest.raises(InputError, match=r"gone\.stl"):
         loaded(worker, "gone.stl")
@@ -60,31 +50,24 @@ def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues(worker):
         loaded(worker, "plate", 0.001, "nowhere")
     assert loaded(worker, "sphere").name == "sphere"
     assert worker.process.pid == pid
+    assert os.getpriority(os.PRIO_PROCESS, pid) == max(os.getpriority(os.PRIO_PROCESS, 0), 10)
 
 
-def test_a_request_in_place_of_one_that_is_being_loaded_is_answered_by_a_new_process(worker):
-    for _ in range(2):
-        pid = worker.process.pid
-        os.kill(pid, signal.SIGSTOP)  # it loads for as long as it may
-        loading = worker.load(files("sphere"))
-        while not loading.running():
-            time.sleep(0.01)
-        worker.cancel(loading)
-        assert loaded(worker, "plate").name == "plate"
-        assert loading.exception()
-        assert not Path(f"/proc/{pid}").exists()
-
-
-@pytest.mark.parametrize(
-    ("number", "words"), [(signal.SIGKILL, "ended with status -9; set it again"), (signal.SIGALRM, "took over 600 s")]
-)
-def test_a_worker_that_ends_while_it_loads_fails_its_swap_and_is_replaced(worker, number, words):
+def test_a_worker_that_takes_too_long_or_ends_while_it_loads_fails_its_swap_and_is_replaced(worker, monkeypatch):
+    os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for as long as it may
+    with (
+        monkeypatch.context() as patched,
+        pytest.raises(InputError, match=r"took over .* s to load; give the mesh fewer facets"),
+    ):
+        patched.setattr(swap, "_LONGEST", 0.1)
+        loaded(worker, "plate")
+    assert loaded(worker, "plate").name == "plate"
     os.kill(worker.process.pid, signal.SIGSTOP)
-    loading = worker.load(files("plate"))
-    os.kill(worker.process.pid, number)
-    os.kill(worker.process.pid, signal.SIGCONT)
-    with pytest.raises(InputError, match=words):
-        loading.result(WAIT)
+    with ThreadPoolExecutor(1) as thread:
+        loading = thread.submit(loaded, worker, "sphere")
+        os.kill(worker.process.pid, signal.SIGKILL)
+        with pytest.raises(InputError, match="ended; set it again"):
+            loading.result()
     assert loaded(worker, "plate").name == "plate"
 
 
@@ -101,3 +84,15 @@ def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap_once_there_are_
     finally:
         resource.setrlimit(resource.RLIMIT_NOFILE, (soft, hard))
     assert loaded(worker, "plate").name == "plate"
+
+
+def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
+    pending = Swap(worker, files("plate"), ModelParts(loaded(worker, "plate")), NOTHING)
+    os.kill(worker.process.pid, signal.SIGSTOP)
+    for name in ("ellipsoid", "sphere"):
+        pending.want(files(name), NOTHING)
+        assert pending.preparing == f"mesh.file '{name}'"
+    while (succeeded := pending.poll()) is None:
+        pass
+    assert succeeded
+    assert pending.parts.tool.name == "sphere"

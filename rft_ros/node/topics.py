@@ -1,0 +1,53 @@
+"""Types and QoS of the node's topics."""
+
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import PointCloud2
+
+from rft_ros.errors import InputError
+from rft_ros.estimator.messages import Role
+
+MESSAGES: dict[Role, Any] = {
+    "pose": PoseStamped,
+    "twist": TwistStamped,
+    "wrench": WrenchStamped,
+    "surface": PointCloud2,
+}
+"""The inputs' message types; that of transforms comes from `transform_message`."""
+
+_SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
+"""Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream."""
+
+INPUTS: dict[Role, QoSProfile] = {
+    "pose": _SENSOR_DATA,
+    "twist": _SENSOR_DATA,
+    "wrench": _SENSOR_DATA,
+    "surface": QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT),  # a cloud has megabytes
+    "tf": _SENSOR_DATA,
+    "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),  # kept for those who come later
+}
+
+OUTPUTS = QoSProfile(depth=200)
+"""Reliable."""
+
+
+def type_name(message: Any) -> str:
+    """The name of a message class, as topics have it."""
+    return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
+
+
+def transform_message(*, needed: bool) -> Any:
+    """The class of TFMessage; None if its package is not installed. Raises InputError then if it is `needed`.
+
+    tf2_ros is not needed: `estimator.transforms` has the tree.
+    """
+    try:
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        if needed:
+            why = "pose_source tf and sensor.frame_source tf need the package tf2_msgs"
+            raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
+        return None
+    return TFMessage
