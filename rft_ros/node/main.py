@@ -88,9 +88,13 @@ def _run(stop: threading.Event) -> str:
     from rclpy.signals import SignalHandlerOptions
 
     from rft_ros.errors import InputError
+    from rft_ros.node.node_parameters import parameter_files
     from rft_ros.node.rft_node import RftNode
+    from rft_ros.parameters import parameter_tree
 
     try:
+        for file in parameter_files():
+            parameter_tree(file)  # refuses it in the words of a replay; ROS's are longer
         rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
         node = RftNode(worker)
         gc.collect()
@@ -106,7 +110,7 @@ def _run(stop: threading.Event) -> str:
         executor.shutdown()
         node.destroy_node()
     except RCLError as error:
-        return _reason(error)
+        return str(error).partition(", at ")[0]
     except InputError as error:
         return str(error)
     except ExternalShutdownException:
@@ -128,20 +132,6 @@ def _executor(node: "Node") -> "Executor":
         except ImportError:
             node.get_logger().warning("this rclpy has no events executor (new in 7.1.4); using the single-threaded one")
     return SingleThreadedExecutor()
-
-
-def _reason(error: Exception) -> str:
-    """Why ROS refused the arguments: for a parameter file the same sentence as from a replay, else ROS's own."""
-    from rft_ros.errors import InputError
-    from rft_ros.node.node_parameters import parameter_files
-    from rft_ros.parameters import parameter_tree
-
-    for file in parameter_files():
-        try:
-            parameter_tree(file)
-        except InputError as why:
-            return str(why)
-    return str(error).partition(", at ")[0]
 
 
 if __name__ == "__main__":

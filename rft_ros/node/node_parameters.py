@@ -13,18 +13,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.parameters import (
-    FILES,
-    PARAMETERS,
-    Parameter,
-    Value,
-    Values,
-    checked,
-    flat,
-    gives,
-    parameter_tree,
-    path_beside,
-)
+from rft_ros.parameters.file import FILES, flat, gives, parameter_tree, path_beside
+from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from functools import partial
 from time import perf_counter
 
@@ -16,10 +15,8 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
-from rft_ros.estimator import Estimate, Estimator, Measurement, Model, PoseSample, Reason, Sample, Stamped
+from rft_ros.estimator import Estimate, Estimator, Measurement, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder, wrench_cdr
-from rft_ros.estimator.warm_up import needed, prepare
-from rft_ros.files import checked_file
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.markers import Markers
@@ -28,19 +25,7 @@ from rft_ros.node.services import Services
 from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
 from rft_ros.node.topics import INPUTS, MESSAGES, OUTPUTS, transform_message
-from rft_ros.parameters import (
-    TOOL_PARAMETERS,
-    ModelFiles,
-    Settings,
-    Value,
-    Values,
-    model_files,
-    model_of,
-    read_alpha_y_table,
-    settings_of,
-)
-from rft_ros.rft import Table
-from rft_ros.tool import locate_mesh
+from rft_ros.parameters import Values, settings_of
 
 __all__ = ["RftNode"]
 
@@ -55,11 +40,6 @@ def _in_model(changed: frozenset[str]) -> bool:
     return any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - settings_only)
 
 
-def _needs(values: Values, settings: Settings) -> tuple[ModelFiles, frozenset[str]]:
-    """The files and the machine code of these parameters."""
-    return model_files(values), needed(settings, ground=bool(values["ground.cell"]))
-
-
 class RftNode(Node):
     """Feeds poses, twists and wrenches to one estimator and publishes its results.
 
@@ -69,13 +49,11 @@ class RftNode(Node):
     def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
         super().__init__("rft", cli_args=arguments)
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
-        values, settings = self.values, settings_of(self.values)
-        files, code = _needs(values, settings)
-        prepare(code, on_cold_cache=self._announce_compilation)
-        self._swap = Swap(worker, files, worker.load(files), code)  # after the code, which the worker would compile too
-        self._alpha_y_table: tuple[str, Table] | None = None
+        values = self.values
+        self._swap = Swap(worker, values, on_cold_cache=self._announce_compilation)
+        settings, model = self._swap.settings(values), self._swap.model(values, generation=0)
         # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
-        self.estimator = Estimator(settings, self._model(values), background=ThreadPoolExecutor(1))
+        self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
         self._decode = {role: decoder(role, ros1=False) for role in TYPES}
@@ -222,38 +200,22 @@ class RftNode(Node):
     def _validate(self, values: Values, changed: frozenset[str]) -> None:
         settings_of(values)
         transform_message(needed=values["sensor.frame_source"] == "tf")
-        if "mesh.file" in changed and model_files(values).tool != self._swap.files.tool:
-            checked_file(
-                locate_mesh(str(values["mesh.file"])), "mesh.file"
-            )  # at once, although the worker checks again
+        self._swap.check_mesh(values)
         if _in_model(changed):
-            self._model(values)
+            self._swap.model(values, generation=0)
 
     def _apply(self, values: Values, changed: frozenset[str]) -> None:
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._feedforward.use(values)
         self._use(new_model=_in_model(changed))
-        self._swap.want(*_needs(values, settings_of(values)))
+        self._swap.want(values)
         self._swap_timer.reset()
-
-    def _model(self, values: Values, *, generation: int = 0) -> Model:
-        """The model of these parameters with the tool and the ground in force."""
-        cell, file = self._swap.files.ground or (0.0, "")
-        known, table = {**values, "ground.cell": cell, "ground.file": file}, None
-        if values["alpha_y.model"] == "table" and (name := str(values["alpha_y.table"])):
-            if self._alpha_y_table is None or self._alpha_y_table[0] != name:
-                self._alpha_y_table = name, read_alpha_y_table(name)
-            table = self._alpha_y_table[1]
-        return model_of(known, **self._swap.parts._asdict(), table=table, generation=generation)
 
     def _use(self, *, new_model: bool) -> None:
         """Bring into force what is loaded."""
-        settings, model = settings_of(self.values), None
-        if "learning" not in self._swap.code:
-            settings = replace(settings, learning_mode="off")
-        if new_model:
-            model = self._model(self.values, generation=self.estimator.model.generation + 1)
-        self.estimator.use(settings=settings, model=model)
+        generation = self.estimator.model.generation + 1
+        model = self._swap.model(self.values, generation=generation) if new_model else None
+        self.estimator.use(settings=self._swap.settings(self.values), model=model)
         self._subscribe_to_clouds()
 
     def _on_swap_poll(self) -> None:
@@ -263,8 +225,6 @@ class RftNode(Node):
             self.announce("in force")
         elif succeeded is not None:
             self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
-            tool, (cell, file) = self._swap.files.tool, self._swap.files.ground or (0.0, "")
-            before: dict[str, Value] = {name: getattr(tool, field) for field, name in TOOL_PARAMETERS.items()}
-            self._table.set_all({**before, "ground.cell": cell, "ground.file": file}, why="the swap failed")
+            self._table.set_all(self._swap.files.parameters(), why="the swap failed")
         if not self._swap.preparing:
             self._swap_timer.cancel()

@@ -1,14 +1,20 @@
-"""What a change of parameters needs and the node does not have: loaded beside the node, which answers meanwhile."""
+"""What parameters need that takes time to load: it comes from beside the node, which answers meanwhile."""
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
+from dataclasses import replace
 from multiprocessing.connection import Connection, Pipe
 
 from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
-from rft_ros.estimator.warm_up import prepare
+from rft_ros.estimator import Model, Settings
+from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.files import checked_file
 from rft_ros.installation import program
-from rft_ros.parameters import ModelFiles, ModelParts
+from rft_ros.parameters import ModelFiles, ModelParts, Values, model_files, model_of, read_alpha_y_table, settings_of
+from rft_ros.rft import Table
+from rft_ros.tool import locate_mesh
 
 _LONGEST = 600.0  # s; its low priority makes the worker slow beside other work
 
@@ -77,24 +83,47 @@ def _loaded(request: ModelFiles) -> ModelParts | str:
 
 
 class Swap:
-    """The files in force with the `parts` that they became, the `code` that is loaded, and what is wanted next.
+    """The files in force, the `parts` that they became, the machine code that is loaded, and what is wanted next.
 
     A thread waits for the worker: 100,000 plates that came through the pipe in the node's own would delay a tick by
-    30 ms; in this one 50,000 delay it by 3 to 15 ms.
+    30 ms; in this one 50,000 delay it by 3 to 15 ms. The constructor loads what `values` need, or raises InputError;
+    `on_cold_cache` is called before anything is compiled.
     """
 
-    def __init__(self, worker: ToolWorker, files: ModelFiles, parts: ModelParts, code: frozenset[str]) -> None:
-        self.files, self.parts, self.code = files, parts, code
+    def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
+        self._worker, self._thread = worker, ThreadPoolExecutor(1)
+        self.files, self._code = self._wanted = _needs(values)
+        prepare(self._code, on_cold_cache=on_cold_cache)
+        self.parts = worker.load(self.files)  # after the code, which the worker would compile too
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
-        self._worker, self._thread = worker, ThreadPoolExecutor(1)
-        self._wanted = files, code
         self._loading: Future[ModelParts] | None = None
+        self._table: tuple[str, Table] | None = None
+
+    def settings(self, values: Values) -> Settings:
+        """The settings of these parameters; without learning until its code is loaded."""
+        settings = settings_of(values)
+        return settings if "learning" in self._code else replace(settings, learning_mode="off")
+
+    def model(self, values: Values, *, generation: int) -> Model:
+        """The model of these parameters with the tool and the ground in force. InputError if there is none."""
+        table = None
+        if values["alpha_y.model"] == "table" and (file := str(values["alpha_y.table"])):
+            if self._table is None or self._table[0] != file:
+                self._table = file, read_alpha_y_table(file)
+            table = self._table[1]
+        in_force = {**values, **self.files.parameters()}
+        return model_of(in_force, tool=self.parts.tool, ground=self.parts.ground, table=table, generation=generation)
+
+    def check_mesh(self, values: Values) -> None:
+        """Raise InputError for a mesh that is no file, at once, although the worker checks it too."""
+        if model_files(values).tool != self.files.tool:
+            checked_file(locate_mesh(str(values["mesh.file"])), "mesh.file")
 
     def _missing(self) -> tuple[ModelFiles, frozenset[str]]:
         files, code = self._wanted
         new = (None if file == old else file for file, old in zip(files, self.files, strict=True))
-        return ModelFiles._make(new), code - self.code
+        return ModelFiles._make(new), code - self._code
 
     @property
     def preparing(self) -> str:
@@ -103,16 +132,16 @@ class Swap:
         named = [str(files)] * any(files) + [f"machine code of {part}" for part in sorted(code)]
         return " and ".join(named) if self._loading else ""
 
-    def want(self, files: ModelFiles, code: frozenset[str]) -> None:
-        """Load what is not in force of these files and this code, in place of what is being loaded."""
-        if (files, code) == self._wanted and self._loading:
+    def want(self, values: Values) -> None:
+        """Load what these parameters need and is not in force, in place of what is being loaded."""
+        wanted = _needs(values)
+        if self._loading and wanted == self._wanted:
             return
         if self._loading and not self._loading.cancel():
             self._worker.end()
-        self._wanted = files, code
-        new_files, new_code = self._missing()
-        needed = any(new_files) or new_code
-        self._loading = self._thread.submit(self._load, new_files, new_code) if needed else None
+        self._wanted = wanted
+        files, code = self._missing()
+        self._loading = self._thread.submit(self._load, files, code) if any(files) or code else None
 
     def _load(self, files: ModelFiles, code: frozenset[str]) -> ModelParts:
         with suppress(Exception):  # code that is missing compiles at its first use
@@ -123,14 +152,19 @@ class Swap:
         """Once it is loaded, whether it came into force; if not, the files that were in force stay. Else None."""
         if self._loading is None or not self._loading.done():
             return None
-        new, code = self._missing()
+        files, code = self._missing()
         future, self._loading = self._loading, None
-        self.code |= code
+        self._code |= code
         try:
             loaded = future.result()
         except InputError as error:
-            self.last_failure, self._wanted = str(error), (self.files, self.code)
+            self.last_failure, self._wanted = str(error), (self.files, self._code)
             return False
-        chosen = (part if file else old for file, part, old in zip(new, loaded, self.parts, strict=True))
+        chosen = (part if file else old for file, part, old in zip(files, loaded, self.parts, strict=True))
         self.files, self.parts, self.last_failure = self._wanted[0], ModelParts._make(chosen), ""
         return True
+
+
+def _needs(values: Values) -> tuple[ModelFiles, frozenset[str]]:
+    """The files and the machine code of these parameters."""
+    return model_files(values), needed(settings_of(values), ground=bool(values["ground.cell"]))

@@ -136,6 +136,12 @@ class ModelFiles(NamedTuple):
         """Load them. Raises InputError for what cannot be used."""
         return ModelParts(tool=self.tool and self.tool.load(), ground=_ground_of(*self.ground) if self.ground else None)
 
+    def parameters(self) -> Values:
+        """The parameters that give these files."""
+        cell, file = self.ground or (0.0, "")
+        of_tool: dict[str, Any] = {name: getattr(self.tool, field) for field, name in TOOL_PARAMETERS.items()}
+        return {**of_tool, "ground.cell": cell, "ground.file": file}
+
     def __str__(self) -> str:
         """The parameters that name the files, with their values."""
         cell, ground = self.ground or (0.0, "")

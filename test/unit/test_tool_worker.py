@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import time
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,10 +12,8 @@ import pytest
 from rft_ros.errors import InputError
 from rft_ros.node import swap
 from rft_ros.node.swap import Swap, ToolWorker
-from rft_ros.parameters import ModelFiles, ModelParts
+from rft_ros.parameters import ModelFiles, defaults
 from rft_ros.tool import ToolRequest, load_tool
-
-NOTHING = frozenset[str]()
 
 
 @pytest.fixture(scope="module")
@@ -87,12 +86,13 @@ def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap_once_there_are_
 
 
 def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
-    pending = Swap(worker, files("plate"), ModelParts(loaded(worker, "plate")), NOTHING)
-    os.kill(worker.process.pid, signal.SIGSTOP)
+    values = defaults()
+    pending = Swap(worker, values, on_cold_cache=lambda: None)
+    os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for as long as it may
     for name in ("ellipsoid", "sphere"):
-        pending.want(files(name), NOTHING)
+        pending.want({**values, "mesh.file": name})
         assert pending.preparing == f"mesh.file '{name}'"
     while (succeeded := pending.poll()) is None:
-        pass
+        time.sleep(0.01)
     assert succeeded
     assert pending.parts.tool.name == "sphere"
