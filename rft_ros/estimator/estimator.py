@@ -5,32 +5,17 @@ from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Executor
 from dataclasses import replace
-from functools import partial
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.estimator import samples
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Prediction, Tare
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, is_withdrawn, prior_belief
-from rft_ros.estimator.samples import (
-    ABSURD,
-    Estimate,
-    Measurement,
-    NoEstimate,
-    PoseSample,
-    Reason,
-    RefusedError,
-    Sample,
-    TransformSample,
-    TwistSample,
-    Vector,
-    Wrench,
-    WrenchSample,
-)
+from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TwistSample, Wrench, WrenchSample
 from rft_ros.ground import Cloud, Ground, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
 from rft_ros.rft import COLUMNS, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix, wrenches, wrenches_in_time
@@ -41,8 +26,6 @@ Array = NDArray[np.float64]
 
 _AXES = ("world_frame", "tool_frame")
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
-
-_Sample = TypeVar("_Sample")
 
 
 class Estimator:
@@ -202,7 +185,7 @@ class Estimator:
 
     # --- samples
 
-    def push(self, sample: Sample) -> Estimate | NoEstimate | None:
+    def push(self, sample: samples.Sample) -> Estimate | samples.NoEstimate | None:
         """Push a sample of any kind; the answer if it is a pose."""
         if isinstance(sample, PoseSample):
             return self.push_pose(sample)
@@ -217,11 +200,11 @@ class Estimator:
                 self.push_transform(transform)
         return None
 
-    def poses_after(self, sample: Sample) -> list[PoseSample]:
+    def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
         """With `pose_source` tf: the tool's poses that are ready after a sample that was pushed; push them next."""
         return self._intake.poses_after(sample)
 
-    def push_transform(self, sample: TransformSample) -> Reason | None:
+    def push_transform(self, sample: samples.TransformSample) -> Reason | None:
         """Add a transform; returns the reason if it is refused."""
         reason = self._refused(self._intake.transform, sample)
         if sample.fixed and self.settings.sensor_source == "tf":
@@ -237,21 +220,18 @@ class Estimator:
         return self._refused(self._intake.wrench, sample)
 
     def push_surface(self, cloud: Cloud) -> Reason | None:
-        """Add points of the ground; returns the reason if they are refused.
+        """Add points of the ground, for the poses from `DELAY` after them on; returns the reason if it is refused."""
+        return self._refused(self._intake.cloud, cloud, self._ground)
 
-        They change the ground at the first pose that is stamped `DELAY` or more after them.
-        """
-        return self._refused(partial(self._intake.cloud, ground=self._ground), cloud)
-
-    def _refused(self, take: Callable[[_Sample], None], sample: _Sample) -> Reason | None:
+    def _refused(self, take: Callable[..., None], *sample: object) -> Reason | None:
         try:
-            take(sample)
+            take(*sample)
         except RefusedError as refused:
             self.counts[refused.reason.value] += 1
             return refused.reason
         return None
 
-    def measurements(self) -> list[Measurement]:
+    def measurements(self) -> list[samples.Measurement]:
         """The comparisons that became final since the last call: one for each estimate, in the estimates' order."""
         return self._comparison.take()
 
@@ -274,7 +254,7 @@ class Estimator:
 
     # --- poses
 
-    def push_pose(self, sample: PoseSample) -> Estimate | NoEstimate:
+    def push_pose(self, sample: PoseSample) -> Estimate | samples.NoEstimate:
         """The prediction at a pose, or the reason why there is none."""
         try:
             answer = self._tick(sample)
@@ -282,7 +262,7 @@ class Estimator:
             self.counts[refused.reason.value] += 1
             if refused.reason in UNKNOWN_VELOCITY:
                 self._tare.disturb(sample.stamp, f"the tool's velocity was unknown ({refused.reason})")
-            return NoEstimate(sample.stamp, refused.reason)
+            return samples.NoEstimate(sample.stamp, refused.reason)
         self.counts["estimates"] += 1
         return answer
 
@@ -321,7 +301,7 @@ class Estimator:
         self._comparison.settle(pose.stamp)
         return pose
 
-    def _model_wrench(self, motion: Motion, surface: LocalSurface) -> tuple[Array, Vector, float]:
+    def _model_wrench(self, motion: Motion, surface: LocalSurface) -> tuple[Array, samples.Vector, float]:
         """The model's wrench, area and sensitivities, shape [19], overwritten by the next; its force; its wet area.
 
         Moves the memory on.
@@ -338,11 +318,11 @@ class Estimator:
             )  # fmt: skip
         row: Array = result[0]
         numbers = row.tolist()
-        if not math.hypot(*numbers) < ABSURD:
+        if not math.hypot(*numbers) < samples.ABSURD:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)
         return row, (numbers[0], numbers[1], numbers[2]), numbers[6]
 
-    def _belief(self, motion: Motion, model: Array, force: Vector, in_grains: bool) -> Array:
+    def _belief(self, motion: Motion, model: Array, force: samples.Vector, in_grains: bool) -> Array:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         rises = in_grains and not motion.rests and is_withdrawn(motion.velocity[2], motion.speed, force)
         if self.learning is None:
@@ -354,7 +334,7 @@ class Estimator:
             answer = self.learning.predict(stamp, model, step=path, passing=rises or fast, apply=apply)
         return self._withdrawal.widened(answer, motion.path, rises=rises, in_grains=in_grains)
 
-    def _learn(self, predicted: Prediction, force: Vector | None, repeated: bool) -> None:
+    def _learn(self, predicted: Prediction, force: samples.Vector | None, repeated: bool) -> None:
         """Take a final comparison: the compensated force in sensor axes, or None."""
         if self.learning is not None:
             world = None if force is None else predicted.cell.into_world(predicted.pose, force)

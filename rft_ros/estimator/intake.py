@@ -6,20 +6,9 @@ from typing import TypeVar
 
 import numpy as np
 
+from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison
-from rft_ros.estimator.samples import (
-    ABSURD,
-    PATIENCE,
-    TIME_JUMP,
-    PoseSample,
-    Reason,
-    RefusedError,
-    Sample,
-    Stamped,
-    TransformSample,
-    TwistSample,
-    WrenchSample,
-)
+from rft_ros.estimator.samples import PATIENCE, TIME_JUMP, PoseSample, Reason, RefusedError, TwistSample, WrenchSample
 from rft_ros.estimator.transforms import Placement, Transforms
 from rft_ros.ground import DELAY, Cloud, Ground
 from rft_ros.parameters import Settings
@@ -82,58 +71,46 @@ class Intake:
     def pose(self, sample: PoseSample) -> PoseSample:
         """The pose in world axes, its quaternion of unit length."""
         stamp, world = sample.stamp, self._settings.world_frame
-        if stamp <= 0:
-            raise RefusedError(Reason.POSE_STAMP_ZERO)
-        if not math.hypot(*sample.position, *sample.quaternion) < ABSURD:
-            raise RefusedError(Reason.POSE_NOT_FINITE)
-        quaternion = unit_quaternion(*sample.quaternion)
+        base = self._placed("pose", sample, world)
+        place = Placement(sample.position, sample.quaternion)
+        _check_finite("pose", *place.position, *place.quaternion)
+        quaternion = unit_quaternion(*place.quaternion)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
-        position = sample.position
-        if sample.frame != world:
-            base = self._placed(Reason.POSE_FRAME_UNKNOWN, sample.frame, world)
-            position, quaternion = base.of(Placement(position, quaternion))
-            if not math.hypot(*position) < ABSURD:
-                raise RefusedError(Reason.POSE_NOT_FINITE)
+        place = Placement(place.position, quaternion)
+        if base is not None:
+            place = base.of(place)
+            _check_finite("pose", *place.position)
         behind = self._pose - stamp
         if 0 <= behind < TIME_JUMP:
             raise RefusedError(Reason.POSE_OUT_OF_ORDER if behind else Reason.POSE_REPEATED)
         self._pose = stamp
-        return PoseSample(stamp, world, position, quaternion)
+        return PoseSample(stamp, world, *place)
 
     def twist(self, sample: TwistSample) -> None:
         """A twist, kept in the axes of the world or the tool frame."""
         world, tool = self._settings.world_frame, self._settings.tool_frame
-        if sample.stamp <= 0:
-            raise RefusedError(Reason.TWIST_STAMP_ZERO)
-        if not math.hypot(*sample.linear, *sample.angular) < ABSURD:
-            raise RefusedError(Reason.TWIST_NOT_FINITE)
-        if sample.frame not in (world, tool):
-            axes = self._placed(Reason.TWIST_FRAME_UNKNOWN, sample.frame, world, tool)
+        axes = self._placed("twist", sample, world, tool)
+        _check_finite("twist", *sample.linear, *sample.angular)
+        if axes is not None:
             into = world if self.transforms.fixed(world, sample.frame) is not None else tool
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
-        self._keep(self.twists, sample, Reason.TWIST_OUT_OF_ORDER)
+        self._keep("twist", self.twists, sample)
 
     def wrench(self, sample: WrenchSample) -> None:
         """The load cell's reading, kept in the sensor frame."""
-        frame = self._settings.sensor_frame
-        if sample.stamp <= 0:
-            raise RefusedError(Reason.WRENCH_STAMP_ZERO)
-        if sample.frame != frame:
-            there = self._placed(Reason.WRENCH_FRAME_UNKNOWN, sample.frame, frame)
-            sample = WrenchSample(sample.stamp, frame, there.wrench(sample.wrench))
-        if not math.hypot(*sample.wrench) < ABSURD:
-            raise RefusedError(Reason.WRENCH_NOT_FINITE)
-        self._keep(self._comparison.samples, sample, Reason.WRENCH_OUT_OF_ORDER)
+        there = self._placed("wrench", sample, self._settings.sensor_frame)
+        if there is not None:
+            sample = WrenchSample(sample.stamp, self._settings.sensor_frame, there.wrench(sample.wrench))
+        _check_finite("wrench", *sample.wrench)
+        self._keep("wrench", self._comparison.samples, sample)
 
     def cloud(self, cloud: Cloud, ground: Ground) -> None:
         """Points of the ground, with the place of their frame in the world unless they are in its axes."""
-        world, since = self._settings.world_frame, cloud.stamp - ground.last_cloud
+        since = cloud.stamp - ground.last_cloud
         if ground.map is None:
             raise RefusedError(Reason.SURFACE_OFF)
-        if cloud.stamp <= 0:
-            raise RefusedError(Reason.SURFACE_STAMP_ZERO)
-        camera = None if cloud.frame == world else self._placed(Reason.SURFACE_FRAME_UNKNOWN, cloud.frame, world)
+        camera = self._placed("surface", cloud, self._settings.world_frame)
         if -TIME_JUMP < since <= 0:
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
         if ground.newest - cloud.stamp >= DELAY:
@@ -142,23 +119,31 @@ class Intake:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
         ground.add(cloud, camera and (np.array(camera.position), rotation_matrix(camera.quaternion)))
 
-    def transform(self, sample: TransformSample) -> None:
+    def transform(self, sample: samples.TransformSample) -> None:
         """A transform into the tree; one with another parent is taken nevertheless."""
         if (reason := self.transforms.push(sample)) is not None:
             raise RefusedError(reason)
 
-    def _placed(self, reason: Reason, frame: str, *expected: str) -> Placement:
-        """Placement of a sample's frame in the first of the expected frames that fixed transforms link it to."""
+    def _placed(self, kind: str, sample: samples.Stamped, *expected: str) -> Placement | None:
+        """Placement of a sample's frame in the first of the expected frames that fixed transforms link it to.
+
+        None if it is one of them.
+        """
+        if sample.stamp <= 0:
+            raise RefusedError(Reason(f"{kind}_stamp_zero"))
+        if sample.frame in expected:
+            return None
         for into in expected:
-            if (placement := self.transforms.fixed(into, frame)) is not None:
+            if (placement := self.transforms.fixed(into, sample.frame)) is not None:
                 return placement
-        self._unknown[reason] = frame, *expected
+        reason = Reason(f"{kind}_frame_unknown")
+        self._unknown[reason] = sample.frame, *expected
         raise RefusedError(reason)
 
-    def _keep(self, history: deque[_Sample], sample: _Sample, late: Reason) -> None:
+    def _keep(self, kind: str, history: deque[_Sample], sample: _Sample) -> None:
         behind = history[-1].stamp - sample.stamp if history else 0
         if 0 < behind < TIME_JUMP:
-            raise RefusedError(late)
+            raise RefusedError(Reason(f"{kind}_out_of_order"))
         if behind > 0:
             self._comparison.settle(math.inf)
             history.clear()
@@ -179,7 +164,7 @@ class Intake:
 
     # --- poses from transforms
 
-    def poses_after(self, sample: Sample) -> list[PoseSample]:
+    def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
         """With `pose_source` tf: the poses of `tool_frame` that are ready after a sample that was taken.
 
         Their stamps are the load cell's or, with `tf_rate`, multiples of its period. A pose is ready once the
@@ -191,7 +176,7 @@ class Intake:
             return []
         if isinstance(sample, WrenchSample) and s.tf_rate == 0.0 and sample.stamp > 0:
             self._want(sample.stamp)
-        if isinstance(sample, Stamped):
+        if isinstance(sample, samples.Stamped):
             return self._ready(sample.stamp)
         if s.tf_rate > 0.0 and (newest := self.transforms.newest(s.world_frame, s.tool_frame)) is not None:
             self._want_until(newest, round(min(1e9 / s.tf_rate, 1e18)))
@@ -218,19 +203,20 @@ class Intake:
 
     def _ready(self, now: int) -> list[PoseSample]:
         s, found = self._settings, list[PoseSample]()
-        max_age = round(1e9 * s.max_input_age)
+        max_age, may_come = round(1e9 * s.max_input_age), (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
         while self._wanted:
             stamp = self._wanted[0]
-            placement = self.transforms.at(s.world_frame, s.tool_frame, stamp, max_age)
-            if isinstance(placement, Placement):
-                found.append(PoseSample(stamp, s.world_frame, *placement))
-            elif (
-                placement in (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
-                and now <= stamp + PATIENCE
-                and len(self._wanted) < _MOST_WANTED
-            ):
-                break  # the transforms may still come
+            place = self.transforms.at(s.world_frame, s.tool_frame, stamp, max_age)
+            if isinstance(place, Placement):
+                found.append(PoseSample(stamp, s.world_frame, *place))
+            elif place in may_come and now <= stamp + PATIENCE and len(self._wanted) < _MOST_WANTED:
+                break
             else:
-                self._counts[placement.value] += 1
+                self._counts[place.value] += 1
             self._wanted.popleft()
         return found
+
+
+def _check_finite(kind: str, *numbers: float) -> None:
+    if not math.hypot(*numbers) < samples.ABSURD:
+        raise RefusedError(Reason(f"{kind}_not_finite"))
