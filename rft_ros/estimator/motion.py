@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector
+from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector, around
 from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import Settings
 from rft_ros.rft import STATE
@@ -26,14 +26,13 @@ UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTOR
 
 _CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
-_MISFITS = 256
+_MISFITS, _REFRESH = 256, 16  # misfits kept; misfits between two estimates of the noise, and before the first
 # of chi-squared with 3 degrees of freedom: high, since jitter of stamps gives outliers, but turns count little
 _QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
 _UNLIKELY = 8.0  # standard deviations of chi-squared; a false alarm costs a noisy slope
 _MOVES = 40.0  # chi-squared of 1e-8: noise taken for motion at rest lets the grains go
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _THIN = 1.0 / 64.0  # of the window: poses of its older part that are closer do not count
-_REFRESH = 16  # misfits between two estimates of the noise, and before the first
 
 
 class Motion(NamedTuple):
@@ -57,9 +56,7 @@ class Kinematics:
     """Follows the motion of one tool; `reach`: largest distance of its plates from the tool frame's origin [m]."""
 
     def __init__(self, settings: Settings, twists: deque[TwistSample], reach: float) -> None:
-        self.reach = reach
-        self._twists = twists
-        self._settings = settings
+        self.reach, self._twists, self._settings = reach, twists, settings
         self.begin_again()
 
     def use(self, settings: Settings) -> None:
@@ -98,17 +95,15 @@ class Kinematics:
         """Linear and angular velocity at a pose, world axes; or why it has none."""
         if self._settings.twist_source == "pose_difference":
             return self._difference.twist.tolist() if self._difference.push(pose) else Reason.POSE_HISTORY_SHORT
-        for sample in reversed(self._twists):
-            if sample.stamp <= pose.stamp:
-                break
-        else:
+        twist, _ = around(self._twists, pose.stamp)
+        if twist is None:
             return Reason.TWIST_MISSING
-        if pose.stamp - sample.stamp > self._max_age:
+        if pose.stamp - twist.stamp > self._max_age:
             return Reason.TWIST_STALE
-        if sample.frame == self._settings.tool_frame:
-            to_world = Placement(pose.position, pose.quaternion)
-            return *to_world.rotate(sample.linear), *to_world.rotate(sample.angular)
-        return sample.linear + sample.angular
+        if twist.frame != self._settings.tool_frame:
+            return twist.linear + twist.angular
+        to_world = Placement(pose.position, pose.quaternion)
+        return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
     def _way(self, pose: PoseSample, speed: float) -> tuple[float, float]:
         """Path and duration since the motion before; `speed`: 0 at rest.
@@ -136,10 +131,9 @@ class PoseDifference:
     def __init__(self) -> None:
         self.twist = np.zeros(6)
         self._stamps, self._ring = np.zeros(_CAPACITY, dtype=np.int64), np.zeros((_CAPACITY, 7))
-        self._misfits, self._stored = np.zeros((2, _MISFITS)), np.zeros(2, dtype=np.int64)
-        self._noise = np.full(2, np.inf)
         self._times, self._places = np.zeros(_CAPACITY), np.zeros((6, _CAPACITY))
-        self._newest = -1
+        self._misfits, self._noise = np.zeros((_MISFITS, 2)), np.full(2, np.inf)
+        self._count = 0
         self.span(window=0.0, max_age=0.0)
 
     def span(self, *, window: float, max_age: float) -> None:
@@ -148,16 +142,29 @@ class PoseDifference:
 
     def push(self, pose: PoseSample) -> bool:
         """Add a pose; whether there are enough for `twist`."""
-        self._newest = (self._newest + 1) % _CAPACITY
-        self._stamps[self._newest] = pose.stamp
-        self._ring[self._newest] = pose.position + pose.quaternion
-        t, x = self._times, self._places
-        n: int = _recent(self._stamps, self._ring, self._newest, self._window, self._gap, t, x)
-        if n > 1:
-            _fit(t, x, n, self._noise, self.twist)
-        if n > 3:
-            _learn_noise(t, x, self._misfits, self._stored, self._noise)
+        newest = self._count % _CAPACITY
+        self._stamps[newest] = pose.stamp
+        self._ring[newest] = pose.position + pose.quaternion
+        misfit = self._misfits[self._count % _MISFITS]
+        n: int = _fit(
+            self._stamps, self._ring, newest, self._window, self._gap, self._noise, self._times, self._places,
+            self.twist, misfit,
+        )  # fmt: skip
+        self._count += 1
+        if self._count % _REFRESH == 0:
+            self._learn_noise()
         return n >= _FEWEST
+
+    def _learn_noise(self) -> None:
+        """The variance of one coordinate of a pose, of positions [m²] and rotations [rad²], from the last misfits.
+
+        A quantile that turns do not shift. Zeros, which encoders with coarse steps give, do not count.
+        """
+        for group, misfits in enumerate(np.sort(self._misfits, axis=0).T):
+            found = misfits[misfits > 0.0]
+            if len(found) >= _REFRESH:
+                quantile = found[int(_QUANTILE * (len(found) - 1))]
+                self._noise[group] = max(quantile / _CHI2_OF_QUANTILE, _ROUNDING)
 
 
 @inlined
@@ -177,7 +184,7 @@ def _rotation_vector(row, ax, ay, az, aw):  # type: ignore[no-untyped-def]
     return rx * scale, ry * scale, rz * scale
 
 
-@compiled
+@inlined
 def _recent(stamps, ring, newest, window, gap, t, x):  # type: ignore[no-untyped-def]
     """Write times [s] and places relative to the newest pose, newest first; return how many, 3 or more if there are.
 
@@ -234,11 +241,17 @@ def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _fit(t, x, n, noise, twist):  # type: ignore[no-untyped-def]
-    """Write the slopes of the longest parabola whose misfit the `noise` explains to `twist`.
+def _fit(stamps, ring, newest, window, gap, noise, t, x, twist, misfit):  # type: ignore[no-untyped-def]
+    """Write the slopes of the longest parabola whose misfit the `noise` explains to `twist`; return the poses' number.
 
-    Of fewer than five poses it takes the line through the newest two. A twist that the noise explains is zero.
+    Of fewer than five poses it takes the line through the newest two. A twist that the noise explains is zero. Writes
+    the newest pose's misfits to `misfit`, of position [m²] and rotation [rad²].
     """
+    count = n = _recent(stamps, ring, newest, window, gap, t, x)
+    for g in range(2):
+        misfit[g] = _misfit(t, x, g) if n > 3 else 0.0
+    if n < 2:
+        return n
     squares, unlike = np.empty(2), True
     while unlike and n >= _FEWEST_OF_PARABOLA:
         factor = _end_slopes(t, x, n, twist, squares)
@@ -256,6 +269,7 @@ def _fit(t, x, n, noise, twist):  # type: ignore[no-untyped-def]
         still = still and (square == 0.0 or square <= bound < np.inf)  # an attitude without noise does not move
     if still:
         twist[:] = 0.0
+    return count
 
 
 @inlined
@@ -267,34 +281,3 @@ def _misfit(t, x, g):  # type: ignore[no-untyped-def]
     for k in range(3 * g, 3 * g + 3):
         square += (a * x[k, 1] + b * x[k, 2] + c * x[k, 3]) ** 2
     return square / (1.0 + a * a + b * b + c * c)
-
-
-@inlined
-def _ranked(values, rank):  # type: ignore[no-untyped-def]
-    """The value that `rank` others precede in order; numpy's sort takes 1.5 s to compile."""
-    for value in values:
-        below, equal = 0, 0
-        for other in values:
-            below += other < value
-            equal += other == value
-        if below <= rank < below + equal:
-            return value
-    return np.inf
-
-
-@compiled
-def _learn_noise(t, x, misfits, stored, noise):  # type: ignore[no-untyped-def]
-    """Add the newest pose's misfits, of position [m²] and rotation [rad²], to the last ones, shape [2, n].
-
-    Zeros, which encoders with coarse steps give, do not count. `stored`: how many there were. Updates `noise`, the
-    variance of one coordinate of a pose, from a quantile that turns do not shift.
-    """
-    for g in range(2):
-        misfit = _misfit(t, x, g)
-        if misfit > 0.0:
-            misfits[g, stored[g] % _MISFITS] = misfit
-            stored[g] += 1
-            if stored[g] % _REFRESH == 0:
-                count = min(stored[g], _MISFITS)
-                quantile = _ranked(misfits[g, :count], int(_QUANTILE * (count - 1)))
-                noise[g] = max(quantile / _CHI2_OF_QUANTILE, _ROUNDING)

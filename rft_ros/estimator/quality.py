@@ -12,7 +12,7 @@ from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import Law, Plates, edge_share, rotation_matrix
+from rft_ros.rft import Law, edge_share, rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
 
@@ -116,6 +116,7 @@ def _prior_belief(zeta_error, reach, model, answer):  # type: ignore[no-untyped-
 
 
 _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
+_LETS_GO = 0.001  # path [m] on which grains let go of a tool that is withdrawn
 
 
 def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
@@ -124,17 +125,14 @@ def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
 
 
 class Withdrawal:
-    """The standard deviation of a tool that is withdrawn.
+    """The standard deviation of a tool that is withdrawn; `path` since the last push [m], 0 while it pushes or in air.
 
     On the way up the law pulls the tool down, by a tenth to a quarter of the last push, where grains at first still
     push, let go within a millimetre, and then resist by next to nothing. So σ covers what lies between.
     """
 
-    _LETS_GO = 0.001  # m
-
     def __init__(self) -> None:
         self.path = 0.0
-        """Path since the last push [m]; 0 while the tool pushes or is in the air."""
         self._pushed = np.zeros(12)
 
     def widened(self, answer: Array, path: float, *, rises: bool, in_grains: bool) -> Array:
@@ -142,12 +140,11 @@ class Withdrawal:
 
         `path` since the answer before [m]. A tool that pauses on its way up goes on to be withdrawn.
         """
-        if not in_grains or not (rises or (path == 0.0 < self.path)):
-            self.path = 0.0
-            self._pushed = answer
-        else:
+        if in_grains and (rises or (path == 0.0 < self.path)):
             self.path += max(path, 1e-9)
-            _widen(answer, self._pushed, math.exp(-self.path / self._LETS_GO))
+            _widen(answer, self._pushed, math.exp(-self.path / _LETS_GO))
+        else:
+            self.path, self._pushed = 0.0, answer
         return answer
 
 
@@ -167,10 +164,6 @@ _STEEP_SLOPE = math.tan(math.radians(15.0))
 _UNEVEN_SHARE = 0.25  # of the depth
 _EVERY = 8  # estimates between two evaluations of the slow flags
 
-# plain integers, in the order of `_SENTENCES`: an operation on IntFlag takes a microsecond
-_FAST, _INERTIAL, _NEAR_REST, _WAKE, _CONCAVE, _WITHDRAWAL, _KNIFE_EDGE, _DEEP = map(int, list(_SENTENCES)[:8])
-_SURPRISE, _STEEP, _UNEVEN, _DISAGREEMENT, _MESH = map(int, list(_SENTENCES)[8:])
-
 
 def inertial_speed(law: Law) -> float:
     """Speed [m/s] up to which a law holds: without inertia 0.2, with it that of the fastest simulated run."""
@@ -181,53 +174,45 @@ class QualityMonitor:
     """Sets the quality flags of one tool's successive estimates."""
 
     def __init__(self, tool: Tool) -> None:
-        self._plates: Plates = tool.plates
-        self._path = _Path(tool)
+        self._plates, self._path = tool.plates, _Path(tool)
         kinds = {issue.kind for issue in tool.issues}
-        self._tool_flags = (_CONCAVE if "concave" in kinds else 0) | (_MESH if kinds - _HARMLESS else 0)
-        self._countdown = self._slow_flags = 0
+        self._of_tool = QualityFlag.CONCAVE.value if "concave" in kinds else 0
+        self._of_tool |= QualityFlag.MESH.value if kinds - _HARMLESS else 0
+        self._countdown = self._slow = 0
 
     def flags(
-        self,
-        motion: Motion,
-        surface: LocalSurface,
-        settings: Settings,
-        law: Law,
-        *,
-        submerged: bool,
-        depth: Callable[[], float],
-        withdraws: bool,
-        learning: Learning | None,
-    ) -> int:
+        self, motion: Motion, surface: LocalSurface, settings: Settings, law: Law, *, submerged: bool,
+        depth: Callable[[], float], withdraws: bool, learning: Learning | None,
+    ) -> int:  # fmt: skip
         """Flags of the next estimate: bitwise or of `QualityFlag`.
 
         `depth`: returns the depth of the lowest point [m]; called only if needed. `withdraws`: by `Withdrawal`.
         """
-        flags = 0
+        flags, f = 0, QualityFlag  # whose operations take a microsecond, so integers are joined
         if learning is not None:
-            flags = (_SURPRISE if learning.surprise else 0) | (_DISAGREEMENT if learning.disagrees else 0)
+            flags = (f.SURPRISE.value if learning.surprise else 0) | (f.DISAGREEMENT.value if learning.disagrees else 0)
         if not submerged:
             self._path.clear()
             self._countdown = 0
             return flags
-        flags |= _WITHDRAWAL if withdraws else 0
+        flags |= f.WITHDRAWAL.value if withdraws else 0
         limit = inertial_speed(law)
         if motion.speed > (_FAST_SPEED if law.inertia == 0.0 else limit):
-            flags |= _FAST if motion.speed <= limit else _FAST | _INERTIAL
+            flags |= f.FAST.value | (f.INERTIAL.value if motion.speed > limit else 0)
         elif motion.speed < _NEAR_REST_FACTOR * settings.rest_speed:
-            flags |= _NEAR_REST
-        if self._countdown == 0:  # these are expensive and change slowly
-            self._countdown, slow, state = _EVERY, self._tool_flags, motion.state[0]
-            slow |= _WAKE if self._path.add(state) else 0
-            slow |= _DEEP if settings.calibrated_depth and depth() > _DEEPER * settings.calibrated_depth else 0
-            height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
-            slow |= _KNIFE_EDGE if edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE else 0
-            self._slow_flags = slow
-        self._countdown -= 1
+            flags |= f.NEAR_REST.value
         if surface.depth == surface.depth:  # of a map
-            flags |= _STEEP if math.hypot(*surface.slope) > _STEEP_SLOPE else 0
-            flags |= _UNEVEN if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
-        return flags | self._slow_flags
+            flags |= f.STEEP.value if math.hypot(*surface.slope) > _STEEP_SLOPE else 0
+            flags |= f.UNEVEN.value if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
+        if self._countdown == 0:  # these are expensive and change slowly
+            self._countdown, state = _EVERY, motion.state[0]
+            height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
+            deep = settings.calibrated_depth and depth() > _DEEPER * settings.calibrated_depth
+            edge = edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE
+            self._slow = self._of_tool | (f.WAKE.value if self._path.add(state) else 0)
+            self._slow |= (f.DEEP.value if deep else 0) | (f.KNIFE_EDGE.value if edge else 0)
+        self._countdown -= 1
+        return flags | self._slow
 
 
 class _Path:
