@@ -58,7 +58,7 @@ _STATE = np.dtype(
 )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Belief:
     """What is believed of the grains after every sample that lies `lag` behind.
 
@@ -184,9 +184,9 @@ class Learning:
             state[name] = 0
         state["first"] = state["open"] = state["end"]
         state["learned"] = state["judged"] = state["path"]
-        state["pushing"], state["aired"] = False, True
         latest["theta"], latest["p"] = prior["theta"], prior["p"]
         latest["theta"][:2], latest["p"][:2, :2] = push["theta"][:2], push["p"][:2, :2]
+        state["pushing"], state["aired"] = False, True
         self._last = 0
 
     def forget_air(self) -> None:
@@ -235,22 +235,10 @@ class Learning:
 
     def belief(self) -> Belief:
         """θ in the user's terms."""
-        vertical, horizontal, turn, surface = self.theta.tolist()
-        errors = np.sqrt(np.diag(self.covariance)).tolist()
-        size = float(self._state["size"])
-        return Belief(
-            vertical_strength=vertical,
-            horizontal_strength=horizontal,
-            turn=math.atan2(turn, horizontal),
-            surface=surface,
-            vertical_strength_error=errors[0],
-            horizontal_strength_error=errors[1],
-            turn_error=errors[2] / horizontal,
-            surface_error=errors[3],
-            path=float(self._state["path"]),
-            surprise=float(self._state["score"]),
-            excess=float(self._state["excess"]) / size if size > 0.0 else 0.0,
-        )
+        mean, errors, state = self.theta, np.sqrt(np.diag(self.covariance)), self._state
+        mean[2], errors[2] = math.atan2(mean[2], mean[1]), errors[2] / mean[1]
+        excess = float(state["excess"] / state["size"]) if state["size"] > 0.0 else 0.0
+        return Belief(*(*mean.tolist(), *errors.tolist(), float(state["path"]), float(state["score"]), excess))
 
     def strength(self) -> tuple[float, float] | None:
         """Strength of the bed over the model's at the last push, and its standard error; None if nothing was learned.

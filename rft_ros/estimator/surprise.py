@@ -16,7 +16,7 @@ _SHARE_MOST = 0.34  # of one sample in that mean: two spikes in a row are no sur
 _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
 _OPPOSING = 0.05  # [N]; below this the direction of a force is chance
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
-_STUCK_LENGTH, _STUCK_SAMPLES = 0.005, 3  # path [m] over which a cell that resolves the force does not repeat itself
+_STUCK_LENGTH, _STUCK_STEP = 0.005, 0.002  # path [m] over which a cell does not repeat itself, and most of one sample
 _FELT = 0.2  # [N] in the air; a tared cell reads less
 _AIR_SAMPLES = 64.0  # of the mean in the air
 
@@ -33,10 +33,7 @@ JUDGE = [
     ("flat_along", float),
     ("flat_cross", float),
     ("flat_square", float),
-    ("repeated_path", float),  # of the reading that repeats, and how often
-    ("repeats", int),
-    ("last", float, 3),  # the last reading
-    ("quantum", float),  # least change of the reading that was seen [N]; 0 before any
+    ("repeated", float),  # path of the reading that repeats
     ("air", float, 3),  # mean reading in the air [N]
     ("air_samples", float),
     ("issues", int),  # bits in the order of `BeliefIssue`
@@ -75,8 +72,7 @@ def feel(state, y):  # type: ignore[no-untyped-def]
     state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
     for i in range(3):
         state.air[i] += (y[i] - state.air[i]) / state.air_samples
-    bound = max(_FELT, 0.1 * math.sqrt(state.square))
-    state.issues = state.issues & ~_OFFSET | (_OFFSET if _offset(state) > bound else 0)
+    state.issues = state.issues & ~_OFFSET | _offset_issue(state)
 
 
 @inlined
@@ -86,34 +82,23 @@ def _offset(state):  # type: ignore[no-untyped-def]
 
 
 @inlined
+def _offset_issue(state):  # type: ignore[no-untyped-def]
+    return _OFFSET if _offset(state) > max(_FELT, 0.1 * math.sqrt(state.square)) else 0
+
+
+@inlined
 def judge(state, record, y, step, repeated):  # type: ignore[no-untyped-def]
     """A reading in the grains: what is wrong, whether it surprises, and whether it teaches, which the record gets."""
     state.judged = record.path
-    _watch_reading(state, y, step, repeated)
+    state.repeated = state.repeated + min(step, _STUCK_STEP) if repeated else 0.0
     if not record.passing:
         _compare(state, record, y, step)
-    _find_issues(state, record)
+    _find_issues(state)
     record.fault = state.issues & _FAULT != 0
     record.measured = not (repeated or record.fault)  # a reading that repeats itself tells nothing new
     record.r += _offset(state) ** 2
     if record.measured:
         _score(state, record, y, step)
-
-
-@inlined
-def _watch_reading(state, y, step, repeated):  # type: ignore[no-untyped-def]
-    """Follow a reading that repeats itself, and the least change between two."""
-    if repeated:
-        state.repeated_path += step
-        state.repeats += 1
-        return
-    change = 0.0
-    for i in range(3):
-        change += (y[i] - state.last[i]) ** 2
-        state.last[i] = y[i]
-    change = math.sqrt(change)
-    state.quantum = min(change, 2.0 * state.quantum) if state.quantum > 0.0 else change
-    state.repeated_path, state.repeats = 0.0, 0
 
 
 @inlined
@@ -133,12 +118,10 @@ def _compare(state, record, y, step):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _find_issues(state, record):  # type: ignore[no-untyped-def]
+def _find_issues(state):  # type: ignore[no-untyped-def]
     """Set the issues. The model is judged from `_ENTRY` after the tool entered and after its force was felt."""
-    square = state.square
-    issues = _OFFSET if _offset(state) > max(_FELT, 0.1 * math.sqrt(square)) else 0
-    resolves = state.quantum**2 < 0.01 * dot(record.predicted, record.predicted)
-    if resolves and state.repeats >= _STUCK_SAMPLES and state.repeated_path > _STUCK_LENGTH:
+    square, issues = state.square, _offset_issue(state)
+    if state.repeated > _STUCK_LENGTH:
         issues |= _STUCK
     if state.along < -(_OPPOSING**2):
         issues |= _FAULT
