@@ -32,14 +32,11 @@ class Estimator:
     """Predicted, compensated and residual wrench from poses, twists and load-cell samples.
 
     `push_pose` answers at once. Its prediction uses the last twist stamped at or before the pose among those pushed so
-    far. The compensated and the residual wrench follow in `measurements`, once the load-cell samples on both sides of
-    the pose's stamp have arrived (`Comparison`); they do not depend on the order of arrival. No sample further than
-    `max_input_age` from the pose is used. A sample in another frame than expected is transformed if fixed `transforms`
-    link the two.
-    With `learning_mode` observe or apply, `learning` follows the compensated force. An estimate uses what was learned
-    at least `learning_lag` of path before.
-    `counts`: under "estimates" the number of estimates; under each `Reason`, how often it refused a sample, or left a
-    pose without an estimate or a residual.
+    far. The compensated and the residual wrench follow in `measurements` once the load-cell samples around the pose's
+    stamp have arrived, in any order (`Comparison`). No sample further than `max_input_age` from the pose is used. A
+    sample in another frame than expected is transformed if fixed `transforms` link the two. `counts`: under "estimates"
+    their number; under each `Reason`, how often it refused a sample, or left a pose without an estimate or a residual.
+    `learning`: what was learned of the medium; None while `learning_mode` is off.
     `background`: with an executor of one thread, maps of the ground are made there; the estimates are the same.
     """
 
@@ -47,7 +44,6 @@ class Estimator:
         self.counts: Counter[str] = Counter()
         self.settings, self.model = settings, model
         self.learning: Learning | None = None
-        """What was learned of the medium; None while `learning_mode` is off."""
         self._background = background
         self._comparison = Comparison(self.counts, self._learn)
         self._intake = Intake(settings, self.counts, self._comparison)
@@ -152,7 +148,9 @@ class Estimator:
         learning.lag, learning.reach = s.learning_lag, m.tool.plates.reach
         if s.load_cell != old.load_cell:
             learning.forget_air()
-        if not _same(m.law, old_model.law) or m.mobilization_length != old_model.mobilization_length:
+        (kind, numbers, table), (old_kind, *old_arrays) = m.law.packed, old_model.law.packed
+        same_law = kind == old_kind and all(map(np.array_equal, (numbers, table), old_arrays))
+        if not same_law or m.mobilization_length != old_model.mobilization_length:
             learning.forget()
         elif new_tool or new_axes or s.surface_height != old.surface_height:
             learning.leave()
@@ -261,7 +259,7 @@ class Estimator:
         except RefusedError as refused:
             self.counts[refused.reason.value] += 1
             if refused.reason in UNKNOWN_VELOCITY:
-                self._tare.disturb(sample.stamp, f"the tool's velocity was unknown ({refused.reason})")
+                self._tare.watch(sample, f"the tool's velocity was unknown ({refused.reason})")
             return samples.NoEstimate(sample.stamp, refused.reason)
         self.counts["estimates"] += 1
         return answer
@@ -275,7 +273,7 @@ class Estimator:
         self._surface = surface = self._ground.under(motion.state[0], self.settings.surface_height)
         model, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
-        self._tare.watch(pose, in_grains=in_grains)
+        self._tare.watch(pose, "the tool was in the grains" if in_grains else "")
         belief = self._belief(motion, model, force, in_grains)
         self._state = motion.state
         if in_grains and motion.rests and self._memory is None:
@@ -343,10 +341,3 @@ class Estimator:
 
 def _memory(model: Model) -> Memory | None:
     return Memory(model.tool.plates, slack=SLACK) if model.mobilization_length > 0.0 else None
-
-
-def _same(a: object, b: object) -> bool:
-    """Whether two laws have the same type and numbers."""
-    if isinstance(a, tuple) and isinstance(b, tuple):
-        return a.__class__ is b.__class__ and len(a) == len(b) and all(map(_same, a, b))
-    return np.array_equal(a, b)  # type: ignore[arg-type]

@@ -177,44 +177,36 @@ def drift(time: Array, places: Array, reach: float) -> float:
 
 
 class Tare:
-    """The last poses in the air, and when the tool last did anything else for which a tare would be wrong."""
+    """Where the tool was at the last poses, and what it did there for which a tare would be wrong."""
 
     def __init__(self) -> None:
-        self._poses: deque[PoseSample] = deque(maxlen=HISTORY)
-        self._disturbed, self._disturbance = 0, ""
+        self._poses: deque[tuple[PoseSample, str]] = deque(maxlen=HISTORY)
 
-    def disturb(self, stamp: int, what: str) -> None:
-        """Note that a tare would be wrong at `stamp` [ns], and why."""
-        self._disturbed, self._disturbance = stamp, what
-
-    def watch(self, pose: PoseSample, *, in_grains: bool) -> None:
-        """Note where the tool is in the air, or that it is not."""
-        if in_grains:
-            self.disturb(pose.stamp, "the tool was in the grains")
-        else:
-            self._poses.append(pose)
+    def watch(self, pose: PoseSample, wrong: str = "") -> None:
+        """Note a pose, and why a tare there would be `wrong`; empty if the tool was in the air."""
+        self._poses.append((pose, wrong))
 
     def mean(self, samples: deque[WrenchSample], window: float, *, rest_speed: float, reach: float) -> Array:
         """Mean of the raw samples over the last `window` [s], shape [6]; InputError says why a tare would be wrong now.
 
         The tool must not drift faster than `rest_speed` [m/s]; `reach` of its plates [m].
         """
-        if not self._poses and not self._disturbed:
+        if not self._poses:
             raise InputError("tare refused: no pose with a known velocity has come yet")
-        newest = samples[-1].stamp if samples else max(self._disturbed, self._poses[-1].stamp)
-        start = newest - round(window * 1e9)
+        start = (samples or [self._poses[-1][0]])[-1].stamp - round(window * 1e9)
         refused = f"tare refused: within the last {window:g} s"
-        if self._disturbed > start:
-            raise InputError(f"{refused} {self._disturbance}")
-        poses = [pose for pose in self._poses if pose.stamp > start]
-        if len(poses) < 2:
+        recent = [(pose, wrong) for pose, wrong in self._poses if pose.stamp > start]
+        for _, wrong in reversed(recent):
+            if wrong:
+                raise InputError(f"{refused} {wrong}")
+        if len(recent) < 2:
             raise InputError(f"{refused} no pose has shown the tool at rest")
-        time = np.array([pose.stamp - start for pose in poses]) * 1e-9
-        speed = drift(time, np.array([pose.position + pose.quaternion for pose in poses]), reach)
+        time = np.array([pose.stamp - start for pose, _ in recent]) * 1e-9
+        speed = drift(time, np.array([pose.position + pose.quaternion for pose, _ in recent]), reach)
         if speed >= rest_speed:
             raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
         if len(self._poses) == HISTORY:
-            start = max(start, poses[0].stamp)
+            start = max(start, recent[0][0].stamp)
         used = [s.wrench for s in samples if s.stamp > start]
         if (n := len(used)) < _FEWEST_FOR_TARE:
             needed = f"it needs {_FEWEST_FOR_TARE}"
