@@ -20,16 +20,9 @@ __all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "ROW", "Rows", "Run", "write_es
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Components of a wrench: force [N], torque [N m]."""
 
-COLUMNS = (
-    "t",
-    "depth",
-    "speed",
-    *(f"{kind}_{axis}" for kind in ("predicted", "compensated", "residual", "sigma") for axis in AXES),
-    "reason",
-    "generation",
-    "phase",
-    "quality_flags",
-)
+_KINDS = ("predicted", "compensated", "residual", "sigma")
+_OF_WRENCHES = tuple(f"{kind}_{axis}" for kind in _KINDS for axis in AXES)
+COLUMNS = ("t", "depth", "speed", *_OF_WRENCHES, "reason", "generation", "phase", "quality_flags")
 """Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; upper bound on the
 plates' speeds [m/s]; wrenches in the sensor frame [N], [N m], and one standard deviation of the predicted; or the
 reason for no estimate; generation of the model; `Phase`; names of `QualityFlag`s, joined by +. Depth and phase are
@@ -40,21 +33,13 @@ _BELIEF = ("vertical_strength", "horizontal_strength", "turn", "surface")
 LEARNED_COLUMNS = (*_BELIEF, *(f"{name}_error" for name in _BELIEF), "surprise")
 """Further columns where the medium is learned, as `Belief` has them: turn [rad], surface [m]; their errors."""
 
-ROW = np.dtype(
-    [
-        ("stamp", "<i8"),
-        ("reason", "<i8"),
-        ("phase", "<i8"),
-        ("quality_flags", "<i8"),
-        ("depth", "<f8"),
-        ("speed", "<f8"),
-        ("predicted", "<f8", 6),
-        ("sigma", "<f8", 6),
-        ("compensated", "<f8", 6),
-        ("learned", "<f8", len(LEARNED_COLUMNS)),
-        ("state", "<f8", 13),
-    ]
-)
+ROW = np.dtype([
+    *((name, "<i8") for name in ("stamp", "reason", "phase", "quality_flags")),
+    *((name, "<f8") for name in ("depth", "speed")),
+    *((name, "<f8", 6) for name in ("predicted", "sigma", "compensated")),
+    ("learned", "<f8", len(LEARNED_COLUMNS)),
+    ("state", "<f8", 13),
+])  # fmt: skip
 """A pose: stamp [ns]; number of the `Reason`, -1 for an estimate; number of the `Phase`, -1 for none; combined
 `QualityFlag`s; numbers in the units of `COLUMNS`, NaN where missing; the estimator's state (`rft_ros.rft.STATE`)."""
 

@@ -78,8 +78,6 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
         left, separator, right = (part.strip() for part in rule.partition(":="))
         if not separator or not right:
             raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
-        if left.startswith(f"{Path.home()}/"):  # a shell has expanded the ~ of an unquoted ~/pose:=/tool_pose
-            left = "~" + left.removeprefix(str(Path.home()))
         role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
         if role is None:
             raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS.values())}")

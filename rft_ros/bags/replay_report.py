@@ -88,7 +88,7 @@ def replay_charts(rows: Rows) -> list[Figure]:
     if rows["quality_flags"].any():
         charts.append(_flags(rows, time))
     if not np.isnan(rows["learned"]).all():
-        charts.append(_learned(rows, time))
+        charts.append(_learned(rows, time, depth))
     return charts
 
 
@@ -136,10 +136,8 @@ def _flags(rows: Rows, time: _Array) -> Figure:
     return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels.figure)
 
 
-def _learned(rows: Rows, time: _Array) -> Figure:
+def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
     panels = Panels(len(_LEARNED), 2)
-    inward = np.isin(rows["phase"], [PHASES.index(phase) for phase in (Phase.PENETRATION, Phase.PLOUGHING)])
-    depth = np.where(inward & (rows["depth"] > 0.0), 1e3 * rows["depth"], math.nan)
     for row, (label, unit, columns) in enumerate(_LEARNED, start=1):
         for column, (x, x_label) in enumerate(((time, _TIME), (depth, _DEPTH)), start=1):
             at = (row, column)
@@ -153,7 +151,7 @@ def _learned(rows: Rows, time: _Array) -> Figure:
     sentence = (
         "Strength of the vertical and of the horizontal force over the model's, turn of the horizontal force about the"
         " vertical, and height of the surface above surface_height, each with its standard error, and how surprising"
-        " the force was: over time, and over the depth of the lowest point on the way in."
+        " the force was."
     )
     return Figure("learned", "What is learned of the grains", sentence, panels.figure)
 

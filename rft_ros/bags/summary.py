@@ -3,7 +3,6 @@
 import itertools
 import json
 import math
-import re
 import sys
 from collections import Counter
 from collections.abc import Sequence
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import AXES, Rows
 from rft_ros.bags.phases import PHASES, Phase
-from rft_ros.errors import InputError, suggestion
+from rft_ros.errors import InputError
 from rft_ros.estimator import Reason
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, trust
@@ -28,7 +27,6 @@ __all__ += ["check", "limit_lines", "metric_rows", "read_limits", "statistics", 
 
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
-_BIN = re.compile(r"\.depth_bins\.[\d.]+-[\d.]+mm\.")
 _OFFSET, _OFFSET_SHARE = 0.2, 0.01  # N, and share of the recording's peak: a mean force in the air that is no noise
 _WRONG = 0.5  # median error over which the set-up is the likely cause
 
@@ -141,7 +139,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
 
 
 def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
-    """Statistics of all estimates, and of each phase by name; of phases in the grains also by depth."""
+    """Statistics of all estimates, and of each phase by name, in the grains also by depth."""
     answered, depth = rows["reason"] < 0, rows["depth"]
     least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, :3], axis=1), initial=0.0))
     edges = _bin_edges(float(depth[answered].max(initial=0.0)))
@@ -149,8 +147,7 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     groups = {}
     for code, phase in enumerate(PHASES):
         in_phase, by_depth = rows["phase"] == code, {}
-        binned = phase in (Phase.PENETRATION, Phase.PLOUGHING, Phase.WITHDRAWAL)
-        for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges) if binned else ()):
+        for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges)):
             if (chosen := in_phase & answered & (in_bin == k)).any():
                 by_depth[f"{low:g}-{high:g}mm"] = Group(**_of(rows[chosen], least))
         own = _of(rows[in_phase & answered], least)
@@ -270,23 +267,17 @@ def read_limits(file: Path) -> list[Limit]:
 
 
 def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | None]]:
-    """Each limit with the summary's value, None for a depth not reached. InputError for any other unknown metric."""
-    content = summary.content()
-    for words in ("damage", "parameters"):
-        del content[words]
-    values = {name: value for name, value in flat(content) if value is None or isinstance(value, int | float)}
-    values |= {f"reasons.{reason.value}": 0.0 for reason in Reason if reason.value not in summary.reasons}
-    for limit in limits:
-        if limit.metric not in values and _BIN.sub(".", limit.metric) not in values:
-            near = suggestion(limit.metric, values)
-            raise InputError(f"the replay of '{summary.bag}' has no metric '{limit.metric}'{near}")
-    return [(limit, values.get(limit.metric)) for limit in limits]
+    """Each limit with the summary's value; None if there is none, as for a depth that was not reached."""
+    values = {f"reasons.{reason.value}": 0.0 for reason in Reason} | dict(flat(summary.content()))
+    found = [(limit, values.get(limit.metric)) for limit in limits]
+    return [(limit, value if isinstance(value, int | float) else None) for limit, value in found]
 
 
 def limit_lines(checks: list[tuple[Limit, float | None]]) -> list[str]:
     """A line for each limit: "ok" or "FAILED", the metric and its value."""
-    return [
-        f"  {'ok    ' if limit.allows(value) else 'FAILED'} {limit.metric}: {'-' if value is None else f'{value:.5g}'}"
-        f" (min {limit.min:g}, max {limit.max:g})"
-        for limit, value in checks
-    ]
+    text = []
+    for limit, value in checks:
+        told = "ok    " if limit.allows(value) else "FAILED"
+        number = "no value" if value is None else f"{value:.5g}"
+        text.append(f"  {told} {limit.metric}: {number} (min {limit.min:g}, max {limit.max:g})")
+    return text

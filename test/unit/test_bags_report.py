@@ -193,7 +193,7 @@ def test_each_quality_flag_is_a_bar_while_it_lasts():
     assert np.isnan(bar.y[[0, 1, 2, 8, 9]]).all()
 
 
-def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
+def test_what_is_learned_is_drawn_over_time_and_over_depth():
     assert "learned" not in [c.name for c in replay_charts(poses())]
     figure = chart("learned", learned=[1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0])
     for row, expected in enumerate(([1.3, 0.6], [5.0], [2.0], [4.0])):
@@ -201,7 +201,7 @@ def test_what_is_learned_is_drawn_over_time_and_over_depth_on_the_way_in():
             assert [line.y[3] for line in traces(figure, axis, fill=None)] == pytest.approx(expected)
     (turn,), (over_depth,) = traces(figure, "y3", fill="toself"), traces(figure, "y4", fill=None)
     assert turn.y[[4, 15]].tolist() == pytest.approx([4.0, 6.0])
-    np.testing.assert_array_equal(over_depth.x, [math.nan] * 3 + [1.0, 2.0, 3.0, 4.0, 5.0] + [math.nan] * 2)
+    np.testing.assert_allclose(over_depth.x, [math.nan] * 2 + [*range(8)], atol=1e-6)
 
 
 def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
