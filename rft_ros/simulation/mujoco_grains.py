@@ -1,6 +1,7 @@
 """Grains for a body of a MuJoCo model: the wrench goes to xfrc_applied, implicit in the body's inertia."""
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -199,9 +200,7 @@ class MujocoGrains:
 
 def _tool_of_body(model: Any, body: int, name: str, tolerance: float) -> Tool:
     """The body's mesh geoms in the body frame, as one tool."""
-    import trimesh
-
-    parts = []
+    triangles = []
     for geom in range(model.body_geomadr[body], model.body_geomadr[body] + model.body_geomnum[body]):
         mesh = model.geom_dataid[geom]
         if mesh < 0 or model.geom_type[geom] != import_mujoco().mjtGeom.mjGEOM_MESH:
@@ -209,7 +208,17 @@ def _tool_of_body(model: Any, body: int, name: str, tolerance: float) -> Tool:
         first, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
         vertices = np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
         placed = vertices @ rotation_matrix(np.roll(model.geom_quat[geom], -1)).T + model.geom_pos[geom]
-        parts.append(trimesh.Trimesh(placed, model.mesh_face[faces : faces + model.mesh_facenum[mesh]], process=False))
-    if not parts:
+        triangles.append(placed[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]])
+    if not triangles:
         raise InputError(f"body '{name}' has no mesh geoms; give its shape as mesh=FILE")
-    return tool_of_mesh(trimesh.util.concatenate(parts), name=name, tolerance=tolerance)
+    return _tool_of_triangles(np.concatenate(triangles).tobytes(), tolerance)
+
+
+@lru_cache(maxsize=8)
+def _tool_of_triangles(triangles: bytes, tolerance: float) -> Tool:
+    """Bodies of one shape share a tool: to reduce it takes up to a second."""
+    import trimesh
+
+    corners = np.frombuffer(triangles).reshape(-1, 3)
+    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))  # which merges the corners
+    return tool_of_mesh(mesh, name="body", tolerance=tolerance)

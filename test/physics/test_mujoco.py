@@ -46,24 +46,38 @@ def place(model, data, grains, height=0.01):
 
 
 def run(model, data, grains, seconds):
-    """Poses, shape [n, nq], and twists of the first body, shape [n, 6], after each step; its grains' energy."""
-    poses, twists, took, gave = [], [], 0.0, 0.0
+    """Poses, shape [n, nq], and twists of the first body, shape [n, 6], after each step; its grains' work at each."""
+    poses, twists, works = [], [], []
     for _ in range(round(seconds / model.opt.timestep)):
         for one in grains:
             one.apply(data)
         mujoco.mj_step(model, data)
-        twist = np.concatenate([data.qvel[:3], data.xmat[1].reshape(3, 3) @ data.qvel[3:6]])
-        work = model.opt.timestep * (grains[0].wrench @ twist)
-        took, gave = took + max(-work, 0.0), gave + max(work, 0.0)
         poses.append(data.qpos.copy())
-        twists.append(twist)
-    return np.array(poses), np.array(twists), took, gave
+        twists.append(twist_of(data))
+        works.append(model.opt.timestep * (grains[0].wrench @ twists[-1]))
+    return np.array(poses), np.array(twists), np.array(works)
+
+
+def twist_of(data):
+    """Of the first body, world axes."""
+    return np.concatenate([data.qvel[:3], data.xmat[1].reshape(3, 3) @ data.qvel[3:6]])
+
+
+def given_back(works):
+    """Share of the energy that the grains took."""
+    return -works[works > 0.0].sum() / works[works < 0.0].sum()
+
+
+def scene(*bodies, height=0.01, **options):
+    """Model, data, and the grains around each body, which is placed."""
+    model = falling(*bodies, **options)
+    data, grains = mujoco.MjData(model), [MujocoGrains(model, body=f"body_{k}", **GRAINS) for k in range(len(bodies))]
+    place(model, data, grains, height)
+    return model, data, grains
 
 
 def dropped(mesh, mass, quaternion, timestep, seconds, **options):
-    model = falling((mesh, mass, quaternion), timestep=timestep, **options)
-    data, grains = mujoco.MjData(model), [MujocoGrains(model, body="body_0", **GRAINS)]
-    place(model, data, grains)
+    model, data, grains = scene((mesh, mass, quaternion), timestep=timestep, **options)
     start = data.qpos[2]
     return start - 0.01, *run(model, data, grains, seconds)
 
@@ -88,13 +102,14 @@ def turned(poses):
     ],
 )
 def test_a_body_that_fell_in_lies_still(mesh, mass, quaternion, timestep):
-    _, poses, twists, took, gave = dropped(mesh, mass, quaternion, timestep, 13.0)
+    """From 3 s on by 0.01 mm and 0.01 degrees in 10 s, round ones by 0.05 mm and 0.2 degrees."""
+    _, poses, twists, works = dropped(mesh, mass, quaternion, timestep, 6.0)
     late = slice(round(3.0 / timestep), None)
-    round_one = mesh in ("ellipsoid", "sphere")
-    assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < (5e-5 if round_one else 1e-5)
-    assert turned(poses[late]).max() < (0.2 if round_one else 0.01)
-    assert np.linalg.norm(twists[late, :3], axis=1).max() < (5e-5 if round_one else 1e-5)
-    assert gave < 0.01 * took
+    path, angle = (5e-5, 0.2) if mesh in ("ellipsoid", "sphere") else (1e-5, 0.01)
+    assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < 0.3 * path
+    assert turned(poses[late]).max() < 0.3 * angle
+    assert np.linalg.norm(twists[late, :3], axis=1).max() < path
+    assert given_back(works) < 0.01
 
 
 @pytest.mark.parametrize(
@@ -103,7 +118,7 @@ def test_a_body_that_fell_in_lies_still(mesh, mass, quaternion, timestep):
 def test_the_rest_depth_does_not_depend_on_the_step(mesh, mass, quaternion):
     depths = []
     for timestep in (0.00025, 0.001, 0.002):
-        surface, poses, *_ = dropped(mesh, mass, quaternion, timestep, 1.0)
+        surface, poses, *_ = dropped(mesh, mass, quaternion, timestep, 0.6)
         depths.append(surface - poses[-1, 2])
     assert depths[1:] == pytest.approx([depths[0]] * 2, rel=0.1)
 
@@ -111,13 +126,11 @@ def test_the_rest_depth_does_not_depend_on_the_step(mesh, mass, quaternion):
 @pytest.mark.parametrize("quaternion", [FLAT, TILTED])
 def test_a_body_too_heavy_for_45_mm_is_held_where_the_law_says(quaternion):
     """One that falls in stops at about twice the depth at which it could be laid down."""
-    model = falling(("plate", 5.0, quaternion), timestep=0.005)
-    data, grains = mujoco.MjData(model), MujocoGrains(model, body="body_0", **GRAINS)
-    place(model, data, [grains])
-    pose = run(model, data, [grains], 2.0)[0][-1]
+    model, data, grains = scene(("plate", 5.0, quaternion), timestep=0.005)
+    pose = run(model, data, grains, 2.0)[0][-1]
     state = [*pose[:3], *np.roll(pose[3:], -1), 0.0, 0.0, -1.0, 0.0, 0.0, 0.0]
     assert pose[2] < -0.07
-    assert 1.0 < wrenches(grains.tool.plates, LAW, state)[0, 2] / (5.0 * 9.81) < 3.0
+    assert 1.0 < wrenches(grains[0].tool.plates, LAW, state)[0, 2] / (5.0 * 9.81) < 3.0
 
 
 class Held:
@@ -129,9 +142,8 @@ class Held:
 
     def apply(self, data):
         mujoco.mj_kinematics(self.model, data)
-        twist = *data.qvel[:3], *(data.xmat[1].reshape(3, 3) @ data.qvel[3:])
-        quaternion = np.roll(data.qpos[3:], -1)
-        self.wrench = self.grains.step(data.qpos[:3], quaternion, twist, self.model.opt.timestep)
+        quaternion, timestep = np.roll(data.qpos[3:], -1), self.model.opt.timestep
+        self.wrench = self.grains.step(data.qpos[:3], quaternion, twist_of(data), timestep)
         data.xfrc_applied[1] = self.wrench  # the plate's centre of mass is its origin
 
 
@@ -140,9 +152,9 @@ def test_a_body_that_feels_the_wrench_of_grains_without_inertia_comes_to_rest(ma
     model = falling(("plate", mass, TILTED), timestep=0.002)
     data, grains = mujoco.MjData(model), [Held(model)]
     place(model, data, grains)
-    _, twists, took, gave = run(model, data, grains, 2.0)
+    _, twists, works = run(model, data, grains, 2.0)
     assert np.abs(twists[-100:]).max() < 1e-5
-    assert gave < 0.02 * took
+    assert given_back(works) < 0.02
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
@@ -154,20 +166,15 @@ def test_any_integrator_serves(integrator):
 
 def test_bodies_in_one_model_fall_as_each_alone():
     cases = ("plate", 0.3, TILTED), ("ellipsoid", 0.1, FLAT)
-    model = falling(*cases)
-    data = mujoco.MjData(model)
-    grains = [MujocoGrains(model, body=f"body_{k}", **GRAINS) for k in range(2)]
-    place(model, data, grains)
-    together = run(model, data, grains, 1.0)[0][-1]
+    model, data, grains = scene(*cases)
+    together = run(model, data, grains, 0.5)[0][-1]
     for k, case in enumerate(cases):
-        alone = dropped(*case, 0.001, 1.0)[1][-1]
+        alone = dropped(*case, 0.001, 0.5)[1][-1]
         assert together[7 * k + 2] == pytest.approx(alone[2], abs=1e-9)
 
 
 def test_a_reset_of_the_data_is_a_new_bed_and_a_state_comes_back():
-    model = falling(("plate", 0.3, TILTED))
-    data, grains = mujoco.MjData(model), [MujocoGrains(model, body="body_0", **GRAINS)]
-    place(model, data, grains)
+    model, data, grains = scene(("plate", 0.3, TILTED))
     first = run(model, data, grains, 0.3)[0]
     kept = pickle.dumps((grains[0].state(), data.time, data.qpos.copy(), data.qvel.copy()))
     rest = run(model, data, grains, 0.1)[0]
@@ -181,9 +188,8 @@ def test_a_reset_of_the_data_is_a_new_bed_and_a_state_comes_back():
 
 def test_the_wrench_acts_about_the_body_frame_whatever_its_centre_of_mass():
     # a mesh whose middle lies away from the body frame, and turned in it
-    model = falling(("root_tip", 0.3, TILTED), more='pos="0.02 0 0.01" quat="0.9 0.3 0 0.1"')
-    data, grains = mujoco.MjData(model), MujocoGrains(model, body="body_0", **GRAINS)
-    place(model, data, [grains], height=-0.02)
+    more = 'pos="0.02 0 0.01" quat="0.9 0.3 0 0.1"'
+    model, data, (grains,) = scene(("root_tip", 0.3, TILTED), height=-0.02, more=more)
     data.qvel[2] = -0.1
     grains.apply(data)
     mujoco.mj_step(model, data)
@@ -204,7 +210,8 @@ def test_the_mesh_of_the_body_is_the_mesh_of_its_file():
 
 
 @pytest.mark.parametrize(
-    ("name", "more"), [("mujoco_drop", ["--seconds", "1"]), ("mujoco_press", ["--mesh", "sphere"])]
+    ("name", "more"),
+    [("mujoco_drop", ["--seconds", "1", "--timestep", "0.005"]), ("mujoco_press", ["--mesh", "sphere"])],
 )
 def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, name, more):
     main = runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"))["main"]
@@ -226,7 +233,7 @@ def test_what_cannot_be_used_is_named(monkeypatch):
     )
     with pytest.raises(InputError, match=re.escape("body 'ball' has no mesh geoms; give its shape as mesh=FILE")):
         MujocoGrains(ball, body="ball", **GRAINS)
-    data, grains = mujoco.MjData(model), MujocoGrains(model, body="body_0", **GRAINS)
+    model, data, (grains,) = scene(("plate", 0.3, FLAT))
     data.qvel[0] = np.nan
     with pytest.raises(ValueError, match="not finite"):
         grains.apply(data)
