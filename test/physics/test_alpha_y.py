@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, medium_named, treers2021, wrenches
 from rft_ros.rft.alpha_y import FINEST, alpha_y
 
 attack = st.floats(0.0, 180.0)
@@ -83,11 +83,6 @@ def test_a_table_in_steps_that_the_grid_divides_is_exact():
         assert at(table, beta) == pytest.approx(float(np.interp(beta, knots, values)), abs=1e-11)
 
 
-def test_a_table_of_one_value_is_that_value_everywhere():
-    one = Table.sampled(np.array([0.7]), np.array([0.0]), np.array([[0.123]]))
-    assert {at(one, beta, gamma) for beta in (0, 40, 180) for gamma in (-170, 0, 90)} == {0.123}
-
-
 def test_a_table_of_the_constant_gives_the_wrench_of_the_constant_model(random_body, random_states):
     generic = MEDIA["generic"]
     flat_table = Table.sampled(np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), np.full(UNEVEN.values.shape, 0.136))
@@ -101,6 +96,11 @@ def test_an_unknown_model_and_a_missing_table_are_refused_with_a_sentence():
         alpha_y_model("cubic", MEDIA["generic"])
     with pytest.raises(ValueError, match=r"alpha_y\.model 'table' needs alpha_y\.table to name a CSV file"):
         alpha_y_model("table", MEDIA["generic"])
+
+
+def test_an_unknown_medium_is_refused_with_the_names_there_are():
+    with pytest.raises(ValueError, match=r"medium\.name 'mars' is none of generic, poppy_seeds_loose, poppy_seeds"):
+        medium_named("mars")
 
 
 def test_an_array_in_place_of_a_number_is_refused():

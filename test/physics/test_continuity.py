@@ -54,7 +54,7 @@ def tilt_sweeps():
 SWEEPS = (
     *tilt_sweeps(),
     *level_sweeps(),
-    *yaw_sweeps(),
+    *yaw_sweeps("plate", "root_tip"),
     wheel_sweep(),
     *direction_sweeps(),
     *height_sweeps(),
@@ -130,15 +130,3 @@ def test_the_three_knife_edge_cases_of_the_wheel_hold_still_under_rounding(wheel
         force = wrenches(wheel, law(alpha_y, zeta=0.6), draws)[:, :3]
         moved = np.linalg.norm(force - force[0], axis=1).max() / np.linalg.norm(force[0])
         assert moved < 0.01
-
-
-def test_rounding_moves_the_force_on_a_wheel_by_ten_newtons_under_the_published_rule_only():
-    sweep = wheel_sweep()
-    states = sweep.states(np.zeros(40))
-    states[:, 7:10] += 1e-14 * np.random.default_rng(0).normal(size=(40, 3))
-    spread = {
-        rule: np.ptp(np.linalg.norm(wrenches(plates, law("constant", zeta=1.0), states)[:, :3], axis=1))
-        for rule, plates in sweep.tool.items()
-    }
-    assert spread["centroid"] > 10.0
-    assert spread["refined"] < 1e-6

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
-from rft_ros.rft import MEDIA, Memory, alpha_y_model, plate_forces, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft import MEDIA, alpha_y_model, plate_forces, treers2021, wrenches
 from rft_ros.tool import load_tool
 
 MEDIUM = MEDIA["generic"]
@@ -81,16 +81,3 @@ def test_inertia_of_a_submerged_plate_is_the_same_on_a_slope():
     assert_allclose(inclined[:, :3], level[:, :3], rtol=1e-9, atol=1e-9)
     # it acts at the centre of load, which the slope moves by some micrometres
     assert_allclose(inclined[:, 3:6], level[:, 3:6], atol=1e-5 * level[0, 2])
-
-
-def test_memory_on_a_slope_is_memory_on_the_level_plane_where_depths_agree():
-    plates, n = TOOLS["centroid"].plates, 40
-    path = np.zeros((n, 13))
-    path[:, 6], path[:, 7] = 1.0, 0.05
-    path[:, 0], path[:, 2] = 0.0005 * np.arange(n), -0.05
-    durations = np.full(n, 0.01)
-    level = wrenches_in_time(plates, LAW, path, durations, Memory(plates), mobilization_length=0.003)
-    flat = wrenches_in_time(
-        plates, LAW, path, durations, Memory(plates), mobilization_length=0.003, slope=(1e-13, -1e-13)
-    )
-    assert_allclose(flat, level, rtol=1e-6, atol=1e-9)

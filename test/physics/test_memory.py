@@ -8,13 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
-from rft_ros.rft.memory import DEPTH, ELASTIC, GREATEST
+from rft_ros.rft.memory import DEPTH
 from rft_ros.tool import load_tool
 
 GENERIC = MEDIA["generic"]
 LAW = treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
-PLATES = {i: load_tool("ellipsoid", integration=i).plates for i in ("centroid", "refined")}
+PLATES = {i: load_tool("ellipsoid", integration=i, tolerance=0.025).plates for i in ("centroid", "refined")}
 INTEGRATIONS = tuple(PLATES)
+ELLIPSOID = load_tool("ellipsoid").plates
 ROOT_TIP = load_tool("root_tip", integration="refined").plates
 LENGTH = 0.003
 
@@ -129,7 +130,7 @@ def test_the_forces_on_a_turning_body_depend_little_on_the_step():
         states[:, 0], states[:, 2] = 0.003 * np.sin(angle), -0.04 - 0.01 * t
         states[:, 6] = 1.0
         states[:, 7], states[:, 9] = 0.012 * np.cos(angle), -0.01
-        return remembered(checked_states(states), np.diff(t, prepend=0.0), plates=PLATES["refined"])[-1, :3]
+        return remembered(checked_states(states), np.diff(t, prepend=0.0), plates=ELLIPSOID)[-1, :3]
 
     exact = at_the_end(3201)
     for n, share in ((126, 3e-3), (501, 8e-4), (1001, 4e-4)):
@@ -148,19 +149,6 @@ def test_at_rest_the_force_holds(integration):
 
 
 DOWN = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, -1.0]], [1e-4])
-
-
-def test_a_retreat_lets_go_within_the_elastic_length_and_is_never_pulled_from_behind():
-    step, elastic = 1e-6, ELASTIC * GREATEST * LENGTH
-    depths = np.concatenate([np.arange(0.03, 0.05, step), np.arange(0.05, 0.048, -step)])
-    states = np.zeros((len(depths), 13))
-    states[:, 2], states[:, 6], states[:, 9] = -depths, 1.0, -np.diff(depths, prepend=0.0)
-    force = remembered(states, np.ones(len(depths)), plates=DOWN)[:, 2]
-    turn = int(np.argmax(depths))
-    assert force[turn + round(0.9 * elastic / step)] > 0.0
-    assert force[turn + round(elastic / step) + 1] == 0.0
-    assert (np.diff(force[turn:]) <= 0.0).all()
-    assert force.min() == 0.0
 
 
 @given(st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS), st.sampled_from(("constant", "linear")))

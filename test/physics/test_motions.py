@@ -14,7 +14,6 @@ from rft_ros.sweeps.motions import (
     Straight,
     sample,
 )
-from studies.circumnutation import straight_limit
 from studies.dem import DATA
 from studies.sampling import sample_every
 
@@ -86,20 +85,6 @@ def test_the_families_contain_the_simulated_runs(run, motion):
     shift = rows[:, 1:4] - states[:, :3]
     assert shift == pytest.approx(np.tile(shift[0], (len(rows), 1)), abs=2e-7)
     assert states[:, 3:] == pytest.approx(rows[:, 4:14], abs=1e-6)
-
-
-def test_a_plate_faces_forwards_at_beta_90_and_down_at_beta_0():
-    for beta, face in ((90.0, [1.0, 0.0, 0.0]), (0.0, [0.0, 0.0, -1.0])):
-        state = PlateDrag(beta_deg=beta).at(0.0)[0]
-        assert Rotation.from_quat(state[3:7]).apply([0.0, 0.0, -1.0]) == pytest.approx(face, abs=1e-12)
-
-
-def test_the_straight_limit_has_the_roots_tilt_and_travel():
-    root = Circumnutation(tilt_deg=20.0, pitch=0.1)
-    limit = straight_limit(root)
-    assert limit.duration == root.duration
-    assert limit.at(0.0)[0, :10] == pytest.approx(root.at(0.0)[0, :10])
-    assert not limit.at(0.0)[0, 10:].any()
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)

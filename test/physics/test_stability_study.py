@@ -7,10 +7,9 @@ import pytest
 import trimesh
 
 from studies.concave_tools import blocked, bowl, concavity, fork, resistance
-from studies.force_jumps import knife_edge
 from studies.sampling import NOISE, STROKES, differenced, stroke_convergence
 from studies.stability import CASES
-from studies.validity_limits import inertia_over_weight, share_in_wake
+from studies.validity_limits import share_in_wake
 
 
 def test_a_convex_tool_shadows_no_facet_and_a_hemisphere_half_of_them():
@@ -61,20 +60,6 @@ def test_the_scatter_of_a_differenced_pose_is_that_of_a_parabolas_end(width):
 def test_work_converges_at_second_order_under_the_refined_rule():
     for name in STROKES:
         assert 1.8 < stroke_convergence(name, "refined").order < 2.4
-
-
-def test_inertia_grows_with_the_square_of_speed_and_is_small_where_the_paper_measured():
-    slow, fast = inertia_over_weight(np.array([0.025, 0.25]), 0.02)
-    assert fast == pytest.approx(100.0 * slow)
-    assert slow < 1e-3
-
-
-def test_a_case_writes_the_same_figure_table_and_numbers_every_time(tmp_path):
-    files = knife_edge().write(tmp_path / "a")
-    assert sorted(f.suffix for f in files) == [".csv", ".md", ".png"]
-    again = knife_edge().write(tmp_path / "b")
-    assert [f.read_bytes() for f in files] == [f.read_bytes() for f in again]
-    assert files[0].stat().st_size < 100_000
 
 
 def test_every_case_is_on_the_page():
