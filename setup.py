@@ -12,7 +12,7 @@ from setuptools import find_packages, setup
 MANIFEST = ElementTree.parse(Path(__file__).resolve().parent / "package.xml")
 NAME = MANIFEST.findtext("name", "")
 
-SWEEP = ["dask[distributed]>=2024.1", "pyarrow>=14"]
+SWEEP = ["dask[distributed]>=2024.1"]
 STUDIES = ["matplotlib>=3.6.3"]
 MUJOCO = ["mujoco>=3.3"]
 DOCS = ["mkdocs-material>=9.5", "latex2mathml>=3.77"]

@@ -15,7 +15,7 @@ from inspect import getdoc
 from typing import Any, NoReturn
 
 from rft_ros.commands import calibrate, cell, predict, replay, tools
-from rft_ros.errors import InputError, reason_of, suggestion
+from rft_ros.errors import InputError, reason_of
 from rft_ros.installation import program, release
 
 __all__ = ["main", "parser"]
@@ -40,7 +40,7 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
     whole = _Parser(
         prog=rft,
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
-        epilog=f"{rft} COMMAND --help describes that command. " + (__doc__ or "").partition("\n\n")[2],
+        epilog=f"{rft} COMMAND --help describes that command. " + (__doc__ or "").partition("\n\n")[2].strip(),
         formatter_class=_Help,
     )
     whole.add_argument("--version", action="version", version=f"rft {release()}", help="show the version and exit")
@@ -50,7 +50,7 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
         epilog = "\n".join(["example:", *(f"  {rft}{line.removeprefix('rft')}" for line in examples.splitlines())])
         command = commands.add_parser(name, help=text, description=text, epilog=epilog, formatter_class=_Help)
         add_options(command)
-        command.set_defaults(run=run, own=command)
+        command.set_defaults(run=run)
     return whole
 
 
@@ -62,16 +62,11 @@ class _Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse's own takes -1e-3 for an option
 
     def error(self, message: str) -> NoReturn:
-        name = self.prog.rpartition(" ")[2]  # the user may call it in many ways
-        self.exit(2, f"{f'rft {name}' if name in _COMMANDS else 'rft'}: {message}; see {self.prog} --help\n")
+        self.exit(2, f"{self.prog.rpartition('/')[2]}: {message}; see {self.prog} --help\n")
 
 
 class _Help(argparse.HelpFormatter):
-    """Two columns where they fit; examples as written."""
-
-    def __init__(self, prog: str) -> None:
-        super().__init__(prog, max_help_position=30)
-        self._action_max_length = 14  # argparse does not count the indent of the longest command
+    """Wraps all but examples."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if "\n" in text else super()._fill_text(text, width, indent)
@@ -101,20 +96,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(arguments: Sequence[str]) -> int:
-    whole, name = parser(program("rft")), "rft"
-    if not arguments:
-        whole.print_help(sys.stderr)
-        return 2
+    name = "rft"
     try:
-        word = arguments[0]
-        if not word.startswith("-") and word not in _COMMANDS:
-            near = suggestion(word, _COMMANDS) or f"; there are {', '.join(_COMMANDS)}"
-            raise InputError(f"there is no command '{word}'{near}")
-        parsed, unknown = whole.parse_known_args(arguments)
-        if unknown:
-            options = [name for name in parsed.own._option_string_actions if name.startswith("--")]
-            near = suggestion(unknown[0], options) or f"; there are {', '.join(options)}"
-            parsed.own.error(f"'{unknown[0]}' is not one of its arguments{near}")
+        whole = parser(program("rft"))
+        if not arguments:
+            whole.print_help(sys.stderr)
+            return 2
+        parsed = whole.parse_args(arguments)
         name = f"rft {parsed.command}"
         status: int = parsed.run(parsed)
         return status

@@ -9,27 +9,16 @@ import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import Any, NoReturn
 
+import numpy as np
 import yaml
+from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-__all__ = [
-    "MAX_BYTES",
-    "checked_file",
-    "read_arrays",
-    "read_columns",
-    "read_file",
-    "read_text",
-    "read_yaml",
-    "refuse_overwriting",
-    "whole",
-    "whole_folder",
-]
+__all__ = ["MAX_BYTES", "checked_file", "read_arrays", "read_columns", "read_file", "read_text", "read_yaml"]
+__all__ += ["refuse_overwriting", "whole", "whole_folder"]
 
 MAX_BYTES = 256 * 2**20
 """The most bytes that are read of a file, or that the arrays of an NPZ file may have."""
@@ -37,66 +26,63 @@ MAX_BYTES = 256 * 2**20
 _MAX_YAML = 2**20
 
 
-def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES, pipes: bool = False) -> Path:
+def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> Path:
     """The path, with ~ as the home folder, of a regular file of at most `limit` bytes, which is not opened.
 
-    `pipes`: take a pipe too, as a shell makes for ``<(command)``. Raises InputError that calls the file `what`.
+    Raises InputError that calls the file `what`.
     """
     with file_errors(f"{what} '{file}'", "read"):
         path = file.expanduser()
         status = path.stat()
-    if not stat.S_ISREG(status.st_mode) and not (pipes and stat.S_ISFIFO(status.st_mode)):
+    if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{what} '{file}' is {'a folder' if stat.S_ISDIR(status.st_mode) else 'not a regular file'}")
-    if status.st_size > limit:
-        raise InputError(f"{what} '{file}' has {status.st_size / 2**20:.0f} MiB; the limit is {limit / 2**20:.0f} MiB")
+    _check_size(status.st_size, f"{what} '{file}'", limit)
     return path
 
 
-def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, pipes: bool = False) -> bytes:
+def _check_size(size: int, what: str, limit: int) -> None:
+    if size > limit:
+        raise InputError(f"{what} has {size / 2**20:.0f} MiB or more; the limit is {limit / 2**20:.0f} MiB")
+
+
+def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
     """The bytes of a `checked_file`."""
-    path = checked_file(file, what, limit=limit, pipes=pipes)
+    path = checked_file(file, what, limit=limit)
     with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
         data = stream.read(limit + 1)
-    if len(data) > limit:  # the system's own files, as in /proc, have no size before they are read
-        raise InputError(f"{what} '{file}' has over {limit / 2**20:.0f} MiB, the limit")
+    _check_size(len(data), f"{what} '{file}'", limit)  # the system's own files, as in /proc, had no size before
     return data
 
 
-def read_text(file: Path, what: str, *, limit: int = MAX_BYTES, pipes: bool = False) -> str:
+def read_text(file: Path, what: str, *, limit: int = MAX_BYTES) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
-    data = read_file(file, what, limit=limit, pipes=pipes)
+    data = read_file(file, what, limit=limit)
     with file_errors(f"{what} '{file}'", "read"):
         return data.decode("utf-8-sig")
 
 
-def read_arrays(file: Path, what: str, names: Sequence[str]) -> "list[NDArray[Any]]":
+def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any]]:
     """Arrays of a `checked_file` in NPZ format, by name, of any shape and unit; no objects, at most `MAX_BYTES`."""
-    import numpy as np
-
     data = read_file(file, what)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            size = sum(member.file_size for member in archive.infolist())
-        if size <= MAX_BYTES:
-            with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-                return [arrays[name] for name in names]
+            _check_size(sum(member.file_size for member in archive.infolist()), f"{what} '{file}' unpacked", MAX_BYTES)
+        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+            return [arrays[name] for name in names]
+    except InputError:
+        raise
     except Exception:  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
         raise InputError(f"{what} '{file}' is not a valid {wanted}") from None
-    raise InputError(f"{what} '{file}' unpacks to {size / 2**20:.0f} MiB; the limit is {MAX_BYTES / 2**20:.0f} MiB")
 
 
-def read_columns(
-    file: Path, what: str, names: Sequence[str], *, pipes: bool = False
-) -> "tuple[NDArray[Any], list[int]]":
+def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[Any], list[int]]:
     """Numbers of a `checked_file` in CSV format, shape [n, columns], any unit; and the line of each row, from 1.
 
     Columns as in `names`; the file's header has them in any order, and may have others. Raises InputError that names
     the file and what is wrong in it, without quoting numbers.
     """
-    import numpy as np
-
-    lines = read_text(file, what, pipes=pipes).splitlines()
+    lines = read_text(file, what).splitlines()
     header = [name.strip() for name in lines[0].split(",")] if lines else []
     for name in (*names, *header):
         if header.count(name) != 1:
@@ -105,21 +91,14 @@ def read_columns(
     numbered = [number for number, line in enumerate(lines[1:], start=2) if line.strip()]
     if not numbered:
         raise InputError(f"{what} '{file}' has a header and no rows; it needs at least one")
-    try:
-        table = np.loadtxt([lines[number - 1] for number in numbered], delimiter=",", ndmin=2, comments=None)
-        if table.shape[1] != len(header):
-            raise ValueError
-        return table[:, [header.index(name) for name in names]], numbered
-    except ValueError:
-        wrong = next((n for n in numbered if not _are_numbers(lines[n - 1], len(header))), numbered[0])
-        raise InputError(f"{what} '{file}' line {wrong} is not {len(header)} numbers") from None
-
-
-def _are_numbers(line: str, count: int) -> bool:
-    try:
-        return len([float(cell) for cell in line.split(",")]) == count
-    except ValueError:
-        return False
+    table = np.empty((len(numbered), len(names)))
+    for row, number in zip(table, numbered, strict=True):
+        try:
+            cells = dict(zip(header, map(float, lines[number - 1].split(",")), strict=True))
+        except ValueError:
+            raise InputError(f"{what} '{file}' line {number} is not {len(header)} numbers") from None
+        row[:] = [cells[name] for name in names]
+    return table, numbered
 
 
 class _Loader(yaml.SafeLoader):

@@ -4,17 +4,16 @@ import os
 import shutil
 import sys
 import sysconfig
-from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Literal
-from xml.etree import ElementTree
 
 from rft_ros.errors import InputError
 
 __all__ = ["program", "release", "share_directory"]
 
 _MODULES = {"rft": "rft_ros.cli", "rft_node": "rft_ros.node.main"}
+_CHECKOUT = Path(__file__).resolve().parents[1]  # where rft_ros runs from one
 
 
 def program(name: Literal["rft", "rft_node"]) -> str:
@@ -28,11 +27,7 @@ def program(name: Literal["rft", "rft_node"]) -> str:
     if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / name).is_file() for prefix in _ament_prefixes()):
         return f"ros2 run rft_ros {name}"
     script = Path(sys.executable).parent / name
-    if not script.is_file():
-        return f"{sys.executable} -m {_MODULES[name]}"
-    with suppress(FileNotFoundError, ValueError):  # the working directory was deleted, or is elsewhere
-        script = script.relative_to(Path.cwd())
-    return str(script)
+    return str(script) if script.is_file() else f"{sys.executable} -m {_MODULES[name]}"
 
 
 def release() -> str:
@@ -51,11 +46,11 @@ def share_directory(package: str) -> Path:
     Raises InputError if the package is in none of them.
     """
     user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
-    overlays, installed = (
-        [Path(prefix) / "share" / package for prefix in prefixes]
-        for prefixes in (_ament_prefixes(), (sys.prefix, sysconfig.get_path("data"), user))
-    )
-    for folder in (*overlays, *_checkout(package), *installed) if package.strip(".") else ():
+    places = [prefix / "share" / package for prefix in _ament_prefixes()]
+    if package == "rft_ros" and (_CHECKOUT / "package.xml").is_file():
+        places.append(_CHECKOUT)
+    places += [Path(prefix) / "share" / package for prefix in (sys.prefix, sysconfig.get_path("data"), user)]
+    for folder in places if package.strip(".") else ():
         if folder.is_dir():
             return folder
     searched = os.environ.get("AMENT_PREFIX_PATH") or "not set"
@@ -64,13 +59,3 @@ def share_directory(package: str) -> Path:
 
 def _ament_prefixes() -> list[Path]:
     return [Path(p) for p in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if p]
-
-
-def _checkout(package: str) -> list[Path]:
-    """The folder above this Python package, if its package.xml says that it is `package`."""
-    folder = Path(__file__).resolve().parents[1]
-    try:
-        name = ElementTree.parse(folder / "package.xml").findtext("name", "")
-    except (OSError, ElementTree.ParseError):
-        return []
-    return [folder] if name.strip() == package else []

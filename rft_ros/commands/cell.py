@@ -16,10 +16,11 @@ if TYPE_CHECKING:
 
 def doctor_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
-    options.add(command, "--bag", "BAG", f"{options.BAG} (default: listen to ROS)", type=Path)
-    options.add(command, "--node", "NAME", "the node with its namespace (default /rft)", "/rft")
+    command.add_argument("--bag", type=Path, metavar="BAG", help=f"{options.BAG} (default: listen to ROS)")
+    command.add_argument("--node", default="/rft", metavar="NAME", help="the node with its namespace (default /rft)")
     options.share(command, "--remap")
-    options.add_number(command, "--seconds", "S", "how long to listen to ROS [s] (default 5)", 5.0)
+    seconds = "how long to listen to ROS [s] (default 5)"
+    command.add_argument("--seconds", type=options.finite, default=5.0, metavar="S", help=seconds)
 
 
 def doctor(arguments: argparse.Namespace) -> int:
@@ -78,8 +79,9 @@ def _compiled(model: "Model", settings: "Settings") -> "Finding":
 
 
 def demo_options(command: argparse.ArgumentParser) -> None:
-    options.output(command, "DIR", "folder for bag and report (default out/demo)", Path("out/demo"))
-    options.add_number(command, "--seconds", "S", "how long the arm moves [s] (default 12)", 12.0)
+    out, seconds = "folder for bag and report (default out/demo)", "how long the arm moves [s] (default 12)"
+    command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
+    command.add_argument("--seconds", type=options.finite, default=12.0, metavar="S", help=seconds)
     feels = "a simulated arm that feels the node's forces (needs mujoco)"
     command.add_argument("--mujoco", action="store_true", help=feels)
 

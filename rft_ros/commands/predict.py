@@ -2,14 +2,10 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.progress import busy
-
-if TYPE_CHECKING:
-    from rft_ros.report.animation import Animation
 
 
 def predict_options(command: argparse.ArgumentParser) -> None:
@@ -17,13 +13,11 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("states", type=Path, metavar="STATES.csv", help=header)
     command.add_argument("--mesh", required=True, metavar="FILE", help=options.MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
-    length = "displacement [m] to reach 63 percent of full resistance at 30 mm depth, for states in order of time"
-    options.add_number(command, "--mobilization-length", "M", f"{length} (default 0: no memory)", 0.0)
-    options.share(command, "--surface-height", "--integration")
+    options.share(command, "--mobilization-length", "--surface-height", "--integration")
     fewest = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
-    options.add_number(command, "--tolerance", "SHARE", fewest, 0.0)
+    command.add_argument("--tolerance", type=options.finite, metavar="SHARE", help=fewest)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
-    options.output(command, "OUT.csv", header)
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)
 
 
 def predict(arguments: argparse.Namespace) -> int:
@@ -31,35 +25,38 @@ def predict(arguments: argparse.Namespace) -> int:
 
     rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv
     """
+    from rft_ros.parameters import model_of, settings_of
     from rft_ros.rft import COLUMNS
     from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
     options.refuse_inputs(arguments, arguments.output)
     times, states = read_states(arguments.states)
-    tool = options.tool_of(arguments, arguments.mesh, tolerance=arguments.tolerance)
+    values = options.values_of(arguments)
+    model, height = model_of(values), settings_of(values).surface_height
+    tool = model.tool
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
     options.warn_of(tool)
-    law = options.law_of(arguments)
-    lengths = {name: getattr(arguments, name) for name in ("mobilization_length", "surface_height")}
     with busy("computing"):  # the first call compiles
         where = f"states file '{arguments.states}'"
-        result = wrenches_along(tool.plates, law, times, states, where=where, **lengths)
+        result = wrenches_along(model, times, states, surface_height=height, where=where)
     write_wrenches(arguments.output, times, result)
     wet = int((result[:, COLUMNS.index("submerged_area")] > 0.0).sum())
     print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
     return 0
 
 
+_OF_STATES = ("--mesh", *options.PLACED, *options.OF_LAW, "--surface-height")
+
+
 def view_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "source", type=Path, metavar="STATES.csv|BAG", help=f"states as for rft predict, or a {options.BAG}"
-    )
+    source = f"states as for rft predict, or a {options.BAG}"
+    command.add_argument("source", type=Path, metavar="STATES.csv|BAG", help=source)
     states = command.add_argument_group("for states")
     states.add_argument("--mesh", metavar="FILE", help=options.MESH)
-    options.share(states, *options.PLACED, *options.OF_LAW, "--surface-height")
+    options.share(states, *_OF_STATES[1:])
     options.share(command.add_argument_group("for a bag"), *options.OF_RECORDING)
-    options.output(command, "OUT.html", "page to write")
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.html", help="page to write")
 
 
 def view(arguments: argparse.Namespace) -> int:
@@ -68,44 +65,31 @@ def view(arguments: argparse.Namespace) -> int:
     rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
     rft view out/demo/bag --params config/demo.yaml -o tool.html
     """
-    from rft_ros.report.animation import animation_figure
-    from rft_ros.report.page import write_figure
-
-    if arguments.output.suffix != ".html":
-        raise InputError(f"'{arguments.output}' must end in .html")
-    of_states = arguments.source.suffix == ".csv"
-    other = "for a bag" if of_states else "for states"
-    for option in next(g for g in arguments.own._action_groups if g.title == other)._group_actions:
-        if getattr(arguments, option.dest) != option.default:
-            raise InputError(f"{option.option_strings[0]} is {other}, not for '{arguments.source}'")
-    options.refuse_inputs(arguments, arguments.output)
-    scene = _of_states(arguments) if of_states else _of_bag(arguments)
-    with busy("drawing"):
-        write_figure(arguments.output, animation_figure(scene), title=scene.title)
-    print(f"{len(scene.labels)} moments of {scene.title} -> {arguments.output}")
-    return 0
-
-
-def _of_states(arguments: argparse.Namespace) -> "Animation":
-    from rft_ros.report.animation import animate
-    from rft_ros.states_file import read_states
-
-    if arguments.mesh is None:
-        raise InputError(f"states file '{arguments.source}' needs --mesh, the tool that moves")
-    moving = read_states(arguments.source)
-    tool = options.tool_of(arguments, arguments.mesh)
-    law = options.law_of(arguments)
-    return animate(tool.name, tool, law, *moving, surface_height=arguments.surface_height)
-
-
-def _of_bag(arguments: argparse.Namespace) -> "Animation":
     from rft_ros.bags.playback import states_of
     from rft_ros.parameters import model_of, named_files, settings_of
-    from rft_ros.report.animation import animate
+    from rft_ros.report.animation import animate, animation_figure
+    from rft_ros.report.page import write_figure
+    from rft_ros.states_file import read_states
 
-    values, part = options.recording(arguments)
-    options.refuse_inputs(arguments, arguments.output, also=named_files(values))
+    source, output = arguments.source, arguments.output
+    if output.suffix != ".html":
+        raise InputError(f"'{output}' must end in .html")
+    of_states = source.suffix == ".csv"
+    for option in options.OF_RECORDING if of_states else _OF_STATES:
+        if getattr(arguments, option.strip("-").replace("-", "_")) not in (None, []):
+            raise InputError(f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'")
+    if of_states and arguments.mesh is None:
+        raise InputError(f"states file '{source}' needs --mesh, the tool that moves")
+    values, chosen = options.recording(arguments)
+    if of_states:
+        values = options.values_of(arguments)
+    options.refuse_inputs(arguments, output, also=named_files(values))
     model, height = model_of(values), settings_of(values).surface_height
-    *moving, ground = states_of(arguments.source, values, model, part)
-    title = f"{model.tool.name}{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
-    return animate(title, model.tool, model.law, *moving, surface_height=height, ground=ground)
+    *moving, ground = (*read_states(source), None) if of_states else states_of(source, values, model, chosen)
+    tool = model.tool
+    title = f"{tool.name}{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
+    scene = animate(title, tool, model.law, *moving, surface_height=height, ground=ground)
+    with busy("drawing"):
+        write_figure(output, animation_figure(scene), title=scene.title)
+    print(f"{len(scene.labels)} moments of {scene.title} -> {output}")
+    return 0

@@ -1,7 +1,6 @@
 """The command that runs recorded bags through the estimator."""
 
 import argparse
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,15 +14,14 @@ if TYPE_CHECKING:
 
 
 def replay_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument(
-        "bag", type=Path, nargs="+", metavar="BAG", help=f"{options.BAG}; several get a folder each below DIR"
-    )
-    options.output(command, "DIR", "folder for the results")
+    several = f"{options.BAG}; several get a folder each below DIR"
+    command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=several)
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     options.share(command, *options.OF_RECORDING)
     tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
-    options.add_number(command, "--tare", "S", tare)
+    command.add_argument("--tare", type=options.finite, metavar="S", help=tare)
     limits = "exit with 1 if a metric of a bag's summary exceeds a limit"
-    options.add(command, "--check", "LIMITS.yaml", limits, type=Path)
+    command.add_argument("--check", type=Path, metavar="LIMITS.yaml", help=limits)
     command.add_argument("--no-report", action="store_true", help="write no report.html")
 
 
@@ -35,42 +33,33 @@ def replay(arguments: argparse.Namespace) -> int:
     from rft_ros.bags.replay import replay as run
     from rft_ros.bags.replay import replay_model, results
     from rft_ros.bags.summary import read_limits
-    from rft_ros.files import whole
     from rft_ros.parameters import named_files
 
     bags, out = arguments.bag, arguments.output
     limits = read_limits(arguments.check) if arguments.check else []
     values, chosen = options.recording(arguments)
     folders = [out / name for name in folder_names(bags)] if len(bags) > 1 else [out]
-    for folder in folders:
-        options.refuse_inputs(arguments, out / "summary.json", *results(folder), also=named_files(values))
+    written = [file for folder in folders for file in results(folder)]
+    options.refuse_inputs(arguments, *written, also=named_files(values))
     with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
     options.warn_of(model.tool)
 
-    several = len(bags) > 1
-    summaries: dict[str, Summary] = {}
-    failures: dict[str, str] = {}
+    status = 0
     for number, (bag, folder) in enumerate(zip(bags, folders, strict=True), start=1):
-        label = f"{number}/{len(bags)} {folder.name}" if several else None
+        label = f"{number}/{len(bags)} {folder.name}" if len(bags) > 1 else None
         try:
             summary = run(bag, folder, values, chosen, model=model, report=not arguments.no_report, label=label)
         except InputError as error:
-            if not several:
+            if len(bags) == 1:
                 raise
-            failures[folder.name] = str(error)
             print(f"rft replay: {error}", file=sys.stderr, flush=True)
+            status = 1
             continue
-        summaries[folder.name if several else summary.bag] = summary
-        print("\n".join(summary.lines()), flush=True)
-    if several:
-        content = {"bags": {name: summary.content() for name, summary in summaries.items()}, "failures": failures}
-        with whole(out / "summary.json") as part:
-            part.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-        print(f"{len(summaries)} of {len(bags)} bags replayed")
-    else:
-        print(f"-> {out / ('summary.json' if arguments.no_report else 'report.html')}")
-    return max(_status(summaries, limits), bool(failures))
+        print("\n".join(summary.lines()))
+        print(f"-> {folder / ('summary.json' if arguments.no_report else 'report.html')}", flush=True)
+        status |= _status(summary, limits)
+    return status
 
 
 def folder_names(bags: list[Path]) -> list[str]:
@@ -87,21 +76,20 @@ def folder_names(bags: list[Path]) -> list[str]:
     return names
 
 
-def _status(summaries: "dict[str, Summary]", limits: "list[Limit]") -> int:
-    """Exit status: 1 if a limit is exceeded, or a bag has no estimate, which gets an error."""
+def _status(summary: "Summary", limits: "list[Limit]") -> int:
+    """Exit status: 1 if a limit is exceeded, or the bag has no estimate, which gets an error."""
     from rft_ros.bags.summary import check, limit_lines
 
     status = 0
-    for name, summary in summaries.items():
-        if limits:
-            checks = check(limits, summary)
-            print("\n".join([f"{name}: limits", *limit_lines(checks)]))
-            status |= not all(limit.allows(value) for limit, value in checks)
-        if not summary.estimates:
-            status, why = 1, ""
-            if summary.reasons:
-                reason = max(summary.reasons, key=summary.reasons.__getitem__)
-                why = f"; most often {summary.unknown_frames.get(reason, reason)}"
-            none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
-            print(f"rft replay: {none}", file=sys.stderr, flush=True)
+    if limits:
+        checks = check(limits, summary)
+        print("\n".join(["limits", *limit_lines(checks)]), flush=True)
+        status = int(not all(limit.allows(value) for limit, value in checks))
+    if not summary.estimates:
+        status, why = 1, ""
+        if summary.reasons:
+            reason = max(summary.reasons, key=summary.reasons.__getitem__)
+            why = f"; most often {summary.unknown_frames.get(reason, reason)}"
+        none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
+        print(f"rft replay: {none}", file=sys.stderr, flush=True)
     return status

@@ -1,11 +1,6 @@
 """The paper's families of motion: poses in closed form, with their exact derivative as twist.
 
-A family is a dataclass of typed parameters; ``at(times)`` gives states, `sample` times and states:
-
->>> from rft_ros.sweeps.motions import Circumnutation, sample
->>> times, states = sample(Circumnutation(pitch=0.04), 85)
->>> states.shape  # 21 s, columns rft_ros.rft.STATE
-(85, 13)
+A family is a dataclass of typed parameters; ``at(times)`` gives states, `sample` times and states.
 
 Lengths in m, speeds in m/s, times in s; angles in degrees (fields with ``_deg``). World axes, z up, surface at z = 0
 unless the caller says otherwise. Positions are those of the tool frame's origin.
@@ -29,7 +24,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion(ABC):
-    """A path at constant speed. `travel`: its length [m].
+    """A path at constant speed. `travel`: its length, or the depth gained.
 
     Raises InputError for a parameter that is not finite, or not positive where it must be.
     """
@@ -66,9 +61,8 @@ class Motion(ABC):
 class Straight(Motion):
     """Insertion, penetration or withdrawal along a line, without turning.
 
-    `start_height`: z of the origin at t = 0. `descent_deg`: angle of the path below the horizontal; 90 straight down,
-    -90 straight up. `heading_deg`: its horizontal direction, from +x towards +y. `tilt_deg`, then `yaw_deg`: the tool's
-    attitude, Rz(yaw) Ry(tilt).
+    `start_height`: z at t = 0. `descent_deg`: angle of the path below the horizontal, 90 straight down, -90 straight
+    up; `heading_deg`: its horizontal direction, from +x towards +y. The tool's attitude is Rz(yaw) Ry(tilt).
     """
 
     speed: float = 0.01
@@ -91,7 +85,7 @@ class PlateDrag(Motion):
 
     The plate's face is the tool's -z: it faces down at `beta_deg` = 0 and forwards at 90. `psi_deg`: angle from the
     horizontal direction of motion to the face's e2; 90 moves a vertical plate along itself. `phi_deg`: how far below
-    the horizontal the plate moves; 0 in Fig. 3. `depth`: of the origin below z = 0 at the start.
+    the horizontal the plate moves; 0 in Fig. 3. `depth`: below z = 0 at the start.
     """
 
     speed: float = 0.01
@@ -109,9 +103,8 @@ class PlateDrag(Motion):
 class OscillatingInsertion(Motion):
     """Straight down while pitching about y as amplitude * sin(2π frequency t) (paper Fig. 7; its ellipsoid).
 
-    `frequency`: of the pitch [Hz]; 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text.
-    `amplitude_deg`: 0 for an insertion without oscillation. `start_height`: z of the origin at t = 0; 18 mm puts the
-    ellipsoid's tip on the surface. `travel`: depth gained.
+    `frequency` [Hz]: 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text. `start_height`: z at
+    t = 0; 18 mm puts the ellipsoid's tip on the surface.
     """
 
     frequency: float = 0.625
@@ -121,8 +114,7 @@ class OscillatingInsertion(Motion):
     start_height: float = 0.018
 
     def _at(self, t: Array) -> Array:
-        omega = 2.0 * math.pi * self.frequency
-        amplitude = math.radians(self.amplitude_deg)
+        omega, amplitude = 2.0 * math.pi * self.frequency, math.radians(self.amplitude_deg)
         tilt = amplitude * np.sin(omega * t)
         states = _line(t, self.start_height, (0.0, 0.0, -self.speed), 0.0, tilt)
         states[:, 11] = amplitude * omega * np.cos(omega * t)
@@ -134,9 +126,8 @@ class Circumnutation(Motion):
     """A tilted root tip that descends a helix, turning about the vertical (paper Fig. 8).
 
     `tilt_deg`: η, angle of the root's axis from the vertical. `pitch`: P, depth gained per turn. `rate_deg_s`: angular
-    velocity about the vertical [deg/s], negative for clockwise from above. `travel`: depth gained. `start_height`: z of
-    the origin, which lies on the axis of turning, at t = 0; 0 puts the root's base at the surface, as in the released
-    code.
+    velocity about the vertical [deg/s], negative for clockwise from above. `start_height`: z at t = 0 of the origin,
+    which lies on the axis of turning; 0 puts the root's base at the surface, as in the released code.
     """
 
     tilt_deg: float = 10.0

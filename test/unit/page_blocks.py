@@ -131,7 +131,7 @@ def _yaml(block: Block, folder: Path) -> None:
     elif any(isinstance(value, dict) and "ros__parameters" in value for value in tree.values()):
         assert read_parameter_file(file), block.where
     elif "motions" in tree:
-        assert len(read_design(file)) > 0, block.where
+        assert read_design(file).variants, block.where
     else:
         assert read_limits(file), block.where
 

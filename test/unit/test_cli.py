@@ -127,7 +127,7 @@ def test_states_that_cannot_be_used(tmp_path, text, words):
         (("--scale", "0"), ("scale",)),
         (("--density", -1), ("medium.density is -1",)),
         (("--law", "agarwal2023", "--surface-friction", -1), ("medium.surface_friction is -1",)),
-        (("--mobilization-length", "-1"), ("-1", "negative")),
+        (("--mobilization-length", "-1"), ("medium.mobilization_length is -1",)),
     ],
 )
 def test_options_that_cannot_be_used(tmp_path, options, words):
@@ -193,7 +193,7 @@ def test_predict_with_memory_holds_the_force_at_rest_and_wants_the_states_in_ord
 def test_control_characters_of_a_damaged_file_do_not_reach_the_terminal(tmp_path):
     (tmp_path / "study.yaml").write_text('"\\e[31m": 1\n')
     done = rft("sweep", "study.yaml", "-o", "out", cwd=tmp_path)
-    refused(done, "is not an entry of a study", "\\x1b[31m")
+    refused(done, "there is no '\\x1b[31m'")
     assert chr(27) not in done.stderr
 
 

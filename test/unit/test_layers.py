@@ -16,7 +16,7 @@ ALLOWED = {
     "rft": "",
     "files": "errors",
     "installation": "errors",
-    "states_file": "files rft errors",
+    "states_file": "parameters files rft errors",
     "tool": "files installation rft errors",
     "ground": "files rft errors",
     "parameters": "ground tool rft errors files",

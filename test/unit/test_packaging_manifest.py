@@ -18,7 +18,7 @@ MODULES = {
     "python3-collada": "collada",
 }
 NO_KEY_ON_NOBLE = {"numba", "mcap", "plotly", "fast_simplification"}
-EXTRAS = {"distributed", "mujoco", "pyarrow"}
+EXTRAS = {"distributed", "mujoco"}
 
 
 def test_the_manifest_is_valid_without_warnings():
