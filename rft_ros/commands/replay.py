@@ -83,7 +83,7 @@ def _status(summary: "Summary", limits: "list[Limit]") -> int:
     status = 0
     if limits:
         checks = check(limits, summary)
-        print("\n".join(["limits", *limit_lines(checks)]), flush=True)
+        print("\n".join([f"{summary.bag}: limits", *limit_lines(checks)]), flush=True)
         status = int(not all(limit.allows(value) for limit, value in checks))
     if not summary.estimates:
         status, why = 1, ""
