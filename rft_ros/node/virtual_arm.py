@@ -5,8 +5,6 @@ the air for a tare. The grains are not those of the node's model: 30 % stronger,
 at a depth of 25 mm. The load cell adds a bias, the tool's weight, noise and its frame.
 """
 
-import sys
-import time
 from collections.abc import Iterator
 
 import numpy as np
@@ -14,7 +12,6 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator import LoadCell, Wrench
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.node.arm import arm_options, running_arm
 from rft_ros.rft import MEDIA, Law, alpha_y_model, rotation_matrix, treers2021, wrenches
 from rft_ros.sweeps.motions import OscillatingInsertion
 from rft_ros.tool import Tool, load_tool
@@ -68,22 +65,3 @@ def _grain_wrench(tool: Tool, law: Law, state: Array) -> Array:
     moment = row[10:19].reshape(3, 3) * strength  # Σ r_j f_l
     torque = moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]
     return np.array([*(strength * row[:3]), *torque])
-
-
-def main() -> int:
-    """Run the arm until its time is up, or SIGINT or SIGTERM."""
-    parser = arm_options("The demo's virtual arm.")
-    parser.add_argument("--seconds", type=float, default=12.0, metavar="S", help="how long it moves [s] (default 12)")
-    given = parser.parse_args()
-    with running_arm("virtual_arm") as arm:
-        next(moments(1.0))  # compiles
-        arm.wait(given.listeners)
-        start = time.monotonic()
-        for t, state, reading in moments(given.seconds):
-            time.sleep(max(0.0, start + t - time.monotonic()))
-            arm.send(arm.now(), state, reading)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

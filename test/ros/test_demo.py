@@ -1,13 +1,7 @@
 """The demo's claims: in its virtual grains the fixed model is off, the node learns the force and reports the layer."""
 
-import signal
-import subprocess
-import sys
-import time
-
 import numpy as np
 import pytest
-import rclpy
 
 from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.quality import QualityFlag
@@ -64,15 +58,3 @@ def test_only_the_hard_layer_is_a_surprise_and_at_once(descents):
     depth, *_, surprised = descents["apply"]
     assert not surprised[depth < LAYER].any()
     assert surprised[(depth > LAYER) & (depth < LAYER + 0.003)].any()
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_virtual_arm_without_a_traceback(number):
-    node = rclpy.create_node("watcher_of_the_arm")
-    arm = subprocess.Popen([sys.executable, "-m", "rft_ros.node.virtual_arm"], stderr=subprocess.PIPE, text=True)
-    while not node.count_publishers("/rft/wrench_measured"):  # the last thing it makes
-        assert arm.poll() is None
-        time.sleep(0.05)
-    arm.send_signal(number)
-    assert (arm.communicate(timeout=60)[1], arm.returncode) == ("", 0)
-    node.destroy_node()
