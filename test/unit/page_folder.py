@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 from page_blocks import README, ROOT, blocks
-from recordings import POSE, ROS2, WRENCH, message
-from rosbags.rosbag2 import StoragePlugin, Writer
+from recordings import POSE, WRENCH, write_ros2
 from synthetic_track import LOAD_CELL, grain_wrenches, law, read_by
 from synthetic_track import Path as Way
 
@@ -76,10 +75,8 @@ def _recording(folder: Path, *, seed: int) -> None:
     time, states = _plunge()
     grains = grain_wrenches(time, states, law(0.9), surface=SURFACE, length=0.003)
     readings = read_by(_CELL, states, grains, np.random.default_rng(seed), noise=(0.05, 0.002))
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        to = {role: writer.add_connection(name, kind, typestore=ROS2) for role, (name, kind) in _TOPICS.items()}
-        for t, state, reading in zip(time, states, readings, strict=True):
-            stamp = _START + round(1e9 * t)
-            for role, values in (("wrench", reading), ("pose", state[:7])):
-                told = message(ROS2, role, stamp, values.tolist(), _FRAMES[role])
-                writer.write(to[role], stamp, ROS2.serialize_cdr(told, _TOPICS[role][1]))
+    rows = []
+    for t, state, reading in zip(time, states, readings, strict=True):
+        stamp = _START + round(1e9 * t)
+        rows += [("wrench", stamp, stamp, reading), ("pose", stamp, stamp, state[:7])]
+    write_ros2(folder, rows, topics=_TOPICS, frames=_FRAMES)

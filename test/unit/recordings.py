@@ -12,26 +12,24 @@ ROS1 = get_typestore(Stores.ROS1_NOETIC)
 POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
 TF = "tf2_msgs/msg/TFMessage"
 TOPICS = {"pose": ("/rft/pose", POSE), "twist": ("/rft/twist", TWIST), "wrench": ("/rft/wrench_measured", WRENCH)}
+FRAMES = {"pose": "world", "twist": "world", "wrench": "ft_sensor"}
 START = 1_600_000_000_000_000_000
 STEP = 10_000_000
 
 
 def message(store, role: str, stamp: int, values, frame: str | None = None):
-    t = store.types
-    names = {"pose": "world", "twist": "world", "wrench": "ft_sensor"}
+    t, kind = store.types, TOPICS[role][1]
     time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    header = {"stamp": time, "frame_id": names[role] if frame is None else frame}
-    if store is ROS1:
-        header["seq"] = 0
-    head = t["std_msgs/msg/Header"](**header)
-    vector = t["geometry_msgs/msg/Vector3"]
-    if role == "pose":
-        point = t["geometry_msgs/msg/Point"](*values[:3])
-        pose = t["geometry_msgs/msg/Pose"](point, t["geometry_msgs/msg/Quaternion"](*values[3:]))
-        return t[POSE](head, pose)
-    kind = "Twist" if role == "twist" else "Wrench"
-    body = t[f"geometry_msgs/msg/{kind}"](vector(*values[:3]), vector(*values[3:]))
-    return t[f"geometry_msgs/msg/{kind}Stamped"](head, body)
+    seq = {"seq": 0} if store is ROS1 else {}
+    head = t["std_msgs/msg/Header"](stamp=time, frame_id=FRAMES[role] if frame is None else frame, **seq)
+    names = ("Point", "Quaternion") if role == "pose" else ("Vector3", "Vector3")
+    parts = (t[f"geometry_msgs/msg/{n}"](*part) for n, part in zip(names, (values[:3], values[3:]), strict=True))
+    return t[kind](head, t[kind.removesuffix("Stamped")](*parts))
+
+
+def cdr(role: str, stamp: int, values, frame: str | None = None) -> bytes:
+    """A message of ROS 2."""
+    return bytes(ROS2.serialize_cdr(message(ROS2, role, stamp, values, frame), TOPICS[role][1]))
 
 
 def transforms_cdr(*transforms) -> bytes:
@@ -79,7 +77,7 @@ def plunge(repeats: int = 1, *, noise: float = 0.0):
                 stamp += STEP
 
 
-def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, compress=False, frame=None) -> Path:
+def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, compress=False, frames=FRAMES) -> Path:
     with_compression = Writer(path, version=9, storage_plugin=plugin)
     if compress:
         mode = CompressionMode.STORAGE if plugin is StoragePlugin.MCAP else CompressionMode.FILE
@@ -88,8 +86,7 @@ def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, co
         connections = {r: writer.add_connection(name, kind, typestore=ROS2) for r, (name, kind) in topics.items()}
         for role, time, stamp, values in rows:
             if role in connections:
-                data = ROS2.serialize_cdr(message(ROS2, role, stamp, values, frame), TOPICS[role][1])
-                writer.write(connections[role], time, data)
+                writer.write(connections[role], time, cdr(role, stamp, values, frames[role]))
     return path
 
 

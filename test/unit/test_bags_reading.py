@@ -4,7 +4,7 @@ import re
 import shutil
 
 import pytest
-from recordings import POSE, TOPICS, WRENCH, message, moments, plunge, write_ros1, write_ros2
+from recordings import FRAMES, POSE, TOPICS, WRENCH, cdr, moments, plunge, write_ros1, write_ros2
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -19,9 +19,8 @@ KIND = {"pose": PoseSample, "twist": TwistSample, "wrench": WrenchSample}
 
 
 def expected(rows):
-    frames = {"pose": "world", "twist": "world", "wrench": "ft_sensor"}
     split = {"pose": lambda v: (v[:3], v[3:]), "twist": lambda v: (v[:3], v[3:]), "wrench": lambda v: (v,)}
-    return [KIND[role](stamp, frames[role], *split[role](values)) for role, _, stamp, values in rows]
+    return [KIND[role](stamp, FRAMES[role], *split[role](values)) for role, _, stamp, values in rows]
 
 
 def read(path, topics=NAMES, **options):
@@ -141,8 +140,7 @@ def test_an_unknown_message_type_is_ignored_beside_the_topics_and_named_on_one(t
         strange = writer.add_connection("/dust" if beside else NAMES["wrench"], kind, typestore=store)
         for role, time, stamp, numbers in moments():
             if role in connections:
-                data = store.serialize_cdr(message(store, role, stamp, numbers), TOPICS[role][1])
-                writer.write(connections[role], time, data)
+                writer.write(connections[role], time, cdr(role, stamp, numbers))
             writer.write(strange, time, store.serialize_cdr(store.types[kind](0.5), kind))
     if beside:
         assert read(tmp_path / "bag") == (expected(moments()), None)

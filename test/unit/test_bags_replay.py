@@ -4,7 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from recordings import START, STEP, TOPICS, moments, plunge, write_ros2
+from recordings import FRAMES, START, STEP, TOPICS, moments, plunge, write_ros2
 from replays import rows_of, values
 from rosbags.highlevel import AnyReader
 
@@ -16,6 +16,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.tool import load_tool
 
+LOST = dict.fromkeys(FRAMES, "elsewhere")
 FILES = ("estimates.csv", "summary.json", "estimates/estimates.mcap")
 
 
@@ -31,9 +32,9 @@ def replayed(bag, tmp_path_factory):
     return replay(bag, out, values()), out
 
 
-def replay_of(folder, rows, options=None, *, topics=TOPICS, frame=None, report=False, **parameters):
+def replay_of(folder, rows, options=None, *, topics=TOPICS, frames=FRAMES, report=False, **parameters):
     """Summary and rows of the replay of a bag with these messages."""
-    bag = write_ros2(folder / "bag", rows, topics=topics, frame=frame)
+    bag = write_ros2(folder / "bag", rows, topics=topics, frames=frames)
     summary = replay(bag, folder / "out", values(**parameters), options, report=report)
     return summary, rows_of(folder / "out")
 
@@ -94,15 +95,15 @@ def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("frame", "tare", "words"),
+    ("frames", "tare", "words"),
     [
-        (None, 0.5, "bag .*tare refused: .*(moved|in the grains)"),
-        ("elsewhere", 0.2, "pose frame_id 'elsewhere' is not world_frame 'world'"),
+        (FRAMES, 0.5, "bag .*tare refused: .*(moved|in the grains)"),
+        (LOST, 0.2, "pose frame_id 'elsewhere' is not world_frame 'world'"),
     ],
 )
-def test_a_tare_that_fails_says_why(tmp_path, frame, tare, words):
+def test_a_tare_that_fails_says_why(tmp_path, frames, tare, words):
     with pytest.raises(InputError, match=words):
-        replay_of(tmp_path, moments(), ReplayOptions(tare=tare), frame=frame)
+        replay_of(tmp_path, moments(), ReplayOptions(tare=tare), frames=frames)
 
 
 def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_path):
@@ -165,7 +166,7 @@ def test_poses_alone_predict_by_their_differences_and_have_a_report(tmp_path):
 @pytest.mark.parametrize("beside", [False, True])
 def test_a_bag_without_any_estimate_writes_its_output_and_fails(bag, tmp_path, capsys, beside):
     """Alone, and in a batch beside one that brings some."""
-    bags = [write_ros2(tmp_path / "lost", moments(), frame="elsewhere"), *([bag] if beside else [])]
+    bags = [write_ros2(tmp_path / "lost", moments(), frames=LOST), *([bag] if beside else [])]
     assert main(["replay", *map(str, bags), "-o", str(tmp_path / "out"), "--no-report"]) == 1
     out, err = capsys.readouterr()
     frame = "pose frame_id 'elsewhere' is not world_frame 'world'"

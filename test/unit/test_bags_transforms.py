@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from recordings import ROS2 as STORE
-from recordings import START, STEP, TF, TOPICS, message, plunge, transforms_cdr
+from recordings import START, TF, TOPICS, cdr, plunge, transforms_cdr
 from replays import rows_of, values
 from scipy.spatial.transform import Rotation
 
@@ -28,21 +27,18 @@ def link(stamp, parent, child, placement):
     return TransformSample(stamp, parent, child, *placement)
 
 
-def record(path, *, tf, rows=None, late=0, fixed_at=START):
+def record(path, *, tf, late=0, fixed_at=START):
     """A plunge with poses, or with the transforms that say the same; these come `late` [ns]."""
-    kinds = {role: TOPICS[role][1] for role in ("wrench", "twist", "pose")}
-    messages = []
-    if tf:
-        links = [link(0, "flange", "tool", TOOL), link(0, "sand", "base", BASE), link(0, "tool", "ft_sensor", CELL)]
-        messages += [(fixed_at + k, "/tf_static", TF, transforms_cdr(one)) for k, one in enumerate(links)]
-    for role, time, stamp, numbers in plunge() if rows is None else rows:
-        frame = "ft_sensor" if role == "wrench" else "sand"
+    links = [link(0, "flange", "tool", TOOL), link(0, "sand", "base", BASE), link(0, "tool", "ft_sensor", CELL)]
+    fixed = [(fixed_at + k, "/tf_static", TF, transforms_cdr(one)) for k, one in enumerate(links)]
+    messages = fixed if tf else []
+    for role, time, stamp, numbers in plunge():
         if role == "pose" and tf:
             flange = BASE.inverse().of(Placement(numbers[:3], numbers[3:])).of(TOOL.inverse())
             messages.append((time + late, "/tf", TF, transforms_cdr(link(stamp, "base", "flange", flange))))
         else:
-            data = STORE.serialize_cdr(message(STORE, role, stamp, numbers, frame), kinds[role])
-            messages.append((time, TOPICS[role][0], kinds[role], bytes(data)))
+            data = cdr(role, stamp, numbers, "ft_sensor" if role == "wrench" else "sand")
+            messages.append((time, *TOPICS[role], data))
     with BagWriter(path) as bag:
         for time, topic, kind, data in sorted(messages, key=lambda m: m[0]):
             bag.write_raw(topic, kind, time, data)
@@ -73,11 +69,13 @@ def test_transforms_replay_as_the_poses_that_they_say(tmp_path, twist_source, la
     assert numbers_of(tmp_path / "b", *names) == pytest.approx(numbers_of(tmp_path / "a", *names), rel=1e-5, abs=1e-6)
 
 
-def test_a_part_of_a_recording_knows_the_fixed_transforms_of_all_of_it(tmp_path):
-    bag = record(tmp_path / "bag", tf=True)
-    summary = replay(bag, tmp_path / "out", values(**FRAMES, pose_source="tf"), ReplayOptions(start=2.0))
+def test_a_part_of_a_recording_knows_the_fixed_transforms_of_all_of_it_and_gives_the_same_bytes_again(tmp_path):
+    bag, given = record(tmp_path / "bag", tf=True, late=30_000_000), values(**FRAMES, pose_source="tf")
+    for name in ("a", "b"):
+        summary = replay(bag, tmp_path / name, given, ReplayOptions(start=2.0))
     assert summary.estimates > 300
     assert "tf_frame_unknown" not in summary.reasons
+    assert (tmp_path / "a" / "estimates.csv").read_bytes() == (tmp_path / "b" / "estimates.csv").read_bytes()
 
 
 def test_a_view_of_transforms_shows_the_same_states(tmp_path):
@@ -95,10 +93,3 @@ def test_without_transforms_the_sentence_names_frames_and_topic(tmp_path):
         replay(bag, tmp_path / "out", values(**FRAMES))
     with pytest.raises(InputError, match=r"no tf topic '/tf' .use --remap /tf:=TOPIC"):
         replay(record(tmp_path / "posed", tf=False), tmp_path / "out", values(**FRAMES, pose_source="tf"))
-
-
-def test_a_replay_of_transforms_gives_the_same_bytes_again(tmp_path):
-    bag = record(tmp_path / "bag", tf=True, late=3 * STEP)
-    for name in ("a", "b"):
-        replay(bag, tmp_path / name, values(**FRAMES, pose_source="tf", sensor__frame_source="tf"))
-    assert (tmp_path / "a" / "estimates.csv").read_bytes() == (tmp_path / "b" / "estimates.csv").read_bytes()
