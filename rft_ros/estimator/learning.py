@@ -120,8 +120,7 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
     correct(state.now, state.scale, record, row, out, reach, apply)
     last = records[(state.end - 1) % _RECORDS].travel
     close = state.end > state.first and state.travel - last < lag / _RECORDS_PER_LAG
-    finite = math.isfinite(record.s[0, 0] + record.s[1, 1] + record.s[2, 2])
-    if wet and step > 0.0 and finite and not close:
+    if wet and step > 0.0 and not close:
         record.stamp, record.travel, record.path = stamp, state.travel, state.path
         record.passing, record.measured, record.fault = passing, False, False
         state.end += 1

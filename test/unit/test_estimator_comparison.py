@@ -54,12 +54,12 @@ def test_without_a_sample_soon_after_the_stamp_or_at_the_end_the_last_one_before
 @pytest.mark.parametrize(
     ("before", "reason"), [((), Reason.WRENCH_MISSING), ((ramp(START - AGE - 1),), Reason.WRENCH_STALE)]
 )
-def test_without_a_usable_sample_before_the_stamp_there_is_a_reason(before, reason):
+def test_without_a_usable_sample_before_the_stamp_there_is_a_prediction_alone_and_the_reason(before, reason):
     e = waiting(*before)
     assert e.counts[reason] == 0
     push(e, ramp(START + MS))
     assert e.measurements() == [(START, None, None, reason)]
-    assert e.counts[reason] == 1
+    assert e.counts == {"estimates": 1, reason.value: 1}
 
 
 def test_bias_sign_and_weight_are_those_in_force_at_the_pose():

@@ -304,44 +304,11 @@ def test_the_strength_survives_a_withdrawal_in_which_the_grains_let_go():
     assert learning.surprise is Surprise.NONE
 
 
-def test_a_jump_back_in_time_keeps_the_strength_and_no_record():
-    series, learning = plunge(strength=1.8, seed=12), learner()
-    run(series, learning)
-    for k, stamp in enumerate(series.stamps.tolist()):
-        out = learning.predict(stamp, series.rows[-1], step=STEP)
-        if k == 0:
-            assert out[2] / series.rows[-1][2] == pytest.approx(1.8, rel=0.1)
-            learning.learn(int(series.stamps[5]), 5.0 * series.forces[5])
-    assert learning.theta[0] == pytest.approx(1.8, rel=0.1)
-
-
 def test_without_measurements_it_answers_for_ever():
     model, learning = plunge().rows[500], learner()
     for k in range(5000):
         out = learning.predict(START + k * 5_000_000, model, step=1.5e-3)
     assert out[:3] == pytest.approx(model[:3])
-
-
-@pytest.mark.parametrize("column", [0, 2, 5, 8, 15])
-def test_a_model_force_that_is_not_finite_teaches_nothing(column):
-    series, learning, healthy = plunge(strength=1.5, seed=15), learner(), learner()
-    rows = series.rows.copy()
-    rows[500, column] = math.nan
-    run(replace(series, rows=rows), learning)
-    run(series, healthy)
-    assert learning.theta == pytest.approx(healthy.theta, rel=0.05, abs=0.01)
-    assert np.isfinite(learning.covariance).all()
-    assert not learning.issues()
-
-
-def test_observing_leaves_the_wrench_and_widens_its_error_by_the_correction():
-    series, observing = plunge(strength=1.5, seed=14), learner()
-    b = run(series, learner())[-1]
-    for k, stamp in enumerate(series.stamps.tolist()):
-        a = observing.predict(stamp, series.rows[k], step=STEP if k else 0.0, apply=False)
-        observing.learn(stamp, series.forces[k])
-    assert a[:6] == pytest.approx(series.rows[-1][:6], rel=1e-9)
-    assert a[8] == pytest.approx(math.hypot(b[8], b[2] - a[2]), rel=1e-9)
 
 
 @pytest.mark.parametrize("values", [{"lag": 0.0}, {"lag": math.nan}, {"strength_error": -0.1}])
