@@ -152,14 +152,10 @@ class Learning:
 
     `lag`: path [m] between a sample and the first prediction that it may change. `strength_error`: relative standard
     error of ζ from the calibration; without a calibration keep the default. `reach`: largest distance [m] of the tool's
-    surface from the tool frame's origin. Raises ValueError for values out of range.
+    surface from the tool frame's origin.
     """
 
     def __init__(self, *, lag: float = 0.002, strength_error: float = 0.15, reach: float = 0.0) -> None:
-        if not 1e-5 <= lag <= 1.0:
-            raise ValueError(f"lag is {lag} m; it must lie in 0.00001 to 1")
-        if not 0.0 <= strength_error <= 2.0:
-            raise ValueError(f"strength_error is {strength_error}; it must lie in 0 to 2")
         self.lag, self.reach, self._strength_error = lag, reach, strength_error
         self._states, self._records = np.zeros(1, _STATE), np.zeros(_RECORDS, _RECORD)
         self._state: Any = self._states[0]

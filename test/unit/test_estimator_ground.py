@@ -101,16 +101,6 @@ def test_clouds_out_of_order_too_often_or_without_a_map_are_counted():
     assert Estimator(Settings(), plate_model()).push_surface(cloud(START)) is Reason.SURFACE_OFF
 
 
-def test_a_pose_at_an_absurd_place_has_a_reason_and_the_next_an_estimate():
-    e = on_map()
-    forces(e, [cloud(START, 0.005)])
-    for k, z in enumerate((-9e99, 9e99, -0.01)):
-        stamp = START + (2000 + 10 * k) * MS
-        answer = push(e, twist(stamp), pose(stamp, position=(0.0, 0.0, z)))
-    assert e.counts[Reason.ESTIMATE_NOT_FINITE.value] == 1
-    assert isinstance(answer, Estimate)
-
-
 def test_level_ground_goes_back_to_the_start():
     e = on_map()
     found = forces(e, [cloud(START, 0.005)])

@@ -7,23 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from one_plate import SECOND, pose, push, twist
+from one_plate import SECOND, estimator, plate_model, pose, push, twist
 
-from rft_ros.estimator import Estimate, Estimator, Model, Settings
+from rft_ros.estimator import Estimate
 from rft_ros.estimator.quality import QualityFlag, Trust, prior_belief, trust
-from rft_ros.rft import MEDIA, alpha_y_model, treers2021
 from rft_ros.tool import load_tool
 
-LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 
-
-def model(tool, law=LAW):
-    return Model(tool=tool, law=law, medium="generic", zeta=1.0, alpha_y="constant")
-
-
-def last_flags(tool, positions, *, velocity=None, step=0.01, law=LAW, **settings):
+def last_flags(tool, positions, *, velocity=None, step=0.01, density=0.0, **settings):
     """The quality_flags after these positions, a step of time apart."""
-    e = Estimator(Settings(rest_speed=1e-6, **settings), model(tool, law))
+    e = estimator(model=plate_model(tool=tool, density=density), rest_speed=1e-6, **settings)
     positions = np.asarray(positions, dtype=float)
     velocities = np.gradient(positions, step, axis=0) if velocity is None else np.tile(velocity, (len(positions), 1))
     for k, (p, v) in enumerate(zip(positions.tolist(), velocities.tolist(), strict=True)):
@@ -76,9 +69,8 @@ FASTER = QualityFlag.FAST | QualityFlag.INERTIAL
 def test_speed_beyond_what_was_measured_or_with_a_density_simulated_is_flagged(
     root, speed, density, quality_flags, how_far
 ):
-    law = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]), density=density)
     still, velocity = np.tile([0.0, 0.0, -0.05], (20, 1)), (0.3 * speed, 0.1 * speed, -0.94 * speed)
-    found = last_flags(root, still, velocity=velocity, law=law)
+    found = last_flags(root, still, velocity=velocity, density=density)
     assert found == quality_flags
     assert trust(found) is how_far
 
@@ -97,7 +89,7 @@ def test_turning_back_passes_the_wake_until_the_tool_is_out(root):
 
 
 def test_a_recording_played_again_does_not_cross_the_wake_of_its_first_run(root):
-    e = Estimator(Settings(rest_speed=1e-6), model(root))
+    e = estimator(model=plate_model(tool=root), rest_speed=1e-6)
     for run in (2, 1):
         for k, place in enumerate(straight(0.08, direction=(0, 0, -1)).tolist()):
             stamp = run * 100 * SECOND + 10_000_000 * k
@@ -115,7 +107,7 @@ def test_faces_that_move_along_themselves_are_flagged(rule):
 
 
 def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held(root):
-    e, answers = Estimator(Settings(), model(root)), []
+    e, answers = estimator(model=plate_model(tool=root)), []
     for k, height in enumerate([*np.linspace(0.0, -0.05, 400), *np.linspace(-0.0501, -0.01, 300)]):
         stamp, speed = SECOND + 10_000_000 * k, -0.01 if k < 400 else 0.01
         answers.append(push(e, twist(stamp, (0.0, 0.0, speed)), pose(stamp, (0.0, 0.0, height))))
@@ -150,12 +142,6 @@ def test_a_hollow_tool_is_flagged(tmp_path):
     tool = load_tool(str(tmp_path / "ring.stl"), scale=1.0)
     assert any("hollows" in f.message for f in tool.issues)
     assert QualityFlag.CONCAVE in last_flags(tool, straight(0.05))
-
-
-def test_depth_beyond_the_calibration_is_flagged(root):
-    down = straight(0.05, direction=(0, 0, -1))
-    assert last_flags(root, down, calibrated_depth=0.05) == QualityFlag.DEEP
-    assert last_flags(root, down, calibrated_depth=0.5) == QualityFlag.NONE
 
 
 def test_the_calibrations_own_depth_give_or_take_its_rounding_is_not_beyond_it(root):

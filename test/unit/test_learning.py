@@ -79,12 +79,6 @@ def turn_about_z(angle):
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def test_before_any_measurement_the_prediction_is_the_models_and_its_error_the_priors():
-    out = learner(strength_error=0.4).predict(START, plunge().rows[-1], step=STEP)
-    assert out[:6] == pytest.approx(plunge().rows[-1][:6], rel=1e-12)
-    assert out[8] == pytest.approx(math.hypot(0.4, 0.3) * out[2], rel=0.1)
-
-
 @given(strength=st.floats(0.3, 4.0))
 @few
 @example(strength=0.24)
@@ -309,9 +303,3 @@ def test_without_measurements_it_answers_for_ever():
     for k in range(5000):
         out = learning.predict(START + k * 5_000_000, model, step=1.5e-3)
     assert out[:3] == pytest.approx(model[:3])
-
-
-@pytest.mark.parametrize("values", [{"lag": 0.0}, {"lag": math.nan}, {"strength_error": -0.1}])
-def test_settings_out_of_range_are_refused_by_name(values):
-    with pytest.raises(ValueError, match=next(iter(values))):
-        Learning(**values)
