@@ -62,10 +62,9 @@ _STATE = np.dtype(
 class Belief:
     """What is believed of the grains after every sample that lies `lag` behind.
 
-    Strengths of the vertical and the horizontal force, no unit. `turn` [rad] of the horizontal force about the
-    vertical. `surface` [m] above `surface_height`. Then their standard errors. `path` [m] in the grains. `surprise`:
-    measured minus predicted force along the predicted one, in standard deviations, mean over 0.5 mm of path. `excess`:
-    the same over the predicted force.
+    Strengths of the vertical and the horizontal force over the model's; `turn` [rad] of the horizontal force about the
+    vertical; `surface` [m] above `surface_height`; their standard errors; `path` [m] in the grains. `surprise`: error
+    along the predicted force in standard deviations, mean over 0.5 mm of path; `excess`: the same over that force.
     """
 
     vertical_strength: float
@@ -147,12 +146,8 @@ class Learning:
     """What the load cell tells about the grains, for one tool in one medium.
 
     At each pose call `predict`. When its compensated force is known, call `learn` with the pose's stamp, in the order
-    of stamps. A prediction uses the measurements whose path is at least `lag` behind, so no sample is part of its own
-    prediction. The same calls give the same bytes.
-
-    `lag`: path [m] between a sample and the first prediction that it may change. `strength_error`: relative standard
-    error of ζ from the calibration; without a calibration keep the default. `reach`: largest distance [m] of the tool's
-    surface from the tool frame's origin.
+    of stamps. A prediction uses the measurements at least `lag` of path [m] behind, so no sample is part of its own.
+    `strength_error`: relative standard error of ζ. `reach` of the tool's surface from the tool frame's origin [m].
     """
 
     def __init__(self, *, lag: float = 0.002, strength_error: float = 0.15, reach: float = 0.0) -> None:
@@ -170,7 +165,6 @@ class Learning:
         self._states[:] = np.zeros(1, _STATE)
         begin(self._state, self._strength_error)
         self._state["pushing"] = True
-        self._last = 0
 
     def leave(self) -> None:
         """Keep the strength, forget surface and turn: the tool is elsewhere or another one, or time has jumped."""
@@ -182,7 +176,6 @@ class Learning:
         latest["theta"], latest["p"] = prior["theta"], prior["p"]
         latest["theta"][:2], latest["p"][:2, :2] = push["theta"][:2], push["p"][:2, :2]
         state["pushing"], state["aired"] = False, True
-        self._last = 0
 
     def forget_air(self) -> None:
         """Drop what was read in the air: the load cell was tared."""
@@ -191,16 +184,12 @@ class Learning:
     def predict(self, stamp: int, row: Array, *, step: float, passing: bool = False, apply: bool = True) -> Array:
         """Corrected wrench and its standard deviations at a pose, world axes.
 
-        `stamp` [ns], increasing (an earlier one calls `leave`). `row`, shape [19]: the model at the pose: force F [N],
+        `stamp` [ns], increasing (after a jump back call `leave`). `row`, shape [19]: the model there: force F [N],
         torque [N m], submerged area [m²], dF/dh [N/m], and Σ r_j f_l [N m] row by row; finite. `step`: path of the
         tool's fastest point since the pose before [m], 0 at rest. `passing`: the tool is withdrawn, or so fast that
         inertia matters; what is learned here is dropped afterwards, and nothing surprises. `apply` False leaves the
-        wrench as the model has it. Returns shape [12]: force [N], torque about the tool frame's origin [N m], then the
-        standard deviation of each.
+        wrench as the model has it. Returns shape [12]: force, torque about the tool frame's origin, deviation of each.
         """
-        if stamp <= self._last:
-            self.leave()
-        self._last = stamp
         self._row[:], out = row, np.empty(12)
         path = min(float(step), _STEP_MOST) if step > 0.0 else 0.0
         self._predict(

@@ -36,9 +36,8 @@ _THIN = 1.0 / 64.0  # of the window: poses of its older part that are closer do 
 
 
 class Motion(NamedTuple):
-    """The tool's motion at a pose.
+    """`state`: shape [1, 13], columns `rft_ros.rft.STATE`; `velocity` of the tool frame's origin, world axes [m/s].
 
-    `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity` of the tool frame's origin, world axes [m/s].
     `speed`: an upper bound on the plates' speeds [m/s]; `rests`: it is below `rest_speed`. `path` of the fastest point
     since the motion before [m], and its `duration` [s].
     """
