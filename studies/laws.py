@@ -5,7 +5,7 @@ in ``../shared/data``; without them the study has the simulated runs only.
 """
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from statistics import mean
 
@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
-from rft_ros.rft import Law, Memory, checked_states, wrenches, wrenches_in_time
+from rft_ros.rft import Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 from studies.dem import (
     CALIBRATION,
@@ -77,6 +77,7 @@ class LawErrors:
     learned: dict[str, float]
 
 
+@cache
 def law_errors(column: Column) -> LawErrors:
     """The errors of a column in all simulated runs."""
     runs = {name: _refined(name) for name in (*RUNS, *FAST_RUNS)}
@@ -100,6 +101,7 @@ def law_errors(column: Column) -> LawErrors:
     )
 
 
+@cache
 def _refined(name: str) -> DemRun:
     run = read_run(name)
     return replace(run, tool=load_tool(run.tool.file, scale=1.0, integration="refined"))
@@ -131,12 +133,16 @@ def wheel_errors(name: str) -> tuple[float, Array] | None:
     """ζ fitted to the wheel, and the RMS error of its force's components [N], shape [3]; None without the data."""
     if not _WHEEL.is_dir():
         return None
-    plates = load_tool(str(_WHEEL / "smooth.stl"), integration="refined").plates
     states = checked_states(np.loadtxt(_WHEEL / "smooth_states.csv", delimiter=",", skiprows=1)[:, 1:])
     measured = np.loadtxt(_WHEEL / "smooth_expected.csv", delimiter=",", skiprows=1)[:, 7:10]
-    model = wrenches(plates, law("linear", zeta=1.0, name=name), states)[:, :3]
+    model = wrenches(_wheel(), law("linear", zeta=1.0, name=name), states)[:, :3]
     zeta = float((model * measured).sum() / (model * model).sum())
     return zeta, np.sqrt(((zeta * model - measured) ** 2).mean(axis=0))
+
+
+@cache
+def _wheel() -> Plates:
+    return load_tool(str(_WHEEL / "smooth.stl"), integration="refined").plates
 
 
 def study() -> StudyResult:

@@ -9,6 +9,7 @@ import contextlib
 import faulthandler
 import io
 import math
+import re
 import resource
 import shutil
 import signal
@@ -31,7 +32,7 @@ from rft_ros.cli import main
 
 SPECIAL = (
     *("nan", "inf", "-inf", "-0", "0", "1e309", "-1e308", "5e-324", "1e-310", "1e200", "-1e30", "1", "", " ", "abc"),
-    *("1,2", "1_0", "0x10", "1e", "--1", "٣", "\ufeff1", "\x00", "1;2", '"1"', "1.0.0", "True", "9" * 400),
+    *("1,2", "1_0", "0x10", "1e", "--1", "٣", "\ufeff1", "\x00", "1;2", '"1"', "1.0.0", "True", "9" * 400, "\n", "\r"),
 )
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
 MOST_SECONDS = 300
@@ -51,50 +52,46 @@ Finding = tuple[str, int, str]
 
 
 def damaged(data: bytes, random: Random) -> bytes:
-    """Apply one to four damages: flip bits; set, remove, repeat, insert or reverse bytes; cut the end off."""
+    """Apply one to four damages: flip a bit; set, remove, repeat, reverse or insert bytes; cut the end off."""
     out = bytearray(data)
     for _ in range(random.integers(1, 5)):
         if not out:
-            return bytes(out)
+            break
         a = int(random.integers(len(out)))
         b = min(len(out), a + int(random.choice([1, 2, 4, 8, 50, 400])))
-        kind = random.integers(7)
-        if kind == 0:
+        part, byte = out[a:b], int(random.choice([0, 1, 127, 128, 255]))
+        ways = [bytes([byte]) * (b - a), b"", part * 2, part[::-1], random.bytes(b - a) + part]
+        kind = int(random.integers(len(ways) + 2))
+        if kind < len(ways):
+            out[a:b] = ways[kind]
+        elif kind == len(ways):
             out[a] ^= 1 << int(random.integers(8))
-        elif kind == 1:
-            out[a:b] = bytes([int(random.choice([0, 1, 127, 128, 255]))]) * (b - a)
-        elif kind == 2:
-            del out[a:b]
-        elif kind == 3:
-            out[a:a] = out[a:b]
-        elif kind == 4:
-            out[a:a] = random.bytes(b - a)
-        elif kind == 5:
-            out[a:b] = out[a:b][::-1]
         else:
             del out[a:]
     return bytes(out)
 
 
 def damaged_table(text: str, random: Random) -> bytes:
-    """Set cells to special values, move lines and columns, change line ends; sometimes damage bytes as well."""
-    rows = [line.split(",") for line in text.splitlines()]
+    """Set one to three cells, or lines, to special values, change line ends; sometimes damage bytes as well."""
     for _ in range(random.integers(1, 4)):
-        row = int(random.integers(len(rows)))
-        kind = random.integers(7)
-        if kind <= 2 and rows[row]:
-            rows[row][int(random.integers(len(rows[row])))] = str(random.choice(SPECIAL))
-        elif kind == 3:
-            rows[row] = rows[row][: int(random.integers(len(rows[row]) + 1))]
-        elif kind == 4:
-            rows.insert(row, list(rows[int(random.integers(len(rows)))]))
-        elif kind == 5:
-            order = random.permutation(max(map(len, rows)))
-            rows = [[r[k] for k in order if k < len(r)] for r in rows]
-        else:
-            rows[row] = [str(random.choice(SPECIAL)) for _ in rows[row]]
-    data = str(random.choice(["\n", "\r\n", "\r", "\n\n"])).join(",".join(r) for r in rows).encode()
+        cells = re.split(r"(\n)" if random.random() < 0.3 else r"([,\n])", text)
+        cells[2 * int(random.integers(len(cells) // 2 + 1))] = str(random.choice(SPECIAL))
+        text = "".join(cells)
+    data = text.replace("\n", str(random.choice(["\n", "\r\n", "\r", "\n\n"]))).encode()
     return damaged(data, random) if random.random() < 0.2 else data
+
+
+def strange(random: Random) -> list[tuple[object, ...]]:
+    """Moments of a recording with strange numbers and stamps."""
+    numbers = (math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e-310, 1e200, -1e308, 1e30, 1.0, -1.0)
+    told = []
+    for role, time_, stamp, values in moments(30):
+        if random.random() < 0.2:
+            values = tuple(float(random.choice(numbers)) if random.random() < 0.3 else v for v in values)
+        if random.random() < 0.1:
+            stamp = int(random.choice([0, 1, stamp - 5 * 10**9, stamp + 10**9, 2**31 * 10**9 - 1, stamp // 2]))
+        told.append((role, time_, stamp, values))
+    return told
 
 
 def cases(folder: Path) -> list[Callable[[Random], Case]]:
@@ -145,46 +142,33 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
         return "α_y table", predict(states, mesh, "--alpha-y", str(file)), file
 
     def bad_bag(random: Random) -> Case:
-        """A file of a good bag damaged, or its metadata."""
-        name = str(random.choice(["MCAP", "SQLITE3", "ROS1.bag"]))
+        """A bag of strange numbers, or a file of a good bag damaged, or its metadata."""
+        name = str(random.choice(["strange", "MCAP", "SQLITE3", "ROS1.bag"]))
         good, copy = folder / name, folder / f"bad_{name}"
-        if good.is_file():
-            file = bad(copy.name, damaged(good.read_bytes(), random))
+        shutil.rmtree(copy, ignore_errors=True)
+        if name == "strange":
+            write_ros2(copy, strange(random))
+        elif good.is_file():
+            bad(copy.name, damaged(good.read_bytes(), random))
         else:
-            shutil.rmtree(copy, ignore_errors=True)
             shutil.copytree(good, copy)
             file = sorted(copy.iterdir())[random.integers(2)]
             file.write_bytes(damaged(file.read_bytes(), random))
-        return f"bag {name} {file.suffix}", replay(copy), copy
-
-    def strange_bag(random: Random) -> Case:
-        """A sound bag of strange numbers and stamps."""
-        numbers = (math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e-310, 1e200, -1e308, 1e30, 1.0, -1.0)
-        told = []
-        for role, time_, stamp, values in moments(30):
-            if random.random() < 0.2:
-                values = tuple(float(random.choice(numbers)) if random.random() < 0.3 else v for v in values)
-            if random.random() < 0.1:
-                stamp = int(random.choice([0, 1, stamp - 5 * 10**9, stamp + 10**9, 2**31 * 10**9 - 1, stamp // 2]))
-            told.append((role, time_, stamp, values))
-        copy = folder / "strange"
-        shutil.rmtree(copy, ignore_errors=True)
-        write_ros2(copy, told)
-        return "bag of strange numbers", replay(copy), copy
+        return f"bag {name}", replay(copy), copy
 
     def bad_parameters(random: Random) -> Case:
         file = bad("bad.yaml", damaged(params.read_bytes(), random))
         return "parameters", replay(folder / "MCAP", file), file
 
-    return [bad_states, bad_mesh, bad_alpha_y, bad_bag, strange_bag, bad_parameters]
+    return [bad_states, bad_mesh, bad_alpha_y, bad_bag, bad_parameters]
 
 
 def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
     """The outcome of a call of `rft`, and what is wrong with it, if anything."""
-    said, told = io.StringIO(), io.StringIO()
+    said = io.StringIO()
     signal.alarm(MOST_SECONDS)
     try:
-        with contextlib.redirect_stdout(told), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(said):
             status = main(arguments)
     except SystemExit as error:
         status = int(error.code or 0)
@@ -224,12 +208,9 @@ def fuzz(
                 outcomes[f"{kind.split()[0]}: {outcome}"] += 1
                 if wrong:
                     findings.append((kind, number, wrong))
+                    print(f"input {number}, {kind}: {wrong.strip()[-1500:]}")
                 if wrong and keep:
-                    folder = keep / f"{number:05d}"
-                    shutil.rmtree(folder, ignore_errors=True)
-                    folder.mkdir(parents=True)
-                    (shutil.copytree if bad.is_dir() else shutil.copy)(bad, folder / bad.name)
-                    (folder / "finding.txt").write_text(" ".join(arguments) + "\n" + wrong, encoding="utf-8")
+                    (shutil.copytree if bad.is_dir() else shutil.copy)(bad, keep / f"{number:05d}_{bad.name}")
                 number += 1
     finally:
         signal.signal(signal.SIGALRM, before)
@@ -240,13 +221,13 @@ if __name__ == "__main__":
     options = argparse.ArgumentParser(description=__doc__)
     options.add_argument("--seconds", type=float, default=300.0)
     options.add_argument("--seed", type=int, default=0)
-    options.add_argument("--keep", type=Path, default=Path("out/fuzz"))
     given = options.parse_args()
     faulthandler.enable()
     resource.setrlimit(resource.RLIMIT_AS, (ADDRESS_SPACE, ADDRESS_SPACE))
-    outcomes, findings = fuzz(seconds=given.seconds, seed=given.seed, keep=given.keep)
+    kept = Path("out/fuzz")
+    shutil.rmtree(kept, ignore_errors=True)
+    kept.mkdir(parents=True)
+    outcomes, findings = fuzz(seconds=given.seconds, seed=given.seed, keep=kept)
     for outcome, count in sorted(outcomes.items()):
         print(f"{count:6d}  {outcome}")
-    for kind, number, wrong in findings:
-        print(f"\n--- input {number}, {kind}\n{wrong.strip()[-1500:]}")
     sys.exit(1 if findings else 0)
