@@ -32,20 +32,20 @@ _STEADY = 0.5  # share of a run, at its end, that is used: earlier the force is 
 _SHORTEST, _SHALLOWEST = 0.01, 0.005  # shortest level run, and least mean depth of the plate [m]
 
 _ALONG = 80.0  # least ψ [deg] of a run along e1: f1 is within 1 % of 1 there
+_NEEDED = f"α_y needs a level run along e1, ψ of {_ALONG:g}° or more"
 _SAME_BETA, _BETA_SPAN = 5.0, 20.0  # [deg]
 _SURE = 3.0  # standard errors by which a slope in β must differ from 0 to be used
 _LINE_ROWS = np.arange(0.0, 91.0, 15.0)  # β [deg] at which a line is written to a table
 
 
 class PlateRun(NamedTuple):
-    """Steady state of one level run.
+    """Steady state of one level run along e1.
 
-    `beta`, `psi` [deg]: attack angle; angle between the motion and the face's normal, seen from above. Mean `depth` of
-    the plate [m]. `alpha`, `error`: α_y and its standard error, the load cell's zero included [N/cm³].
+    `beta` [deg]: attack angle. Mean `depth` of the plate [m]. `alpha`, `error`: α_y and its standard error, the load
+    cell's zero included [N/cm³].
     """
 
     beta: float
-    psi: float
     depth: float
     alpha: float
     error: float
@@ -105,7 +105,10 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
     if abs(normal[2]) >= FLAT:
         raise NotIdentifiable(f"{track.name}: the plate is horizontal (β = 0) and has no e1; tilt it")
     e2, velocity = normal[:2] / np.hypot(*normal[:2]), states[:, 7:10].mean(axis=0)
-    e1, speed = np.array([e2[1], -e2[0], 0.0]), np.linalg.norm(velocity)
+    e1, speed = np.array([e2[1], -e2[0], 0.0]), float(np.linalg.norm(velocity))
+    psi = float(np.degrees(np.arccos(min(abs(velocity[:2] @ e2) / speed, 1.0))))
+    if psi < _ALONG:
+        raise NotIdentifiable(f"{track.name}: the plate moves at ψ = {psi:.0f}° to its face's normal; {_NEEDED}")
     # the plate slides along its other edges, which the paper does not count
     edges = ~faces & (velocity @ rotation @ plates.packed[3:6] > _LEADING * speed)
 
@@ -115,13 +118,11 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
 
     measured = track.grain_forces(sensor.cell)[steady] @ e1 - (force(edges, law) if edges.any() else 0.0)
     fit = fit_series(force(faces, replace(law, alpha_y=Constant(1.0)))[:, None], measured)
-    by_zero = float(fit.inverse.sum()) * sensor.force_error(track, int(steady[-1]), e1)
     return PlateRun(
         beta=float(np.degrees(np.arccos(abs(normal[2])))),
-        psi=float(np.degrees(np.arccos(min(abs(velocity[:2] @ e2) / speed, 1.0)))),
         depth=depth,
         alpha=float(fit.coefficients[0]),
-        error=float(np.hypot(fit.errors[0], by_zero)),
+        error=float(np.hypot(fit.errors[0], fit.inverse.sum() * sensor.zero_error)),
     )
 
 
@@ -133,7 +134,7 @@ def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Treers2021, *, surf
     return fit_each(
         lambda track, rows: _plate_run(track, rows, sensor, law, surface),
         [(track, rows) for track in tracks for rows in level_runs(track, surface)],
-        none=f"no level run of a plate along e1 (ψ of {_ALONG:g}° or more); ψ of the runs: none",
+        none=f"no level run of a plate; {_NEEDED}",
     )
 
 
@@ -147,10 +148,7 @@ def fit_alpha_y(
 
     Raises NotIdentifiable for too few runs or directions, and for an α_y that is not positive.
     """
-    used = sorted(run for run in runs if run.psi >= _ALONG)
-    if not used:
-        angles = ", ".join(f"{run.psi:.0f}°" for run in runs)
-        raise NotIdentifiable(f"no level run of a plate along e1 (ψ of {_ALONG:g}° or more); ψ of the runs: {angles}")
+    used = sorted(runs)
     beta = np.array([run.beta for run in used])
     alpha, errors = np.array([[run.alpha] for run in used]), np.array([[run.error] for run in used])
     steps = np.append(0, (np.diff(beta) > _SAME_BETA).cumsum())  # the runs' β, numbered

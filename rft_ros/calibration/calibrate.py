@@ -9,12 +9,13 @@ import numpy as np
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
 from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.penetration import Penetration, fit_surface, fit_zeta
+from rft_ros.calibration.penetration import fit_surface, fit_zeta
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
+from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import Treers2021, medium_named, wrenches
+from rft_ros.rft import Law, Treers2021, medium_named, wrenches
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -30,13 +31,12 @@ _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m
 class Calibration:
     """Fitted values, the reason by name for each that is not identifiable, and notes for the user.
 
-    `penetrations`, `alpha_y`: what ζ and α_y come from.
+    `alpha_y`: how the record's α_y becomes parameters.
     """
 
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
     notes: list[str] = field(default_factory=list)
-    penetrations: list[Penetration] = field(default_factory=list)
     alpha_y: AlphaYFit | None = None
 
     @contextmanager
@@ -74,34 +74,22 @@ def calibrate(
         for density in (values["medium.density"], 0.0)
     )
 
-    def without_inertia(height: float) -> Sequence[Track]:
-        """The recordings without the force of the grains' inertia, which ζ does not scale; surface at `height` [m]."""
-        if inertial == law:
-            return recorded
-        found = []
-        for track in recorded:
-            fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
-            force = np.einsum("nji,nj->ni", track.sensor_rotations(sensor.cell), (fast - slow)[:, :3])
-            readings = track.readings - sensor.cell.sign * np.pad(force, ((0, 0), (0, 3)))
-            found.append(replace(track, readings=readings))
-        return found
-
     height, height_error = settings.surface_height, 0.0
     air = height
     try:  # in any case: what counts as air depends on it
         for _ in range(1 if inertial == law else _ROUNDS):
-            surface, contacts, notes = fit_surface(tracks, sensor.cell, law)
-            tracks = without_inertia(surface.values[0])
+            surface, highest, notes = fit_surface(tracks, sensor.cell, law)
+            tracks = [_without_inertia(t, sensor.cell, inertial, law, surface.values[0]) for t in recorded]
         if "surface" in parts:
             (height,), (height_error,) = surface.values, surface.errors
             result.fitted.append(surface)
             result.notes += notes
-        air = max(height, *(contact.height for contact in contacts))
+        air = max(height, highest)
     except NotIdentifiable as reason:
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
     air += _CLEAR
-    tracks = without_inertia(height)
+    tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in recorded]
 
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
@@ -113,9 +101,7 @@ def calibrate(
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):
-            fitted, result.penetrations, notes = fit_zeta(
-                tracks, sensor, law, surface=height, surface_error=height_error
-            )
+            fitted, notes = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
             (zeta,), (zeta_error,) = fitted[0].values, fitted[0].errors
             result.fitted += fitted
             result.notes += notes
@@ -133,3 +119,12 @@ def calibrate(
             result.fitted.append(fit.value)
             result.alpha_y = fit
     return result
+
+
+def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
+    """The recording without the force of the grains' inertia, which ζ does not scale; surface at `height` [m]."""
+    if inertial == law:
+        return track
+    fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
+    force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (fast - slow)[:, :3])
+    return replace(track, readings=track.readings - cell.sign * np.pad(force, ((0, 0), (0, 3))))

@@ -4,7 +4,6 @@ Load-cell noise is filtered and grains slip in bursts, so neighbouring samples a
 assume independent samples and come out several times too small.
 """
 
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -78,33 +77,27 @@ class Fit:
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-def _lag_one(series: Array) -> float:
-    """Lag-one correlation, clipped to ±0.97: at ±1 the variance of a mean is unbounded."""
-    power = float(series @ series)
-    return min(max(float(series[1:] @ series[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
-
-
 def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
     """A fit to a time series, with the covariance under serially correlated residuals; `jacobian`: shape [n, k].
 
-    Newey and West's estimate (Econometrica 55, 1987) with Andrews' number of lags (59, 1991), on scores whitened by the
-    residuals' lag-one correlation (60, 1992): else errors from a few hundred samples are a third too small.
+    Newey and West's estimate (Econometrica 55, 1987) on scores whitened by the residuals' lag-one correlation (Andrews,
+    60, 1992): else errors from a few hundred samples are a third too small.
     """
     n, k = jacobian.shape
     e = residuals - residuals.mean()
+    power = float(e @ e)
+    # at a correlation of 1 the variance of a mean is unbounded
+    rho = min(max(float(e[1:] @ e[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
     scores = jacobian * residuals[:, None]
-    first = _lag_one(e)
-    scores = scores[1:] - first * scores[:-1]
-    rho = _lag_one(e[1:] - first * e[:-1])
-    ratio = 4.0 * rho**2 / ((1.0 - rho) ** 2 * (1.0 + rho) ** 2)
-    lags = min(math.ceil(1.1447 * (ratio * n) ** (1.0 / 3.0)), n // 4)
+    scores = scores[1:] - rho * scores[:-1]
+    lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
     total = scores.T @ scores
     for lag in range(1, lags + 1):
         product = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     # the coefficients and the kernel's width reduce the degrees of freedom
-    covariance = bread @ total @ bread / (1.0 - first) ** 2 * n / max(n - k - lags, 1)
+    covariance = bread @ total @ bread / (1.0 - rho) ** 2 * n / max(n - k - lags, 1)
     return Fit(coefficients, np.asarray(covariance), residuals, bread @ jacobian.T)
 
 

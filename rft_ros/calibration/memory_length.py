@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_curve, fit_each, fit_series, mean_of
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_curve, fit_each, mean_of
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Track, Turn, turns_in_grains
 from rft_ros.rft import SLACK, Law, Memory, wrenches_in_time
@@ -23,13 +23,12 @@ _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
 
 
 class _TurnFit(NamedTuple):
-    """λ of one turn [m] with its standard `error`; RMS residual over the greatest force, with λ and without memory."""
+    """λ of one turn [m] with its standard `error`; RMS residual over the greatest force."""
 
     bag: str
     length: float
     error: float
     misfit: float
-    misfit_without: float
 
 
 def forces_in_time(
@@ -63,8 +62,7 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
     low, high = np.log(_SHORTEST), np.log(_LONGEST)
     observed = measured.T.ravel()
     found = fit_curve(observed, shape, low=low, high=high)
-    up = np.array([0.0, 0.0, 1.0])
-    by_zero = found.inverse[0] @ np.repeat(up * sensor.force_error(track, turn.at, up), len(measured))
+    by_zero = found.inverse[0] @ np.repeat([0.0, 0.0, sensor.zero_error], len(measured))
     length, relative = float(np.exp(found.coefficients[0])), float(np.hypot(found.errors[0], by_zero))
     if found.coefficients[0] < low + 0.02 * (high - low):
         raise NotIdentifiable(
@@ -75,12 +73,12 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
         raise NotIdentifiable(f"{fitted}; its error must be at most {100 * _UNSURE:.0f} %")
     if length > turn.after:
         raise NotIdentifiable(f"{fitted}; it must be below the {1e3 * turn.after:.3g} mm of path after the turn")
-    misfit, without = found.rms / peak, fit_series(shape(low)[:, None], observed).rms / peak
+    misfit = found.rms / peak
     if misfit > _UNLIKE or found.coefficients[1] <= 0.0:
         raise NotIdentifiable(
             f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
         )
-    return _TurnFit(track.name, length, length * relative, misfit, without)
+    return _TurnFit(track.name, length, length * relative, misfit)
 
 
 def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> FittedValue:
@@ -94,7 +92,6 @@ def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surf
         none="the tool never turns in the grains, and no recording begins with it at rest there",
     )
     length, error = mean_of([t.length for t in turns], [t.error for t in turns])
-    misfit, without = 100.0 * np.mean([(t.misfit, t.misfit_without) for t in turns], axis=0)
-    goodness = f"RMS {misfit:.1f} % of the greatest force around turns; without memory {without:.1f} %"
+    goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns]):.1f} % of the greatest force around turns"
     source = ", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns)
     return FittedValue("medium.mobilization_length", (length,), (error,), "m", goodness, source)

@@ -4,19 +4,18 @@
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import Fit, FittedValue, NotIdentifiable, fit_curve, fit_each, fit_series, mean_of
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_curve, fit_each, fit_series, mean_of
 from rft_ros.calibration.tool_weight import Sensor
-from rft_ros.calibration.track import Stroke, Track, down_strokes
+from rft_ros.calibration.track import Rows, Track, down_strokes
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import Law, wrenches
 
-__all__ = ["BEDS_DIFFER", "Contact", "Penetration", "fit_surface", "fit_zeta", "notes_on_zeta"]
+__all__ = ["BEDS_DIFFER", "Contact", "Penetration", "fit_surface", "fit_zeta", "note_on_zeta"]
 
 Array = NDArray[np.float64]
 
@@ -27,7 +26,6 @@ _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations wi
 _SCATTERED = 0.002  # greatest difference of heights of first contact [m] without a note
 
 _AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
-_CLEAR = 0.001  # height above the surface [m] from which samples at rest are used as well
 _SHALLOW, _AT_LEAST = 0.25, 0.004
 """First contact is fitted to this share of the stroke's depth, but at least this depth [m]. Over the whole depth, a
 pressure that grows faster than linearly would shift the surface down."""
@@ -47,40 +45,41 @@ class Contact(NamedTuple):
     misfit: float
 
 
-def _first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Contact:
+def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Contact:
     """Height at which a stroke meets the surface: fit the predicted force over depth with a free scale plus a constant.
 
     The constant absorbs bias and weight, which do not change in one orientation.
     """
-    rows, moving = stroke
-    up = track.sensor_rotations(cell)[rows][:, 2]
-    force = cell.sign * np.einsum("nj,nj->n", up, track.readings[rows, :3])
-    height = track.heights()[rows]
+    up = track.sensor_rotations(cell)[stroke][:, 2]
+    force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, :3])
+    height = track.heights()[stroke]
     low, high = float(height.min()), float(height.max())
     # the force over the depth of the lowest point, in the orientation at the bottom
     depths = np.linspace(0.0, high - low, 256)
-    states = np.repeat(track.states[rows[-1:]], len(depths), axis=0)
+    states = np.repeat(track.states[stroke[-1:]], len(depths), axis=0)
     states[:, 2] -= height[-1] + depths
     states[:, 7:13] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
     predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
 
-    def fit(used: NDArray[np.bool_], least: float, most: float) -> Fit:
-        z = height[used]
-        return fit_curve(force[used], lambda s: np.interp(s - z, depths, predicted), low=least, high=most, offset=True)
-
-    used, bottom, found = moving, low, fit(moving, low, high)
+    used, least, most = np.ones(len(stroke), dtype=np.bool_), low, high
     for _ in range(6):
+        z = height[used]
+        found = fit_curve(
+            force[used],
+            lambda s, z=z: np.interp(s - z, depths, predicted),  # type: ignore[misc]
+            low=least,
+            high=most,
+            offset=True,
+        )
         surface = float(found.coefficients[0])
-        bottom = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
-        used = (height > bottom) & (height < surface + _AIR) & (moving | (height > surface + _CLEAR))
-        if used.sum() < 20 or surface <= low:
+        least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
+        most = min(high, surface + 0.5 * _AIR)
+        near = (height > least) & (height < surface + _AIR)
+        if near.sum() < 20 or (near == used).all():
             break
-        found = fit(used, bottom, min(high, surface + 0.5 * _AIR))
-        if abs(found.coefficients[0] - surface) < 1e-6:
-            break
-    surface, scale, _ = found.coefficients.tolist()
-    rise = scale * float(np.interp(surface - bottom, depths, predicted))
-    in_air = int((used & (height > surface)).sum())
+        used = near
+    rise = float(found.coefficients[1] * np.interp(surface - z.min(), depths, predicted))
+    in_air = int((z > surface).sum())
     if in_air < 10 or surface >= high - 1e-6:
         raise NotIdentifiable(
             f"{track.name}: {in_air} samples above the surface on the way down; first contact needs 10"
@@ -93,8 +92,8 @@ def _first_contact(track: Track, stroke: Stroke, cell: LoadCell, law: Law) -> Co
     return Contact(track.name, surface, float(found.errors[0]), found.rms / rise)
 
 
-def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[FittedValue, list[Contact], list[str]]:
-    """`surface_height`, the mean over first contacts; the contacts, and a note if they differ. `law`: at any ζ.
+def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[FittedValue, float, list[str]]:
+    """`surface_height`, the mean over first contacts; the highest [m]; a note if they differ. `law`: at any ζ.
 
     Raises NotIdentifiable without a first contact.
     """
@@ -109,25 +108,23 @@ def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[Fitt
     source = f"first contact of {len(contacts)} ways down"
     each = ", ".join(f"{c.bag} {1e3 * c.height:.1f} ± {1e3 * c.error:.1f} mm" for c in contacts)
     notes = [f"First contact lies at different heights: {each}."] if np.ptp(heights) > _SCATTERED else []
-    return FittedValue("surface_height", (height,), (error,), "m", goodness, source), contacts, notes
+    return FittedValue("surface_height", (height,), (error,), "m", goodness, source), max(heights), notes
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Penetration:
-    """One vertical penetration, n moments in time order.
+class Penetration(NamedTuple):
+    """One vertical penetration.
 
-    `depth` of the tool's lowest point [m], shape [n]. `measured`, `predicted`: vertical force of the grains, and the
-    model's at ζ = 1 [N], shape [n]. `error`: standard error of `zeta`, with those of the surface height and of the load
-    cell's zero. `others`: mean ζ of the other penetrations, if there are any.
+    Greatest `depth` of the tool's lowest point [m]. `measured`, `predicted`: vertical force of the grains, and the
+    model's at ζ = 1 [N], shape [n], in time order. `error`: standard error of `zeta`, with those of the surface height
+    and of the load cell's zero.
     """
 
     bag: str
-    depth: Array
+    depth: float
     measured: Array
     predicted: Array
     zeta: float
     error: float
-    others: float | None = None
 
     def misfit(self, zeta: float) -> float:
         """RMS residual at a ζ, relative to the greatest measured force."""
@@ -147,16 +144,14 @@ def _cause(forces: Array, alike: float) -> str:
 
 
 def _penetration(
-    track: Track, stroke: Stroke, sensor: Sensor, law: Law, surface: float, surface_error: float
+    track: Track, stroke: Rows, sensor: Sensor, law: Law, surface: float, surface_error: float
 ) -> Penetration:
-    """ζ of the part of a stroke in which the tool moves down below the surface."""
-    bag, depth = track.name, surface - track.heights()[stroke.rows]
-    used = stroke.moving & (depth > 0.0)
-    rows, depth = stroke.rows[used], depth[used]
-    deepest = float(depth.max(initial=0.0))
-    if len(depth) < 20 or deepest < _SHALLOWEST:
+    """ζ of the part of a stroke that lies below the surface."""
+    bag, depths = track.name, surface - track.heights()[stroke]
+    rows, depth = stroke[depths > 0.0], float(depths.max())
+    if len(rows) < 20 or depth < _SHALLOWEST:
         raise NotIdentifiable(
-            f"{bag}: a penetration of {1e3 * deepest:.1f} mm in {len(depth)} samples is too shallow; ζ needs"
+            f"{bag}: a penetration of {1e3 * depth:.1f} mm in {len(rows)} samples is too shallow; ζ needs"
             f" {1e3 * _SHALLOWEST:g} mm and 20 samples"
         )
     states, forces = track.smooth_states()[rows], track.grain_forces(sensor.cell)[rows]
@@ -170,7 +165,7 @@ def _penetration(
     fit = fit_series(g[:, None], measured)
     zeta = float(fit.coefficients[0])
     by_surface = higher[:, 2] @ measured / (higher[:, 2] @ higher[:, 2]) - zeta
-    by_zero = fit.inverse.sum() * sensor.force_error(track, int(stroke.rows[-1]), np.array([0.0, 0.0, 1.0]))
+    by_zero = fit.inverse.sum() * sensor.zero_error
     error = float(np.linalg.norm((fit.errors[0], by_surface, by_zero)))
     scale = float(np.linalg.norm(forces) * np.linalg.norm(modelled))
     alike = float(np.sum(forces * modelled)) / scale if scale > 0.0 else 0.0
@@ -184,8 +179,8 @@ def _penetration(
 
 def fit_zeta(
     tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float
-) -> tuple[list[FittedValue], list[Penetration], list[str]]:
-    """`medium.zeta`, the mean over the penetrations, and `medium.calibrated_depth`; the penetrations, and notes.
+) -> tuple[list[FittedValue], list[str]]:
+    """`medium.zeta`, the mean over the penetrations, and `medium.calibrated_depth`; a note if ζ differs.
 
     `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m]. Raises NotIdentifiable if no
     penetration is usable.
@@ -196,39 +191,32 @@ def fit_zeta(
             (track, stroke)
             for track in tracks
             for stroke in down_strokes(track)
-            if track.heights()[stroke.rows].min() < surface
+            if track.heights()[stroke].min() < surface
         ],
         none="no vertical penetration in the grains",
     )
     zeta, error = mean_of([p.zeta for p in found], [p.error for p in found])
     goodness = f"RMS {100 * max(p.misfit(zeta) for p in found):.1f} % of the peak at worst"
     if (n := len(found)) > 1:
-        found = [replace(p, others=(n * zeta - p.zeta) / (n - 1)) for p in found]
-        held_out = max(p.misfit(p.others or zeta) for p in found)
+        held_out = max(p.misfit((n * zeta - p.zeta) / (n - 1)) for p in found)
         goodness += f"; each predicted by the others' ζ: {100 * held_out:.1f} %"
     each = ", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found)
-    depth, deepest = max((float(p.depth.max()), p.bag) for p in found)
-    source = f"deepest penetration, {deepest}"
+    deepest = max(found, key=lambda p: p.depth)
+    source = f"deepest penetration, {deepest.bag}"
     values = [
         FittedValue("medium.zeta", (zeta,), (error,), "", goodness, each),
-        FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", source),
+        FittedValue("medium.calibrated_depth", (deepest.depth,), (surface_error,), "m", "", source),
     ]
-    return values, found, notes_on_zeta(found, zeta, error)
+    return values, note_on_zeta(found)
 
 
-def notes_on_zeta(found: Sequence[Penetration], zeta: float, error: float) -> list[str]:
-    """A sentence if ζ differs between penetrations, and one if the mean is surer than beds are alike."""
-    notes = []
-    if error / zeta < BEDS_DIFFER:
-        notes.append(
-            f"medium.zeta_error is {BEDS_DIFFER:g}, although the fit's own relative error is {error / zeta:.2g}: ζ"
-            f" differs by {100 * BEDS_DIFFER:g} % from one levelling of the same grains to the next."
-        )
+def note_on_zeta(found: Sequence[Penetration]) -> list[str]:
+    """A sentence if ζ differs between penetrations."""
     low, high = (f(found, key=lambda p: p.zeta) for f in (min, max))
     apart = high.zeta - low.zeta
-    if apart > max(_NOTEWORTHY * low.zeta, 3.0 * float(np.hypot(low.error, high.error))):
-        notes.append(
-            f"ζ differs by {100 * apart / low.zeta:.0f} % between {low.bag} ({low.zeta:.2f}) and {high.bag}"
-            f" ({high.zeta:.2f}): tools of different size, and grains that differ, need a ζ of their own."
-        )
-    return notes
+    if apart <= max(_NOTEWORTHY * low.zeta, 3.0 * float(np.hypot(low.error, high.error))):
+        return []
+    return [
+        f"ζ differs by {100 * apart / low.zeta:.0f} % between {low.bag} ({low.zeta:.2f}) and {high.bag}"
+        f" ({high.zeta:.2f}): tools of different size, and grains that differ, need a ζ of their own."
+    ]

@@ -4,10 +4,10 @@ A reading is bias + sign · (weight, centre of mass × weight): linear in bias, 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, error_of_mean, fit_measurements
 from rft_ros.calibration.track import Track, still_intervals
@@ -17,8 +17,6 @@ from rft_ros.estimator.load_cell import GRAVITY, drift
 
 __all__ = ["Sensor", "fit_tool_weight", "tared"]
 
-Array = NDArray[np.float64]
-
 _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
 _LEAST = 1e-6  # a mass below this [kg] is rounding
 _SURE = 3.0  # standard errors of the mass by which it must exceed 0 to be a mass
@@ -27,18 +25,11 @@ _NOTHING = 0.01  # kg; a mass near 0 whose error is below is none: the driver ta
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sensor:
-    """The load cell; covariance of its force zero fx, fy, fz [N] and mass [kg], shape [4, 4], 0 for what is given."""
+class Sensor(NamedTuple):
+    """The load cell; the standard error of its compensated force's zero along any axis [N], 0 for what is given."""
 
     cell: LoadCell
-    covariance: Array = field(default_factory=lambda: np.zeros((4, 4)))
-
-    def force_error(self, track: Track, row: int, direction: Array) -> float:
-        """Standard error of the compensated force's zero along a world direction, shape [3], in a row's pose [N]."""
-        in_sensor = direction @ track.sensor_rotations(self.cell)[row]
-        x = np.append(in_sensor, -self.cell.sign * GRAVITY * direction[2])
-        return float(np.sqrt(x @ self.covariance @ x))
+    zero_error: float = 0.0
 
 
 def fit_tool_weight(
@@ -69,42 +60,41 @@ def fit_tool_weight(
     fitted: list[FittedValue] = []
     reasons: dict[str, str] = {}
 
+    forces, r2 = fit_measurements(
+        np.column_stack([constant, cell.sign * gravity.ravel()]), readings[:, :3], errors[:, :3]
+    )
+    mass, error = float(forces.coefficients[3]), float(forces.errors[3])
+    found = f"the fitted mass is {mass:.4f} ± {error:.4f} kg"
     unknown = ""  # why the mass is
     if widest < _WIDEST:
         unknown = f"gravity turns by {widest:.1f}° in the sensor frame over {len(poses)} poses; it needs {_WIDEST:g}°"
-        mass = error = 0.0
-    else:
-        design = np.column_stack([constant, cell.sign * gravity.ravel()])
-        forces, r2 = fit_measurements(design, readings[:, :3], errors[:, :3])
-        mass, error = float(forces.coefficients[3]), float(forces.errors[3])
-        found = f"the fitted mass is {mass:.4f} ± {error:.4f} kg"
-        if mass < -max(_SURE * error, _LEAST):
-            raise NotIdentifiable(f"{found}: sensor.sign or sensor.quaternion is wrong")
-        if error > _NOTHING and (mass <= _SURE * error or r2 < _EXPLAINED):
-            unknown = (
-                f"{found} (R² {r2:.3f}); it needs {_SURE:g} times its error and R² {_EXPLAINED:g}: check"
-                " sensor.quaternion, and that nothing pulls at the tool"
-            )
-    covariance = np.zeros((4, 4))
+    elif mass < -max(_SURE * error, _LEAST):
+        raise NotIdentifiable(f"{found}: sensor.sign or sensor.quaternion is wrong")
+    elif error > _NOTHING and (mass <= _SURE * error or r2 < _EXPLAINED):
+        unknown = (
+            f"{found} (R² {r2:.3f}); it needs {_SURE:g} times its error and R² {_EXPLAINED:g}: check"
+            " sensor.quaternion, and that nothing pulls at the tool"
+        )
     if unknown:
         reasons["sensor.mass"] = f"{unknown} (kept: {cell.mass:g} kg)"
         forces, _ = fit_measurements(constant, readings[:, :3] - cell.sign * cell.mass * gravity, errors[:, :3])
-        covariance[:3, :3] = forces.covariance
+        error = 0.0
     else:
-        covariance = forces.covariance
         cell = replace(cell, mass=max(mass, 0.0))
         fitted.append(FittedValue("sensor.mass", (cell.mass,), (error,), "kg", f"R² {r2:.5f}", source))
 
+    why = ""
     if unknown:
-        reasons["sensor.center_of_mass"] = "mass unknown"
+        why = "mass unknown"
     elif spreads[1] < _SPREAD:
-        reasons["sensor.center_of_mass"] = (
-            f"{len(poses)} directions of gravity spread by {spreads[1]:.3f} in a second direction; it needs {_SPREAD:g}"
-        )
+        spread = f"directions of gravity spread by {spreads[1]:.3f} in a second direction"
+        why = f"{len(poses)} {spread}; it needs {_SPREAD:g}"
     elif mass <= max(_SURE * error, _LEAST):
-        reasons["sensor.center_of_mass"] = (
-            f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
-        )
+        why = f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
+    if why:
+        reasons["sensor.center_of_mass"] = why
+        weight_torques = np.cross(np.array(cell.center_of_mass), cell.sign * cell.mass * gravity)
+        torques, _ = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
     else:
         # columns: e_k × gravity, the torque for each component of mass times centre
         levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
@@ -114,18 +104,13 @@ def fit_tool_weight(
         cell = replace(cell, center_of_mass=(float(x), float(y), float(z)))
         values = cell.center_of_mass, tuple(own.tolist())
         fitted.append(FittedValue("sensor.center_of_mass", *values, "m", f"R² {r2:.5f}", source))
-    if "sensor.center_of_mass" in reasons:
-        weight_torques = np.cross(np.array(cell.center_of_mass), cell.sign * cell.mass * gravity)
-        torques, _ = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
 
-    bias = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]])
-    rms = np.sqrt(np.mean((readings[:, :3] - bias[:3] - cell.sign * cell.mass * gravity) ** 2))
-    goodness = f"RMS {rms:.3f} N between poses" + (f", with the mass of {cell.mass:g} kg as given" if unknown else "")
-    own = np.concatenate([forces.errors[:3], torques.errors[:3]])
-    fx, fy, fz, tx, ty, tz = bias.tolist()
+    fx, fy, fz, tx, ty, tz = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]]).tolist()
     cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
+    goodness = f"RMS {forces.rms:.3f} N between poses"
+    own = np.concatenate([forces.errors[:3], torques.errors[:3]])
     fitted.insert(0, FittedValue("sensor.bias", cell.bias, tuple(own.tolist()), "N, N m", goodness, source))
-    return Sensor(cell, covariance), fitted, reasons
+    return Sensor(cell, float(np.hypot(own[:3].max(), GRAVITY * error))), fitted, reasons
 
 
 def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float) -> tuple[list[Track], Sensor]:
@@ -148,4 +133,4 @@ def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float
         excess = track.readings[rows, :3] - weight
         error = max(error, *(error_of_mean(column) for column in excess.T))
         shifted.append(replace(track, readings=track.readings - np.append(excess.mean(axis=0), np.zeros(3))))
-    return shifted, Sensor(cell, sensor.covariance + np.diag([error**2] * 3 + [0.0]))
+    return shifted, Sensor(cell, float(np.hypot(sensor.zero_error, error)))

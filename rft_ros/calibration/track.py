@@ -18,7 +18,7 @@ from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.tool import Tool
 
-__all__ = ["Stroke", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals", "turns_in_grains"]
+__all__ = ["Rows", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals", "turns_in_grains"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -145,16 +145,6 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     )
 
 
-class Stroke(NamedTuple):
-    """A movement down in one orientation: `rows` of the track in time order, pauses included, to its deepest point.
-
-    `moving`: whether the tool moves straight down in each of the rows, shape [len(rows)], no unit.
-    """
-
-    rows: Rows
-    moving: NDArray[np.bool_]
-
-
 class Turn(NamedTuple):
     """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 
@@ -186,8 +176,8 @@ def still_intervals(track: Track) -> list[Rows]:
     return found
 
 
-def down_strokes(track: Track) -> list[Stroke]:
-    """Each movement down with at least 20 rows of straight motion in the orientation of its deepest point."""
+def down_strokes(track: Track) -> list[Rows]:
+    """Rows of straight motion down, at least 20, in the orientation of the deepest point of each movement down."""
     heights, rotations, (velocity, _, turning) = track.heights(), track.rotations(), track.motion()
     sinking = -velocity[:, 2]
     straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
@@ -200,9 +190,9 @@ def down_strokes(track: Track) -> list[Stroke]:
         begin = top + int(np.argmin(heights[top:end]))
         rows = np.arange(top, begin + 1)
         alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(_TILT)
-        rows = rows[alike]
-        if straight[rows].sum() >= _FEWEST:
-            found.append(Stroke(rows, straight[rows]))
+        rows = rows[alike & straight[rows]]
+        if len(rows) >= _FEWEST:
+            found.append(rows)
     return found
 
 

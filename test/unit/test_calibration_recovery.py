@@ -22,7 +22,7 @@ from synthetic_track import (
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.penetration import Penetration, notes_on_zeta
+from rft_ros.calibration.penetration import Penetration, note_on_zeta
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
@@ -96,7 +96,7 @@ def test_alpha_y_from_plates_dragged_along_themselves(model, truth):
 
 
 def run_at(beta, alpha):
-    return PlateRun(beta=beta, psi=90.0, depth=0.05, alpha=alpha, error=0.00036)
+    return PlateRun(beta=beta, depth=0.05, alpha=alpha, error=0.00036)
 
 
 def test_alpha_y_is_constant_unless_its_slope_is_significant_and_a_table_holds_what_a_line_cannot():
@@ -128,8 +128,8 @@ def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
 @pytest.mark.parametrize(("other", "notes"), [(1.2, 0), (1.5, 1)])
 def test_penetrations_whose_zeta_differs_give_a_note(other, notes):
     line = np.linspace(0.0, 1.0, 9)
-    both = [Penetration("a", line, line, line, zeta, 0.01) for zeta in (1.0, other)]
-    assert len(notes_on_zeta(both, 1.25, 0.25)) == notes
+    both = [Penetration("a", 0.05, line, line, zeta, 0.01) for zeta in (1.0, other)]
+    assert len(note_on_zeta(both)) == notes
 
 
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
