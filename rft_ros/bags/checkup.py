@@ -240,24 +240,18 @@ def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
 
     None if it does not begin.
     """
-    if len(rows) < 2 * _ENOUGH:
+    if not len(rows):
         return None
-    height = -rows["depth"]
-    lowest_later = np.minimum.accumulate(height[::-1])[::-1]
-    top = int((height - lowest_later).argmax())  # of the longest way down
-    sinking = rows[top + 1 + np.flatnonzero(np.diff(np.minimum.accumulate(height[top:])) < 0.0)]
-    if len(sinking) < 2 * _ENOUGH:
-        return None
-    depth, measured = sinking["depth"], sinking["compensated"][:, :3]
+    deepest_later = np.maximum.accumulate(rows["depth"][::-1])[::-1]
+    way = rows[int((deepest_later - rows["depth"]).argmax()) :]
+    way = way[np.diff(np.maximum.accumulate(way["depth"]), prepend=-np.inf) > 0.0]
+    depth, measured = way["depth"], way["compensated"][:, :3]
     noise = float(np.linalg.norm(np.std(measured[:_ENOUGH], axis=0)))
     force = np.linalg.norm(measured - np.median(measured[:_ENOUGH], axis=0), axis=1)
     share = max(_FELT, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
-    begins = _onset(force, share)
+    begins, expected = (_onset(f, share) for f in (force, np.linalg.norm(way["predicted"][:, :3], axis=1)))
     if begins is None:
         return None
-    expected = None
-    if depth[0] <= 0.0 < depth.max():
-        expected = _onset(np.linalg.norm(sinking["predicted"][:, :3], axis=1), share)
     metres = (0.0 if expected is None else float(depth[expected])) - float(depth[begins])
     return metres, _CONTACT[0] + _CONTACT[1] * float(depth[-1] - depth[begins])
 

@@ -70,8 +70,6 @@ def _tables(summary: Summary) -> Iterator[Table]:
     flags = [(name, f"{n:,}", trust(flag).value, sentences(flag)) for name, flag, n in counted]
     sentence = f"How many estimates have each flag (trust: {trusted})."
     yield Table("Quality flags", sentence, ("flag", "estimates", "trust", "meaning"), flags or [("none", "0", "", "")])
-    read = [(role, topic, f"{summary.messages[role]:,}") for role, topic in summary.topics.items()]
-    yield Table("Read", "", ("role", "topic", "messages"), read)
     unused = [(name, f"{count:,}") for name, count in summary.reasons.items()] or [("none", "0")]
     sentence = "Samples that were not used, poses without an estimate and estimates without a residual."
     yield Table("Not used or unanswered", sentence, ("reason", "count"), unused)

@@ -129,15 +129,12 @@ def animation_figure(scene: Animation) -> Any:
     def button(label: str, *arguments: object) -> dict[str, object]:
         return {"label": label, "method": "animate", "args": arguments}
 
-    look = {"backgroundcolor": "white", "gridcolor": "#dddddd"}
-    axes = {
-        f"{axis}axis": {"title": {"text": f"{axis} [mm]"}, "range": [low[n], high[n]], **look}
-        for n, axis in enumerate("xyz")
-    }
+    axes = {f"{a}axis": {"title": {"text": f"{a} [mm]"}, "range": [low[n], high[n]]} for n, a in enumerate("xyz")}
     menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
     steps = [button(label, [str(n)], at_once) for n, label in enumerate(scene.labels)]
     still = line(starts, "path", _PATH, 3), ground
     return go.Figure(data=[*moving(scene.first), *still], frames=frames).update_layout(
+        template="plotly_white",
         title=captions[scene.first],
         font={"family": "system-ui, sans-serif", "size": 13},
         scene={

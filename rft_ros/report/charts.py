@@ -7,22 +7,18 @@ from numpy.typing import NDArray
 
 __all__ = ["COLOURS", "Panels"]
 
-COLOURS = dict.fromkeys(("measured", "turn", "surface", "surprise"), "#333333") | {
-    "predicted": "#D55E00",
-    "residual": "#0072B2",
-    "x": "#0072B2",
-    "y": "#E69F00",
-    "z": "#009E73",
-    "vertical": "#D55E00",
-    "horizontal": "#0072B2",
-    "approach": "#999999",
-    "penetration": "#0072B2",
-    "ploughing": "#CC79A7",
-    "dwell": "#56B4E9",
-    "withdrawal": "#009E73",
-    "caution": "#56B4E9",
-    "no": "#000000",
+_NAMES = {
+    "#333333": ("measured", "turn", "surface", "surprise"),
+    "#D55E00": ("predicted", "vertical"),
+    "#0072B2": ("residual", "x", "horizontal", "penetration"),
+    "#E69F00": ("y",),
+    "#009E73": ("z", "withdrawal"),
+    "#56B4E9": ("dwell", "caution"),
+    "#CC79A7": ("ploughing",),
+    "#999999": ("approach",),
+    "#000000": ("no",),
 }
+COLOURS = {name: colour for colour, names in _NAMES.items() for name in names}
 """Okabe and Ito's palette, distinguishable with any kind of colour vision."""
 
 _BAND = 0.22  # opacity

@@ -17,7 +17,6 @@ from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrench
 from rft_ros.tool import load_tool
 
 LOST = dict.fromkeys(FRAMES, "elsewhere")
-FILES = ("estimates.csv", "summary.json", "estimates/estimates.mcap")
 
 
 @pytest.fixture(scope="module")
@@ -72,16 +71,12 @@ def test_the_estimates_bag_holds_four_wrenches_in_the_sensor_frame(replayed):
     np.testing.assert_array_equal(seen["residual"], np.subtract(seen["compensated"], seen["predicted"]))
 
 
-def test_a_tare_over_the_first_seconds_takes_the_bias_off_and_two_replays_give_the_same_bytes(bag, tmp_path):
-    one, two = (tmp_path / name for name in ("one", "two"))
-    for out in (one, two):
-        summary = replay(bag, out, values(), ReplayOptions(tare=0.15))
-    for name in FILES:
-        assert (one / name).read_bytes() == (two / name).read_bytes(), name
+def test_a_tare_over_the_first_seconds_takes_the_bias_off(bag, tmp_path):
+    summary = replay(bag, tmp_path, values(), ReplayOptions(tare=0.15))
     assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
-    first = rows_of(one)[0]
+    first = rows_of(tmp_path)[0]
     assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
-    assert replay(bag, one, values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
+    assert replay(bag, tmp_path, values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
 
 
 def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
@@ -123,20 +118,6 @@ def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_p
     assert sum(bool(row["residual_fz"]) for row in found) > 500
 
 
-@pytest.mark.parametrize(
-    ("change", "reason"),
-    [
-        (lambda _role, _stamp: START, "pose_repeated"),
-        (lambda role, stamp: stamp - (10**9 if role == "twist" else 0), "twist_stale"),
-        (lambda role, stamp: stamp - (10**9 if role == "wrench" else 0), "wrench_stale"),
-    ],
-)
-def test_invalid_stamps_are_reasons(tmp_path, change, reason):
-    summary, _ = replay_of(tmp_path, [(role, time, change(role, stamp), v) for role, time, stamp, v in moments()])
-    assert summary.reasons[reason] >= 59
-    assert summary.estimates <= 1 or reason == "wrench_stale"
-
-
 def test_stamps_all_zero_give_reasons_and_a_report_without_estimates(tmp_path):
     summary, rows = replay_of(tmp_path, [(role, time, 0, v) for role, time, _, v in moments()], report=True)
     assert summary.estimates == 0
@@ -145,36 +126,25 @@ def test_stamps_all_zero_give_reasons_and_a_report_without_estimates(tmp_path):
     assert "pose_stamp_zero" in (tmp_path / "out" / "report.html").read_text()
 
 
-def test_a_pose_of_unknown_depth_has_no_phase_and_does_not_end_one(tmp_path):
-    rows = [(role, time, 0 if role == "pose" and k // 3 in (40, 41) else s, v) for k, (role, time, s, v)
-            in enumerate(moments())]  # fmt: skip
-    phases = [row["phase"] for row in replay_of(tmp_path, rows)[1]]
-    assert phases[40:42] == ["", ""]
-    assert {*phases[30:40], *phases[42:]} == {"penetration"}
-
-
-def test_poses_alone_predict_by_their_differences_and_have_a_report(tmp_path):
+def test_poses_alone_predict_by_their_differences(tmp_path):
     poses = {"pose": TOPICS["pose"]}
-    summary, rows = replay_of(tmp_path, plunge(), topics=poses, report=True, twist_source="pose_difference")
+    summary, rows = replay_of(tmp_path, plunge(), topics=poses, twist_source="pose_difference")
     assert summary.reasons["wrench_missing"] == summary.estimates > 500
     assert summary.wrench["fz"]["measured"].rms is None
     assert summary.phases["penetration"].wrench["force"]["predicted"].peak > 10.0
     assert rows[-1]["residual_fz"] == ""
-    assert (tmp_path / "out" / "report.html").stat().st_size > 1_000_000
 
 
-@pytest.mark.parametrize("beside", [False, True])
-def test_a_bag_without_any_estimate_writes_its_output_and_fails(bag, tmp_path, capsys, beside):
-    """Alone, and in a batch beside one that brings some."""
-    bags = [write_ros2(tmp_path / "lost", moments(), frames=LOST), *([bag] if beside else [])]
-    assert main(["replay", *map(str, bags), "-o", str(tmp_path / "out"), "--no-report"]) == 1
+def test_a_bag_without_any_estimate_writes_its_output_and_fails(tmp_path, capsys):
+    lost = write_ros2(tmp_path / "lost", moments(), frames=LOST)
+    assert main(["replay", str(lost), "-o", str(tmp_path / "out"), "--no-report"]) == 1
     out, err = capsys.readouterr()
     frame = "pose frame_id 'elsewhere' is not world_frame 'world'"
     assert err.startswith(f"rft replay: bag 'lost' has no estimate for its 60 poses; most often {frame}")
     assert len(err.splitlines()) == 1
     assert f"  not used or unanswered: pose_frame_unknown 60 ({frame})" in out
     assert "wrench frame_id 'elsewhere' is not sensor_frame 'ft_sensor'" in out
-    written = json.loads(((tmp_path / "out" / "lost" if beside else tmp_path / "out") / "summary.json").read_text())
+    written = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert written["reasons"]["pose_frame_unknown"] == 60
     assert written["unknown_frames"]["pose_frame_unknown"].startswith(frame)
 
@@ -215,13 +185,6 @@ def test_an_output_that_is_not_its_own_is_not_overwritten(bag, tmp_path):
         with pytest.raises(InputError, match="not written by rft_ros; not overwritten"):
             replay(bag, folder, values())
         assert sorted(folder.rglob("*")) == before
-
-
-def test_a_bag_in_the_output_is_not_replaced(replayed):
-    file = replayed[1] / "estimates" / "estimates.mcap"
-    with pytest.raises(InputError, match="would overwrite the input"):
-        replay(file, replayed[1], values())
-    assert file.exists()
 
 
 def test_options_come_from_the_parameter_file(tmp_path):

@@ -103,12 +103,6 @@ def test_each_fault_is_found_and_says_what_to_do(examined, fault):
     assert fault != "no stamps" or not any(line.startswith("OK  wrench") for line in lines)
 
 
-def test_a_topic_of_another_type_is_refused_by_name_as_by_a_replay(examined):
-    (sentence,) = examined({}, "~/wrench_measured:=/rft/pose")
-    is_, must = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Wrench"))
-    assert sentence.endswith(f"wrench topic '/rft/pose' is {is_}; it must be {must}")
-
-
 @pytest.mark.parametrize(
     "parameters", [{"pose_source": "tf", "sensor.frame_source": "tf"}, {"world_frame": "base"}], ids=["TF", "base"]
 )
