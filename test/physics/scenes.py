@@ -2,7 +2,7 @@
 
 import numpy as np
 from hypothesis import strategies as st
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft import (
     MEDIA,
@@ -42,6 +42,17 @@ def random_plates(rng: np.random.Generator, n: int, rule: Integration = "centroi
         corners = rng.uniform(-0.04, 0.04, (n, 1, 3)) + rng.uniform(-0.005, 0.005, (n, 3, 3))
         return Plates.from_triangles(corners, rng.uniform(0.01, 0.5, n))
     return Plates.from_arrays(rng.uniform(-0.04, 0.04, (n, 3)), unit(rng.normal(size=(n, 3))), rng.uniform(0, 1e-4, n))
+
+
+def facing(rule: Integration, places: ArrayLike, normals: ArrayLike) -> Plates:
+    """Plates at places with these normals: points, or for the refined rule triangles."""
+    places, normals = np.asarray(places, dtype=float), unit(np.asarray(normals, dtype=float))
+    if rule == "centroid":
+        return Plates.from_arrays(places, normals, np.full(len(places), 1e-4))
+    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
+    second = np.cross(normals, first)
+    corners = 0.01 * np.stack([-first - second, 2.0 * first - second, 2.0 * second - first], axis=1)
+    return Plates.from_triangles(places[:, None] + corners, np.full(len(places), 0.02))
 
 
 def random_scene(rng: np.random.Generator, n: int) -> Array:

@@ -7,12 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
+from scenes import LINEAR as LAW
 
-from rft_ros.rft import MEDIA, alpha_y_model, plate_forces, treers2021, wrenches
+from rft_ros.rft import plate_forces, wrenches
 from rft_ros.tool import load_tool
 
-MEDIUM = MEDIA["generic"]
-LAW = treers2021(MEDIUM, alpha_y_model("linear", MEDIUM), zeta=0.3)
 TOOLS = {rule: load_tool("ellipsoid", integration=rule) for rule in ("centroid", "refined")}
 PLATE = load_tool("plate", integration="refined")
 SLOPES = st.tuples(*(st.floats(-0.3, 0.3) for _ in range(2)))

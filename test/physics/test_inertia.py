@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, directions, random_plates, random_scene, seeds
+from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, directions, facing, random_plates, random_scene, seeds
 
 from rft_ros.rft import (
     INTEGRATIONS,
@@ -21,19 +21,11 @@ from rft_ros.rft.inertia import CONFINEMENT, INERTIA
 
 RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
 DENSITY = 1500.0  # of `INERTIAL`
-AREA = 2e-4
 
 
-def plate(normal, rule, side=0.02):
-    """A plate of `AREA` at the tool frame's origin; a refined one has the shape of a triangle."""
-    if rule == "centroid":
-        return Plates.from_arrays([[0.0, 0.0, 0.0]], [normal], [AREA])
-    n = np.asarray(normal, dtype=float)
-    a = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.9 else [1.0, 0.0, 0.0])
-    a *= side / np.linalg.norm(a)
-    corners = np.array([a, np.cross(n, a), [0.0, 0.0, 0.0]])
-    corners -= corners.mean(axis=0)
-    return Plates.from_triangles(corners[None], np.array([0.01]))
+def plate(normal, rule):
+    """At the tool frame's origin."""
+    return facing(rule, [[0.0, 0.0, 0.0]], [normal])
 
 
 def at(velocity, depth=0.1):

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scenes import GENERIC
 
-from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
-from rft_ros.rft.memory import DEPTH
+from rft_ros.rft import Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 
-GENERIC = MEDIA["generic"]
 LAW = treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
 PLATES = {i: load_tool("ellipsoid", integration=i, tolerance=0.025).plates for i in ("centroid", "refined")}
 INTEGRATIONS = tuple(PLATES)
@@ -56,17 +55,6 @@ def test_a_very_short_mobilization_length_gives_the_published_rule(integration):
     published = wrenches(plates, LAW, states)
     # the mean of both ends of a step, over which the direction does not change
     np.testing.assert_allclose(result, published[2:], rtol=1e-9, atol=1e-12)
-
-
-@given(speed=st.floats(1e-6, 1e3), integration=st.sampled_from(INTEGRATIONS))
-@settings(max_examples=30)
-def test_without_a_density_the_same_path_at_another_speed_gives_the_same_forces(speed, integration):
-    path = np.linspace(0.0, 0.01, 20)
-    turning = {"velocity": (0.01, 0.0, -0.01), "angular": (0.0, 0.3, 0.1)}
-    slow = remembered(*along(path, **turning), plates=PLATES[integration])
-    states, durations = along(path, speed=speed, **turning)
-    states[:, 10:13] *= speed
-    np.testing.assert_allclose(remembered(states, durations, plates=PLATES[integration]), slow, rtol=1e-9, atol=1e-12)
 
 
 @given(
@@ -148,9 +136,6 @@ def test_at_rest_the_force_holds(integration):
     np.testing.assert_allclose(held, np.repeat(last[None], 1000, axis=0), rtol=1e-12, atol=1e-15)
 
 
-DOWN = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, -1.0]], [1e-4])
-
-
 @given(st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS), st.sampled_from(("constant", "linear")))
 @settings(max_examples=30)
 def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, alpha_y):
@@ -166,24 +151,6 @@ def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, al
     force = remembered(checked_states(states), np.ones(len(x)), plates=PLATES[integration], law=law)[:, :2]
     work = np.cumsum(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x, axis=0), axis=1))
     assert work.max() <= 1e-9 * np.abs(work).max()
-
-
-@given(st.integers(0, 2**32 - 1))
-@settings(max_examples=20)
-def test_within_the_elastic_zone_the_force_depends_on_the_pose_alone(seed):
-    """Any trembling in six directions that returns brings the force back: nothing is counted, whatever the twist."""
-    memory, rng = Memory(DOWN), np.random.default_rng(seed)
-    states, durations = along(
-        np.append(np.linspace(0.0, 0.02, 50), 0.0199), (0.0, 0.0, -0.01), start=(0.0, 0.0, -DEPTH)
-    )
-    durations[-1] = 0.01
-    remembered(states, durations, plates=DOWN, memory=memory)
-    tremble = np.repeat(states[-1:], 500, axis=0)
-    tremble[1:-1, :3] += rng.normal(scale=1e-5, size=(498, 3))
-    tremble[1:-1, 3:7] += rng.normal(scale=1e-5, size=(498, 4))
-    tremble[:, 7:] = rng.normal(size=(500, 6))
-    force = remembered(checked_states(tremble), np.full(500, 0.004), plates=DOWN, memory=memory)
-    np.testing.assert_allclose(force[-1], force[0], rtol=1e-9, atol=1e-12)
 
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)

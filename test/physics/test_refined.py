@@ -5,11 +5,12 @@ import pytest
 import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
+from scenes import CONSTANT as LAW
+from scenes import GENERIC
 
-from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.rft import Plates, checked_states, wrenches
 from rft_ros.tool.refine import FLAT_HALF_ANGLE, refined_plates
 
-LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 RADIUS = 0.0254
 
 
@@ -139,9 +140,8 @@ def test_a_vertical_plate_is_pressed_at_two_thirds_of_its_depth_wherever_the_sur
         state = checked_states([0, 0, -depth, 0, 0, 0, 1, 0.01, 0, 0, 0, 0, 0])
         f, t, area = np.split(wrenches(plates, LAW, state)[0], [3, 6])
         pressed = -f[0]
-        full = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
         point = Plates.from_arrays([[0, 0, 0]], [[1, 0, 0]], [w * depth])
-        by_point = wrenches(point, full, checked_states([0, 0, -depth / 2, 0, 0, 0, 1, 0.01, 0, 0, 0, 0, 0]))[0]
+        by_point = wrenches(point, LAW, checked_states([0, 0, -depth / 2, 0, 0, 0, 1, 0.01, 0, 0, 0, 0, 0]))[0]
         assert pressed == pytest.approx(-by_point[0], rel=1e-12)
         assert area[0] == pytest.approx(w * depth, rel=1e-12)
         assert t[1] == pytest.approx(f[0] * depth / 3, rel=1e-9)  # a third of the depth above the lower edge
@@ -151,15 +151,14 @@ def test_the_two_sides_of_a_thin_plate_that_moves_along_itself_share_one_sides_l
     side, depth = 0.03, 0.05
     quad = np.array([[0, 0, 0], [side, 0, 0], [side, 0, side], [0, 0, side]]) - [0, 0, depth + side / 2]
     two = np.concatenate([quad[[[0, 1, 2], [0, 2, 3]]], quad[[[0, 2, 1], [0, 3, 2]]]])
-    law = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
     along = checked_states([0, 0, 0, 0, 0, 0, 1, 0.01, 0, 0, 0, 0, 0])
-    f = wrenches(triangle_plates(two, FLAT_HALF_ANGLE), law, along)[0, :3]
-    one_side = 1e6 * MEDIA["generic"].alpha_x_flat * depth * side * side
+    f = wrenches(triangle_plates(two, FLAT_HALF_ANGLE), LAW, along)[0, :3]
+    one_side = 1e6 * GENERIC.alpha_x_flat * depth * side * side
     assert f[0] == pytest.approx(-one_side, rel=1e-9)
     assert f[1] == pytest.approx(0.0, abs=1e-9 * one_side)
     a_little_over = checked_states([0, 0, 0, 0, 0, 0, 1, 0.01, 1e-9, 0, 0, 0, 0])
     np.testing.assert_allclose(
-        wrenches(triangle_plates(two, FLAT_HALF_ANGLE), law, a_little_over)[0, :3], f, atol=1e-4 * one_side
+        wrenches(triangle_plates(two, FLAT_HALF_ANGLE), LAW, a_little_over)[0, :3], f, atol=1e-4 * one_side
     )
 
 

@@ -4,14 +4,15 @@ import pickle
 
 import numpy as np
 import pytest
+from scenes import GENERIC
 
 from rft_ros.ground import HeightMap
-from rft_ros.rft import MEDIA, Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
+from rft_ros.rft import Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
 from rft_ros.simulation import Grains, GrainsBatch
 from rft_ros.tool import load_tool
 
 LENGTH = 0.003
-LAW = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=0.33)
+LAW = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33)
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def test_a_step_gives_the_bytes_of_wrenches_in_time(plate):
 
 
 def test_the_law_s_inertia_counts(plate):
-    fast = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=0.33, density=1500.0)
+    fast = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33, density=1500.0)
     states = pressed()
     states[:, 7:] *= 100.0
     slow, quick = (stepped(Grains(plate, law, mobilization_length=LENGTH), states) for law in (LAW, fast))

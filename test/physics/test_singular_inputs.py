@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, LINEAR, unit
+from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, LINEAR, facing, unit
 
 from rft_ros.rft import INTEGRATIONS, Plates, Table, checked_states, treers2021, wrenches
 
@@ -76,16 +76,6 @@ def test_one_plate_at_the_tool_frames_origin_is_finite_at_any_angular_velocity(l
     plate = Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [1e-4])
     for linear, angular in ((1e-200, 1e200), (1.0, 1e200), (0.0, 1e200), (1e-3, 1e3)):
         assert np.isfinite(wrench(plate, law, (0, 0, -linear), (angular, -angular, angular))).all()
-
-
-def facing(rule, places, normals):
-    """Plates at places with these normals: points, or for the refined rule triangles."""
-    if rule == "centroid":
-        return Plates.from_arrays(places, normals, np.full(len(places), 1e-4))
-    first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
-    second = np.cross(normals, first)
-    corners = 0.01 * np.stack([-first - second, 2.0 * first - second, 2.0 * second - first], axis=1)
-    return Plates.from_triangles(places[:, None] + corners, np.full(len(places), 0.02))
 
 
 @LAWS
