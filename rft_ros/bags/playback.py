@@ -16,7 +16,7 @@ from rft_ros.ground import HeightMap
 from rft_ros.parameters import NODE, Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
-__all__ = ["ReplayOptions", "mounted", "play", "push_all", "read_replay_options", "states_of", "topics_of", "unposed"]
+__all__ = ["ReplayOptions", "mounted", "play", "push_all", "read_replay_options", "states_of", "topics_of"]
 
 _TOPICS: dict[Role, str] = {
     "pose": "~/pose",
@@ -105,13 +105,11 @@ def push_all(estimator: Estimator, sample: Sample) -> Iterator[_Pushed]:
 def play(recording: Recording, estimator: Estimator, label: str) -> Iterator[_Pushed]:
     """Push every sample of an open recording into the estimator; yield it, with the answer if it is a pose.
 
-    Fixed transforms come first. With `pose_source` tf the poses follow from the transforms. At the end all measurements
+    With `pose_source` tf the poses follow from the transforms. At the end all measurements
     are final. `label`: of the progress bar.
     """
     from_transforms = estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
-        if recording.fixed:
-            yield recording.fixed, estimator.push(recording.fixed)
         for number, sample in enumerate(recording):
             for pushed, answer in push_all(estimator, sample):
                 recording.counts["pose"] += from_transforms and answer is not None
@@ -119,13 +117,6 @@ def play(recording: Recording, estimator: Estimator, label: str) -> Iterator[_Pu
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)
     estimator.finish()
-
-
-def unposed(estimator: Estimator) -> str:
-    """What a recording lacks if no pose follows from its transforms: the two frames, and the frames that it has."""
-    settings = estimator.settings
-    why = estimator.counted() or [f"frames: {', '.join(estimator.transforms.frames()) or 'none'}"]
-    return f"pose of tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}' ({'; '.join(why)})"
 
 
 def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:

@@ -156,7 +156,9 @@ class Recording:
         return f"{self._why}; {used} messages were used, up to {seconds:.3f} s after the start"
 
     def __iter__(self) -> Iterator[Sample]:
-        """The samples in order."""
+        """The samples in order, after the fixed transforms of the whole bag."""
+        if self.fixed:
+            yield self.fixed
         decode = [decoder(role, ros1=_is_ros1(self.bag)) for role in _RANK]
         for time, rank, _, data in self._in_order():
             try:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rft_ros.bags.estimates import Run, write_estimates
-from rft_ros.bags.playback import ReplayOptions, play, topics_of, unposed
+from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.summary import Summary, statistics, summary_of
 from rft_ros.bags.writing import check_replaceable
@@ -85,9 +85,12 @@ def replay(
                     if (its := other.estimator.push(sample)) is not None:
                         other.add(its)
         if not recording.counts["pose"]:
-            why = f" ({recording.damage})" if recording.damage else ""
-            what = f"message on {topics['pose']}" if "pose" in topics else unposed(estimator)
-            raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{why}")
+            what, why = f"message on {topics.get('pose')}", list(filter(None, [recording.damage]))
+            if "tf" in topics:
+                what = f"pose of tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}'"
+                why += [*estimator.counted(), f"frames: {', '.join(estimator.transforms.frames()) or 'none'}"]
+            because = f" ({'; '.join(why)})" if why else ""
+            raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{because}")
         rows = run.rows()
         write_estimates(run, rows, part)
         if estimator.ground is not None:

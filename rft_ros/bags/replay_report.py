@@ -129,6 +129,7 @@ def _flags(rows: Rows, time: _Array) -> Figure:
         y = np.where(raised, float(place), math.nan)
         panels.line((1, 1), f"trust: {level}", time, y, colour=level, width=9.0)
     panels.label((1, 1), x=_TIME)
+    panels.figure.update_xaxes(range=[time.min(), time.max()])
     ticks = {"tickvals": list(range(len(flags))), "ticktext": [flag_names(flag)[0] for flag in flags]}
     panels.figure.update_yaxes(**ticks, range=[len(flags) - 0.5, -0.5])
     return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels.figure)
@@ -171,6 +172,6 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     )
     sentence = (
         "The tool coloured by the predicted traction on its leading faces, in world axes, the surface of the grains at"
-        " the end, and the predicted force as an arrow. The slider selects a moment in the grains."
+        " the end, and the predicted force as a line from the tool's middle. The slider selects a moment in the grains."
     )
     yield Figure("tool", scene.title, sentence, animation_figure(scene))

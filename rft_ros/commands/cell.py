@@ -44,7 +44,6 @@ def doctor(arguments: argparse.Namespace) -> int:
     if arguments.bag:
         checkup = Checkup(values, model, named=named, topics=topics, tare=chosen.tare)
         with Recording(arguments.bag, topics, start=chosen.start, end=chosen.end, optional=tuple(topics)) as messages:
-            checkup.push(messages.fixed, messages.first)
             for sample in messages:
                 checkup.push(sample, messages.time)
     else:

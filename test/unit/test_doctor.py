@@ -112,10 +112,9 @@ def test_what_comes_before_the_first_fixed_transforms_is_no_fault(bag, parameter
     topics = topics_of(values)
     checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics)
     with Recording(Path(bag), topics) as recording:
-        for k, sample in enumerate(recording):
-            if k == 75:
-                checkup.push(recording.fixed, recording.time)
-            checkup.push(sample, recording.time)
+        fixed, *others = ((sample, recording.time) for sample in recording)
+        for sample, time in [*others[:75], (fixed[0], others[75][1]), *others[75:]]:
+            checkup.push(sample, time)
     assert [str(finding) for finding in checkup.findings() if not finding.ok] == []
 
 
