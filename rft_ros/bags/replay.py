@@ -17,15 +17,12 @@ from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
 from rft_ros.parameters import Values, model_of, named_files, settings_of
 
-__all__ = ["GROUND", "replay", "replay_model", "results"]
-
-GROUND = "ground.csv"
-"""The ground at the end, for `ground.file`."""
+__all__ = ["replay", "replay_model", "results"]
 
 _SECOND_LAG = 0.005
 _METRICS = ("rms_over_peak", "median_relative_error", "within_sigma", "within_two_sigma")
 
-_FILES = ("estimates", "estimates.csv", "summary.json", "report.html", GROUND)
+_FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")
 
 
 def results(out: Path) -> list[Path]:
@@ -55,10 +52,10 @@ def replay(
     `values`: the node's parameters (`read_parameter_file`). `options`: None for the whole bag without tare. `model`:
     `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
 
-    Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`) and ``summary.json``; with a map
-    of the ground `GROUND`, with `report` ``report.html``. The same bag, parameters and versions give the same bytes.
-    Rows and messages are in the order in which the poses arrived; each message has its pose's
-    stamp. An earlier replay in `out` is replaced as a whole, at the end.
+    Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`) and ``summary.json``; with a map of the ground
+    ``ground.csv``, the ground at the end; with `report` ``report.html``. Rows and messages are in the order in which
+    the poses arrived; each message has its pose's stamp. The same bag, parameters and versions give the same bytes. An
+    earlier replay in `out` is replaced as a whole, at the end.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
     for a tare that is refused.
@@ -94,7 +91,7 @@ def replay(
         rows = run.rows()
         write_estimates(run, rows, part)
         if estimator.ground is not None:
-            write_height_map(part / GROUND, estimator.ground)
+            write_height_map(part / "ground.csv", estimator.ground)
         del estimator.counts["estimates"]
         summary = summary_of(
             rows,
