@@ -204,8 +204,6 @@ class Recording:
             raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {suffixes}")
         files = [f for f in sorted(bag.iterdir()) if f.suffix in _SUFFIXES[:2]] if bag.is_dir() else [bag]
         described = not bag.is_dir() or (bag / "metadata.yaml").exists()
-        if not files and not described:
-            raise InputError(f"folder '{bag}' is not a bag: it has no metadata.yaml and no .mcap or .db3 file")
         try:
             yield _opened(bag, opened)
             return

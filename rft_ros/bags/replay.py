@@ -20,8 +20,6 @@ from rft_ros.parameters import Values, model_of, named_files, settings_of
 __all__ = ["replay", "replay_model", "results"]
 
 _SECOND_LAG = 0.005
-_METRICS = ("rms_over_peak", "median_relative_error", "within_sigma", "within_two_sigma")
-
 _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")
 
 
@@ -105,7 +103,7 @@ def replay(
             unknown_frames=dict(sorted(estimator.unknown_frames().items())),
             duration=(recording.time - recording.first) * 1e-9,
             damage=recording.damage,
-            learning={name: _errors(other) for name, other in others.items()},
+            learning={name: statistics(other.rows())[0] for name, other in others.items()},
         )
         (part / "summary.json").write_text(summary.json(), encoding="utf-8")
         if report:
@@ -122,12 +120,6 @@ def _learning_settings(settings: Settings) -> dict[str, Settings]:
     lags = {f"{1e3 * lag:g} mm": lag for lag in (settings.learning_lag, _SECOND_LAG)}
     learn = {name: replace(settings, learning_mode="apply", learning_lag=lag) for name, lag in lags.items()}
     return {"off": replace(settings, learning_mode="off"), **learn}
-
-
-def _errors(run: Run) -> dict[str, float | None]:
-    """Metrics over all estimates of a run; no prediction uses its own load-cell sample."""
-    group, _ = statistics(run.rows())
-    return {metric: getattr(group, metric) for metric in _METRICS}
 
 
 def _bias(

@@ -77,8 +77,8 @@ class Summary(Group):
     `messages`: number read for each role. `reasons`: number of samples not used and of estimates without residual, by
     reason; `unknown_frames`: by such a reason, a sentence on the frame_id. `quality_flags`, `trust`: number of
     estimates by name of `QualityFlag` and by `Trust`. `duration`: receive time covered [s]. `damage`: where and why
-    reading stopped early. `warnings`: sentences on the set-up. `learning`: the error without learning ("off") and by
-    lag.
+    reading stopped early. `warnings`: sentences on the set-up. `learning`: as of all estimates, without learning
+    ("off") and by lag; no prediction uses its own load-cell sample.
     """
 
     bag: str
@@ -93,7 +93,7 @@ class Summary(Group):
     duration: float
     damage: str | None
     warnings: list[str]
-    learning: dict[str, dict[str, float | None]]
+    learning: dict[str, Group]
     phases: dict[str, PhaseGroup]
 
     def lines(self) -> list[str]:
@@ -107,8 +107,9 @@ class Summary(Group):
             text.append(f"  quality flags: {flags}; trust: {trusted}")
         text += [f"  reading stopped early: {self.damage}"] if self.damage else []
         text += [f"  warning: {sentence}" for sentence in self.warnings]
-        for name, errors in self.learning.items():
-            rms, median, one, two = (_percent(value) for value in errors.values())
+        for name, group in self.learning.items():
+            ratios = (group.rms_over_peak, group.median_relative_error, group.within_sigma, group.within_two_sigma)
+            rms, median, one, two = map(_percent, ratios)
             text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
         rows = [("force on the tool", *METRIC_HEADS), *metric_rows(self)]
         return text + [f"  {title:<18}" + "".join(f"{cell:>12}" for cell in cells) for title, *cells in rows]

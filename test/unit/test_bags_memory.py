@@ -17,7 +17,7 @@ for bag in map(Path, sys.argv[2:]):
 
 
 def test_a_bag_of_ten_times_the_length_takes_no_more_memory(tmp_path):
-    """20 s and 200 s at 100 Hz; the bound on the growth of a process's peak memory [MiB] is the largest block of rows."""
+    """20 s and 200 s at 100 Hz; the bound on the growth of the peak [MiB] is the largest block of rows."""
     bags = [write_ros2(tmp_path / f"times{n}", plunge(3 * n)) for n in (1, 10)]
     done = subprocess.run([sys.executable, "-c", SCRIPT, tmp_path / "out", *bags], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

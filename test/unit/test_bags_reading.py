@@ -101,7 +101,7 @@ def refused(path, *words, topics=NAMES):
 def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
     refused(tmp_path / "gone", "does not exist")
     (tmp_path / "empty").mkdir()
-    refused(tmp_path / "empty", "no metadata.yaml")
+    refused(tmp_path / "empty", "has no messages .metadata.yaml is missing")
     refused(write_ros2(tmp_path / "silent", []), "has no messages")
     for name, content in (("notes.txt", b"no bag"), ("fake.mcap", b"no bag"), ("fake.bag", b"#ROSBAG V2.0\nno")):
         (tmp_path / name).write_bytes(content)
