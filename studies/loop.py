@@ -101,7 +101,7 @@ def held(
     """A critically damped impedance arm presses 20 mm, drags 20 mm, goes back 10 mm, and stays at each for 1.5 s.
 
     Greatest scatter over the holds' last 0.4 s over the force; net work of the grains over what they took; with `load`
-    [N] sideways at the first hold for 10 s: the creep [m].
+    [N] sideways at the first hold for 10 s: how far it yields in 0.2 s [m], the creep since [m], the speed then [m/s].
     """
     tool = load_tool("plate", tolerance=0.025)
     grains = _alone(way, tool, zeta)
@@ -133,8 +133,9 @@ def held(
         forces = table[int((end - 0.4) / dt) : int(end / dt), :3]
         mean = float(np.linalg.norm(forces.mean(axis=0)))
         scatters.append(float(np.linalg.norm(np.ptp(forces, axis=0))) / max(mean, 1e-9))
-    creep = np.linalg.norm(table[-1, 3:] - table[int((times[1] + 1.2) / dt), 3:]) if load else 0.0
-    return {"scatter": float(max(scatters)), "net": net / took, "creep": float(creep)}
+    before, after = (table[int((times[1] + wait) / dt), 3:] for wait in (1.0, 1.2)) if load else (x, x)
+    yielded, creep, speed = (float(np.linalg.norm(v)) for v in (after - before, x - after, v))
+    return {"scatter": float(max(scatters)), "net": net / took, "yielded": yielded, "creep": creep, "speed": speed}
 
 
 def _cpu(calls: int, call: Any) -> float:

@@ -10,6 +10,7 @@ from rft_ros.ground import HeightMap
 from rft_ros.rft import Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
 from rft_ros.simulation import Grains, GrainsBatch
 from rft_ros.tool import load_tool
+from studies.loop import EXPLICIT, held
 
 LENGTH = 0.003
 LAW = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33)
@@ -169,47 +170,15 @@ def test_bad_grains_are_refused(plate):
         two.restore(three.state())
 
 
-def arm(plate, command, *, mass=2.0, stiffness=2e3, hold=0.001):
-    """A critically damped impedance arm, the plate's orientation fixed, the wrench held over `hold` [s].
-
-    `command`: position and push at each millisecond, shape [n, 6]. Returns place and force then, shape [n, 6], and the
-    grains' net work over what they took.
-    """
-    grains, dt = Grains(plate, LAW, mobilization_length=LENGTH), 0.001
-    damping = 2.0 * np.sqrt(mass * stiffness)
-    x, v, net, took, rows = command[0, :3].copy(), np.zeros(3), 0.0, 0.0, []
-    for k, row in enumerate(command):
-        if k % round(hold / dt) == 0:
-            force = grains.step(x, [0, 0, 0, 1], [*v, 0, 0, 0], hold)[:3]
-        v = (v + dt / mass * (stiffness * (row[:3] - x) + force + row[3:])) / (
-            1.0 + dt * damping / mass + dt * dt * stiffness / mass
-        )
-        x = x + dt * v
-        work = force @ v * dt
-        net, took = net + work, took + max(-work, 0.0)
-        rows.append([*x, *force])
-    return np.array(rows), net / took
-
-
 @pytest.mark.parametrize(
     ("mass", "stiffness", "hold"),
     [(2, 2e3, 0.001), (0.2, 500, 0.001), (0.2, 2e4, 0.001), (2, 2e4, 0.008), (2, 2e3, 0.008), (0.2, 500, 0.008)],
 )
-def test_an_impedance_arm_holds_still_and_gets_no_work(plate, mass, stiffness, hold):
-    """It presses 20 mm deep, drags 20 mm, goes back 10 mm, lets go by 10 mm; stays at each for 1 s."""
-    goals = np.array([[0, 0, 0.003], [0, 0, -0.0184], [0.02, 0, -0.0184], [0.01, 0, -0.0184], [0.01, 0, -0.0084]])
-    ways = np.linalg.norm(np.diff(goals, axis=0), axis=1) / 0.02
-    times = np.cumsum([0.0, *(t for way in ways for t in (way, 1.0))])
-    stops = np.repeat(goals, [1, 2, 2, 2, 2], axis=0)
-    command = np.zeros((int(1000 * times[-1]), 6))
-    command[:, :3] = np.transpose([np.interp(0.001 * np.arange(len(command)), times, axis) for axis in stops.T])
-    rows, net = arm(plate, command, mass=mass, stiffness=stiffness, hold=hold)
-    for end in times[2::2]:
-        forces = rows[int(1000 * end) - 400 : int(1000 * end), 3:]
-        mean = np.linalg.norm(forces.mean(axis=0))
-        assert mean > 0.1
-        assert np.linalg.norm(np.ptp(forces, axis=0)) < 0.001 * mean
-    assert net < 0.0
+def test_an_impedance_arm_holds_still_and_gets_no_work(mass, stiffness, hold):
+    """It presses 20 mm deep, drags 20 mm, goes back 10 mm, and stays at each."""
+    found = held(mass, stiffness, hold, EXPLICIT)
+    assert found["scatter"] < 0.001
+    assert found["net"] < 0.0
 
 
 def test_a_body_that_chatters_is_calmed_and_the_state_keeps_what_was_learned(plate):
@@ -231,13 +200,9 @@ def test_a_body_that_chatters_is_calmed_and_the_state_keeps_what_was_learned(pla
         assert np.isfinite(grains.step(x, [0, 0, 0, 1], [0, 0, 1, 0, 0, 0], step)).all()
 
 
-def test_a_sideways_load_below_the_drag_moves_nothing_and_one_above_yields_and_stops(plate):
+def test_a_sideways_load_below_the_drag_moves_nothing_and_one_above_yields_and_stops():
     """At a depth of 20 mm, where the drag is about 2.5 N."""
-    t = 0.001 * np.arange(15_000)
-    command = np.zeros((len(t), 6))
-    command[:, 2] = np.clip(0.003 - 0.02 * t, -0.0184, 0.003)
-    command[:, 3] = np.select([t < 2.0, t < 12.0], [0.0, 1.2], 12.0)
-    places = arm(plate, command)[0][:, :3]
-    assert np.abs(places[2100:12_000] - places[2100]).max() < 5e-5
-    assert places[-1, 0] > 1e-3
-    assert np.abs(places[-500:] - places[-1]).max() < 1e-6
+    below, above = (held(2.0, 2e3, 0.001, EXPLICIT, load=load) for load in (1.2, 12.0))
+    assert below["creep"] < 5e-5
+    assert above["yielded"] > 1e-3
+    assert above["speed"] < 1e-6
