@@ -90,14 +90,6 @@ def test_the_published_force_on_an_upright_plate_jumps_by_a_fifth_and_this_one_d
     assert np.linalg.norm(np.diff(force, axis=0), axis=1).max() < 1e-3 * np.linalg.norm(force, axis=1).max()
 
 
-@given(normal=directions(), velocity=directions(), angle=st.floats(-math.pi, math.pi))
-def test_it_turns_with_the_scene_and_mirrors_with_it(normal, velocity, angle):
-    c, s = math.cos(angle), math.sin(angle)
-    for map_ in (np.array([[c, -s, 0], [s, c, 0], [0, 0, 1.0]]), np.diag([1.0, -1.0, 1.0])):
-        expected = map_ @ traction(AGARWAL, normal, velocity)
-        np.testing.assert_allclose(traction(AGARWAL, map_ @ normal, map_ @ velocity), expected, rtol=0, atol=1e-11)
-
-
 @given(normal=directions(), velocity=directions(), friction=st.floats(0.0, 2.0))
 def test_grains_never_pull_and_friction_limits_what_acts_along_the_plate(normal, velocity, friction):
     found = traction(agarwal2023(surface_friction=friction), normal, velocity)

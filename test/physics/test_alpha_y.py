@@ -3,7 +3,6 @@
 import math
 
 import numpy as np
-import published_rule as rule
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -12,7 +11,6 @@ from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, medium_named, tre
 from rft_ros.rft.alpha_y import FINEST, alpha_y
 
 attack = st.floats(0.0, 180.0)
-intrusion = st.floats(-179.999, 179.999)
 
 # β every 10°, γ every 60°: values with no symmetry, so that swapped axes or indices cannot hide
 BETA_DEG = np.arange(0.0, 181.0, 10.0)
@@ -25,19 +23,6 @@ UNEVEN = Table.sampled(
 def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
     b, g = math.radians(beta_deg), math.radians(gamma_deg)
     return alpha_y(model, math.sin(b), math.cos(b), math.sin(g), math.cos(g))
-
-
-@pytest.mark.parametrize("name", rule.MEDIA)
-@given(beta=attack, gamma=intrusion)
-def test_constant_is_alpha_x_of_the_flat_plate_at_every_attitude(name, beta, gamma):
-    model = alpha_y_model("constant", MEDIA[name])
-    assert at(model, beta, gamma) == pytest.approx(rule.alpha_x(name, 0.0, 0.0), abs=1e-15)
-
-
-@given(beta=attack, gamma=intrusion)
-def test_linear_falls_by_0_0015_a_degree_from_0_2035(beta, gamma):
-    model = alpha_y_model("linear", MEDIA["generic"])
-    assert at(model, beta, gamma) == pytest.approx(0.2035 - 0.0015 * beta, abs=1e-12)
 
 
 @given(beta=st.floats(0.0, 180.0), gamma=st.floats(-120.0, 120.0))

@@ -19,16 +19,12 @@ ROOT_TIP = load_tool("root_tip", integration="refined").plates
 LENGTH = 0.003
 
 
-def along(path, velocity, *, start=(0.0, 0.0, -0.04), speed=1.0, angular=(0.0, 0.0, 0.0)):
+def along(path, velocity, *, start=(0.0, 0.0, -0.04)):
     """States at these distances along a straight path, and the durations between them."""
-    velocity = np.asarray(velocity, dtype=float)
-    v = speed * velocity
-    states = np.zeros((len(path), 13))
-    states[:, :3] = np.asarray(start) + np.asarray(path)[:, None] * velocity / np.linalg.norm(velocity)
-    states[:, 6] = 1.0
-    states[:, 7:10] = v
-    states[:, 10:13] = angular
-    return checked_states(states), np.diff(path, prepend=path[0]) / np.linalg.norm(v)
+    speed, states = np.linalg.norm(velocity), np.zeros((len(path), 13))
+    states[:, :3] = np.asarray(start) + np.outer(path, velocity) / speed
+    states[:, 6], states[:, 7:10] = 1.0, velocity
+    return checked_states(states), np.diff(path, prepend=path[0]) / speed
 
 
 def remembered(states, durations, *, length=LENGTH, plates=PLATES["centroid"], memory=None, law=LAW):
