@@ -7,7 +7,7 @@ model's.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -51,19 +51,17 @@ class PlateRun(NamedTuple):
     error: float
 
 
-@dataclass(frozen=True, slots=True)
-class AlphaYFit:
+class AlphaYFit(NamedTuple):
     """α_y as fitted.
 
-    `value` for the record: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y at each β of `rows`. `rows`:
-    β [deg] and α_y [N/cm³] for the node's table. `published`: the published model of the same form agrees within two
-    standard errors at each measured β, so that no table is needed.
+    `value` for the record: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y at each measured β. `rows`:
+    β [deg] and α_y [N/cm³] for the node's table; empty where the published `model` agrees within two standard errors at
+    each measured β, so that no table is needed.
     """
 
-    model: Literal["constant", "linear", "table"]
     value: FittedValue
+    model: Literal["constant", "linear", "table"]
     rows: tuple[tuple[float, float], ...]
-    published: bool
 
 
 def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
@@ -193,5 +191,6 @@ def fit_alpha_y(
         goodness=goodness + ("; agrees with the published model" if published else ""),
         source=f"{len(used)} level runs along e1",
     )
-    rows = tuple(zip(at.tolist(), np.maximum(found, 0.0).tolist(), strict=True))
-    return AlphaYFit(model, value, rows, published)
+    if published:
+        return AlphaYFit(value, model, ())
+    return AlphaYFit(value, "table", tuple(zip(at.tolist(), np.maximum(found, 0.0).tolist(), strict=True)))

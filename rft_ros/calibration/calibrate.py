@@ -10,7 +10,7 @@ from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, pla
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
 from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.penetration import fit_surface, fit_zeta
-from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight, tared
+from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
@@ -53,14 +53,12 @@ def calibrate(
     values: Values,
     *,
     parts: Collection[str] = PARTS,
-    tare: float | None = None,
     alpha_y: AlphaYModel = "auto",
 ) -> Calibration:
     """Fit `parts` to the tracks; take what is not fitted from `values`, the node's parameters.
 
-    `tare`: zero each bag's load cell over its first seconds [s]; None or 0: no tare. `alpha_y`: the model of α_y. Each
-    fit uses the results of those before it. Raises InputError for a reading over 1e6 N or N m, and for a tare of a bag
-    that does not begin with the tool at rest in the air.
+    `alpha_y`: the model of α_y. Each fit uses the results of those before it. Raises InputError for a reading over 1e6
+    N or N m.
     """
     for track in tracks:
         if not (largest := float(np.abs(track.readings).max())) <= _LARGEST:
@@ -96,8 +94,6 @@ def calibrate(
             sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air)
             result.fitted += fitted
             result.not_identifiable |= reasons
-    if tare:
-        tracks, sensor = tared(tracks, sensor, seconds=tare, air=air)
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):

@@ -71,19 +71,17 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         section.pop("tare", None)
         if not section:
             tree.pop("rft_replay", None)
-    dates = [(t.name, datetime.fromtimestamp(t.begin // 10**9, timezone.utc)) for t in tracks]
-    begins = [(name, f"{date:%Y-%m-%dT%H:%M:%SZ}") for name, date in dates]
+    bags = [f"{t.name} ({datetime.fromtimestamp(t.begin // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%SZ})" for t in tracks]
     texts = {}
     if (alpha_y := result.alpha_y) is not None:
-        parameters["alpha_y.model"] = alpha_y.model if alpha_y.published else "table"
-        if not alpha_y.published:
+        parameters["alpha_y.model"] = alpha_y.model
+        if alpha_y.rows:
             table = alpha_y_table(file)
             parameters["alpha_y.table"] = table.name
-            bags = ", ".join(name for name, _ in begins)
-            head = f"# α_y ({alpha_y.model} in β) from {bags}; constant beyond the first and last row\n"
+            head = f"# {alpha_y.value.name} over β from {', '.join(bags)}; constant beyond the first and last row\n"
             texts[table] = head + "beta,alpha_y\n" + "".join(f"{b:g},{alpha:.6g}\n" for b, alpha in alpha_y.rows)
     record = {
-        "bags": [f"{name} ({date})" for name, date in begins],
+        "bags": bags,
         "fitted": {
             f.name.partition(" ")[0].replace(".", "_"): {
                 "value": numbers[f.name],
@@ -99,8 +97,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     }
     # ROS cannot read empty lists
     tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}
-    head = f"# {source.name} calibrated by rft calibrate; sources and standard errors: {SECTION} below.\n"
-    head += "".join(f"# From {name}, recorded {date}.\n" for name, date in begins)
+    head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
     texts[file] = head + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
     for place, text in texts.items():  # a table before the file that names it
         with whole(place, "calibrated file") as part:

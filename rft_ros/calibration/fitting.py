@@ -6,7 +6,7 @@ assume independent samples and come out several times too small.
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
 __all__ = [
-    *("Fit", "FittedValue", "NotIdentifiable"),
+    *("Fit", "FittedValue", "Measurement", "NotIdentifiable"),
     *("error_of_mean", "fit_curve", "fit_each", "fit_measurements", "fit_series", "mean_of"),
 ]
 
@@ -25,6 +25,18 @@ Array = NDArray[np.float64]
 _GRID = 24  # values of the nonlinear parameter tried before the best one is refined
 
 _Result = TypeVar("_Result")
+
+
+class Measurement(NamedTuple):
+    """A quantity measured once, in one bag: its `value` with standard `error`, in its unit.
+
+    `misfit`: RMS residual relative to the greatest force, or to its rise.
+    """
+
+    bag: str
+    value: float
+    error: float
+    misfit: float
 
 
 class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
@@ -159,14 +171,14 @@ def error_of_mean(series: Array) -> float:
     return float(fit_series(np.ones((len(series), 1)), series).errors[0])
 
 
-def mean_of(values: Sequence[float], errors: Sequence[float]) -> tuple[float, float]:
-    """Mean of repeated measurements and its standard error.
+def mean_of(measurements: Sequence[Measurement]) -> tuple[float, float]:
+    """Mean of repeated measurements and its standard error, in their unit.
 
     The error is the greater of the one from their scatter and the one from their own errors: a few repetitions may
     agree by chance, and a single one does not show how bed and packing vary.
     """
-    n = len(values)
-    own = float(np.sqrt(np.sum(np.square(errors)))) / n
+    values, n = [m.value for m in measurements], len(measurements)
+    own = float(np.linalg.norm([m.error for m in measurements])) / n
     between = float(np.std(values, ddof=1)) / n**0.5 if n > 1 else 0.0
     return float(np.mean(values)), max(own, between)
 

@@ -5,12 +5,11 @@ so does its build-up if a recording begins with the tool at rest in the grains.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_curve, fit_each, mean_of
+from rft_ros.calibration.fitting import FittedValue, Measurement, NotIdentifiable, fit_curve, fit_each, mean_of
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Track, Turn, turns_in_grains
 from rft_ros.rft import SLACK, Law, Memory, wrenches_in_time
@@ -20,15 +19,6 @@ __all__ = ["fit_memory_length", "forces_in_time"]
 _SHORTEST, _LONGEST = 1e-4, 0.1  # range of λ that is searched [m]
 _UNSURE = 0.5  # greatest accepted standard error of λ, relative to λ
 _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
-
-
-class _TurnFit(NamedTuple):
-    """λ of one turn [m] with its standard `error`; RMS residual over the greatest force."""
-
-    bag: str
-    length: float
-    error: float
-    misfit: float
 
 
 def forces_in_time(
@@ -46,7 +36,7 @@ def forces_in_time(
     ]
 
 
-def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float) -> _TurnFit:
+def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float) -> Measurement:
     """λ of one turn by least squares of the three force components over log λ, with a free scale."""
     measured = track.grain_forces(sensor.cell)[turn.rows]
     where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
@@ -78,7 +68,7 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
         raise NotIdentifiable(
             f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
         )
-    return _TurnFit(track.name, length, length * relative, misfit)
+    return Measurement(track.name, length, length * relative, misfit)
 
 
 def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> FittedValue:
@@ -91,7 +81,7 @@ def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surf
         [(track, turn) for track in tracks for turn in turns_in_grains(track, surface)],
         none="the tool never turns in the grains, and no recording begins with it at rest there",
     )
-    length, error = mean_of([t.length for t in turns], [t.error for t in turns])
+    length, error = mean_of(turns)
     goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns]):.1f} % of the greatest force around turns"
-    source = ", ".join(f"{t.bag} {1e3 * t.length:.2f} ± {1e3 * t.error:.2f} mm" for t in turns)
+    source = ", ".join(f"{t.bag} {1e3 * t.value:.2f} ± {1e3 * t.error:.2f} mm" for t in turns)
     return FittedValue("medium.mobilization_length", (length,), (error,), "m", goodness, source)

@@ -4,18 +4,25 @@
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_curve, fit_each, fit_series, mean_of
+from rft_ros.calibration.fitting import (
+    FittedValue,
+    Measurement,
+    NotIdentifiable,
+    fit_curve,
+    fit_each,
+    fit_series,
+    mean_of,
+)
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Rows, Track, down_strokes
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import Law, wrenches
 
-__all__ = ["BEDS_DIFFER", "Contact", "Penetration", "fit_surface", "fit_zeta", "note_on_zeta"]
+__all__ = ["BEDS_DIFFER", "fit_surface", "fit_zeta", "note_on_zeta"]
 
 Array = NDArray[np.float64]
 
@@ -36,16 +43,7 @@ _ALIKE = 0.9
 over a quarter of the peak of a force that grows with depth."""
 
 
-class Contact(NamedTuple):
-    """World z of the surface [m] with its standard error, and the RMS residual over the force's rise within the fit."""
-
-    bag: str
-    height: float
-    error: float
-    misfit: float
-
-
-def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Contact:
+def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Measurement:
     """Height at which a stroke meets the surface: fit the predicted force over depth with a free scale plus a constant.
 
     The constant absorbs bias and weight, which do not change in one orientation.
@@ -89,7 +87,7 @@ def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Cont
             f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: the vertical force rises by"
             f" {rise:.2f} N with {found.rms:.2f} N of scatter; it must rise by 6 times that"
         )
-    return Contact(track.name, surface, float(found.errors[0]), found.rms / rise)
+    return Measurement(track.name, surface, float(found.errors[0]), found.rms / rise)
 
 
 def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[FittedValue, float, list[str]]:
@@ -102,33 +100,13 @@ def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[Fitt
         [(track, stroke) for track in tracks for stroke in down_strokes(track)],
         none="the tool never goes straight down",
     )
-    heights = [c.height for c in contacts]
-    height, error = mean_of(heights, [c.error for c in contacts])
+    heights = [c.value for c in contacts]
+    height, error = mean_of(contacts)
     goodness = f"RMS up to {100 * max(c.misfit for c in contacts):.1f} % of the force's rise"
     source = f"first contact of {len(contacts)} ways down"
-    each = ", ".join(f"{c.bag} {1e3 * c.height:.1f} ± {1e3 * c.error:.1f} mm" for c in contacts)
+    each = ", ".join(f"{c.bag} {1e3 * c.value:.1f} ± {1e3 * c.error:.1f} mm" for c in contacts)
     notes = [f"First contact lies at different heights: {each}."] if np.ptp(heights) > _SCATTERED else []
     return FittedValue("surface_height", (height,), (error,), "m", goodness, source), max(heights), notes
-
-
-class Penetration(NamedTuple):
-    """One vertical penetration.
-
-    Greatest `depth` of the tool's lowest point [m]. `measured`, `predicted`: vertical force of the grains, and the
-    model's at ζ = 1 [N], shape [n], in time order. `error`: standard error of `zeta`, with those of the surface height
-    and of the load cell's zero.
-    """
-
-    bag: str
-    depth: float
-    measured: Array
-    predicted: Array
-    zeta: float
-    error: float
-
-    def misfit(self, zeta: float) -> float:
-        """RMS residual at a ζ, relative to the greatest measured force."""
-        return float(np.sqrt(np.mean((self.measured - zeta * self.predicted) ** 2)) / np.abs(self.measured).max())
 
 
 def _cause(forces: Array, alike: float) -> str:
@@ -145,8 +123,11 @@ def _cause(forces: Array, alike: float) -> str:
 
 def _penetration(
     track: Track, stroke: Rows, sensor: Sensor, law: Law, surface: float, surface_error: float
-) -> Penetration:
-    """ζ of the part of a stroke that lies below the surface."""
+) -> tuple[Measurement, float, float]:
+    """ζ of the part of a stroke below the surface, with the errors of the surface and of the load cell's zero.
+
+    Also its depth [m], and the model's RMS force at ζ = 1 over the greatest measured one.
+    """
     bag, depths = track.name, surface - track.heights()[stroke]
     rows, depth = stroke[depths > 0.0], float(depths.max())
     if len(rows) < 20 or depth < _SHALLOWEST:
@@ -174,7 +155,8 @@ def _penetration(
             f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, and measured and modelled force correlate by"
             f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: {_cause(forces, alike)}"
         )
-    return Penetration(bag, depth, measured, g, zeta, error)
+    peak, rms = float(np.abs(measured).max()), float(np.sqrt(np.mean(g * g)))
+    return Measurement(bag, zeta, error, fit.rms / peak), depth, rms / peak
 
 
 def fit_zeta(
@@ -195,28 +177,34 @@ def fit_zeta(
         ],
         none="no vertical penetration in the grains",
     )
-    zeta, error = mean_of([p.zeta for p in found], [p.error for p in found])
-    goodness = f"RMS {100 * max(p.misfit(zeta) for p in found):.1f} % of the peak at worst"
-    if (n := len(found)) > 1:
-        held_out = max(p.misfit((n * zeta - p.zeta) / (n - 1)) for p in found)
-        goodness += f"; each predicted by the others' ζ: {100 * held_out:.1f} %"
-    each = ", ".join(f"{p.bag} {p.zeta:.3f} ± {p.error:.3f}" for p in found)
-    deepest = max(found, key=lambda p: p.depth)
-    source = f"deepest penetration, {deepest.bag}"
+    fits, n = [fit for fit, _, _ in found], len(found)
+    zeta, error = mean_of(fits)
+
+    def misfit(share: float) -> str:
+        """The largest RMS residual at a share of the mean ζ without the penetration's own."""
+        others = [(n * zeta - share * fit.value) / (n - share) for fit in fits]
+        pairs = zip(found, others, strict=True)
+        return f"{100 * max(np.hypot(fit.misfit, size * (other - fit.value)) for (fit, _, size), other in pairs):.1f} %"
+
+    goodness = f"RMS {misfit(0.0)} of the peak at worst"
+    if n > 1:
+        goodness += f"; each predicted by the others' ζ: {misfit(1.0)}"
+    each = ", ".join(f"{fit.bag} {fit.value:.3f} ± {fit.error:.3f}" for fit in fits)
+    depth, deepest = max((depth, fit.bag) for fit, depth, _ in found)
     values = [
         FittedValue("medium.zeta", (zeta,), (error,), "", goodness, each),
-        FittedValue("medium.calibrated_depth", (deepest.depth,), (surface_error,), "m", "", source),
+        FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", f"deepest penetration, {deepest}"),
     ]
-    return values, note_on_zeta(found)
+    return values, note_on_zeta(fits)
 
 
-def note_on_zeta(found: Sequence[Penetration]) -> list[str]:
+def note_on_zeta(found: Sequence[Measurement]) -> list[str]:
     """A sentence if ζ differs between penetrations."""
-    low, high = (f(found, key=lambda p: p.zeta) for f in (min, max))
-    apart = high.zeta - low.zeta
-    if apart <= max(_NOTEWORTHY * low.zeta, 3.0 * float(np.hypot(low.error, high.error))):
+    low, high = (f(found, key=lambda p: p.value) for f in (min, max))
+    apart = high.value - low.value
+    if apart <= max(_NOTEWORTHY * low.value, 3.0 * float(np.hypot(low.error, high.error))):
         return []
     return [
-        f"ζ differs by {100 * apart / low.zeta:.0f} % between {low.bag} ({low.zeta:.2f}) and {high.bag}"
-        f" ({high.zeta:.2f}): tools of different size, and grains that differ, need a ζ of their own."
+        f"ζ differs by {100 * apart / low.value:.0f} % between {low.bag} ({low.value:.2f}) and {high.bag}"
+        f" ({high.value:.2f}): tools of different size, and grains that differ, need a ζ of their own."
     ]

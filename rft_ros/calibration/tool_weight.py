@@ -11,11 +11,10 @@ import numpy as np
 
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, error_of_mean, fit_measurements
 from rft_ros.calibration.track import Track, still_intervals
-from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
-from rft_ros.estimator.load_cell import GRAVITY, drift
+from rft_ros.estimator.load_cell import GRAVITY
 
-__all__ = ["Sensor", "fit_tool_weight", "tared"]
+__all__ = ["Sensor", "fit_tool_weight"]
 
 _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
 _LEAST = 1e-6  # a mass below this [kg] is rounding
@@ -111,26 +110,3 @@ def fit_tool_weight(
     own = np.concatenate([forces.errors[:3], torques.errors[:3]])
     fitted.insert(0, FittedValue("sensor.bias", cell.bias, tuple(own.tolist()), "N, N m", goodness, source))
     return Sensor(cell, float(np.hypot(own[:3].max(), GRAVITY * error))), fitted, reasons
-
-
-def tared(tracks: Sequence[Track], sensor: Sensor, *, seconds: float, air: float) -> tuple[list[Track], Sensor]:
-    """Tare each track: shift its forces so that over the first `seconds` they equal bias and weight.
-
-    Also return the sensor with the tare's error. Raises InputError unless the tool rests above z = `air` [m] meanwhile.
-    """
-    shifted, error, cell = [], 0.0, sensor.cell
-    for track in tracks:
-        rows = np.flatnonzero(track.time <= seconds)
-        refused = f"tare refused: within the first {seconds:g} s of {track.name} the tool"
-        if (lowest := float(track.heights()[rows].min())) <= air:
-            raise InputError(f"{refused} is as low as z = {lowest:.4f} m; it must be above {air:.4f} m")
-        if len(rows) < 2:
-            raise InputError(f"{refused} has {len(rows)} poses; a tare needs 2 or more")
-        speed = drift(track.time[rows], track.states[rows, :7], track.tool.plates.reach)
-        if speed >= track.rest_speed:
-            raise InputError(f"{refused} moves at {speed:.4f} m/s; it must rest")
-        weight = np.array(cell.bias[:3]) + cell.sign * cell.mass * track.gravity_in_sensor(cell)[rows]
-        excess = track.readings[rows, :3] - weight
-        error = max(error, *(error_of_mean(column) for column in excess.T))
-        shifted.append(replace(track, readings=track.readings - np.append(excess.mean(axis=0), np.zeros(3))))
-    return shifted, Sensor(cell, float(np.hypot(sensor.zero_error, error)))

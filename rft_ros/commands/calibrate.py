@@ -29,8 +29,6 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--alpha-y", choices=choices, default="auto", metavar="MODEL", help=models)
     mesh = "mesh of the tool in the bag of that name, if not the parameter file's; may be repeated"
     command.add_argument("--mesh", action="append", default=[], metavar="BAG=FILE", help=mesh)
-    tare = "zero each bag's load cell over its first S seconds; 0: none (default: the parameter file's, else none)"
-    command.add_argument("--tare", type=options.finite, metavar="S", help=tare)
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
@@ -60,7 +58,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
         options.warn_of(tool)
     with busy("fitting"):
         parts = arguments.fit or _PARTS
-        result = fitted_to(tracks, values, parts=parts, tare=chosen.tare, alpha_y=arguments.alpha_y)
+        result = fitted_to(tracks, values, parts=parts, alpha_y=arguments.alpha_y)
     print("\n".join(overview(result)))
     if not result.fitted:
         print("nothing is identifiable from these bags; no file was written")

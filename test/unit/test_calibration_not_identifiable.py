@@ -27,12 +27,12 @@ from rft_ros.errors import InputError
 from rft_ros.tool import load_tool
 
 
-def calibrated(path, *, values=None, length=1e-9, force=None, parts=PARTS, tare=None, cell=LOAD_CELL, seed=5):
+def calibrated(path, *, values=None, length=1e-9, force=None, parts=PARTS, cell=LOAD_CELL, seed=5):
     """Calibrate to a recording of the path, with 0.1 N of noise."""
     time, states = path.states()
     grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=length) if force is None else force(states)
     readings = read_by(cell, states, grains, np.random.default_rng(seed), noise=(0.1, 0.002))
-    return calibrate([track_of(time, states, readings)], values or known(), parts=parts, tare=tare)
+    return calibrate([track_of(time, states, readings)], values or known(), parts=parts)
 
 
 def fitted(result):
@@ -175,11 +175,6 @@ def test_a_reading_that_no_load_cell_gives_is_refused():
     time, states = down(30.0).states()
     with pytest.raises(InputError, match=r"synthetic has a load-cell reading of 1e\+99"):
         calibrate([track_of(time, states, np.full((len(time), 6), 1e99))], known())
-
-
-def test_a_tare_with_the_tool_in_motion_is_refused():
-    with pytest.raises(InputError, match="tare refused"):
-        calibrated(MOVING, tare=1.0)
 
 
 def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length():

@@ -21,8 +21,9 @@ from synthetic_track import (
 
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
+from rft_ros.calibration.fitting import Measurement
 from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.penetration import Penetration, note_on_zeta
+from rft_ros.calibration.penetration import note_on_zeta
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
@@ -103,11 +104,11 @@ def test_alpha_y_is_constant_unless_its_slope_is_significant_and_a_table_holds_w
     noise = np.random.default_rng(3).normal(size=4) * 0.00036
     for slope, model in ((0.0, "constant"), (-0.0015, "linear")):
         runs = [run_at(beta, 0.2 + slope * beta + n) for beta, n in zip(BETAS, noise, strict=True)]
-        assert fit_alpha_y(runs, GENERIC).model == model
+        assert fit_alpha_y(runs, GENERIC).value.name == f"alpha_y ({model})"
     alpha = {30.0: 0.10, 60.0: 0.16, 90.0: 0.09}
     fit = fit_alpha_y([run_at(beta, a) for beta, a in alpha.items() for _ in range(2)], GENERIC, model="table")
     assert dict(fit.rows) == pytest.approx(alpha)
-    assert not fit.published
+    assert fit.model == "table"
 
 
 @pytest.mark.parametrize(("excess", "agrees"), [(0.0, True), (0.0001, True), (0.003, False)])
@@ -115,20 +116,19 @@ def test_alpha_y_is_constant_unless_its_slope_is_significant_and_a_table_holds_w
 def test_alpha_y_needs_no_table_where_it_agrees_with_the_published_model(model, excess, agrees):
     start, slope = {"constant": (GENERIC.alpha_x_flat, 0.0), "linear": (0.2035, -0.0015)}[model]
     runs = [run_at(beta, start + slope * beta + excess) for beta in BETAS]
-    assert fit_alpha_y(runs, GENERIC, model=model).published == agrees
+    assert (not fit_alpha_y(runs, GENERIC, model=model).rows) == agrees
 
 
 def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
     runs = [run_at(beta, 0.15) for beta in BETAS]
     sure, unsure = (fit_alpha_y(runs, GENERIC, shared_error=e, model="constant") for e in (0.0, 0.125))
     assert unsure.value.errors[0] == pytest.approx(np.hypot(sure.value.errors[0], 0.15 * 0.125))
-    assert (sure.published, unsure.published) == (False, True)
+    assert (sure.model, unsure.model) == ("table", "constant")
 
 
 @pytest.mark.parametrize(("other", "notes"), [(1.2, 0), (1.5, 1)])
 def test_penetrations_whose_zeta_differs_give_a_note(other, notes):
-    line = np.linspace(0.0, 1.0, 9)
-    both = [Penetration("a", 0.05, line, line, zeta, 0.01) for zeta in (1.0, other)]
+    both = [Measurement("a", zeta, 0.01, 0.02) for zeta in (1.0, other)]
     assert len(note_on_zeta(both)) == notes
 
 
