@@ -11,7 +11,6 @@ from functools import lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
-from rosbags.typesys import Stores, get_typestore
 
 from rft_ros.estimator.samples import PoseSample, Sample, TransformSample, TwistSample, Wrench, WrenchSample
 from rft_ros.ground import Cloud
@@ -96,6 +95,8 @@ _COORDINATES = {7: "f4", 8: "f8"}  # of PointField.datatype
 
 def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
     """A decoder of a PointCloud2 with fields x, y and z of one or two floating-point types."""
+    from rosbags.typesys import Stores, get_typestore  # 4 MB, which a node without clouds does not need
+
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
     store.get_msgdef(TYPES["surface"])  # now, not with the first cloud
     read = store.deserialize_ros1 if ros1 else store.deserialize_cdr

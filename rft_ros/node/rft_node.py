@@ -16,7 +16,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
 from rft_ros.estimator import Estimate, Estimator, Measurement, PoseSample, Reason, Sample, Stamped
-from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder, wrench_cdr
+from rft_ros.estimator.messages import UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.markers import Markers
@@ -56,7 +56,7 @@ class RftNode(Node):
         self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
-        self._decode = {role: decoder(role, ros1=False) for role in TYPES}
+        self._decode: dict[Role, Callable[[bytes], Sample]] = {}
 
         self._predicted = self._publisher(WrenchStamped, "~/wrench_predicted")
         self._compensated = self._publisher(WrenchStamped, "~/wrench_compensated")
@@ -92,6 +92,7 @@ class RftNode(Node):
         return self.create_publisher(message, topic, OUTPUTS)
 
     def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
+        self._decode[role] = decoder(role, ros1=False)
         # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
         message = MESSAGES.get(role) or transform_message(needed=True)
         overridable = QoSOverridingOptions.with_default_policies()

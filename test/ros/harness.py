@@ -252,19 +252,19 @@ class Harness:
 
 
 class NodeProcess(Harness):
-    """As `Harness`, with the node in a process of its own; `environment`: more variables for it.
+    """As `Harness`, with the node in a process of its own; `folder`: its working directory, whose package it runs.
 
     Its inputs' QoS is reliable, so that a busy machine loses no message.
     """
 
-    def __init__(self, *arguments: str, log: Path, environment: Mapping[str, str] = {}) -> None:
+    def __init__(self, *arguments: str, log: Path, folder: Path | None = None) -> None:
         self.log = log
         with log.open("wb") as file:
             self.process = subprocess.Popen(
                 [*NODE, *self._named(arguments, reliable=True)],
                 stderr=file,
                 stdout=file,
-                env={**os.environ, **environment},
+                cwd=folder,
                 preexec_fn=_end_with_tests,
             )
         self._open(SingleThreadedExecutor())  # rclpy.spin_once would add and remove the node at each call

@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 import yaml
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from harness import WAIT, Harness, stamped
@@ -47,36 +48,30 @@ def faults(lines):
     return [line for line in lines if line.startswith("FIX")]
 
 
-def test_a_right_cell_needs_nothing_with_topics(start_node, tmp_path):
-    file = tmp_path / "my_cell.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS}}))
-    rft = start_node("--params-file", str(file)).wait_ready()
-
-    def send(state, load, now):
-        rft.wrench.publish(stamped(WrenchStamped, now, "ft_sensor", load))
-        rft.twist.publish(stamped(TwistStamped, now, "world", state[7:]))
-        rft.pose.publish(stamped(PoseStamped, now, "world", state[:7]))
-
-    lines = examined(rft, tmp_path, send, PARAMETERS)
-    assert faults(lines) == []
-    assert lines[0].startswith(f"OK  node: {rft.name} runs with the parameters of ")
-    assert "no section of" not in rft.said()
+TF = {"pose_source": "tf", "sensor.frame_source": "tf", "twist_source": "pose_difference"}
 
 
-def test_a_right_cell_needs_nothing_with_tf(start_node, tmp_path):
-    file = tmp_path / "my_cell.yaml"
-    tf = {"pose_source": "tf", "sensor.frame_source": "tf", "twist_source": "pose_difference"}
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS | tf}}))
+@pytest.mark.parametrize("sources", [{}, TF], ids=["topics", "tf"])
+def test_a_right_cell_needs_nothing(start_node, tmp_path, sources):
+    file, parameters = tmp_path / "my_cell.yaml", PARAMETERS | sources
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
     rft = start_node("--params-file", str(file))
     rft.get("mesh.file")
     publishers = transform_publishers(rft.node)
     publishers["tf_static"].publish(transform(1, "tool", "ft_sensor", MOUNT.position, MOUNT.quaternion))
 
     def send(state, load, now):
-        publishers["tf"].publish(transform(now, "world", "tool", state[:3]))
         rft.wrench.publish(stamped(WrenchStamped, now, "ft_sensor", load))
+        if sources:
+            publishers["tf"].publish(transform(now, "world", "tool", state[:3]))
+        else:
+            rft.twist.publish(stamped(TwistStamped, now, "world", state[7:]))
+            rft.pose.publish(stamped(PoseStamped, now, "world", state[:7]))
 
-    assert faults(examined(rft, tmp_path, send, PARAMETERS | tf)) == []
+    lines = examined(rft, tmp_path, send, parameters)
+    assert faults(lines) == []
+    assert lines[0].startswith(f"OK  node: {rft.name} runs with the parameters of ")
+    assert "no section of" not in rft.said()
 
 
 def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):

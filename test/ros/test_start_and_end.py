@@ -1,6 +1,6 @@
 """Starting and ending: signals at any time, arguments that cannot be used, executors, compiling ahead."""
 
-import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,11 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import NODE, WAIT, numbers, predicted_by_the_core
+from harness import WAIT, numbers, predicted_by_the_core
 from rclpy.executors import SingleThreadedExecutor
 
+import rft_ros
+from rft_ros.estimator.warm_up import prepare
 from rft_ros.node.main import _executor, _refused_arguments
 from rft_ros.tool import locate_mesh
+
+PLATE = locate_mesh("plate")
 
 
 def descendants(pid: int) -> set[int]:
@@ -35,69 +39,61 @@ def alive(pids: set[int]) -> set[int]:
     return {pid for pid, stat in stats.items() if stat.exists() and ") Z" not in stat.read_text()}
 
 
-def start(tmp_path: Path, *, cache: Path | None = None, ignored: bool = False) -> "subprocess.Popen[bytes]":
-    """A node; `ignored`: with SIGINT ignored, as a background job of a script inherits it."""
-
-    def set_up_sigint() -> None:
-        signal.signal(signal.SIGINT, signal.SIG_IGN if ignored else signal.SIG_DFL)
-
-    environment = {**os.environ, **({"NUMBA_CACHE_DIR": str(cache)} if cache else {})}
-    with (tmp_path / "node.log").open("wb") as log:
-        command = (*NODE, "-p", "mesh.file:=plate")
-        return subprocess.Popen(command, stdout=log, stderr=log, env=environment, preexec_fn=set_up_sigint)
+@pytest.fixture
+def without_learning(tmp_path: Path) -> Path:
+    """A folder with a copy of the package, whose cache lacks the machine code of learning."""
+    prepare()
+    learning = [f"{module}*.nbc" for module in ("learning", "medium_filter", "surprise")]
+    shutil.copytree(Path(rft_ros.__file__).parent, tmp_path / "rft_ros", ignore=shutil.ignore_patterns(*learning))
+    return tmp_path
 
 
-def said(tmp_path: Path) -> str:
-    return (tmp_path / "node.log").read_text()
+def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(start_process, without_learning):
+    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "learning.mode:=apply", folder=without_learning)
+    wait_until(lambda: "compiling, ten seconds or more, first start only" in rft.said(), "the node compiles")
+    wait_until(lambda: len(descendants(rft.process.pid)) >= 3, "compilers and tool worker run")
+    children = descendants(rft.process.pid)
+    assert rft.stop(signal.SIGTERM) == 0
+    wait_until(lambda: not alive(children), "the children end")
+    assert "Traceback" not in rft.said()
 
 
-def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(tmp_path):
-    for number in (signal.SIGINT, signal.SIGTERM):
-        node = start(tmp_path, cache=tmp_path / "cache")
-        wait_until(lambda: "compiling, ten seconds or more, first start only" in said(tmp_path), "the node compiles")
-        wait_until(lambda pid=node.pid: len(descendants(pid)) >= 3, "compilers and tool worker run")
-        children = descendants(node.pid)
-        node.send_signal(number)
-        assert node.wait(WAIT) == 0
-        wait_until(lambda children=children: not alive(children), "the children end")
-        assert "Traceback" not in said(tmp_path)
-
-
-def test_learning_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_meanwhile(start_process, tmp_path):
-    cold = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    cheap = ("-p", "integration:=centroid", "-p", "tolerance:=0.0")
-    rft = start_process("-p", "mesh.file:=plate", *cheap, environment=cold).wait_ready()
-    before, answers = numbers(rft.ask(rft.moment())), []
+def test_learning_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_meanwhile(
+    start_process, without_learning
+):
+    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "tolerance:=0.0", folder=without_learning).wait_ready()
+    answers = [before := numbers(rft.ask(rft.moment()))]
     assert rft.set(**{"learning.mode": "apply"}) == (True, "")
     assert "preparing machine code of learning" in rft.status()[1]
-    rft.until(lambda: answers.append(numbers(rft.ask(rft.moment()))) or "in force: " in rft.said())
-    np.testing.assert_array_equal(answers[:10], [before] * 10)
+
+    def in_force():
+        rft.spin(0.2)  # the compiler needs the CPU
+        answers.append(numbers(rft.ask(rft.moment())))
+        return "in force: " in rft.said()
+
+    rft.until(in_force)
+    assert len(answers) > 2
+    np.testing.assert_array_equal(answers[:-1], [before] * len(answers[:-1]))
     assert "preparing" not in rft.status()[1]
     assert rft.set(law="agarwal2023") == (True, "")  # of which all machine code is there
     assert numbers(rft.ask(rft.moment()))[2] != before[2]
 
 
-@pytest.mark.parametrize("ignored", [False, True], ids=["foreground", "background"])
-def test_a_signal_right_after_the_first_process_starts_ends_with_status_0(tmp_path, ignored):
-    node = start(tmp_path, ignored=ignored)
-    wait_until(lambda: descendants(node.pid), "the tool worker starts")
-    node.send_signal(signal.SIGINT)
-    assert node.wait(WAIT) == 0
-    assert said(tmp_path) == ""
+@pytest.mark.parametrize("action", [signal.SIG_DFL, signal.SIG_IGN], ids=["foreground", "background job"])
+def test_a_signal_right_after_the_first_process_starts_ends_with_status_0(start_process, action):
+    ours = signal.signal(signal.SIGINT, action)  # which the node inherits
+    rft = start_process("-p", "mesh.file:=plate")
+    signal.signal(signal.SIGINT, ours)
+    wait_until(lambda: descendants(rft.process.pid), "the tool worker starts")
+    assert rft.stop() == 0
+    assert rft.said() == ""
 
 
-def test_no_child_outlives_a_node_that_is_killed(tmp_path):
-    node = start(tmp_path)
-    wait_until(lambda: "ready: " in said(tmp_path), "the node is ready")
-    children = descendants(node.pid)
-    assert children
-    node.kill()
-    node.wait()
-    wait_until(lambda: not alive(children), "the children end")
-
-
-@pytest.mark.parametrize(("executor", "number"), [("events", signal.SIGINT), ("single", signal.SIGTERM)])
-def test_each_executor_answers_and_ends_cleanly_on_a_signal(start_process, executor, number):
+@pytest.mark.parametrize(
+    ("executor", "number", "status"),
+    [("events", signal.SIGINT, 0), ("single", signal.SIGTERM, 0), ("events", signal.SIGKILL, -signal.SIGKILL)],
+)
+def test_each_executor_answers_and_no_child_outlives_it_whatever_ends_it(start_process, executor, number, status):
     rft = start_process("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
     assert rft.set(medium__zeta=2.0) == (True, "")
@@ -105,27 +101,19 @@ def test_each_executor_answers_and_ends_cleanly_on_a_signal(start_process, execu
     rft.diagnostic("model")
     np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=2.0), rtol=1e-15)
     children = descendants(rft.process.pid)
-    assert rft.stop(number) == 0
+    assert children
+    assert rft.stop(number) == status
     wait_until(lambda: not alive(children), "the children end")
     assert "ready: tool plate" in rft.said()
     assert "Traceback" not in rft.said()
 
 
-def test_where_rclpy_has_no_events_executor_the_node_says_so_and_takes_the_single_one(monkeypatch):
-    warnings = []
-
-    class Node:
-        values = {"executor": "events"}  # noqa: RUF012
-
-        def get_logger(self):
-            return self
-
-        def warning(self, text):
-            warnings.append(text)
-
+def test_where_rclpy_has_no_events_executor_the_node_says_so_and_takes_the_single_one(rft, monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
-    assert isinstance(_executor(Node()), SingleThreadedExecutor)
-    assert "no events executor" in warnings[0]
+    single = _executor(rft._rft)
+    assert isinstance(single, SingleThreadedExecutor)
+    single.shutdown()
+    rft.until(lambda: "no events executor" in rft.said())
 
 
 POSES_IN_THE_GRAINS = """
@@ -176,8 +164,7 @@ def test_arguments_that_ros_would_ignore_are_refused(monkeypatch, arguments, sen
     ("argument", "words"),
     [
         ("plate", "cannot use 'plate'; ROS arg"),
-        ("mesh.file:=none", "mesh.file 'none'"),
-        (f"mesh.file:={locate_mesh('plate').parent}", f"mesh file '{locate_mesh('plate').parent}' is a folder"),
+        (f"mesh.file:={PLATE.parent}", f"mesh file '{PLATE.parent}' is a folder"),
         ("medium.zeta:=-2.0", "medium.zeta is -2"),
     ],
 )
