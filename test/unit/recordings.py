@@ -1,11 +1,14 @@
-"""Bags for tests, written with rosbags: what a cell with a descending plate would have recorded."""
+"""Bags for tests, written with rosbags: what a cell with a descending plate would have recorded; and their replays."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
+
+from rft_ros.parameters import checked, defaults
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -97,3 +100,14 @@ def write_ros1(path: Path, rows) -> Path:
             data = ROS1.serialize_ros1(message(ROS1, role, stamp, values), TOPICS[role][1])
             writer.write(connections[role], time, data)
     return path
+
+
+def values(**changes):
+    """The default parameters but for these, whose dots are double underscores."""
+    return defaults() | {k.replace("__", "."): checked(k.replace("__", "."), v) for k, v in changes.items()}
+
+
+def rows_of(folder):
+    """The table of a replay."""
+    with (folder / "estimates.csv").open() as file:
+        return list(csv.DictReader(file))

@@ -3,8 +3,7 @@
 from pathlib import Path
 
 import pytest
-from recordings import plunge, write_ros2
-from replays import values
+from recordings import plunge, values, write_ros2
 
 from rft_ros.bags.replay import replay
 from rft_ros.bags.summary import Limit, check, read_limits
@@ -33,22 +32,16 @@ KEPT = "estimates: {min: 500, max: 650}\nphases.penetration.depth_bins.5-10mm.es
 
 
 def test_metrics_within_their_limits_give_status_0_and_a_table_and_one_that_is_not_1(bag, tmp_path, capsys):
-    for text, status, told in (
-        (KEPT, 0, ["ok", "ok"]),
-        (KEPT + "phases.penetration.rms_over_peak: {max: 0.001}\n", 1, ["ok", "ok", "FAILED"]),
-    ):
-        assert checked(tmp_path, text, bag) == status
-        lines = capsys.readouterr().out.splitlines()
-        assert [line.split()[0] for line in lines[lines.index("plunge: limits") + 1 :]] == told
-
-
-def test_every_bag_of_a_batch_is_checked(bag, tmp_path, capsys):
+    """Also where it is one bag's of several."""
     short = write_ros2(tmp_path / "short", list(plunge())[:1000])
-    assert checked(tmp_path, "phases.withdrawal.estimates: {min: 1}\n", bag, short) == 1
-    out = capsys.readouterr().out
-    assert "plunge: limits" in out
-    assert "short: limits" in out
-    assert out.count("FAILED") == 1
+    for text, bags, status, told in (
+        (KEPT, [bag], 0, ["ok", "ok"]),
+        (KEPT + "phases.penetration.rms_over_peak: {max: 0.001}\n", [bag], 1, ["ok", "ok", "FAILED"]),
+        ("phases.withdrawal.estimates: {min: 1}\n", [bag, short], 1, ["ok", "FAILED"]),
+    ):
+        assert checked(tmp_path, text, *bags) == status
+        lines = capsys.readouterr().out.splitlines()
+        assert [line.split()[0] for line in lines if line.startswith(("  ok ", "  FAILED"))] == told
 
 
 @pytest.mark.parametrize("name", ["reasons.twist_stale", "quality_flags.inertial", "quality_flags.deep"])

@@ -4,8 +4,7 @@ import json
 
 import numpy as np
 import pytest
-from recordings import FRAMES, START, STEP, TOPICS, moments, plunge, write_ros2
-from replays import rows_of, values
+from recordings import FRAMES, START, STEP, TOPICS, moments, plunge, rows_of, values, write_ros2
 from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS

@@ -6,8 +6,7 @@ import re
 import numpy as np
 import pytest
 from browser import show
-from recordings import TOPICS, plunge, write_ros2
-from replays import rows_of, values
+from recordings import TOPICS, plunge, rows_of, values, write_ros2
 
 from rft_ros.bags.estimates import ROW
 from rft_ros.bags.phases import PHASES, Phase

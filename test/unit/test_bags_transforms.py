@@ -2,17 +2,15 @@
 
 import numpy as np
 import pytest
-from recordings import START, TF, TOPICS, cdr, plunge, transforms_cdr
-from replays import rows_of, values
+from recordings import START, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import ReplayOptions, states_of
+from rft_ros.bags.playback import ReplayOptions
 from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
 from rft_ros.estimator.transforms import Placement
-from rft_ros.parameters import model_of
 
 TOOL = Placement((0.01, -0.02, 0.15), tuple(Rotation.from_euler("xyz", [5, 10, 90], degrees=True).as_quat().tolist()))
 """The tool in the flange."""
@@ -76,13 +74,6 @@ def test_a_part_of_a_recording_knows_the_fixed_transforms_of_all_of_it_and_gives
     assert summary.estimates > 300
     assert "tf_frame_unknown" not in summary.reasons
     assert (tmp_path / "a" / "estimates.csv").read_bytes() == (tmp_path / "b" / "estimates.csv").read_bytes()
-
-
-def test_a_view_of_transforms_shows_the_same_states(tmp_path):
-    given = values(**FRAMES, pose_source="tf", tf_rate=50.0)
-    times, states, _ = states_of(record(tmp_path / "bag", tf=True), given, model_of(given), ReplayOptions())
-    assert np.diff(times) == pytest.approx(np.full(len(times) - 1, 0.02), abs=0.51)
-    assert states[:, 2].min() == pytest.approx(-0.03, abs=1e-3)
 
 
 def test_without_transforms_the_sentence_names_frames_and_topic(tmp_path):

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from recordings import STEP, TF, TOPICS, cdr, plunge, transforms_cdr
-from replays import rows_of, values
+from recordings import STEP, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values
 from test_estimator_messages import KIND, serialised
 
 from rft_ros.bags.replay import replay
