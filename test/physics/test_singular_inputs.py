@@ -43,19 +43,11 @@ def test_flat_plates_whose_horizontal_velocity_is_exactly_minus_the_nudge_are_fi
 
 
 @ALL
-def test_a_tool_at_rest_has_no_wrench(law):
-    assert wrench(BOX, law, (0, 0, 0)).tolist() == [0.0] * 6
-
-
-@ALL
-def test_a_tool_without_a_leading_plate_has_no_wrench(law):
+def test_at_rest_above_the_grains_and_without_a_leading_plate_there_is_no_wrench(law):
     bottom = Plates.from_arrays([[0, 0, 0], [0.01, 0, 0]], [[0, 0, -1], [0.1, 0, -1]], [1e-4, 1e-4])
-    assert wrench(bottom, law, (0, 0, 1)).tolist() == [0.0] * 6
-
-
-@ALL
-def test_a_tool_above_the_grains_has_no_wrench(law):
-    assert wrench(BOX, law, (0.1, 0.2, -0.3), (1, 2, 3), pz=0.011).tolist() == [0.0] * 6
+    found = [wrench(BOX, law, (0, speed, -speed)) for speed in (0, 5e-324, 1e-310)]
+    found += [wrench(BOX, law, (0.1, 0.2, -0.3), (1, 2, 3), pz=0.011), wrench(bottom, law, (0, 0, 1))]
+    assert not np.any(found)
 
 
 @LAWS
@@ -65,20 +57,7 @@ def test_speeds_whose_squares_overflow_or_underflow_give_the_same_wrench(law, sp
     np.testing.assert_allclose(wrench(BOX, law, speed * direction), wrench(BOX, law, direction), rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize("speed", [5e-324, 1e-310])
-def test_denormal_speeds_count_as_rest(speed):
-    assert wrench(BOX, CONSTANT, (0, speed, -speed)).tolist() == [0.0] * 6
-
-
-@LAWS
-def test_one_plate_at_the_tool_frames_origin_is_finite_at_any_angular_velocity(law):
-    """The plate itself does not move with it, however fast the tool turns."""
-    plate = Plates.from_arrays([[0, 0, 0]], [[0, 0, -1]], [1e-4])
-    for linear, angular in ((1e-200, 1e200), (1.0, 1e200), (0.0, 1e200), (1e-3, 1e3)):
-        assert np.isfinite(wrench(plate, law, (0, 0, -linear), (angular, -angular, angular))).all()
-
-
-@LAWS
+@ALL
 @pytest.mark.parametrize("rule", INTEGRATIONS)
 def test_ten_thousand_states_of_special_numbers_give_no_nan(rule, law):
     rng = np.random.default_rng(11)
