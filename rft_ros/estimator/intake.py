@@ -71,21 +71,19 @@ class Intake:
     def pose(self, sample: PoseSample) -> PoseSample:
         """The pose in world axes, its quaternion of unit length."""
         stamp, world = sample.stamp, self._settings.world_frame
-        base = self._placed("pose", sample, world)
-        place = Placement(sample.position, sample.quaternion)
-        _check_finite("pose", *place.position, *place.quaternion)
-        quaternion = unit_quaternion(*place.quaternion)
+        base, position = self._placed("pose", sample, world), sample.position
+        _check_finite("pose", *position, *sample.quaternion)
+        quaternion = unit_quaternion(*sample.quaternion)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
-        place = Placement(place.position, quaternion)
         if base is not None:
-            place = base.of(place)
-            _check_finite("pose", *place.position)
+            position, quaternion = base.of(Placement(position, quaternion))
+            _check_finite("pose", *position)
         behind = self._pose - stamp
         if 0 <= behind < TIME_JUMP:
             raise RefusedError(Reason.POSE_OUT_OF_ORDER if behind else Reason.POSE_REPEATED)
         self._pose = stamp
-        return PoseSample(stamp, world, *place)
+        return PoseSample(stamp, world, position, quaternion)
 
     def twist(self, sample: TwistSample) -> None:
         """A twist, kept in the axes of the world or the tool frame."""

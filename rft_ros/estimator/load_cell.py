@@ -12,7 +12,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample, around
 from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import LoadCell
-from rft_ros.rft.compilation import compiled
+from rft_ros.rft.compilation import compiled, machine_code
 from rft_ros.rft.frames import into_frame, rotation
 
 __all__ = ["GRAVITY", "Comparison", "LoadCellFrame", "Prediction", "Tare", "drift"]
@@ -71,6 +71,7 @@ class LoadCellFrame:
         bias = [cell.sign * b for b in cell.bias]
         self._mount = np.array([*cell.position, *cell.quaternion, cell.mass * GRAVITY, *cell.center_of_mass, *bias])
         self._out = np.zeros(18)
+        self._into_sensor = machine_code(_into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out))
 
     def into_sensor(self, quaternion: Array, belief: Array) -> tuple[Wrench, Wrench, Wrench]:
         """In the sensor frame: the wrench, the offset that the cell reads beside it, one standard deviation.
@@ -78,7 +79,7 @@ class LoadCellFrame:
         The offset, bias and weight, has the sign of a force on the tool: the raw reading is `sign` times the sum.
         `belief`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
         """
-        _into_sensor(self._mount, quaternion, belief, self._out)
+        self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(belief), self._out)
         a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q, r, s = self._out.tolist()
         return (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s)
 
