@@ -25,18 +25,13 @@ def encoded(seconds: int, nanoseconds: int, *, ros1: bool) -> bytes:
 
 
 @pytest.mark.parametrize("ros1", [False, True])
-@pytest.mark.parametrize("stamp", [(5, 1_000_000_000), (LAST, 2**32 - 1), (LAST + 1, 0)])
-def test_a_second_has_less_than_1e9_nanoseconds_and_ros_2_has_31_bits_of_seconds(stamp, ros1):
-    if stamp[0] <= LAST or ros1:  # beyond, ROS 2 has negative times
-        with pytest.raises(UNREADABLE):
-            decoder("wrench", ros1=ros1)(encoded(*stamp, ros1=ros1))
-
-
-@pytest.mark.parametrize("ros1", [False, True])
-def test_the_last_stamp_of_a_message_can_be_published_again(ros1):
+def test_the_last_stamp_can_be_published_again_and_none_has_more_than_31_bits_of_seconds_or_1e9_nanoseconds(ros1):
     sample = decoder("wrench", ros1=ros1)(encoded(LAST, 999_999_999, ros1=ros1))
     assert sample.wrench == tuple(range(6))
     assert decoder("wrench", ros1=False)(wrench_cdr("")(sample.stamp, sample.wrench)) == sample
+    for stamp in ((5, 1_000_000_000), (LAST, 2**32 - 1), *([(LAST + 1, 0)] if ros1 else [])):  # ROS 2: negative times
+        with pytest.raises(UNREADABLE):
+            decoder("wrench", ros1=ros1)(encoded(*stamp, ros1=ros1))
 
 
 names = st.text(st.characters(codec="utf-8", exclude_characters="\0"), max_size=12)

@@ -11,25 +11,11 @@ from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import PARAMETERS, checked, defaults, model_of, settings_of
 from rft_ros.rft import Constant, Linear, Table
 
-# parameters whose names users depend on (docs/node.md)
-CONTRACT = {
-    *("mesh.file", "mesh.scale", "mesh.origin", "medium.name", "medium.zeta", "alpha_y.model", "alpha_y.table"),
-    *("integration", "surface_height", "world_frame", "tool_frame", "sensor_frame", "sensor.position"),
-    *("sensor.quaternion", "sensor.sign", "sensor.bias", "sensor.mass", "sensor.center_of_mass", "twist_source"),
-    *("max_input_age", "max_rate"),
-}
-
 
 def refusal(name, value):
     with pytest.raises(InputError) as refused:
         checked(name, value)
     return str(refused.value)
-
-
-def test_every_parameter_of_the_contract_is_there_once():
-    names = [p.name for p in PARAMETERS]
-    assert len(names) == len(set(names))
-    assert set(names) >= CONTRACT
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
