@@ -23,7 +23,7 @@ from rft_ros.files import read_yaml
 from rft_ros.parameters import Value, flat
 
 __all__ = ["METRIC_HEADS", "Group", "Limit", "PhaseGroup", "Spread", "Summary"]
-__all__ += ["check", "limit_lines", "metric_rows", "read_limits", "statistics", "summary_of"]
+__all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]
 
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
@@ -243,10 +243,6 @@ class Limit(NamedTuple):
     min: float = -math.inf
     max: float = math.inf
 
-    def allows(self, value: float | None) -> bool:
-        """Whether the metric may have this value. A missing one (None) fails."""
-        return value is not None and self.min <= value <= self.max
-
 
 def read_limits(file: Path) -> list[Limit]:
     """Read a YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, one or both. Raises InputError if malformed."""
@@ -267,18 +263,14 @@ def read_limits(file: Path) -> list[Limit]:
     return limits
 
 
-def check(limits: list[Limit], summary: Summary) -> list[tuple[Limit, float | None]]:
-    """Each limit with the summary's value; None if there is none, as for a depth that was not reached."""
+def check(limits: list[Limit], summary: Summary) -> list[tuple[bool, str]]:
+    """Whether each limit is kept, and a line on it. A missing value, as at a depth that was not reached, fails."""
     values = {f"reasons.{reason.value}": 0.0 for reason in Reason} | dict(flat(summary.content()))
-    found = [(limit, values.get(limit.metric)) for limit in limits]
-    return [(limit, value if isinstance(value, int | float) else None) for limit, value in found]
-
-
-def limit_lines(checks: list[tuple[Limit, float | None]]) -> list[str]:
-    """A line for each limit: "ok" or "FAILED", the metric and its value."""
-    text = []
-    for limit, value in checks:
-        told = "ok    " if limit.allows(value) else "FAILED"
-        number = "no value" if value is None else f"{value:.5g}"
-        text.append(f"  {told} {limit.metric}: {number} (min {limit.min:g}, max {limit.max:g})")
-    return text
+    checks = []
+    for limit in limits:
+        value, kept, number = values.get(limit.metric), False, "no value"
+        if isinstance(value, int | float):
+            kept, number = limit.min <= value <= limit.max, f"{value:.5g}"
+        bounds = f"(min {limit.min:g}, max {limit.max:g})"
+        checks.append((kept, f"  {'ok    ' if kept else 'FAILED'} {limit.metric}: {number} {bounds}"))
+    return checks

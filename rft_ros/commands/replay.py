@@ -78,13 +78,12 @@ def folder_names(bags: list[Path]) -> list[str]:
 
 def _status(summary: "Summary", limits: "list[Limit]") -> int:
     """Exit status: 1 if a limit is exceeded, or the bag has no estimate, which gets an error."""
-    from rft_ros.bags.summary import check, limit_lines
+    from rft_ros.bags.summary import check
 
-    status = 0
-    if limits:
-        checks = check(limits, summary)
-        print("\n".join([f"{summary.bag}: limits", *limit_lines(checks)]), flush=True)
-        status = int(not all(limit.allows(value) for limit, value in checks))
+    checks = check(limits, summary)
+    if checks:
+        print("\n".join([f"{summary.bag}: limits", *(line for _, line in checks)]), flush=True)
+    status = int(not all(kept for kept, _ in checks))
     if not summary.estimates:
         status, why = 1, ""
         if summary.reasons:
