@@ -20,11 +20,14 @@ from numba.core.runtime._nrt_python import c_helpers
 from numba.core.serialize import dumps
 from numba.extending import register_jitable
 
-__all__ = ["OPTIONS", "compiled", "inlined", "machine_code"]
+__all__ = ["OPTIONS", "STEP", "compiled", "inlined", "machine_code"]
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}}
 """Reassociation lets LLVM vectorise sums over plates. The compiled code fixes their order, the same for one state and
 for many. NaN and infinity keep their meaning."""
+
+STEP: dict[str, Any] = {**OPTIONS, "forceinline": True, "no_cfunc_wrapper": True}
+"""Options of a loop that another one contains, but that a process beside can compile meanwhile."""
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -36,7 +39,7 @@ def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
     `numba.njit` would also compile entries from Python and from C for each, which takes three times as long in all;
     numba's own inlining takes longer still.
     """
-    made: Callable[_P, _R] = register_jitable(forceinline=True, no_cfunc_wrapper=True, **OPTIONS)(function)
+    made: Callable[_P, _R] = register_jitable(**STEP)(function)
     return made
 
 

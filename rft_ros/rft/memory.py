@@ -33,7 +33,7 @@ from numba.extending import intrinsic
 from numpy.typing import NDArray
 
 from rft_ros.rft.chunk import LOAD, NORMAL, PLACE, SHARE, STIFF, TRACTION, at, put, triple, wide_vectors
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.compilation import STEP, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.plates import BLOCK, Plates
 
@@ -283,8 +283,7 @@ def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[n
     return (mx, my, mz), (kept, yielded, limit), _select(leads | (mm > 0.0), stiff, 0.0)
 
 
-@inlined
-def remember(chunk, i0, memory, first, motion, below, slope, length):  # type: ignore[no-untyped-def]
+def _remember(chunk, i0, memory, first, motion, below, slope, length):  # type: ignore[no-untyped-def]
     """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
 
     `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
@@ -320,6 +319,9 @@ def remember(chunk, i0, memory, first, motion, below, slope, length):  # type: i
         memory[at(first + 4 * BLOCK, j)] = by * wet
         memory[at(first + 5 * BLOCK, j)] = bz * wet
         memory[at(first + 6 * BLOCK, j)] = limit * wet
+
+
+remember = compiled(_remember, **STEP)
 
 
 @inlined

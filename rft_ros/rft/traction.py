@@ -6,6 +6,7 @@ for the plates of a chunk.
 
 from dataclasses import dataclass, field, fields
 from math import radians, sin, sqrt
+from typing import Any
 
 import numpy as np
 
@@ -28,7 +29,7 @@ from rft_ros.rft.chunk import (
     triple,
     wide_vectors,
 )
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.compilation import STEP, compiled, inlined
 from rft_ros.rft.inertia import INERTIA, inertial_density
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1_and_f23
@@ -237,8 +238,7 @@ def _treers2021(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
     add_alpha_y(kind, given, values, chunk, n)
 
 
-@inlined
-def tractions(law, chunk, n, flatness):  # type: ignore[no-untyped-def]
+def _tractions(law: Any, chunk: Any, n: Any, flatness: int) -> None:
     """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`."""
     wide_vectors()
     kind, given, values = law
@@ -264,6 +264,9 @@ def tractions(law, chunk, n, flatness):  # type: ignore[no-untyped-def]
             put(chunk, TRACTION, i, (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)))
 
 
+tractions = compiled(_tractions, **STEP)
+
+
 def traction_per_depth(
     law: Law, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float, flatness: int = SWITCHED
 ) -> tuple[float, float, float]:
@@ -277,6 +280,6 @@ def traction_per_depth(
         raise not_a_law(law)
     chunk = np.zeros(SIZE)
     orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
-    tractions(law.packed, chunk, 1, flatness)
+    _tractions(law.packed, chunk, 1, flatness)
     x, y, z = triple(chunk, TRACTION, 0)
     return float(x), float(y), float(z)
