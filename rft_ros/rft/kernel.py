@@ -296,14 +296,15 @@ def _add_forces(chunk, i0, b, out):  # type: ignore[no-untyped-def]
         out[plate, 2] += az * load
 
 
-def _sums(rows, bounds, refined, reach, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
+def _sums(form, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `law`: its `packed`. `past`: whether the plates remember, durations, mobilization length, `Memory.numbers`. The
-    forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks
-    in registers, and a state takes 8 % longer if it is divided.
+    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates remember, durations, mobilization length,
+    `Memory.numbers`. Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the
+    same for all blocks in registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
+    rows, bounds, refined, reach = form
     remembers, durations, length, memories = past
     chunk, inertia = new_chunk(), law[1][0]
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == 3

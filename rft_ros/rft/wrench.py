@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import Agarwal2023
-from rft_ros.rft.alpha_y import PackedLaw
 from rft_ros.rft.arguments import FLOAT, number, numbers
 from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
@@ -66,15 +65,15 @@ def wrenches(
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    scene = _checked(plates, law, surface_height, slope)
+    height, slope = _checked(plates, law, surface_height, slope)
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
     result = _result(out, n, sensitivities)
     workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        _loop()(*scene, states, _NO_MEMORY, result)
+        _loop()(plates.form, law.packed, height, slope, states, _NO_MEMORY, result)
     else:
-        edges = np.linspace(0, n, workers + 1).astype(int)
+        scene, edges = (plates.form, law.packed, height, slope), np.linspace(0, n, workers + 1).astype(int)
         with ThreadPoolExecutor(workers) as pool:
             for job in [
                 pool.submit(_loop(), *scene, states[a:b], _NO_MEMORY, result[a:b]) for a, b in itertools.pairwise(edges)
@@ -104,7 +103,7 @@ def wrenches_in_time(
     """
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
-    scene = _checked(plates, law, surface_height, slope)
+    height, slope = _checked(plates, law, surface_height, slope)
     if memory.plates is not plates and not (
         memory.plates.integration == plates.integration
         and np.array_equal(memory.plates.blocks.rows, plates.blocks.rows)
@@ -120,7 +119,7 @@ def wrenches_in_time(
         raise ValueError(f"memory is of {memory.bodies} bodies; states has {n} rows")
     past = True, durations, length, memory.numbers
     result = _result(out, n, sensitivities)
-    _loop()(*scene, states, past, result)
+    _loop()(plates.form, law.packed, height, slope, states, past, result)
     return result if sensitivities or out is None else result[:, : len(COLUMNS)]
 
 
@@ -133,7 +132,7 @@ def prepared(plates: Plates, law: Law, memory: Memory, length: float) -> Callabl
     loop, form, packed, kept = _loop(), plates.form, law.packed, memory.numbers
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], out: Array) -> None:
-        loop(*form, packed, height, slope, states, (True, durations, length, kept), out)
+        loop(form, packed, height, slope, states, (True, durations, length, kept), out)
 
     return step
 
@@ -150,10 +149,10 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    scene = _checked(plates, law, surface_height, slope)
+    height, slope = _checked(plates, law, surface_height, slope)
     states = numbers("state", state, rows=13).reshape(1, 13)
     forces, ordered = np.zeros((plates.blocks.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
-    _loop()(*scene, states, _NO_MEMORY, forces)
+    _loop()(plates.form, law.packed, height, slope, states, _NO_MEMORY, forces)
     ordered[plates.blocks.order] = forces[: len(plates)]
     return ordered
 
@@ -163,7 +162,8 @@ def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0)
 
     `state`: shape [13], columns `STATE`; `surface_height` [m]. In 0 to 1, no unit; 0 in the air.
     """
-    _check_plates(plates)
+    if plates.__class__ is not Plates:
+        raise _not_plates(plates)
     height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
     edge, wet = EDGE_AREAS(plates.packed, plates.reach, height, one)
     return edge / wet if wet > 0.0 else 0.0
@@ -171,16 +171,16 @@ def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0)
 
 _LAWS = Treers2021, Agarwal2023
 
-_Scene = tuple[Array, Array, bool, float, PackedLaw, float, tuple[float, float]]
 
-
-def _checked(plates: Plates, law: Law, surface_height: float, slope: tuple[float, float]) -> _Scene:
-    """The arguments of the loop that a tool, a law and a surface make up."""
-    _check_plates(plates)
+def _checked(
+    plates: Plates, law: Law, surface_height: float, slope: tuple[float, float]
+) -> tuple[float, tuple[float, float]]:
+    """The surface's height and slope as floats."""
+    if plates.__class__ is not Plates:
+        raise _not_plates(plates)
     if law.__class__ not in _LAWS:
         raise not_a_law(law)
-    height = number("surface_height", surface_height)
-    return *plates.form, law.packed, height, slope if slope is LEVEL else _incline(slope)
+    return number("surface_height", surface_height), slope if slope is LEVEL else _incline(slope)
 
 
 _NO_MEMORY = False, np.zeros(1), 1.0, np.zeros((1, TRACTIONS))
@@ -190,8 +190,8 @@ _NO_MEMORY = False, np.zeros(1), 1.0, np.zeros((1, TRACTIONS))
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    scene = _checked(plates, Agarwal2023(1.0, 0.0), 0.0, LEVEL)
-    return machine_code(SUMS, (*scene, np.zeros((1, 13)), _NO_MEMORY, np.zeros((1, _WIDTH))))
+    law = Agarwal2023(1.0, 0.0).packed
+    return machine_code(SUMS, (plates.form, law, 0.0, LEVEL, np.zeros((1, 13)), _NO_MEMORY, np.zeros((1, _WIDTH))))
 
 
 def compile_steps() -> None:
@@ -210,9 +210,8 @@ def _incline(slope: tuple[float, float]) -> tuple[float, float]:
     return number("slope[0]", x), number("slope[1]", y)
 
 
-def _check_plates(plates: Plates) -> None:
-    if plates.__class__ is not Plates:
-        raise TypeError(f"plates is {plates!r}; make them with Plates.from_arrays or Plates.from_triangles")
+def _not_plates(plates: object) -> TypeError:
+    return TypeError(f"plates is {plates!r}; make them with Plates.from_arrays or Plates.from_triangles")
 
 
 def _workers(threads: int | None, states: int, plates: int) -> int:
