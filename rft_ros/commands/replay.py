@@ -63,16 +63,15 @@ def replay(arguments: argparse.Namespace) -> int:
 
 
 def folder_names(bags: list[Path]) -> list[str]:
-    """A unique name for each bag's folder: the bag's without suffix, with a number if that is taken."""
+    """A unique name for each bag's folder: the bag's without suffix, with "_2" if that is taken."""
     from rft_ros.bags.reading import bag_name
 
     names: list[str] = []
-    wanted = [Path(bag_name(bag)).stem if bag.is_file() else bag_name(bag) for bag in bags]
-    for name in wanted:
-        number, unique = 2, name
-        while unique in names or (number > 2 and unique in wanted):
-            unique, number = f"{name}_{number}", number + 1
-        names.append(unique)
+    for bag in bags:
+        name = Path(bag_name(bag)).stem if bag.is_file() else bag_name(bag)
+        while name in names:
+            name += "_2"
+        names.append(name)
     return names
 
 

@@ -47,7 +47,7 @@ def test_folder_names_are_unique_and_follow_the_bags_names(tmp_path):
         (tmp_path / name).mkdir(parents=True)
     (tmp_path / "run.mcap").touch()
     names = [tmp_path / n for n in ("a/run", "b/run", "run_2", "c/run", "run.mcap", "v1.5")]
-    assert folder_names(names) == ["run", "run_3", "run_2", "run_4", "run_5", "v1.5"]
+    assert folder_names(names) == ["run", "run_2", "run_2_2", "run_2_2_2", "run_2_2_2_2", "v1.5"]
     assert folder_names([tmp_path / "a" / "." / "run"] * 2) == ["run", "run_2"]
 
 

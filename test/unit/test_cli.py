@@ -2,8 +2,8 @@
 
 import io
 import os
+import signal
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from pathlib import Path
@@ -38,11 +38,6 @@ def rft(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
         except SystemExit as error:
             status = error.code
     return subprocess.CompletedProcess(arguments, status, out.getvalue(), err.getvalue())
-
-
-def in_a_process(*arguments: object) -> list[str]:
-    """The command line for a process of its own."""
-    return [sys.executable, "-m", "rft_ros.cli", *map(str, arguments)]
 
 
 def predict(tmp_path: Path, text: str, *options: object) -> subprocess.CompletedProcess[str]:
@@ -157,19 +152,30 @@ def test_check_mesh_says_what_a_mesh_holds_and_ends_with_1_where_it_finds_someth
     refused(rft("check-mesh", "gone.stl", cwd=tmp_path), "gone.stl")
 
 
+def printing_to(stream: io.TextIOBase, *arguments: str) -> int:
+    """Exit status of a command whose stdout is this stream."""
+    with redirect_stdout(stream):
+        return main(arguments)
+
+
 def test_a_mesh_whose_name_is_not_utf_8_is_described(tmp_path):
     mesh = tmp_path / os.fsdecode(b"\xff.stl")
     mesh.write_bytes((ROOT / "meshes" / "plate.stl").read_bytes())
-    strict = {**os.environ, "PYTHONIOENCODING": "utf-8:strict"}
-    done = subprocess.run(in_a_process("check-mesh", mesh), env=strict, capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (0, "")
-    assert done.stdout.startswith("\\udcff (")
+    strict = io.TextIOWrapper(io.BytesIO(), encoding="utf-8", errors="strict")
+    assert printing_to(strict, "check-mesh", str(mesh)) == 0
+    assert strict.buffer.getvalue().startswith(b"\\udcff (")
 
 
-def test_a_full_disk_is_a_sentence():
+def test_a_full_disk_is_a_sentence_and_a_reader_that_closes_the_pipe_early_is_none(capsys):
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(in_a_process("check-mesh", "plate"), stdout=full, stderr=subprocess.PIPE, text=True)
-    refused(done, "the output or the working directory cannot be used: No space left on device")
+        assert printing_to(full, "check-mesh", "plate") == 2
+    sentence = "rft: the output or the working directory cannot be used: No space left on device\n"
+    assert capsys.readouterr().err == sentence
+    ours, its = os.pipe()
+    os.close(ours)
+    with os.fdopen(its, "w") as pipe:
+        assert printing_to(pipe, "check-mesh", "plate") == 128 + signal.SIGPIPE
+    assert capsys.readouterr().err == ""
 
 
 def test_predict_by_the_refined_rule_differs_from_the_published_one_where_it_should(tmp_path):

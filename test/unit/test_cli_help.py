@@ -1,15 +1,12 @@
 """Help and hints of `rft`, and how it ends when its user or its reader has had enough."""
 
-import os
 import re
 import shlex
-import signal
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from test_cli import STATE, in_a_process, refused, rft
+from test_cli import STATE, refused, rft
 
 from rft_ros.cli import parser
 from rft_ros.commands.options import recording
@@ -68,19 +65,6 @@ def test_a_demo_too_short_to_reach_the_grains_is_refused_before_anything_starts(
     pytest.importorskip("rclpy")
     refused(rft("demo", "--seconds", "3", "-o", "out", cwd=tmp_path), "--seconds is 3; it must be over 3")
     assert not (tmp_path / "out").exists()
-
-
-CLOSED = 128 + signal.SIGPIPE
-HELP = 0 if sys.version_info >= (3, 11) else CLOSED  # argparse ignores a closed pipe since 3.11
-
-
-@pytest.mark.parametrize(("words", "status"), [(("check-mesh", "plate"), CLOSED), (("--help",), HELP)])
-def test_a_reader_that_closes_the_pipe_early_ends_the_command_quietly(words, status):
-    ours, its = os.pipe()
-    os.close(ours)
-    done = subprocess.run(in_a_process(*words), stdout=its, stderr=subprocess.PIPE, text=True)
-    os.close(its)
-    assert (done.stderr, done.returncode) == ("", status)
 
 
 @pytest.fixture
