@@ -9,7 +9,6 @@ import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
-import pytest
 import yaml
 from distribution import ROOT, own_domain, without_ros
 from test_cli import inside, rft
@@ -24,18 +23,6 @@ PAGES = sorted((ROOT / "docs").glob("*.md"))
 
 RUN = ("sh", "python", "yaml")
 SHOWN = ("", "text", "math")
-
-NOT_RUN = (
-    "needs ROS 2 from apt; the same is done in (?P<file>.+)",
-    "needs your robot",
-    "needs a running node; tested in (?P<file>.+)",
-    "minutes long; tested in (?P<file>.+)",
-    "the suite itself",
-    "needs a scene; tested in (?P<file>.+)",
-    "needs a cluster; tested in (?P<file>.+)",
-    "downloads the project",
-)
-"""All that may stand in ``<!-- not run: REASON -->`` on the line above a block; a file that is named must exist."""
 
 _BLOCK = re.compile(
     r"^(?P<indent> *)```(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)```$", flags=re.DOTALL | re.MULTILINE
@@ -63,15 +50,6 @@ def blocks(page: Path) -> list[Block]:
         language, content = match["language"].strip(), textwrap.dedent(match["text"])
         found.append(Block(where, language, content, mark[1] if mark else None))
     return found
-
-
-def why_not_run(block: Block) -> str | None:
-    """What is wrong with a block's mark: None if it is one of `NOT_RUN` and the file that it names is there."""
-    fits = [m for m in (re.fullmatch(reason, block.mark or "") for reason in NOT_RUN) if m]
-    if not fits:
-        return f"{block.where}: '{block.mark}' is none of the reasons for not running a block"
-    file = fits[0].groupdict().get("file")
-    return None if file is None or (ROOT / file).is_file() else f"{block.where}: there is no {file}"
 
 
 def try_page(page: Path, folder: Path) -> int:
@@ -134,8 +112,3 @@ def _yaml(block: Block, folder: Path) -> None:
         assert read_design(file).variants, block.where
     else:
         assert read_limits(file), block.where
-
-
-def skip_without_ros() -> None:
-    """For pages whose blocks start the node."""
-    pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ros[ros]'")

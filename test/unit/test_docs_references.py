@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from rft_ros.cli import parser
-from rft_ros.commands.options import BAG
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import defaults, read_parameter_file
@@ -37,19 +35,6 @@ def test_a_generated_page_is_as_its_generator_writes_it(pages, name):
 
 def test_the_default_file_reads_back_as_the_defaults():
     assert read_parameter_file(ROOT / "config" / "default.yaml") == defaults()
-
-
-def test_every_option_of_every_command_is_described_there_or_as_a_parameter(pages):
-    text = pages.commands_page()
-    assert set(pages._AS_PARAMETERS.values()) <= set(defaults())
-    for name, command in next(a for a in parser()._actions if a.dest == "command").choices.items():
-        section = text.partition(f"## rft {name}\n")[2].partition("\n## ")[0]
-        for action in command._actions:
-            if action.dest != "help":
-                assert all(option in section for option in action.option_strings), (name, action.dest)
-                assert action.help.replace(BAG, "recording") in text or set(action.option_strings) & set(
-                    pages._AS_PARAMETERS
-                )
 
 
 def test_every_reason_and_quality_flag_has_a_row(pages):
