@@ -9,14 +9,12 @@ import yaml
 from recordings import START, plunge, write_ros2
 from synthetic_track import (
     LOAD_CELL,
-    Path,
     dragged,
     grain_wrenches,
     in_the_air,
     law,
     parameters,
     read_by,
-    shaken,
     unknown,
 )
 
@@ -24,7 +22,6 @@ from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
-from rft_ros.estimator import LoadCell
 from rft_ros.parameters import defaults, model_of, read_parameter_file
 from rft_ros.tool import locate_mesh
 
@@ -193,40 +190,6 @@ def test_samples_that_repeat_a_stamp_are_left_out(tmp_path):
     )
     np.testing.assert_array_equal(looped.time, single.time)
     np.testing.assert_allclose(looped.motion()[1], single.motion()[1])
-
-
-def test_a_new_users_bag_is_tared_replayed_calibrated_and_approved(tmp_path, capsys, monkeypatch):
-    """Noisy poses at 250 Hz, no twist, a cell with an offset and turned by 90°, a surface at 120 mm, strong grains.
-
-    What the doctor advises, a tare, works in the replay; the calibration finds the bias by itself.
-    """
-    monkeypatch.setattr("synthetic_track.RATE", 250.0)
-    mount = (0.0, 0.0, 0.5**0.5, 0.5**0.5)
-    cell = LoadCell(quaternion=mount, bias=(1.5, -0.8, 2.4, 0.05, -0.02, 0.01))
-    path = Path((0.0, 0.0, 0.13)).wait(1.2).move((0.0, 0.0, -0.035), 0.01).wait(1.0)
-    time, states = path.move((0.0, 0.0, 0.035), 0.02).states()
-    grains = grain_wrenches(time, states, law(1.3), surface=0.12, length=0.002)
-    rng = np.random.default_rng(1)
-    readings = read_by(cell, states, grains, rng, noise=(0.02, 0.001))
-    bag = write_bag(tmp_path / "bag", time, shaken(states, rng, 3e-6, 9e-6), readings)
-    given = {"mesh.file": "abb_plate", "surface_height": 0.12, "twist_source": "pose_difference"}
-    given |= {"sensor.quaternion": list(mount), "medium.zeta": 1.3}
-    file, calibrated = tmp_path / "cell.yaml", tmp_path / "calibrated.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": given}}))
-
-    assert main(["doctor", str(file), "--bag", str(bag)]) == 1
-    assert "FIX load cell: it reads 2.94 N in the air; call ~/tare, replay with --tare" in capsys.readouterr().out
-    of_bag = [str(bag), "--params", str(file)]
-    assert main(["replay", *of_bag, "--tare", "1", "-o", str(tmp_path / "out")]) == 0
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["bias"] == pytest.approx(cell.bias, abs=0.01)
-    assert main(["calibrate", *of_bag, "-o", str(calibrated)]) == 0
-    values = read_parameter_file(calibrated)
-    assert values["medium.zeta"] == pytest.approx(1.3, rel=0.01)
-    assert values["surface_height"] == pytest.approx(0.12, abs=2e-4)
-    assert values["sensor.bias"] == pytest.approx(cell.bias, abs=0.02)
-    capsys.readouterr()
-    main(["doctor", str(calibrated), "--bag", str(bag)])
-    assert not [line for line in capsys.readouterr().out.splitlines() if line[:3] == "FIX" and "compiled" not in line]
 
 
 @pytest.mark.parametrize(
