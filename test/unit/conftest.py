@@ -2,12 +2,11 @@
 
 import subprocess
 import sys
-import sysconfig
 import venv
 from pathlib import Path
 
 import pytest
-from distribution import clean_copy, share_machine_code, without_ros
+from distribution import clean_copy, metadata, place, required, share_machine_code, without_ros
 
 
 @pytest.fixture(scope="session")
@@ -32,14 +31,18 @@ def wheel(dist: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def installed(once, wheel: Path) -> Path:
-    """A new environment with the wheel, installed by pip; other packages come from this process's environment."""
+    """An empty environment, without even setuptools, with the wheel and the packages that it asks for, and no others.
+
+    pip installs the wheel; the others, of the versions that the wheel allows, come from this process's environment.
+    """
 
     def make(folder: Path) -> None:
         venv.create(folder, with_pip=False)
         pip = [sys.executable, "-m", "pip", "--quiet", "--python", str(folder / "bin" / "python"), "install"]
         subprocess.run([*pip, "--no-deps", "--no-index", str(wheel)], check=True, cwd=folder, env=without_ros())
         (package,) = folder.glob("lib/python*/site-packages/rft_ros")
-        (package.parent / "others.pth").write_text(sysconfig.get_path("purelib"))  # its own .pth files are not read
+        for distribution in required(metadata(wheel)["Requires-Dist"], extra="ros"):
+            place(distribution, package.parent)
         share_machine_code(package)
 
     return once("installed", make)

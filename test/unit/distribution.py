@@ -8,8 +8,9 @@ import subprocess
 import sys
 import threading
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from email import message_from_bytes
+from importlib.metadata import Distribution, distribution
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -42,12 +43,46 @@ def share_machine_code(package: Path) -> None:
         shutil.copy2(file, target)
 
 
+def required(lines: Iterable[str], *, extra: str) -> Iterable[Distribution]:
+    """The installed distributions that these requirements ask for, and all that these ask for in turn.
+
+    Fails if one is missing, or of a version that is not allowed.
+    """
+    from packaging.requirements import Requirement
+
+    found: dict[tuple[str, frozenset[str]], Distribution] = {}
+    left = [(line, frozenset({extra})) for line in lines]
+    while left:
+        line, extras = left.pop()
+        wanted = Requirement(line)
+        if wanted.marker and not any(wanted.marker.evaluate({"extra": e}) for e in ("", *extras)):
+            continue
+        one, of_it = distribution(wanted.name), frozenset(wanted.extras)
+        assert wanted.specifier.contains(one.version, prereleases=True), f"{line}: {one.version} is installed"
+        if (one.name, of_it) not in found:
+            found[one.name, of_it] = one
+            left += [(each, of_it) for each in one.requires or ()]
+    return {name: one for (name, _), one in found.items()}.values()
+
+
 def metadata(wheel: Path) -> dict[str, list[str]]:
     """What a wheel says of itself, by key."""
     with zipfile.ZipFile(wheel) as files:
         (name,) = (n for n in files.namelist() if n.endswith(".dist-info/METADATA"))
         message = message_from_bytes(files.read(name))
     return {key: message.get_all(key, []) for key in message}
+
+
+def place(package: Distribution, folder: Path) -> None:
+    """Put an installed distribution's files into another environment's site-packages, as links where possible."""
+    for file in package.files or ():
+        source, target = Path(str(file.locate())), folder / file
+        if source.is_file() and not target.exists():
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                target.hardlink_to(source)
+            except OSError:  # on another file system
+                shutil.copy2(source, target)
 
 
 def without_ros() -> dict[str, str]:

@@ -22,7 +22,7 @@ def test_the_blocks_of_a_page_work(page, project):
     assert try_page(page, project) > 0
 
 
-def test_the_blocks_of_the_readme_work_in_its_order_with_the_installed_wheel(installed, tmp_path):
+def test_the_blocks_of_the_readme_work_in_its_order_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ros[ros]'")
     project = prepared(tmp_path, scripts=str(installed / "bin"))
     assert try_page(README, project) > 0
