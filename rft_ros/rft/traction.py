@@ -4,7 +4,7 @@ A law is a dataclass of numbers, `Treers2021` or `Agarwal2023`. `tractions` take
 for the plates of a chunk.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from math import radians, sin, sqrt
 from typing import Any
 
@@ -70,31 +70,28 @@ _NUDGE = 1e-5
 class Treers2021:
     """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
-    `stiffness`: ζ in N/m³ per N/cm³. The other numbers are sums and differences of Li's coefficients [N/cm³], from
-    expanding sin(±2β + γ) and cos(±2β + γ), so that no angle is computed. `alpha_y`: the model of Eq. (7). `inertia`:
-    λ ρ [kg/m³] of Eq. (11). Raises ValueError for a field that is not a finite number, TypeError for another model.
+    `stiffness`: ζ in N/m³ per N/cm³. `alpha_y`: the model of Eq. (7). `inertia`: λ ρ [kg/m³] of Eq. (11). `packed`: for
+    the loop. Raises ValueError for a number that is not finite, TypeError for what is not a medium or a model.
     """
 
-    stiffness: float
-    z_one: float
-    z_cos2b: float
-    z_cos2b_sing: float
-    z_sin2b_cosg: float
-    z_sing: float
-    x_cosg: float
-    x_cos2b_cosg: float
-    x_sin2b_sing: float
-    x_sin2b: float
+    medium: Medium
     alpha_y: AlphaY
+    stiffness: float
     inertia: float = 0.0
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        m = self.medium
+        if not isinstance(m, Medium):
+            raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")
         object.__setattr__(self, "alpha_y", checked_alpha_y(self.alpha_y))
-        for name in (f.name for f in fields(self) if f.name not in ("alpha_y", "packed")):
+        for name in ("stiffness", "inertia"):
             object.__setattr__(self, name, number(f"{name} of the law", getattr(self, name)))
-        numbers = self.inertia, *(getattr(self, f.name) for f in fields(self)[:10])
-        object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
+        # sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed
+        of_z = m.A00, m.A10, m.B11 + m.Bm11, m.B11 - m.Bm11, m.B01
+        of_x = m.C01, m.C11 + m.Cm11, m.Cm11 - m.C11, m.D10
+        numbers = [number(f"a coefficient of the medium '{m.name}'", value) for value in (*of_z, *of_x)]
+        object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, (self.inertia, self.stiffness, *numbers)))
 
 
 Law = Treers2021 | Agarwal2023
@@ -117,21 +114,8 @@ def treers2021(
     `density` of the bed [kg/m³] and `inertia` λ: see `inertial_density`; 0: the force does not depend on speed. Raises
     ValueError unless `zeta` is a positive, finite number.
     """
-    m = medium
-    return Treers2021(
-        stiffness=number("medium.zeta", zeta, positive=True) * N_PER_CM3,
-        z_one=m.A00,
-        z_cos2b=m.A10,
-        z_cos2b_sing=m.B11 + m.Bm11,
-        z_sin2b_cosg=m.B11 - m.Bm11,
-        z_sing=m.B01,
-        x_cosg=m.C01,
-        x_cos2b_cosg=m.C11 + m.Cm11,
-        x_sin2b_sing=m.Cm11 - m.C11,
-        x_sin2b=m.D10,
-        alpha_y=alpha_y_model,
-        inertia=inertial_density(density, inertia),
-    )
+    stiffness = number("medium.zeta", zeta, positive=True) * N_PER_CM3
+    return Treers2021(medium, alpha_y_model, stiffness, inertial_density(density, inertia))
 
 
 def law_named(
