@@ -54,6 +54,7 @@ def test_estimates_are_the_cores_with_the_poses_stamps(replayed):
     assert float(last["residual_fz"]) == pytest.approx(10.8 - fz, rel=1e-7)
     assert float(last["sigma_fz"]) > 0.0
     assert summary.learning == {}
+    assert not (out / "report.html").exists()  # unless asked for
 
 
 def test_the_estimates_bag_holds_four_wrenches_in_the_sensor_frame(replayed):

@@ -23,7 +23,7 @@ def replays(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     bag = write_ros2(folder / "plunge", plunge(noise=3e-5))
     outs = [folder / "one", folder / "two"]
-    params = values(integration="centroid", learning__mode="observe")
+    params = values(integration="centroid", learning__mode="observe", medium__mobilization_length=0.003)
     summary, _ = (replay(bag, out, params, report=True) for out in outs)
     return summary, outs
 
@@ -94,6 +94,7 @@ def test_the_page_has_every_figure_and_table_and_loads_nothing(page):
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=.(?!data:)", page)
     assert "@import" not in page.partition("</style>")[0]
     assert re.findall(r'<div id="figure-(\w+)"', page) == list(CHARTS)
+    assert "Tool and traction (law without memory)" in page
     for title in ("Metrics", "Quality flags", "Not used or unanswered", "Parameters"):
         assert f"<h2>{title}</h2>" in page
 
@@ -121,15 +122,6 @@ def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<td>none</td>" in page
     assert 'id="figure-tool"' not in page
-
-
-def test_the_tools_title_says_that_it_leaves_out_memory_and_there_is_no_page_unless_asked_for(page, tmp_path):
-    bag, said = write_ros2(tmp_path / "bag", plunge()), "Tool and traction (law without memory)"
-    assert said not in page
-    for report in (False, True):
-        replay(bag, tmp_path / "out", values(medium__mobilization_length=0.003), report=report)
-        assert (tmp_path / "out" / "report.html").exists() == report
-    assert said in (tmp_path / "out" / "report.html").read_text()
 
 
 def poses(flag=0, flagged=(), learned=math.nan):
