@@ -35,6 +35,7 @@ from rft_ros.estimator.messages import decoder, wrench_cdr
 from rft_ros.files import whole_folder
 from rft_ros.node import mujoco_arm, virtual_arm
 from rft_ros.node.topics import type_name
+from rft_ros.node.virtual_arm import PAUSE
 
 _QOS = QoSProfile(depth=500)
 _INPUTS = {"pose": PoseStamped, "twist": TwistStamped, "wrench_measured": WrenchStamped}
@@ -50,9 +51,8 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
 
     `seconds` of the virtual arm's motion; `mujoco`: instead, an arm that feels the node's forces.
     """
-    if not seconds > virtual_arm.PAUSE:
-        why = f"it must be over {virtual_arm.PAUSE:g}, in which the arm rests in the air"
-        raise InputError(f"--seconds is {seconds:g}; {why}")
+    if not seconds > PAUSE:
+        raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     if mujoco:
         mujoco_arm.import_mujoco()  # says what to install
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -68,7 +68,7 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
             console.print("waiting for the node, which may have to compile first ...")
             cell.wait()
             moments = mujoco_arm.moments(cell.answer) if mujoco else virtual_arm.moments(seconds)
-            start, tare_at, shown = time.monotonic(), virtual_arm.PAUSE / 2.0, -1.0
+            start, tare_at, shown = time.monotonic(), PAUSE / 2.0, -1.0
             with Live(console=console, refresh_per_second=8) as live:
                 for t, state, reading in moments:
                     start = max(start, time.monotonic() - t)
@@ -84,14 +84,10 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
             cell.spin(time.monotonic() + 0.5)  # the last answers
         finally:
             cell.end()
-    console.print()
-    if not cell.counts["wrench_residual"]:
-        console.print("[red]no estimates came[/red]; see the node's messages above")
-        return False
-    for name, count in cell.counts.items():
-        console.print(f"recorded {count:5d} /rft/{name}")
-    console.print(f"-> {bag} (rosbag2, MCAP)", soft_wrap=True)
-    return True
+    came = "wrench_residual" in cell.newest
+    found = f"{cell.recorded} messages" if came else "[red]no estimates came[/red]; see the node's messages above"
+    console.print(f"\n{found} -> {bag} (rosbag2, MCAP)", soft_wrap=True)
+    return came
 
 
 def _terminated(number: int, _: FrameType | None) -> NoReturn:
@@ -102,12 +98,12 @@ def _terminated(number: int, _: FrameType | None) -> NoReturn:
 class _Cell:
     """A node in a process of its own, and the topics between it and an arm, recorded as by `ros2 bag record`.
 
-    `counts`: messages by topic; `newest`: the newest answer of each.
+    `newest`: the newest answer of each topic; `recorded`: the number of messages.
     """
 
     def __init__(self, parameters: Path, bag: BagWriter) -> None:
         self._bag, self._peer = bag, rclpy.create_node("rft_demo")
-        self.counts, self.newest = dict.fromkeys(_INPUTS | _OUTPUTS, 0), dict[str, bytes]()
+        self.newest, self.recorded = dict[str, bytes](), 0
         self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}
         for name, kind in {**_OUTPUTS, "stiffness": InertiaStamped}.items():
             self._subscribe(name, kind)
@@ -125,7 +121,7 @@ class _Cell:
 
     def _record(self, name: str, kind: type, stamp: int, data: bytes) -> None:
         self._bag.write_raw(f"/rft/{name}", type_name(kind), stamp, data)
-        self.counts[name] += 1
+        self.recorded += 1
 
     def wait(self) -> None:
         """Until the node answers and listens."""

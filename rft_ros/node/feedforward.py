@@ -66,12 +66,9 @@ class FeedForward:
 
     def __init__(self, node: Node, estimator: Estimator) -> None:
         self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", OUTPUTS)
-        self._clock = node.get_clock()
-        self._estimator = estimator
-        self._ramp = Ramp()
-        self._gain = 0.0
+        self._clock, self._estimator, self._ramp = node.get_clock(), estimator, Ramp()
         self._moved = self._estimated = -math.inf
-        self._active = False
+        self._gain, self._active = 0.0, False
 
     def use(self, values: Values) -> None:
         """Take the parameters."""
@@ -114,7 +111,6 @@ class FeedForward:
         return tuple(self._gain * c for c in wrench)  # type: ignore[return-value]
 
     def _publish(self, target: Wrench, stamp: int) -> None:
-        now = time.monotonic()
-        wrench = self._ramp.follow(target, min(now - self._moved, _LONGEST_STEP))
-        self._moved = now
+        before, self._moved = self._moved, time.monotonic()
+        wrench = self._ramp.follow(target, min(self._moved - before, _LONGEST_STEP))
         self._publisher.publish(self._serialise(stamp, wrench))

@@ -10,18 +10,14 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rclpy.executors import Executor
-    from rclpy.node import Node
+
+    from rft_ros.node.rft_node import RftNode
 
 _HELP = """\
-usage: rft_node [--ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...]
+usage: rft_node --ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...
 
-Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2.
-
-docs/node.md lists its topics, services and parameters; config/default.yaml has every parameter with its default.
-SIGINT or SIGTERM ends it with exit status 0; arguments or parameters that cannot be used, with 2.
-
-example:
-  rft_node --ros-args --params-file my_cell.yaml -r ~/pose:=/tool_pose"""
+Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2. docs/node.md lists topics,
+services and parameters. Exit status 0 after SIGINT or SIGTERM, 2 for arguments or parameters that cannot be used."""
 
 _GRACE = 0.4  # s
 
@@ -121,7 +117,7 @@ def _run(stop: threading.Event) -> str:
     return ""
 
 
-def _executor(node: "Node") -> "Executor":
+def _executor(node: "RftNode") -> "Executor":
     from rclpy.executors import SingleThreadedExecutor
 
     if node.values["executor"] == "events":

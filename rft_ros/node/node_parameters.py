@@ -3,7 +3,7 @@
 import itertools
 import sys
 from array import array
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -35,18 +35,11 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
 class NodeParameters:
     """The node's values of the parameter table.
 
-    `validate(values, changed)` is called before a change and raises ValueError to refuse it; a refused change has no
-    effect. `apply(values, changed)` is called after a change. Each change is logged with old and new value and, if the
-    node itself made it, the reason.
+    `validate` is called before a change and raises ValueError to refuse it; a refused change has no effect. `apply` is
+    called after a change. Each change is logged with old and new value and, if the node itself made it, the reason.
     """
 
-    def __init__(
-        self,
-        node: Node,
-        *,
-        validate: Callable[[Values, frozenset[str]], None],
-        apply: Callable[[Values, frozenset[str]], None],
-    ) -> None:
+    def __init__(self, node: Node, *, validate: Callable[[Values], None], apply: Callable[[Values], None]) -> None:
         self._node, self._validate, self._apply = node, validate, apply
         self._why = ""
         self.values: Values = {}
@@ -60,13 +53,13 @@ class NodeParameters:
             values[p.name] = value = _resolved(p.name, str(value)) if p.name in FILES else value
             node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
         self.values = values
-        logger = node.get_logger()
+        logger, own_name = node.get_logger(), node.get_fully_qualified_name()
         for file in parameter_files():
-            if not _for_this_node(file, overrides):
-                name = node.get_fully_qualified_name()
-                logger.warning(f"no section of {file} is for {name}: ROS takes nothing from it")
+            names = [key.partition(".ros__parameters.")[2] for key, _ in flat(parameter_tree(file))]
+            if names and not any(name in overrides for name in names):
+                logger.warning(f"no section of {file} is for {own_name}: ROS takes nothing from it")
         for name in overrides:
-            if name not in values and not name.startswith("qos_overrides.") and not node.has_parameter(name):
+            if not name.startswith("qos_overrides.") and not node.has_parameter(name):
                 logger.warning(f"there is no parameter '{name}'; it is ignored")
         node.add_pre_set_parameters_callback(self._in_table_types)
         node.add_on_set_parameters_callback(self._on_set)
@@ -99,7 +92,7 @@ class NodeParameters:
         try:
             merged, changed = self._merged(parameters)
             if changed:
-                self._validate(merged, changed)
+                self._validate(merged)
         except ValueError as error:  # an exception here would end the node
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
@@ -110,21 +103,12 @@ class NodeParameters:
             changes = ", ".join(f"{name} {self.values[name]!r} -> {merged[name]!r}" for name in sorted(changed))
             self._node.get_logger().info(f"parameters set: {changes}" + (f" ({self._why})" if self._why else ""))
             self.values = merged
-            self._apply(merged, changed)
+            self._apply(merged)
 
 
 def parameter_files() -> list[Path]:
     """The parameter files on the command line."""
     return [Path(value) for option, value in itertools.pairwise(sys.argv) if option == "--params-file"]
-
-
-def _for_this_node(file: Path, overrides: Container[str]) -> bool:
-    """Whether ROS took a section of a parameter file: then all its names are among the node's overrides."""
-    sections: dict[str, list[str]] = {}
-    for key, _ in flat(parameter_tree(file)):
-        node, _, name = key.partition(".ros__parameters.")
-        sections.setdefault(node, []).append(name)
-    return not sections or any(all(name in overrides for name in names) for names in sections.values())
 
 
 def _plain(value: Any) -> Any:

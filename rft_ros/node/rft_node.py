@@ -25,7 +25,7 @@ from rft_ros.node.services import Services
 from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
 from rft_ros.node.topics import INPUTS, MESSAGES, OUTPUTS, transform_message
-from rft_ros.parameters import Values, settings_of
+from rft_ros.parameters import Values
 
 __all__ = ["RftNode"]
 
@@ -33,11 +33,6 @@ _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
 _LEARNED_PERIOD = 20_000_000  # ns
 _LEARNED = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
-
-
-def _in_model(changed: frozenset[str]) -> bool:
-    settings_only = {"medium.zeta_error", "medium.calibrated_depth"}
-    return any(name.startswith(("law", "medium.", "alpha_y.")) for name in changed - settings_only)
 
 
 class RftNode(Node):
@@ -51,7 +46,7 @@ class RftNode(Node):
         self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
         values = self.values
         self._swap = Swap(worker, values, on_cold_cache=self._announce_compilation)
-        settings, model = self._swap.settings(values), self._swap.model(values, generation=0)
+        settings, model = self._swap.settings(values), self._swap.model(values)
         # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
         self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
@@ -198,31 +193,29 @@ class RftNode(Node):
 
     # --- parameters and swaps
 
-    def _validate(self, values: Values, changed: frozenset[str]) -> None:
-        settings_of(values)
+    def _validate(self, values: Values) -> None:
         transform_message(needed=values["sensor.frame_source"] == "tf")
+        self._swap.settings(values)
+        self._swap.model(values)
         self._swap.check_mesh(values)
-        if _in_model(changed):
-            self._swap.model(values, generation=0)
 
-    def _apply(self, values: Values, changed: frozenset[str]) -> None:
+    def _apply(self, values: Values) -> None:
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._feedforward.use(values)
-        self._use(new_model=_in_model(changed))
+        self._use()
         self._swap.want(values)
         self._swap_timer.reset()
 
-    def _use(self, *, new_model: bool) -> None:
+    def _use(self) -> None:
         """Bring into force what is loaded."""
-        generation = self.estimator.model.generation + 1
-        model = self._swap.model(self.values, generation=generation) if new_model else None
+        model = self._swap.model(self.values, generation=self.estimator.model.generation + 1)
         self.estimator.use(settings=self._swap.settings(self.values), model=model)
         self._subscribe_to_clouds()
 
     def _on_swap_poll(self) -> None:
         succeeded = self._swap.poll()
         if succeeded:
-            self._use(new_model=True)
+            self._use()
             self.announce("in force")
         elif succeeded is not None:
             self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")

@@ -62,10 +62,10 @@ class Services:
         strength, error = learned
         zeta = float(values["medium.zeta"]) * strength  # type: ignore[arg-type]
         new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
-        doubts = "; ".join(map(str, learning.doubts()))
-        comment = "; ".join(filter(None, ["rft_node: medium.zeta learned from the load cell", doubts]))
+        doubts = [f"doubtful, it was learned while {doubt}" for doubt in learning.doubts()]
+        comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *doubts])
         path = _save("rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment))
-        return path + (f" (doubtful, it was learned while {doubts}; then call ~/forget and learn again)" * bool(doubts))
+        return "; ".join([path, *doubts])
 
     def _level_ground(self) -> str:
         if not self._estimator.level_ground():

@@ -44,7 +44,7 @@ class ToolWorker:
                 small = f"give the mesh fewer facets with '{program('rft')} reduce'"
                 raise InputError(f"{request} took over {_LONGEST:g} s to load; {small}")
             answer: ModelParts | str = self._connection.recv()
-        except (OSError, EOFError, InputError) as error:  # no descriptor or process is to be had, or one of above
+        except Exception as error:  # the process ended, or none is to be had, or no descriptor, or a damaged answer
             self.end()
             ended = isinstance(error, EOFError | ConnectionError)
             why = f"the process that loads {request} ended" if ended else str(error)
@@ -105,7 +105,7 @@ class Swap:
         settings = settings_of(values)
         return settings if "learning" in self._code else replace(settings, learning_mode="off")
 
-    def model(self, values: Values, *, generation: int) -> Model:
+    def model(self, values: Values, *, generation: int = 0) -> Model:
         """The model of these parameters with the tool and the ground in force. InputError if there is none."""
         table = None
         if values["alpha_y.model"] == "table" and (file := str(values["alpha_y.table"])):

@@ -186,10 +186,6 @@ class Harness:
     def status(self) -> tuple[bool, str]:
         return self.trigger("status")
 
-    def until_status(self, condition: Callable[[bool, str], object]) -> None:
-        """Until the answer of ~/status meets a condition; asked four times a second, since the worker needs the CPU."""
-        self.until(lambda: condition(*self.status()) or self.spin(0.25))
-
     # --- inputs
 
     def moment(self) -> int:

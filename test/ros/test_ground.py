@@ -100,19 +100,6 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
 
 
-def test_a_cloud_in_another_frame_is_counted_and_the_node_lives(start_node):
-    rft = started(start_node, GROUND)
-    publisher = surface_publisher(rft)
-    publisher.publish(cloud(START, 0.0, frame="camera"))
-    publisher.publish(PointCloud2())
-
-    def counted():
-        found = {v.key for d in rft.diagnostics for s in d.status for v in s.values if v.key.startswith("count.")}
-        return {"count.surface_frame_unknown", "count.message_unreadable"} <= found
-
-    rft.until(counted)
-
-
 def test_a_ground_file_that_cannot_be_used_is_refused_with_a_sentence(start_node, tmp_path):
     with pytest.raises(InputError, match=r"none\.csv' cannot be read"):
         started(start_node, {**GROUND, "ground.file": str(tmp_path / "none.csv")})

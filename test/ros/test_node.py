@@ -112,30 +112,6 @@ def test_a_bad_value_is_refused_with_a_sentence_and_nothing_changes(rft, name, v
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
 
-@pytest.mark.parametrize(
-    ("inputs", "reason"),
-    [
-        ({"z": math.nan}, "pose_not_finite"),
-        ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "pose_quaternion_not_unit"),
-        ({"frame": "elsewhere"}, "pose_frame_unknown"),
-        ({"twist_stamp": 1 * S}, "twist_stale"),
-        ({"linear": (math.inf, 0.0, 0.0)}, "twist_stale"),
-        ({"linear": (0.0, 0.0, 0.0)}, "at_rest"),
-    ],
-)
-def test_bad_live_input_is_a_counted_reason_and_the_node_continues(rft, inputs, reason):
-    def count():
-        return int(rft.diagnostic("inputs")[2].get(f"count.{reason}", 0))
-
-    rft.ask(rft.moment())
-    before = count()
-    bad = rft.moment()
-    rft.send(bad, **inputs)
-    rft.until(lambda: count() > before)
-    assert not any(stamp_of(m) == bad for m in rft.received["wrench_predicted"])
-    rft.ask(rft.moment())
-
-
 def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_ends(start_node):
     rft = start_node("-p", "mesh.file:=plate").wait_ready()
     _, message, values = rft.diagnostic("estimates")
@@ -162,17 +138,6 @@ def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_
     assert rft.said().count("began: wrench_missing") == 1
 
 
-def test_the_measured_wrench_is_interpolated_at_the_stamp_from_samples_that_come_after_the_prediction(rft):
-    stamp = rft.moment()
-    rft.send(stamp - 20_000_000, force=(0.0, 0.0, 1.0))
-    rft.ask(stamp, force=None)
-    assert not any(stamp_of(m) == stamp for m in rft.received["wrench_compensated"])
-    rft.send(stamp + 10_000_000, force=(0.0, 0.0, 4.0))
-    rft.until(lambda: any(stamp_of(m) == stamp for m in rft.received["wrench_residual"]))
-    compensated = next(m for m in rft.received["wrench_compensated"] if stamp_of(m) == stamp)
-    np.testing.assert_allclose(numbers(compensated)[:3], [0.0, 0.0, 3.0], atol=1e-12)
-
-
 @pytest.mark.parametrize("topic", ["pose", "twist", "wrench"])
 def test_unreadable_messages_are_counted_and_the_node_continues(rft, topic):
     def count():
@@ -183,21 +148,6 @@ def test_unreadable_messages_are_counted_and_the_node_continues(rft, topic):
         getattr(rft, topic).publish(garbage)
     rft.until(lambda: count() >= before + 3)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
-
-
-def test_late_and_repeated_poses_are_not_answered_and_a_jump_back_starts_afresh(rft):
-    stamp = rft.moment()
-    rft.ask(stamp)
-    answered = len(rft.received["wrench_predicted"])
-    rft.send(stamp)
-    rft.send(stamp - 1_000_000)
-    rft.ask(stamp + S)
-    assert len(rft.received["wrench_predicted"]) == answered + 1
-    rft.ask(1 * S)  # the bag loops
-    _, _, values = rft.diagnostic("inputs")
-    assert int(values["count.pose_repeated"]) >= 1
-    assert int(values["count.pose_out_of_order"]) >= 1
-    assert int(values["count.time_jump"]) >= 1
 
 
 def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft):

@@ -44,8 +44,8 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
     rft.until(lambda: any(s.name.endswith(": medium") for d in rft.diagnostics for s in d.status))
     successful, answer = rft.trigger("save_medium")
     assert successful
-    assert "(doubtful, it was learned while the load cell reads a force in the air: call ~/tare" in answer
-    file = answer.partition(" (")[0]
+    assert "; doubtful, it was learned while the load cell reads a force in the air: call ~/tare" in answer
+    file = answer.partition("; ")[0]
     assert rft.trigger("save_medium")[1] != file  # also in the same second
     saved = read_parameter_file(tmp_path / file)
     assert saved["medium.zeta"] != 0.3

@@ -120,34 +120,20 @@ def test_speed_beyond_the_papers_is_a_warning_with_the_number(rft):
     assert {"latency_median_us", "latency_p99_us", "depth_m", "fastest_m_s"} <= values.keys()
 
 
-def test_max_rate_thins_the_answers_and_counts_what_it_leaves_out(rft):
-    assert rft.set(max_rate=100.0) == (True, "")
-    start = rft.moment()
-    before = len(rft.received["wrench_predicted"])
-    for k in range(100):
-        rft.send(start + k * 2_000_000)
-        rft.spin()
-    rft.until(lambda: any(stamp_of(m) == start + 95 * 2_000_000 for m in rft.received["wrench_predicted"]))
-    rft.until(lambda: int(rft.diagnostic("inputs")[2].get("count.pose_rate_limited", 0)) >= 80)
-    assert len(rft.received["wrench_predicted"]) == before + 20
-    assert rft.set(max_rate=0.0)[0]
-
-
 def test_the_status_service_says_what_is_in_force(rft, tmp_path):
-    rft.until_status(lambda good, said: not good and "tool plate in force; no poses come" in said)
+    def until(condition, poses=False):
+        rft.until(lambda: (poses and rft.send(rft.moment())) or condition(*rft.status()))
 
-    def with_poses(condition):
-        rft.until(lambda: rft.send(rft.moment()) or condition(*rft.status()))
-
-    with_poses(lambda good, said: good and said.endswith("tool plate in force"))
+    until(lambda good, said: not good and "tool plate in force; no poses come" in said)
+    until(lambda good, said: good and said.endswith("tool plate in force"), poses=True)
     rft.send(rft.moment(), frame="camera")
-    rft.until_status(lambda good, said: not good and "pose_frame_unknown (" in said and "'camera'" in said)
+    until(lambda good, said: not good and "pose_frame_unknown (" in said and "'camera'" in said)
     broken = tmp_path / "broken.stl"
     broken.write_text("no mesh")
     assert rft.set(mesh__file=str(broken))[0]
-    rft.until_status(lambda good, said: not good and "the last swap failed: mesh file" in said)
+    until(lambda good, said: not good and "the last swap failed: mesh file" in said)
     assert rft.set(mesh__scale=0.002)[0]
-    with_poses(lambda good, said: good and "preparing" not in said)
+    until(lambda good, said: good and "preparing" not in said, poses=True)
     assert rft.set(mesh__scale=0.001)[0]
     rft.until(lambda: rft.diagnostic("model")[2]["preparing"] == "")
 
