@@ -131,7 +131,8 @@ def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Treers2021, *, surf
     """
     return fit_each(
         lambda track, rows: _plate_run(track, rows, sensor, law, surface),
-        [(track, rows) for track in tracks for rows in level_runs(track, surface)],
+        tracks,
+        lambda track: level_runs(track, surface),
         none=f"no level run of a plate; {_NEEDED}",
     )
 
@@ -167,28 +168,22 @@ def fit_alpha_y(
         sure = count >= 3 and span >= _BETA_SPAN and abs(trial.coefficients[1]) > _SURE * trial.errors[1]
         model = "linear" if sure else "constant"
     design = {"constant": line[:, :1], "linear": line, "table": np.eye(count)[steps]}[model]
-    fit, r2 = fit_measurements(design, alpha, errors)
+    fit, _ = fit_measurements(design, alpha, errors)
     values = fit.coefficients
     covariance = fit.covariance + shared_error**2 * np.outer(values, values)
-    published = False
-    if model != "table":
+    if model == "table":
+        at, found, published = (beta @ design / design.sum(axis=0)).round(1), values, False
+    else:
+        at, found = _LINE_ROWS, np.polyval(values[::-1], _LINE_ROWS)
         differences = design @ (values - np.array(alpha_y_model(model, medium)))
         published = bool((differences**2 <= 4.0 * np.einsum("ni,ij,nj->n", design, covariance, design)).all())
-    if model == "table":
-        at, found = (beta @ design / design.sum(axis=0)).round(1), values
-        goodness = f"{len(used)} runs at {count} β"
-    elif model == "linear":
-        at, found = _LINE_ROWS, values[0] + values[1] * _LINE_ROWS
-        goodness = f"R² {r2:.3f} over {len(used)} runs"
-    else:
-        at, found = np.array([90.0]), values
-        goodness = f"scatter {100 * fit.rms / values[0]:.1f} % over {len(used)} runs"
+    scatter = f"scatter {100 * fit.rms / alpha.mean():.1f} % over {len(used)} runs"
     value = FittedValue(
         name=f"alpha_y ({model})",
         values=tuple(values.tolist()),
         errors=tuple(np.sqrt(np.diag(covariance)).tolist()),
         unit="N/cm³, N/cm³/deg" if model == "linear" else "N/cm³",
-        goodness=goodness + ("; agrees with the published model" if published else ""),
+        goodness=scatter + ("; agrees with the published model" if published else ""),
         source=f"{len(used)} level runs along e1",
     )
     if published:

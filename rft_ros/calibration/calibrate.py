@@ -49,11 +49,7 @@ class Calibration:
 
 
 def calibrate(
-    tracks: Sequence[Track],
-    values: Values,
-    *,
-    parts: Collection[str] = PARTS,
-    alpha_y: AlphaYModel = "auto",
+    tracks: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS, alpha_y: AlphaYModel = "auto"
 ) -> Calibration:
     """Fit `parts` to the tracks; take what is not fitted from `values`, the node's parameters.
 
@@ -76,12 +72,11 @@ def calibrate(
     air = height
     try:  # in any case: what counts as air depends on it
         for _ in range(1 if inertial == law else _ROUNDS):
-            surface, highest, notes = fit_surface(tracks, sensor.cell, law)
+            surface, highest = fit_surface(tracks, sensor.cell, law)
             tracks = [_without_inertia(t, sensor.cell, inertial, law, surface.values[0]) for t in recorded]
         if "surface" in parts:
             (height,), (height_error,) = surface.values, surface.errors
             result.fitted.append(surface)
-            result.notes += notes
         air = max(height, highest)
     except NotIdentifiable as reason:
         if "surface" in parts:
@@ -97,10 +92,9 @@ def calibrate(
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):
-            fitted, notes = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
+            fitted, result.notes = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
             (zeta,), (zeta_error,) = fitted[0].values, fitted[0].errors
             result.fitted += fitted
-            result.notes += notes
     if "mobilization" in parts:
         with result.or_reason("medium.mobilization_length"):
             result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height))

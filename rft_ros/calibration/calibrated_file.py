@@ -22,10 +22,7 @@ SECTION = "rft_calibration"
 
 
 class _Dumper(yaml.SafeDumper):
-    """Lists of numbers on one line, all else in blocks, no aliases (ROS cannot read them)."""
-
-    def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 (signature of the base class)
-        return True
+    """Lists of numbers on one line, all else in blocks."""
 
     def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:  # noqa: ARG002
         return super().represent_sequence(tag, sequence, all(isinstance(v, int | float) for v in sequence))
@@ -84,7 +81,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         "bags": bags,
         "fitted": {
             f.name.partition(" ")[0].replace(".", "_"): {
-                "value": numbers[f.name],
+                "value": [*numbers[f.name]],  # another list, or YAML has an alias, which ROS cannot read
                 "standard_error": [float(f"{e:.3g}") for e in f.errors],
                 "unit": f.unit,
                 "goodness": f.goodness,

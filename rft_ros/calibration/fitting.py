@@ -4,7 +4,7 @@ Load-cell noise is filtered and grains slip in bursts, so neighbouring samples a
 assume independent samples and come out several times too small.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
@@ -12,13 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
+from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
-__all__ = [
-    *("Fit", "FittedValue", "Measurement", "NotIdentifiable"),
-    *("error_of_mean", "fit_curve", "fit_each", "fit_measurements", "fit_series", "mean_of"),
-]
+__all__ = ["Fit", "FittedValue", "Measurement", "NotIdentifiable", "fit_curve", "fit_each", "fit_measurements"]
+__all__ += ["fit_series", "mean_of"]
 
 Array = NDArray[np.float64]
 
@@ -27,20 +26,17 @@ _GRID = 24  # values of the nonlinear parameter tried before the best one is ref
 _Result = TypeVar("_Result")
 
 
-class Measurement(NamedTuple):
-    """A quantity measured once, in one bag: its `value` with standard `error`, in its unit.
+class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
+    """The data do not determine the quantity. One sentence with the numbers that show it."""
 
-    `misfit`: RMS residual relative to the greatest force, or to its rise.
-    """
+
+class Measurement(NamedTuple):
+    """A quantity measured once, in one bag: `value` and standard `error`; `misfit`: RMS residual over the force."""
 
     bag: str
     value: float
     error: float
     misfit: float
-
-
-class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
-    """The data do not determine the quantity. One sentence with the numbers that show it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +62,7 @@ class FittedValue:
                 raise NotIdentifiable(f"the fitted {error}") from None
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class Fit(NamedTuple):
     """Coefficients, shape [k], their covariance, shape [k, k], and the residuals, shape [n], in the data's units.
 
     `inverse`: shape [k, n]; times a change of the data, the change of the coefficients.
@@ -99,7 +94,7 @@ def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
     e = residuals - residuals.mean()
     power = float(e @ e)
     # at a correlation of 1 the variance of a mean is unbounded
-    rho = min(max(float(e[1:] @ e[:-1]) / power, -0.97), 0.97) if power > 0.0 else 0.0
+    rho = float(np.clip(e[1:] @ e[:-1] / power, -0.97, 0.97)) if power > 0.0 else 0.0
     scores = jacobian * residuals[:, None]
     scores = scores[1:] - rho * scores[:-1]
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
@@ -110,11 +105,11 @@ def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
     bread = np.linalg.pinv(jacobian.T @ jacobian)
     # the coefficients and the kernel's width reduce the degrees of freedom
     covariance = bread @ total @ bread / (1.0 - rho) ** 2 * n / max(n - k - lags, 1)
-    return Fit(coefficients, np.asarray(covariance), residuals, bread @ jacobian.T)
+    return Fit(coefficients, covariance, residuals, bread @ jacobian.T)
 
 
 def fit_series(design: Array, observed: Array) -> Fit:
-    """Least squares of a time series, shape [n], any unit, on the columns of `design`, shape [n, k], in time order."""
+    """Least squares of a time series, shape [n], any unit, on the columns of `design`, shape [n, k]."""
     coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
     return _series_fit(coefficients, design, observed - design @ coefficients)
 
@@ -166,34 +161,36 @@ def fit_measurements(design: Array, observed: Array, errors: Array) -> tuple[Fit
     return Fit(found, (inverse * variance) @ inverse.T, residuals, inverse), r2
 
 
-def error_of_mean(series: Array) -> float:
-    """Standard error of the mean of a time series, shape [n], in its unit."""
-    return float(fit_series(np.ones((len(series), 1)), series).errors[0])
+def mean_of(name: str, measurements: Sequence[Measurement], unit: str, goodness: str) -> FittedValue:
+    """Mean of repeated measurements; its error is the greater of that from their scatter and that from their own.
 
-
-def mean_of(measurements: Sequence[Measurement]) -> tuple[float, float]:
-    """Mean of repeated measurements and its standard error, in their unit.
-
-    The error is the greater of the one from their scatter and the one from their own errors: a few repetitions may
-    agree by chance, and a single one does not show how bed and packing vary.
+    A few repetitions may agree by chance, and a single one does not show how bed and packing vary.
     """
     values, n = [m.value for m in measurements], len(measurements)
     own = float(np.linalg.norm([m.error for m in measurements])) / n
     between = float(np.std(values, ddof=1)) / n**0.5 if n > 1 else 0.0
-    return float(np.mean(values)), max(own, between)
+    each = ", ".join(f"{m.bag} {m.value:.3g} ± {m.error:.2g}" for m in measurements)
+    return FittedValue(name, (float(np.mean(values)),), (max(own, between),), unit, goodness, each)
 
 
-def fit_each(fit: Callable[..., _Result], cases: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:
-    """`fit(*case)` for each case in which it is identifiable.
+def fit_each(
+    fit: Callable[[Track, Any], _Result],
+    tracks: Sequence[Track],
+    parts: Callable[[Track], Sequence[Any]],
+    *,
+    none: str,
+) -> list[_Result]:
+    """`fit(track, part)` for each part of the tracks in which it is identifiable.
 
-    Raises NotIdentifiable if there is none: with the first case's reason, or with `none` if there are no cases.
+    Raises NotIdentifiable if there is none: with the first one's reason, or with `none` if there are no parts.
     """
     fits, reasons = [], []
-    for case in cases:
-        try:
-            fits.append(fit(*case))
-        except NotIdentifiable as reason:
-            reasons.append(str(reason))
+    for track in tracks:
+        for part in parts(track):
+            try:
+                fits.append(fit(track, part))
+            except NotIdentifiable as reason:
+                reasons.append(str(reason))
     if not fits:
         raise NotIdentifiable(reasons[0] if reasons else none)
     return fits

@@ -78,10 +78,9 @@ def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surf
     """
     turns = fit_each(
         lambda track, turn: _fit_turn(track, turn, sensor, law, surface),
-        [(track, turn) for track in tracks for turn in turns_in_grains(track, surface)],
+        tracks,
+        lambda track: turns_in_grains(track, surface),
         none="the tool never turns in the grains, and no recording begins with it at rest there",
     )
-    length, error = mean_of(turns)
     goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns]):.1f} % of the greatest force around turns"
-    source = ", ".join(f"{t.bag} {1e3 * t.value:.2f} ± {1e3 * t.error:.2f} mm" for t in turns)
-    return FittedValue("medium.mobilization_length", (length,), (error,), "m", goodness, source)
+    return mean_of("medium.mobilization_length", turns, "m", goodness)

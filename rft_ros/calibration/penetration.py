@@ -30,7 +30,6 @@ BEDS_DIFFER = 0.1
 """Relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)."""
 
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
-_SCATTERED = 0.002  # greatest difference of heights of first contact [m] without a note
 
 _AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
 _SHALLOW, _AT_LEAST = 0.25, 0.004
@@ -90,23 +89,19 @@ def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Meas
     return Measurement(track.name, surface, float(found.errors[0]), found.rms / rise)
 
 
-def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[FittedValue, float, list[str]]:
-    """`surface_height`, the mean over first contacts; the highest [m]; a note if they differ. `law`: at any ζ.
+def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[FittedValue, float]:
+    """`surface_height`, the mean over first contacts; the highest of them [m]. `law`: at any ζ.
 
     Raises NotIdentifiable without a first contact.
     """
     contacts = fit_each(
         lambda track, stroke: _first_contact(track, stroke, cell, law),
-        [(track, stroke) for track in tracks for stroke in down_strokes(track)],
+        tracks,
+        down_strokes,
         none="the tool never goes straight down",
     )
-    heights = [c.value for c in contacts]
-    height, error = mean_of(contacts)
     goodness = f"RMS up to {100 * max(c.misfit for c in contacts):.1f} % of the force's rise"
-    source = f"first contact of {len(contacts)} ways down"
-    each = ", ".join(f"{c.bag} {1e3 * c.value:.1f} ± {1e3 * c.error:.1f} mm" for c in contacts)
-    notes = [f"First contact lies at different heights: {each}."] if np.ptp(heights) > _SCATTERED else []
-    return FittedValue("surface_height", (height,), (error,), "m", goodness, source), max(heights), notes
+    return mean_of("surface_height", contacts, "m", goodness), max(c.value for c in contacts)
 
 
 def _cause(forces: Array, alike: float) -> str:
@@ -123,11 +118,8 @@ def _cause(forces: Array, alike: float) -> str:
 
 def _penetration(
     track: Track, stroke: Rows, sensor: Sensor, law: Law, surface: float, surface_error: float
-) -> tuple[Measurement, float, float]:
-    """ζ of the part of a stroke below the surface, with the errors of the surface and of the load cell's zero.
-
-    Also its depth [m], and the model's RMS force at ζ = 1 over the greatest measured one.
-    """
+) -> Measurement:
+    """ζ of the part of a stroke below the surface, with the errors of the surface and of the load cell's zero."""
     bag, depths = track.name, surface - track.heights()[stroke]
     rows, depth = stroke[depths > 0.0], float(depths.max())
     if len(rows) < 20 or depth < _SHALLOWEST:
@@ -155,8 +147,7 @@ def _penetration(
             f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, and measured and modelled force correlate by"
             f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: {_cause(forces, alike)}"
         )
-    peak, rms = float(np.abs(measured).max()), float(np.sqrt(np.mean(g * g)))
-    return Measurement(bag, zeta, error, fit.rms / peak), depth, rms / peak
+    return Measurement(bag, zeta, error, fit.rms / float(np.abs(measured).max()))
 
 
 def fit_zeta(
@@ -169,33 +160,21 @@ def fit_zeta(
     """
     found = fit_each(
         lambda track, stroke: _penetration(track, stroke, sensor, law, surface, surface_error),
-        [
-            (track, stroke)
-            for track in tracks
-            for stroke in down_strokes(track)
-            if track.heights()[stroke].min() < surface
-        ],
+        tracks,
+        lambda track: down_strokes(track, below=surface),
         none="no vertical penetration in the grains",
     )
-    fits, n = [fit for fit, _, _ in found], len(found)
-    zeta, error = mean_of(fits)
-
-    def misfit(share: float) -> str:
-        """The largest RMS residual at a share of the mean ζ without the penetration's own."""
-        others = [(n * zeta - share * fit.value) / (n - share) for fit in fits]
-        pairs = zip(found, others, strict=True)
-        return f"{100 * max(np.hypot(fit.misfit, size * (other - fit.value)) for (fit, _, size), other in pairs):.1f} %"
-
-    goodness = f"RMS {misfit(0.0)} of the peak at worst"
-    if n > 1:
-        goodness += f"; each predicted by the others' ζ: {misfit(1.0)}"
-    each = ", ".join(f"{fit.bag} {fit.value:.3f} ± {fit.error:.3f}" for fit in fits)
-    depth, deepest = max((depth, fit.bag) for fit, depth, _ in found)
-    values = [
-        FittedValue("medium.zeta", (zeta,), (error,), "", goodness, each),
-        FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", f"deepest penetration, {deepest}"),
-    ]
-    return values, note_on_zeta(fits)
+    zeta = mean_of("medium.zeta", found, "", f"RMS up to {100 * max(m.misfit for m in found):.1f} % of the peak")
+    depth, deepest = max(
+        (surface - float(track.heights()[stroke].min()), track.name)
+        for track in tracks
+        for stroke in down_strokes(track, below=surface)
+    )
+    source = f"deepest penetration, {deepest}"
+    return [
+        zeta,
+        FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", source),
+    ], note_on_zeta(found)
 
 
 def note_on_zeta(found: Sequence[Measurement]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, error_of_mean, fit_measurements
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_measurements, fit_series
 from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
@@ -36,9 +36,8 @@ def fit_tool_weight(
 ) -> tuple[Sensor, list[FittedValue], dict[str, str]]:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
 
-    Returns the load cell with the fitted values, these values, and by name the reason for each that is not
-    identifiable, which stays as given. Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass
-    is negative.
+    Returns the load cell, the fitted values, and by name the reason for each that is not identifiable, which stays as
+    given. Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass is negative.
     """
     poses = [
         (track.readings[rows], track.gravity_in_sensor(cell)[rows].mean(axis=0))
@@ -50,7 +49,7 @@ def fit_tool_weight(
         raise NotIdentifiable("the tool never rests in the air for 0.5 s; the bias needs one such pose")
     gravity = np.array([g for _, g in poses])
     readings = np.array([r.mean(axis=0) for r, _ in poses])
-    errors = np.array([[error_of_mean(column) for column in r.T] for r, _ in poses])
+    errors = np.array([[fit_series(np.ones((len(r), 1)), column).errors[0] for column in r.T] for r, _ in poses])
     units = gravity / np.linalg.norm(gravity, axis=1)[:, None]
     widest = float(np.degrees(np.arccos(np.clip((units @ units.T).min(), -1.0, 1.0))))
     spreads = np.append(np.linalg.svd(units - units.mean(axis=0), compute_uv=False), 0.0) / np.sqrt(len(units))

@@ -176,8 +176,11 @@ def still_intervals(track: Track) -> list[Rows]:
     return found
 
 
-def down_strokes(track: Track) -> list[Rows]:
-    """Rows of straight motion down, at least 20, in the orientation of the deepest point of each movement down."""
+def down_strokes(track: Track, below: float = np.inf) -> list[Rows]:
+    """Rows of straight motion down, at least 20, in the orientation of the deepest point of each movement down.
+
+    `below`: only movements to a point below this height [m].
+    """
     heights, rotations, (velocity, _, turning) = track.heights(), track.rotations(), track.motion()
     sinking = -velocity[:, 2]
     straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
@@ -191,7 +194,7 @@ def down_strokes(track: Track) -> list[Rows]:
         rows = np.arange(top, begin + 1)
         alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(_TILT)
         rows = rows[alike & straight[rows]]
-        if len(rows) >= _FEWEST:
+        if len(rows) >= _FEWEST and heights[rows].min() < below:
             found.append(rows)
     return found
 

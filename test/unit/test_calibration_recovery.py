@@ -33,16 +33,15 @@ BETAS = (30.0, 50.0, 70.0, 90.0)
 SURFACE, ZETA, LENGTH = 0.0123, 0.8, 0.003
 
 
-def assert_recovered(fit, exact, truth, *, correlation=0.8):
+def assert_recovered(fit, exact, truth):
     """Of 100 seeded trials of noise on the `exact` readings, each number of `truth` lies in 95 within 3 errors."""
-    trials = [{f.name: f for f in fit(noisy(exact, np.random.default_rng(k), NOISE, correlation))} for k in range(100)]
+    trials = [{f.name: f for f in fit(noisy(exact, np.random.default_rng(k), NOISE))} for k in range(100)]
     for name, values in truth.items():
         off = [np.abs(np.subtract(t[name].values, values)) / t[name].errors if name in t else np.inf for t in trials]
         assert (np.sum(np.array(off) <= 3.0, axis=0) >= 95).all(), name
 
 
-@pytest.mark.parametrize("correlation", [0.0, 0.8])
-def test_load_cell_surface_and_zeta(correlation):
+def test_load_cell_surface_and_zeta():
     """From one recording: six poses in the air, a penetration, a dwell; the cell is turned and reports -1 times."""
     path = in_the_air().move((0.0, 0.0, -0.095), 0.01).wait(1.0).move((0.0, 0.0, 0.05), 0.02)
     time, states = path.states()
@@ -59,7 +58,6 @@ def test_load_cell_surface_and_zeta(correlation):
         ),
         read_by(LOAD_CELL, states, grain_wrenches(time, states, law(ZETA), surface=SURFACE)),
         truth,
-        correlation=correlation,
     )
 
 
@@ -68,9 +66,8 @@ def test_load_cell_surface_and_zeta(correlation):
     [
         Path((0, 0, 0.03)).move((0, 0, -0.07), 0.02).wait(0.3).move((0, 0, 0.015), 0.01),
         Path((0, 0, -0.03), Rotation.from_euler("x", 90, degrees=True)).wait(1).move((0, 0.04, 0), 0.01),
-        Path((0, 0, 0.03)).move((0, 0, -0.06), 0.02).move((0.015, 0, -0.002), 0.01),
     ],
-    ids=["reversal", "start from rest", "turn to the side"],
+    ids=["reversal", "start from rest"],
 )
 def test_the_mobilization_length_is_recovered(path, tmp_path):
     trimesh.creation.box((50.0, 30.0, 5.0)).export(tmp_path / "blade.stl")
@@ -85,15 +82,15 @@ def test_the_mobilization_length_is_recovered(path, tmp_path):
     assert_recovered(fit, read_by(LOAD_CELL, states, grains), {"medium.mobilization_length": (LENGTH,)})
 
 
-@pytest.mark.parametrize(("model", "truth"), [("constant", (0.12,)), ("linear", (0.2035, -0.0015))])
-def test_alpha_y_from_plates_dragged_along_themselves(model, truth):
-    time, states, grains = dragged(BETAS, lambda beta: truth[0] + sum(truth[1:]) * beta, zeta=ZETA)
+def test_a_line_of_alpha_y_from_plates_dragged_along_themselves():
+    start, slope = truth = (0.2035, -0.0015)
+    time, states, grains = dragged(BETAS, lambda beta: start + slope * beta, zeta=ZETA)
 
     def fit(readings):
         values = known(medium__zeta=ZETA)
-        return calibrate([track_of(time, states, readings)], values, parts=("alpha_y",), alpha_y=model).fitted
+        return calibrate([track_of(time, states, readings)], values, parts=("alpha_y",), alpha_y="linear").fitted
 
-    assert_recovered(fit, read_by(LOAD_CELL, states, grains), {f"alpha_y ({model})": truth})
+    assert_recovered(fit, read_by(LOAD_CELL, states, grains), {"alpha_y (linear)": truth})
 
 
 def run_at(beta, alpha):

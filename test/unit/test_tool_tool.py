@@ -9,7 +9,6 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS
 from rft_ros.tool import describe_tool, load_tool
 
@@ -54,11 +53,6 @@ def test_normals_come_from_the_winding_not_from_the_file(tmp_path):
     np.testing.assert_allclose(load_tool(str(tmp_path / "box.stl")).plates.packed[3:6].T, mesh.face_normals, atol=1e-6)
 
 
-def test_scale_and_origin_place_the_tool(ball):
-    moved = load_tool(ball.file, scale=0.002, origin=(5.0, 1.0, 0.0))
-    np.testing.assert_allclose(moved.vertices, 2.0 * (ball.vertices - [0.005, 0.001, 0.0]), atol=1e-15)
-
-
 def test_facets_without_area_are_dropped(tmp_path):
     line = [[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 0.0, 0.0]]
     corners = np.array([line, TRIANGLE, line]).reshape(-1, 3)
@@ -68,11 +62,6 @@ def test_facets_without_area_are_dropped(tmp_path):
     assert tool.plates.area == pytest.approx(50e-6)
     assert "degenerate_facets" in {f.kind for f in tool.issues}
     assert tool.lowest_point(X_DOWN) == pytest.approx(-0.01)
-
-
-def test_errors_of_the_file_come_through(tmp_path):
-    with pytest.raises(InputError, match="No such file"):
-        load_tool(str(tmp_path / "absent.stl"))
 
 
 @pytest.mark.parametrize("name", ["ellipsoid", "root_tip", "abb_plate"])
@@ -94,9 +83,8 @@ def arrays(tool):
     return (tool.plates.packed, blocks.rows, blocks.order, blocks.bounds, tool.vertices, tool.faces, tool.corners)
 
 
-@pytest.mark.parametrize("protocol", range(2, pickle.HIGHEST_PROTOCOL + 1))
-def test_a_pickled_tool_is_the_same_and_read_only(ball, protocol):
-    copy = pickle.loads(pickle.dumps(ball, protocol))
+def test_a_pickled_tool_is_the_same_and_read_only(ball):
+    copy = pickle.loads(pickle.dumps(ball))
     assert (copy.name, copy.file, copy.issues) == (ball.name, ball.file, ball.issues)
     for there, here in zip(arrays(copy), arrays(ball), strict=True):
         assert np.array_equal(there, here)
