@@ -105,13 +105,6 @@ class TestCircumnutation:
         assert (total > 0.995 * straight.total).all()
         assert straight.vertical == pytest.approx(straight.total)
 
-    def test_at_40_mm_vertical_work_is_a_third_lower_than_straight(self):
-        motion = Circumnutation(pitch=0.04)
-        straight = circumnutation.straight_limit(motion)
-        turning, straight = (work_of(root_tip().plates, m, 401) for m in (motion, straight))
-        assert turning.vertical / straight.vertical == pytest.approx(0.64, abs=0.02)
-        assert turning.total / straight.total == pytest.approx(1.24, abs=0.03)
-
     def test_a_long_pitch_is_the_straight_limit(self):
         motion = Circumnutation(pitch=100.0)
         straight = circumnutation.straight_limit(motion)
@@ -134,6 +127,3 @@ class TestConvergence:
     def test_the_refined_rule_needs_a_quarter_of_the_facets(self, spheres):
         assert (spheres["refined"].errors[:-1] < spheres["centroid"].errors[1:]).all()
         assert spheres["refined"].errors[2] < 0.01 < spheres["centroid"].errors[2]
-
-    def test_fineness_is_one_over_curvature_times_the_facets_size(self):
-        assert convergence.fineness(80) == pytest.approx(0.5 * convergence.fineness(320))

@@ -3,12 +3,9 @@
 import ast
 import os
 import shutil
-import signal
-import subprocess
 import sys
-import threading
 import zipfile
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from email import message_from_bytes
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
@@ -22,8 +19,6 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 
 _OF_ROS = ("AMENT_", "CMAKE_PREFIX_PATH", "COLCON_", "LD_LIBRARY_PATH", "PYTHONPATH", "RMW_", "ROS_", "_ROS_WHEELS_")
-
-_LONGEST = 600.0  # s, of a node that neither starts nor ends; compiling on a busy machine takes minutes
 
 
 def clean_copy(folder: Path) -> Path:
@@ -93,27 +88,6 @@ def without_ros() -> dict[str, str]:
 def own_domain() -> dict[str, str]:
     """Variables for a ROS domain that no other test's node is in."""
     return {"ROS_DOMAIN_ID": str(10 + os.getpid() % 90), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-
-
-def start_and_stop(command: Sequence[str], *, folder: Path, environment: dict[str, str]) -> tuple[int, str]:
-    """Start a node, interrupt it once it is ready; exit status and output."""
-    said = []
-    with subprocess.Popen(
-        command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
-    ) as node:
-        assert node.stdout
-        overdue = threading.Timer(_LONGEST, node.kill)
-        overdue.start()
-        try:
-            for line in node.stdout:
-                said.append(line)
-                if "ready: " in line:
-                    node.send_signal(signal.SIGINT)
-            status = node.wait()
-        finally:
-            overdue.cancel()
-            node.kill()
-    return status, "".join(said)
 
 
 def manifest() -> "tuple[Package, list[str]]":

@@ -13,8 +13,6 @@ from browser import show
 pytest.importorskip("mkdocs", reason="no mkdocs; `pip install -e '.[docs]'` installs it")
 
 ROOT = Path(__file__).resolve().parents[2]
-NOT_FETCHED = {"a", "base"}
-CANONICAL = {"canonical", "alternate"}
 
 
 @pytest.fixture(scope="module")
@@ -27,26 +25,23 @@ def site(tmp_path_factory):
     return folder
 
 
-class Page(HTMLParser):
-    """What a page fetches as it is shown, and what its links lead to."""
+class Fetched(HTMLParser):
+    """What a page fetches as it is shown."""
 
     def __init__(self, file):
         super().__init__()
-        self.fetched, self.links = [], []
+        self.names = []
         self.feed(file.read_text(encoding="utf-8"))
 
     def handle_starttag(self, tag, attrs):
         values = dict(attrs)
-        if values.get("href") and tag == "a":
-            self.links.append(values["href"])
-        if tag not in NOT_FETCHED and values.get("rel") not in CANONICAL:
-            self.fetched += [values[name] for name in ("src", "href", "srcset", "data") if values.get(name)]
+        if tag not in ("a", "base") and values.get("rel") not in ("canonical", "alternate"):
+            self.names += [values[name] for name in ("src", "href", "srcset", "data") if values.get(name)]
 
 
 def test_no_page_fetches_anything_from_elsewhere(site):
     for file in site.rglob("*.html"):
-        elsewhere = [what for what in Page(file).fetched if what.startswith(("http", "//"))]
-        assert elsewhere == [], file.name
+        assert [name for name in Fetched(file).names if name.startswith(("http", "//"))] == [], file.name
     for file in (file for file in site.rglob("*.css") if "assets" not in file.parts):
         assert "http" not in file.read_text(encoding="utf-8"), file.name
 

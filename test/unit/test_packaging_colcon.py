@@ -3,12 +3,13 @@
 import importlib.util
 import os
 import shlex
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
-from distribution import clean_copy, own_domain, share_machine_code, start_and_stop
+from distribution import clean_copy, own_domain, share_machine_code
 
 pytest.importorskip("colcon_core", reason="needs colcon: pip install 'rft_ros[test]'")
 
@@ -52,6 +53,12 @@ def test_ros_finds_the_package_of_a_workspace_and_it_runs_from_there(tmp_path):
         return
     share_machine_code(Path(package))
     node = sourced("exec install/rft_ros/lib/rft_ros/rft_node --ros-args -p mesh.file:=plate")
-    status, said = start_and_stop(node, folder=tmp_path, environment=environment())
-    assert "ready: tool plate" in said
-    assert status == 0, said
+    pipe, both = subprocess.PIPE, subprocess.STDOUT
+    with subprocess.Popen(node, stdout=pipe, stderr=both, text=True, cwd=tmp_path, env=environment()) as process:
+        said = []
+        for line in process.stdout:
+            said.append(line)
+            if "ready: tool plate" in line:
+                process.send_signal(signal.SIGINT)
+    assert process.returncode == 0, said
+    assert any("ready: tool plate" in line for line in said)
