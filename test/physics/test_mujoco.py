@@ -12,8 +12,8 @@ import pytest
 from rft_ros.errors import InputError
 from rft_ros.installation import share_directory
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
-from rft_ros.simulation import Grains, MujocoGrains
-from rft_ros.tool import load_tool
+from rft_ros.simulation import MujocoGrains
+from studies import loop
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 
@@ -133,28 +133,11 @@ def test_a_body_too_heavy_for_45_mm_is_held_where_the_law_says(quaternion):
     assert 1.0 < wrenches(grains[0].tool.plates, LAW, state)[0, 2] / (5.0 * 9.81) < 3.0
 
 
-class Held:
-    """`Grains`, which know no inertia, around the first body."""
-
-    def __init__(self, model):
-        self.tool, self.model = load_tool("plate", tolerance=0.025), model
-        self.grains = Grains(self.tool, LAW, mobilization_length=GRAINS["mobilization_length"])
-
-    def apply(self, data):
-        mujoco.mj_kinematics(self.model, data)
-        quaternion, timestep = np.roll(data.qpos[3:], -1), self.model.opt.timestep
-        self.wrench = self.grains.step(data.qpos[:3], quaternion, twist_of(data), timestep)
-        data.xfrc_applied[1] = self.wrench  # the plate's centre of mass is its origin
-
-
 @pytest.mark.parametrize("mass", [0.02, 0.5])
 def test_a_body_that_feels_the_wrench_of_grains_without_inertia_comes_to_rest(mass):
-    model = falling(("plate", mass, TILTED), timestep=0.002)
-    data, grains = mujoco.MjData(model), [Held(model)]
-    place(model, data, grains)
-    _, twists, works = run(model, data, grains, 2.0)
-    assert np.abs(twists[-100:]).max() < 1e-5
-    assert given_back(works) < 0.02
+    found = loop.dropped(mass, 0.002, loop.EXPLICIT)
+    assert found["speed"] < 1e-5
+    assert found["given"] < 0.02
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])
