@@ -19,7 +19,7 @@ __all__ = ["Grains", "GrainsBatch", "GrainsState"]
 
 Array = NDArray[np.float64]
 
-_Part = tuple[slice, Callable[..., None], Array]  # bodies, their wrenches, their stiffness
+_Part = tuple[slice, Callable[..., None], Array, Array]  # bodies, their step, its durations and results
 
 GrainsState = dict[str, NDArray[Any]]
 """What grains remember of their bodies, by name."""
@@ -63,8 +63,8 @@ class GrainsBatch:
         edges = np.linspace(0, n, parts + 1).astype(int)
         self._parts: list[_Part] = []
         for a, b in itertools.pairwise(edges):
-            own = memory.part(a, b)
-            self._parts.append((slice(a, b), prepared(tool.plates, law, own, length), own.stiffness))
+            step = prepared(tool.plates, law, memory.part(a, b), length)
+            self._parts.append((slice(a, b), step, self._durations[a:b], self._rows[a:b]))
         self._pool = ThreadPoolExecutor(self._threads)
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()
@@ -80,32 +80,28 @@ class GrainsBatch:
         given = checked_states(states)
         if len(given) != len(self._rows):
             raise ValueError(f"states has {len(given)} rows; there are {len(self._rows)} bodies")
-        self.advance(given, number("dt", dt, positive=True), calms=True)
+        rows = self.advance(given, number("dt", dt, positive=True))
+        calm(rows, self.sums, given, dt, self._reach, self._answers, self._wrenches)
         return self._wrenches.copy()
 
-    def advance(self, states: Array, dt: float, *, calms: bool = False) -> Array:
-        """Rows of `wrenches_in_time` for checked states, in its units, shape [n, 19], not copied.
-
-        `calms`: also compute the wrenches of `calm`.
-        """
+    def advance(self, states: Array, dt: float) -> Array:
+        """Rows of `wrenches_in_time` for checked states, in its units, shape [n, 19], not copied."""
         self._durations.fill(dt)
         parts = iter(self._parts)
-        jobs = [self._pool.submit(self._run, parts, states, dt, calms) for _ in range(self._threads - 1)]
-        self._run(parts, states, dt, calms)
+        jobs = [self._pool.submit(self._run, parts, states) for _ in range(self._threads - 1)]
+        self._run(parts, states)
         for job in jobs:
             job.result()
         return self._rows
 
-    def _run(self, parts: Iterator[_Part], states: Array, dt: float, calms: bool) -> None:
+    def _run(self, parts: Iterator[_Part], states: Array) -> None:
         height, slope = self._surface, LEVEL
-        for part, step, sums in parts:
-            these, rows = states[part], self._rows[part]
+        for part, step, durations, rows in parts:
+            these = states[part]
             if self._ground is not None:
                 surface = self._support.local_surface(self._ground, these[0], level=self._surface)
                 height, slope = surface.height, surface.slope
-            step(these, self._durations[part], height, slope, rows)
-            if calms:
-                calm(rows, sums, these, dt, self._reach, self._answers[part], self._wrenches[part])
+            step(these, durations, height, slope, rows)
 
     @property
     def stiffness(self) -> Array:
