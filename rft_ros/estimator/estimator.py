@@ -296,6 +296,7 @@ class Estimator:
             self._begin_again()
         self._pose = pose
         self._ground.see(pose.stamp, pose.position, pose.quaternion)
+        self._comparison.settle(pose.stamp)
         return pose
 
     def _model_wrench(self, motion: Motion, surface: LocalSurface) -> tuple[Array, samples.Vector, float]:

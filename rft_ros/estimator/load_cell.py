@@ -146,12 +146,10 @@ class Comparison:
             self._counts[reason.value] += 1
             self._learn(prediction, None, False)
             return Measurement(stamp, None, None, reason)
-        share = 0.0
-        if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
-            share = (stamp - before.stamp) / (after.stamp - before.stamp)
         # written out by component: loops take twice as long
         ax, ay, az, dx, dy, dz = before.wrench
-        if share and after is not None:
+        if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
+            share = (stamp - before.stamp) / (after.stamp - before.stamp)
             bx, by, bz, ex, ey, ez = after.wrench
             ax, ay, az = ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
             dx, dy, dz = dx + share * (ex - dx), dy + share * (ey - dy), dz + share * (ez - dz)

@@ -174,12 +174,8 @@ def _rotation_vector(row, ax, ay, az, aw):  # type: ignore[no-untyped-def]
     ry = bw * ay - bx * az + by * aw + bz * ax
     rz = bw * az + bx * ay - by * ax + bz * aw
     rw = bw * aw - bx * ax - by * ay - bz * az
-    square = rx * rx + ry * ry + rz * rz
-    if square < 2.5e-5:
-        scale = math.copysign(2.0 + square / 3.0 + 0.15 * square * square, rw)  # of the arcsine; exact to 1e-15
-    else:
-        sine = math.copysign(math.sqrt(square), rw)
-        scale = 2.0 * math.atan2(sine, abs(rw)) / abs(sine)
+    sine = math.sqrt(rx * rx + ry * ry + rz * rz)
+    scale = math.copysign(2.0 * math.atan2(sine, abs(rw)) / sine if sine > 0.0 else 2.0, rw)
     return rx * scale, ry * scale, rz * scale
 
 
