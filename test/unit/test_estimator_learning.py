@@ -20,11 +20,10 @@ STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 class Press:
     """One plate pushed straight down at 1 cm/s into grains `factor` times as strong as the model's."""
 
-    def __init__(self, mode="apply", *, late=0, surface=0.0, **settings):
+    def __init__(self, mode="apply", *, surface=0.0, **settings):
         self.estimator = estimator(learning_mode=mode, **settings)
         self.model = estimator(load_cell=settings.get("load_cell"), surface_height=surface)
         self.stamp, self.depth, self.answers, self.readings = START, 0.0, [], []
-        self.late = late
 
     def push(self, count, factor=1.0, *, reading=None, rising=False):
         speed = 0.01 if rising else -0.01
@@ -34,8 +33,7 @@ class Press:
             samples = twist(self.stamp, (0.0, 0.0, speed)), pose(self.stamp, (0.0, 0.0, -self.depth))
             told = push(self.model, *samples).predicted
             self.readings.append(wrench(self.stamp, reading or [factor * f for f in told]))
-            come = self.readings[-1 - self.late :][:1] if len(self.readings) > self.late else []
-            self.answers.append(push(self.estimator, *come, *samples))
+            self.answers.append(push(self.estimator, self.readings[-1], *samples))
         return self
 
     @property
@@ -55,11 +53,6 @@ def test_observe_learns_the_same_and_predicts_as_the_model():
     assert seen.learning.belief() == used.learning.belief()
     assert seen.learning.belief().vertical_strength > 1.4
     assert plain.learning is None
-
-
-def test_readings_that_come_late_but_within_the_lag_change_no_prediction_and_no_deviation():
-    prompt, late = Press().push(300, 1.6), Press(late=8, max_input_age=0.5).push(300, 1.6)
-    assert [(a.predicted, a.sigma) for a in late.answers] == [(a.predicted, a.sigma) for a in prompt.answers]
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.05])
