@@ -1,7 +1,6 @@
 """The command that fits parameters to recorded bags."""
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -70,18 +69,12 @@ def calibrate(arguments: argparse.Namespace) -> int:
 
 def overview(result: "Calibration") -> list[str]:
     """Lines: each fitted value with standard error and goodness of fit, what is not identifiable and why, and notes."""
+    from rft_ros.calibration.calibrated_file import rounded
+
     lines = []
     for f in result.fitted:
-        numbers = ", ".join(_with_error(v, e) for v, e in zip(f.values, f.errors, strict=True))
+        numbers = ", ".join(f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True))
         how = "; from ".join(filter(None, (f.goodness, f.source)))
         lines.append(f"{f.name}: {' '.join(filter(None, (numbers, f.unit)))} ({how})")
     lines += [f"{name}: not identifiable: {why}" for name, why in result.not_identifiable.items()]
     return [*lines, *(f"note: {note}" for note in result.notes)]
-
-
-def _with_error(value: float, error: float) -> str:
-    """Value ± standard error, to two digits of the error."""
-    if not error > 0.0:
-        return f"{value:.6g}"
-    places = max(0, 1 - math.floor(math.log10(error)))
-    return f"{value:.{places}f} ± {error:.{places}f}"

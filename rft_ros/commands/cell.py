@@ -20,7 +20,7 @@ def doctor_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--node", default="/rft", metavar="NAME", help="the node with its namespace (default /rft)")
     options.share(command, "--remap")
     seconds = "how long to listen to ROS [s] (default 5)"
-    command.add_argument("--seconds", type=options.finite, default=5.0, metavar="S", help=seconds)
+    command.add_argument("--seconds", type=options.number, default=5.0, metavar="S", help=seconds)
 
 
 def doctor(arguments: argparse.Namespace) -> int:
@@ -80,7 +80,7 @@ def _compiled(model: "Model", settings: "Settings") -> "Finding":
 def demo_options(command: argparse.ArgumentParser) -> None:
     out, seconds = "folder for bag and report (default out/demo)", "how long the arm moves [s] (default 12)"
     command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
-    command.add_argument("--seconds", type=options.finite, default=12.0, metavar="S", help=seconds)
+    command.add_argument("--seconds", type=options.number, default=12.0, metavar="S", help=seconds)
     feels = "a simulated arm that feels the node's forces (needs mujoco)"
     command.add_argument("--mujoco", action="store_true", help=feels)
 

@@ -27,30 +27,24 @@ OF_RECORDING = ("--params", "--remap", "--start", "--end")
 """How a recording is read."""
 
 _ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)"
+_PARAMS = "the node's own parameter file (default: the node's defaults)"
 _REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"
 
 
-def finite(text: str) -> float:
-    """Parse a finite number, as argparse's `type`."""
-    try:
-        value = float(text)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number") from None
+def number(text: str) -> float:
+    """Parse a finite number, as argparse's `type`, which says that a text is no valid number."""
+    value = float(text)
     if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}' is not a finite number")
+        raise ValueError
     return value
 
 
 _SHARED: dict[str, dict[str, Any]] = {
     "--alpha-y": {"metavar": "MODEL", "help": _ALPHA_Y},
-    "--params": {
-        "type": Path,
-        "metavar": "FILE.yaml",
-        "help": "the node's own parameter file (default: the node's defaults)",
-    },
+    "--params": {"type": Path, "metavar": "FILE.yaml", "help": _PARAMS},
     "--remap": {"action": "append", "default": [], "metavar": "FROM:=TO", "help": _REMAP},
-    "--start": {"type": finite, "metavar": "S", "help": "begin S seconds into the recording (default: its beginning)"},
-    "--end": {"type": finite, "metavar": "S", "help": "stop S seconds into the recording (default: its end)"},
+    "--start": {"type": number, "metavar": "S", "help": "begin S seconds into the recording (default: its beginning)"},
+    "--end": {"type": number, "metavar": "S", "help": "stop S seconds into the recording (default: its end)"},
 }
 
 
@@ -73,9 +67,9 @@ def _of_parameter(option: str) -> dict[str, Any]:
         among = f"{meaning} ({', '.join(parameter.choices)}; default {value})"
         return {"choices": parameter.choices, "metavar": "NAME", "help": among}
     if isinstance(value, float):
-        return {"type": finite, "metavar": "X", "help": f"{meaning}{unit} (default {value:g})"}
+        return {"type": number, "metavar": "X", "help": f"{meaning}{unit} (default {value:g})"}
     default = " ".join(f"{v:g}" for v in value)
-    return {"type": finite, "nargs": 3, "metavar": ("X", "Y", "Z"), "help": f"{meaning}{unit} (default {default})"}
+    return {"type": number, "nargs": 3, "metavar": ("X", "Y", "Z"), "help": f"{meaning}{unit} (default {default})"}
 
 
 def values_of(arguments: argparse.Namespace) -> "Values":

@@ -15,7 +15,7 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, "--mobilization-length", "--surface-height", "--integration")
     fewest = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
-    command.add_argument("--tolerance", type=options.finite, metavar="SHARE", help=fewest)
+    command.add_argument("--tolerance", type=options.number, metavar="SHARE", help=fewest)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)
 

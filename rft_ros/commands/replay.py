@@ -19,7 +19,7 @@ def replay_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     options.share(command, *options.OF_RECORDING)
     tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
-    command.add_argument("--tare", type=options.finite, metavar="S", help=tare)
+    command.add_argument("--tare", type=options.number, metavar="S", help=tare)
     limits = "exit with 1 if a metric of a bag's summary exceeds a limit"
     command.add_argument("--check", type=Path, metavar="LIMITS.yaml", help=limits)
     command.add_argument("--no-report", action="store_true", help="write no report.html")

@@ -36,13 +36,13 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=options.MESH)
     options.share(command, *options.PLACED, "--integration")
     allowed = "error allowed, as a share of force, at the 95th percentile of motions not used to choose (default 0.025)"
-    command.add_argument("--tolerance", dest="share", type=options.finite, default=0.025, metavar="SHARE", help=allowed)
+    command.add_argument("--tolerance", dest="share", type=options.number, default=0.025, metavar="SHARE", help=allowed)
     scene = "choose plates for these motions only: a states file or a recorded bag (default: any motion)"
     command.add_argument("--scene", type=Path, metavar="STATES.csv|BAG", help=scene)
     file = "for a recorded bag: the node's parameter file"
     command.add_argument("--params", type=Path, metavar="FILE.yaml", help=file)
     height = "world z of the surface in the scene [m] (default: the parameter file's, or 0)"
-    command.add_argument("--surface-height", type=options.finite, metavar="Z", help=height)
+    command.add_argument("--surface-height", type=options.number, metavar="Z", help=height)
     file = "file to write; accepted wherever a mesh is"
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz", help=file)
 

@@ -26,8 +26,8 @@ def test_without_arguments_it_shows_its_help_and_fails(tmp_path):
     ("words", "sentence"),
     [
         ((), "the following arguments are required: -o/--output"),
-        (("-o", "o", "--zeta", "abc"), "argument --zeta: 'abc' is not a number"),
-        (("-o", "o", "--zeta", "inf"), "argument --zeta: 'inf' is not a finite number"),
+        (("-o", "o", "--zeta", "abc"), "argument --zeta: invalid number value: 'abc'"),
+        (("-o", "o", "--zeta", "inf"), "argument --zeta: invalid number value: 'inf'"),
         (("-o", "o", "--alpha-y", "linaer"), "alpha_y.model is 'linaer'; it must be one of constant, linear"),
     ],
 )
