@@ -8,7 +8,7 @@ from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from harness import numbers, set_stamp, stamped
 from rclpy.serialization import serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
-from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, started
+from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, publish, started
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
@@ -51,20 +51,11 @@ def surface_publisher(rft):
 
 def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
     rft = started(start_node, GROUND)
-    publishers = {
-        "wrench_measured": rft.wrench,
-        "twist": rft.twist,
-        "pose": rft.pose,
-        "surface_points": surface_publisher(rft),
-    }
-    poses = 0
+    messages = [(topic, stamp, serialize_message(message)) for topic, stamp, message in inputs()]
     with BagWriter(tmp_path / "inputs") as bag:
-        for topic, stamp, message in inputs():
-            bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, CLOUD), stamp, serialize_message(message))
-            publishers[topic].publish(message)
-            poses += topic == "pose"
-            rft.until(lambda poses=poses: len(rft.received["wrench_predicted"]) >= poses - 5)
-    rft.wrench.publish(stamped(WrenchStamped, 2_000_000_000_000_000_000, "ft_sensor", [0.0] * 6))
+        for topic, stamp, data in messages:
+            bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, CLOUD), stamp, data)
+    publish(rft, [(topic, data) for topic, _, data in messages], surface_points=surface_publisher(rft))
     assert_equal(rft, tmp_path / "inputs", GROUND, tmp_path)
     ground = read_height_map(tmp_path / "replayed" / "ground.csv", CELL)
     assert len(ground.points()) > 1000

@@ -46,9 +46,9 @@ def started(start_node, parameters):
     return start_node(*(a for name, value in parameters.items() for a in ("-p", f"{name}:={value}"))).wait_ready()
 
 
-def publish(rft, messages, *, frame):
+def publish(rft, messages, *, frame="ft_sensor", **others):
     """Publish topics and serialised messages in order, then a load-cell sample that makes every comparison final."""
-    publishers = {"wrench_measured": rft.wrench, "twist": rft.twist, "pose": rft.pose}
+    publishers = {"wrench_measured": rft.wrench, "twist": rft.twist, "pose": rft.pose, **others}
     poses = 0
     for topic, data in messages:
         publishers[topic].publish(data)
@@ -101,7 +101,7 @@ def test_live_equals_replay(start_node, tmp_path, twist_source, model):
                 bag.write_raw(f"/rft/{topic}", TOPICS[topic], stamp, data)
                 late = 7_000_000 if topic == "wrench_measured" and twist_source == "pose_difference" else 0
                 arrivals.append((stamp + late, order, topic, data))
-    publish(rft, [(topic, data) for _, _, topic, data in sorted(arrivals)], frame="ft_sensor")
+    publish(rft, [(topic, data) for _, _, topic, data in sorted(arrivals)])
     replayed = assert_equal(rft, tmp_path / "inputs", parameters, tmp_path)
     assert len(replayed["wrench_residual"]) >= count - 2
     assert np.abs([w[2] for w in replayed["wrench_predicted"].values()]).max() > 0.1
