@@ -14,26 +14,11 @@ from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Track, Turn, turns_in_grains
 from rft_ros.rft import SLACK, Law, Memory, wrenches_in_time
 
-__all__ = ["fit_memory_length", "forces_in_time"]
+__all__ = ["fit_memory_length"]
 
 _SHORTEST, _LONGEST = 1e-4, 0.1  # range of λ that is searched [m]
 _UNSURE = 0.5  # greatest accepted standard error of λ, relative to λ
 _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
-
-
-def forces_in_time(
-    track: Track, law: Law, *, first: int, last: int, length: float, surface: float
-) -> NDArray[np.float64]:
-    """Forces on the tool [N] in rows `first` to `last`, world axes, shape [rows, 3], as the node predicts them.
-
-    `length`: mobilization length λ [m]. The memory is empty at `first`.
-    """
-    durations = np.diff(track.time[first : last + 1], prepend=track.time[first])
-    plates, states = track.tool.plates, track.states[first : last + 1]
-    memory = Memory(plates, slack=SLACK)
-    return wrenches_in_time(plates, law, states, durations, memory, mobilization_length=length, surface_height=surface)[
-        :, :3
-    ]
 
 
 def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float) -> Measurement:
@@ -44,9 +29,16 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
     if not peak > 0.0:
         raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
 
+    since = slice(turn.first, int(turn.rows[-1]) + 1)
+    plates, states = track.tool.plates, track.states[since]
+    durations = np.diff(track.time[since], prepend=track.time[turn.first])
+
     def shape(logarithm: float) -> NDArray[np.float64]:
-        length, last = float(np.exp(logarithm)), int(turn.rows[-1])
-        forces = forces_in_time(track, law, first=turn.first, last=last, length=length, surface=surface)
+        """Forces as the node predicts them, from an empty memory on."""
+        length, memory = float(np.exp(logarithm)), Memory(plates, slack=SLACK)
+        forces = wrenches_in_time(
+            plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
+        )[:, :3]
         return forces[turn.rows - turn.first].T.ravel()
 
     low, high = np.log(_SHORTEST), np.log(_LONGEST)

@@ -113,7 +113,7 @@ def _cause(forces: Array, alike: float) -> str:
         return "the force points sideways; check sensor.quaternion"
     if alike < -_ALIKE:
         return "the force pulls the sinking tool down; check sensor.sign and sensor.quaternion"
-    return "the force grows otherwise; check surface_height, the tare and mesh.file"
+    return "the force grows otherwise; check surface_height, sensor.bias and mesh.file"
 
 
 def _penetration(

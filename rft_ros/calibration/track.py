@@ -148,9 +148,9 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
 class Turn(NamedTuple):
     """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 
-    `first`: row from which the memory of the grains is known. `at`: row of the turn; if the tool rests there, the row
-    before the rest. `rows`: rows in motion, shape [n], from 3 mm of path before the turn to 10 mm after it or to the
-    next turn. `after`: path from the turn to the last row [m].
+    `first`: row from which the memory of the grains is known. `at`: last row in motion before the turn. `rows`: rows in
+    motion, shape [n], from 3 mm of path before the turn to 10 mm after it or to the next one. `after`: path from the
+    turn to the last row [m].
     """
 
     first: int

@@ -47,10 +47,7 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
 
 
 def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[MeshIssue, ...]:
-    """An issue if most of the area is in facets too long for the published rule, which treats facets as points.
-
-    `vertices`: shape [n, 3], in any unit; `faces`: shape [m, 3].
-    """
+    """An issue if most of the area is in facets too long for the published rule, which treats facets as points."""
     triangles = vertices[faces]
     areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
     long = _longest_edges(triangles) > _LONG * np.ptp(triangles, axis=(0, 1)).max()

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
-from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -22,15 +21,14 @@ if TYPE_CHECKING:
 __all__ = ["Tool", "ToolRequest", "centroid_plates", "describe_tool", "drawable", "load_tool", "tool_of_mesh"]
 
 
-@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Tool:
     """A rigid tool in its own frame [m]. Its arrays are read-only, also after unpickling.
 
-    `name`: the mesh file's stem. `file`: its path. `plates`: the plates whose wrenches are summed.
-    `facets`: one plate per face, in the same order; the same object as `plates` unless the tool was reduced.
-    `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
-    `issues`: of the mesh. `corners`: vertices of the convex hull, shape [k, 3].
-    `reduction`: how `plates` came from `facets`, if a reduction was requested.
+    `name`: the mesh file's stem. `file`: its path. `plates`: the plates whose wrenches are summed. `facets`: one plate
+    per face, in the same order; the same object as `plates` unless the tool was reduced. `vertices`: shape [n, 3].
+    `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside. `issues`: of the mesh. `corners`:
+    vertices of the convex hull, shape [k, 3]. `reduction`: how `plates` came from `facets`, if one was requested.
     """
 
     name: str
@@ -49,7 +47,7 @@ class Tool:
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Unpickled arrays are writable, so `__post_init__` must run.
-        return partial(Tool, **{f.name: getattr(self, f.name) for f in fields(self)}), ()
+        return Tool, tuple(getattr(self, f.name) for f in fields(self))
 
     def lowest_point(self, rotation: NDArray[np.float64]) -> float:
         """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3]."""
@@ -108,24 +106,11 @@ def tool_of_mesh(
     plates, reduction = facets, None
     if tolerance > 0.0:
         plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
-    return Tool(
-        name=name,
-        file=file,
-        plates=plates,
-        facets=facets,
-        vertices=vertices,
-        faces=faces,
-        issues=issues,
-        corners=corners,
-        reduction=reduction,
-    )
+    return Tool(name, file, plates, facets, vertices, faces, issues, corners, reduction)
 
 
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
-    """Plates of a mesh in the tool frame [m] for the published rule, one per face, in the same order.
-
-    `vertices`: shape [n, 3]; `faces`: indices of vertices, shape [m, 3].
-    """
+    """Plates for the published rule, one per face: `vertices` [m], shape [n, 3]; `faces`: of their indices, [m, 3]."""
     a, b, c = vertices[faces.T]
     area_vectors = np.cross(b - a, c - a) / 2.0
     return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
