@@ -130,8 +130,9 @@ class PoseDifference:
     def __init__(self) -> None:
         self.twist = np.zeros(6)
         self._stamps, self._ring = np.zeros(_CAPACITY, dtype=np.int64), np.zeros((_CAPACITY, 7))
-        self._times, self._places = np.zeros(_CAPACITY), np.zeros((6, _CAPACITY))
         self._misfits, self._noise = np.zeros((_MISFITS, 2)), np.full(2, np.inf)
+        work = np.zeros(_CAPACITY), np.zeros((6, _CAPACITY))
+        self._arrays = self._stamps, self._ring, self._noise, *work, self.twist
         self._count = 0
         self.span(window=0.0, max_age=0.0)
 
@@ -145,10 +146,7 @@ class PoseDifference:
         self._stamps[newest] = pose.stamp
         self._ring[newest] = pose.position + pose.quaternion
         misfit = self._misfits[self._count % _MISFITS]
-        n: int = _fit(
-            self._stamps, self._ring, newest, self._window, self._gap, self._noise, self._times, self._places,
-            self.twist, misfit,
-        )  # fmt: skip
+        n: int = _fit(*self._arrays, misfit, newest, self._window, self._gap)
         self._count += 1
         if self._count % _REFRESH == 0:
             self._learn_noise()
@@ -236,7 +234,7 @@ def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _fit(stamps, ring, newest, window, gap, noise, t, x, twist, misfit):  # type: ignore[no-untyped-def]
+def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):  # type: ignore[no-untyped-def]
     """Write the slopes of the longest parabola whose misfit the `noise` explains to `twist`; return the poses' number.
 
     Of fewer than five poses it takes the line through the newest two. A twist that the noise explains is zero. Writes

@@ -181,9 +181,17 @@ class QualityMonitor:
         self._countdown = self._slow = 0
 
     def flags(
-        self, motion: Motion, surface: LocalSurface, settings: Settings, law: Law, *, submerged: bool,
-        depth: Callable[[], float], withdraws: bool, learning: Learning | None,
-    ) -> int:  # fmt: skip
+        self,
+        motion: Motion,
+        surface: LocalSurface,
+        settings: Settings,
+        law: Law,
+        *,
+        submerged: bool,
+        depth: Callable[[], float],
+        withdraws: bool,
+        learning: Learning | None,
+    ) -> int:
         """Flags of the next estimate: bitwise or of `QualityFlag`.
 
         `depth`: returns the depth of the lowest point [m]; called only if needed. `withdraws`: by `Withdrawal`.
