@@ -12,20 +12,18 @@ from rft_ros.tool.refine import welded
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MeshIssue", "check_mesh", "coarse_for_centroids", "degenerate_facets"]
+__all__ = ["MeshIssue", "check_mesh", "degenerate_facets"]
 
 _SMALLEST, _LARGEST = 1e-3, 5.0  # m: an extent outside this range suggests a wrong unit
 _COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
 _CLOSED = 0.01  # of the area: the area vectors of a closed surface sum to zero, with small holes almost
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
 _CONCAVE_SHARE = 0.05  # of the area
-_LONG = 0.25  # of the largest extent: the longest facet that may count as a point
-_COARSE_SHARE = 0.5  # of the area
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 
 
 _Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
-_Kind = Literal[_Surface, "concave", "size", "coarse"]
+_Kind = Literal[_Surface, "concave", "size"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,28 +34,11 @@ class MeshIssue:
     message: str
 
 
-def _longest_edges(triangles: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1))
-
-
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     """True for facets without area, which have no normal; shape [m]."""
-    doubled_area = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
-    return np.asarray(doubled_area <= _COLLINEAR * _longest_edges(np.asarray(mesh.triangles)) ** 2)
-
-
-def coarse_for_centroids(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> tuple[MeshIssue, ...]:
-    """An issue if most of the area is in facets too long for the published rule, which treats facets as points."""
-    triangles = vertices[faces]
-    areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]), axis=1)
-    long = _longest_edges(triangles) > _LONG * np.ptp(triangles, axis=(0, 1)).max()
-    if (share := float(areas[long].sum() / areas.sum())) <= _COARSE_SHARE:
-        return ()
-    message = (
-        f"{100 * share:.0f} % of the surface is in facets longer than a quarter of the tool, which integration"
-        " centroid loads in their middle, all or nothing; take integration refined, or a finer mesh"
-    )
-    return (MeshIssue("coarse", message),)
+    triangles = np.asarray(mesh.triangles)
+    longest = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
+    return np.asarray(np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1) <= _COLLINEAR * longest**2)
 
 
 def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
-from rft_ros.tool.check import MeshIssue, check_mesh, coarse_for_centroids, degenerate_facets
+from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
 from rft_ros.tool.reduce import Reduction, reduced_for_any_motion
 from rft_ros.tool.refine import refined_plates
@@ -94,19 +94,14 @@ def tool_of_mesh(
 
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
-    issues = check_mesh(mesh)
-    if integration == "refined":
-        facets = refined_plates(vertices, faces)
-    else:
-        facets = centroid_plates(vertices, faces)
-        issues += coarse_for_centroids(vertices, faces)
+    facets = (refined_plates if integration == "refined" else centroid_plates)(vertices, faces)
     corners = np.unique(vertices[np.unique(faces)], axis=0)
     with suppress(QhullError):  # they span no volume
         corners = corners[ConvexHull(corners).vertices]
     plates, reduction = facets, None
     if tolerance > 0.0:
         plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
-    return Tool(name, file, plates, facets, vertices, faces, issues, corners, reduction)
+    return Tool(name, file, plates, facets, vertices, faces, check_mesh(mesh), corners, reduction)
 
 
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rft_ros.tool import check_mesh, load_tool
+from rft_ros.tool import check_mesh
 
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
 SHEET = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0]]
@@ -95,14 +95,3 @@ def test_each_issue_is_named_with_numbers_and_no_other(mesh, issues):
     assert said.keys() == issues.keys()
     for kind, text in issues.items():
         assert text in said[kind]
-
-
-def test_facets_too_long_for_the_published_rule_are_named_and_the_refined_rule_takes_them(tmp_path):
-    blade = trimesh.creation.box(extents=(60.0, 4.0, 80.0))
-    blade.export(tmp_path / "blade.stl")
-    (finding,) = load_tool(str(tmp_path / "blade.stl"), integration="centroid").issues
-    assert finding.kind == "coarse"
-    assert finding.message.startswith("100 % of the surface is in facets longer than a quarter of the tool")
-    assert load_tool(str(tmp_path / "blade.stl")).issues == ()
-    blade.subdivide().subdivide().subdivide().export(tmp_path / "fine.stl")
-    assert load_tool(str(tmp_path / "fine.stl"), integration="centroid").issues == ()
