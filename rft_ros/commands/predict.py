@@ -68,7 +68,7 @@ def view(arguments: argparse.Namespace) -> int:
     from rft_ros.bags.playback import states_of
     from rft_ros.parameters import model_of, named_files, settings_of
     from rft_ros.report.animation import animate, animation_figure
-    from rft_ros.report.page import write_figure
+    from rft_ros.report.page import Figure, write_page
     from rft_ros.states_file import read_states
 
     source, output = arguments.source, arguments.output
@@ -90,6 +90,6 @@ def view(arguments: argparse.Namespace) -> int:
     title = f"{tool.name}{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
     scene = animate(title, tool, model.law, *moving, surface_height=height, ground=ground)
     with busy("drawing"):
-        write_figure(output, animation_figure(scene), title=scene.title)
+        write_page(output, [Figure("tool", "", "", animation_figure(scene))], title=scene.title)
     print(f"{len(scene.labels)} moments of {scene.title} -> {output}")
     return 0

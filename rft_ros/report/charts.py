@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["COLOURS", "Panels"]
+__all__ = ["Panels"]
 
-_NAMES = {
+_NAMES = {  # Okabe and Ito's palette, distinguishable with any kind of colour vision
     "#333333": ("measured", "turn", "surface", "surprise"),
     "#D55E00": ("predicted", "vertical"),
-    "#0072B2": ("residual", "x", "horizontal", "penetration"),
+    "#0072B2": ("x", "horizontal", "penetration"),
     "#E69F00": ("y",),
     "#009E73": ("z", "withdrawal"),
     "#56B4E9": ("dwell", "caution"),
@@ -18,8 +18,7 @@ _NAMES = {
     "#999999": ("approach",),
     "#000000": ("no",),
 }
-COLOURS = {name: colour for colour, names in _NAMES.items() for name in names}
-"""Okabe and Ito's palette, distinguishable with any kind of colour vision."""
+_COLOURS = {name: colour for colour, names in _NAMES.items() for name in names}
 
 _BAND = 0.22  # opacity
 
@@ -32,18 +31,14 @@ _Numbers = NDArray[np.float64]
 class Panels:
     """Panels in rows and columns; `figure` is the plotly Figure. Lines with the same name share a legend entry.
 
-    `same_x`: the panels of a column share their x axis. `height` [px].
+    The panels of a column share their x axis. `height` [px].
     """
 
-    def __init__(self, rows: int, columns: int = 1, *, height: int = 640, same_x: bool = True) -> None:
+    def __init__(self, rows: int, columns: int = 1, *, height: int = 640) -> None:
         from plotly.subplots import make_subplots
 
         self.figure: Any = make_subplots(
-            rows=rows,
-            cols=columns,
-            shared_xaxes="columns" if same_x else False,
-            vertical_spacing=0.04 if same_x else min(0.14, 0.5 / rows),
-            horizontal_spacing=0.09,
+            rows=rows, cols=columns, shared_xaxes="columns", vertical_spacing=0.04, horizontal_spacing=0.09
         )
         self.figure.update_layout(
             template="plotly_white",
@@ -59,8 +54,8 @@ class Panels:
         self.figure.update_yaxes(title_text=y, row=at[0], col=at[1])
 
     def line(self, at: Place, name: str, x: _Numbers, y: _Numbers, *, colour: str = "", width: float = 1.5) -> None:
-        """A line, shape [n] each, any unit; NaN for a gap. `colour`: a key of `COLOURS`, else the name."""
-        self._add(at, name, x, y, line={"color": COLOURS[colour or name], "width": width}, connectgaps=False)
+        """A line, shape [n] each, any unit; NaN for a gap. `colour`: a name of `_NAMES`, else the line's."""
+        self._add(at, name, x, y, line={"color": _COLOURS[colour or name], "width": width}, connectgaps=False)
 
     def band(self, at: Place, name: str, x: _Numbers, y: _Numbers, deviation: _Numbers, *, colour: str) -> None:
         """A band from y - deviation to y + deviation, shape [n] each, any unit; NaN for a gap."""
@@ -71,7 +66,7 @@ class Panels:
         for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):  # closed around each unbroken segment
             there, back = (x[part], y[part] - deviation[part]), (x[part[::-1]], (y + deviation)[part[::-1]])
             outline += [np.array(there), np.array(back), np.full((2, 1), np.nan)]
-        fill = f"rgba{(*hex_to_rgb(COLOURS[colour]), _BAND)}"
+        fill = f"rgba{(*hex_to_rgb(_COLOURS[colour]), _BAND)}"
         self._add(at, name, *np.hstack(outline), fill="toself", fillcolor=fill, line_width=0, hoverinfo="skip")
 
     def _add(self, at: Place, name: str, x: _Numbers, y: _Numbers, **look: Any) -> None:

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 from rft_ros.files import whole
 
-__all__ = ["Figure", "Table", "write_figure", "write_page"]
+__all__ = ["Figure", "Table", "write_page"]
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1.2em; }
@@ -73,8 +73,3 @@ def write_page(
         parts += [f"<h2>{escape(section.title)}</h2><p>{escape(section.sentence)}</p>", section.html()]
     with whole(file) as part:  # paths may hold bytes that are not UTF-8
         part.write_text("\n".join([*parts, "</body></html>\n"]), encoding="utf-8", errors="backslashreplace")
-
-
-def write_figure(file: Path, figure: Any, *, title: str) -> None:
-    """Write a page with one plotly figure. Raises InputError if this fails."""
-    write_page(file, [Figure("figure", "", "", figure)], title=title)
