@@ -6,6 +6,7 @@ with the same folder continues where it stopped.
 
 import csv
 import os
+import signal
 import threading
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
@@ -163,7 +164,8 @@ def _workers(scheduler: str | None, count: int | None) -> Iterator[Executor]:
 
 
 def _end_with_parent() -> None:
-    """In a worker: end when the parent process has ended, even if it was killed."""
+    """In a worker: end when the parent process has ended, even if it was killed, and leave Ctrl-C to it."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     def watch() -> None:
         parent_process().join()  # type: ignore[union-attr]

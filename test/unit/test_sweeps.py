@@ -130,10 +130,11 @@ def test_a_sweep_continues_after_an_interrupt_a_killed_driver_and_a_killed_worke
     command = [sys.executable, "-m", "rft_ros.cli", "sweep", str(design.file), "-o", str(out), "--workers", "1"]
     for number, status in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
         before = len(chunks(out))
-        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as driver:
+        streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
+        with subprocess.Popen(command, **streams, start_new_session=True) as driver:
             wait_for(lambda: len(chunks(out)) > before)  # noqa: B023
             started = Path(f"/proc/{driver.pid}/task/{driver.pid}/children").read_text().split()
-            driver.send_signal(number)
+            os.kill(-driver.pid if number == signal.SIGINT else driver.pid, number)  # a terminal interrupts all
             _, said = driver.communicate()
         assert driver.returncode == status
         assert "Traceback" not in said
@@ -202,13 +203,10 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(motion, medium, reason
     [
         (("family: straight", "family: sideways"), ("motions 2", "sideways", "circumnutation")),
         (("family: straight", "family: [[straight]]"), ("motions 2", "family is ['straight']")),
-        (("family: straight", "states_file: a.csv"), ("motions 2", "family is None")),
         (("pitch: ", "pitsch: "), ("motions 1", "there is no 'pitsch'", "tilt_deg")),
         (("[0.04, 0.1]", "[]"), ("motions 1", "pitch", "empty")),
         (("[0.04, 0.1]", "[spam]"), ("motions 1", "Circumnutation.pitch is 'spam'; it must be a positive number")),
-        (("[0.04, 0.1]", f"[{10**400}]"), ("motions 1", "it must be a positive number")),
         (("count: 3", "number: 3"), ("motions 2", "travel", "from, to and count")),
-        (("count: 3", "count: .inf"), ("motions 2", "travel", "from, to and count")),
         (("count: 3", "count: 1000000000000"), ("motions 2", "travel", "count, of 1 to 1,000,000")),
         ((SMALL, MANY), ("has 1,001,000 variants; the limit is 1,000,000",)),
         (("samples: 30", "samples: .inf"), ("motions 1", "samples is inf; it must be from 2 to 1,000,000")),
@@ -220,7 +218,6 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(motion, medium, reason
         (("alpha_y: linear", "law: li2013"), ("law is 'li2013'; it must be one of treers2021, agarwal2023",)),
         (("media:", "mediums:"), ("mediums",)),
         (("\ntools:", "\nsample: 31\ntools:"), ("sample is 31; it must be a whole number from 1 to 30",)),
-        (("\ntools:", "\nseed: one\ntools:"), ("seed is 'one'; it must be a whole number",)),
         ((SMALL, "/**: {ros__parameters: {}}"), ("there is no '/**'; use tools, motions, media, sample",)),
     ],
 )
