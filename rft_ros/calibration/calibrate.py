@@ -29,14 +29,10 @@ _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m
 
 @dataclass(slots=True)
 class Calibration:
-    """Fitted values, the reason by name for each that is not identifiable, and notes for the user.
-
-    `alpha_y`: how the record's α_y becomes parameters.
-    """
+    """Fitted values; the reason by name for each that is not identifiable; how α_y becomes parameters."""
 
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
-    notes: list[str] = field(default_factory=list)
     alpha_y: AlphaYFit | None = None
 
     @contextmanager
@@ -92,7 +88,7 @@ def calibrate(
     zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):
-            fitted, result.notes = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
+            fitted = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
             (zeta,), (zeta_error,) = fitted[0].values, fitted[0].errors
             result.fitted += fitted
     if "mobilization" in parts:

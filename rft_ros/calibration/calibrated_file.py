@@ -90,7 +90,6 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             for f in result.fitted
         },
         "not_identifiable": [f"{name}: {why}" for name, why in result.not_identifiable.items()],
-        "notes": result.notes,
     }
     # ROS cannot read empty lists
     tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}

@@ -22,7 +22,7 @@ from rft_ros.calibration.track import Rows, Track, down_strokes
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import Law, wrenches
 
-__all__ = ["BEDS_DIFFER", "fit_surface", "fit_zeta", "note_on_zeta"]
+__all__ = ["BEDS_DIFFER", "difference", "fit_surface", "fit_zeta"]
 
 Array = NDArray[np.float64]
 
@@ -152,8 +152,8 @@ def _penetration(
 
 def fit_zeta(
     tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float
-) -> tuple[list[FittedValue], list[str]]:
-    """`medium.zeta`, the mean over the penetrations, and `medium.calibrated_depth`; a note if ζ differs.
+) -> list[FittedValue]:
+    """`medium.zeta`, the mean over the penetrations, and `medium.calibrated_depth`.
 
     `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m]. Raises NotIdentifiable if no
     penetration is usable.
@@ -164,7 +164,7 @@ def fit_zeta(
         lambda track: down_strokes(track, below=surface),
         none="no vertical penetration in the grains",
     )
-    zeta = mean_of("medium.zeta", found, "", f"RMS up to {100 * max(m.misfit for m in found):.1f} % of the peak")
+    goodness = f"RMS up to {100 * max(m.misfit for m in found):.1f} % of the peak{difference(found)}"
     depth, deepest = max(
         (surface - float(track.heights()[stroke].min()), track.name)
         for track in tracks
@@ -172,18 +172,18 @@ def fit_zeta(
     )
     source = f"deepest penetration, {deepest}"
     return [
-        zeta,
+        mean_of("medium.zeta", found, "", goodness),
         FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", source),
-    ], note_on_zeta(found)
+    ]
 
 
-def note_on_zeta(found: Sequence[Measurement]) -> list[str]:
-    """A sentence if ζ differs between penetrations."""
+def difference(found: Sequence[Measurement]) -> str:
+    """Words on a ζ that differs between penetrations; none where it does not."""
     low, high = (f(found, key=lambda p: p.value) for f in (min, max))
     apart = high.value - low.value
     if apart <= max(_NOTEWORTHY * low.value, 3.0 * float(np.hypot(low.error, high.error))):
-        return []
-    return [
-        f"ζ differs by {100 * apart / low.value:.0f} % between {low.bag} ({low.value:.2f}) and {high.bag}"
-        f" ({high.value:.2f}): tools of different size, and grains that differ, need a ζ of their own."
-    ]
+        return ""
+    return (
+        f"; ζ differs by {100 * apart / low.value:.0f} % between {low.bag} ({low.value:.2f}) and {high.bag}"
+        f" ({high.value:.2f}): tools of different size, and grains that differ, need a ζ of their own"
+    )

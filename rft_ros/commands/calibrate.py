@@ -68,7 +68,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
 
 
 def overview(result: "Calibration") -> list[str]:
-    """Lines: each fitted value with standard error and goodness of fit, what is not identifiable and why, and notes."""
+    """Lines: each fitted value with standard error and goodness of fit, what is not identifiable and why."""
     from rft_ros.calibration.calibrated_file import rounded
 
     lines = []
@@ -77,4 +77,4 @@ def overview(result: "Calibration") -> list[str]:
         how = "; from ".join(filter(None, (f.goodness, f.source)))
         lines.append(f"{f.name}: {' '.join(filter(None, (numbers, f.unit)))} ({how})")
     lines += [f"{name}: not identifiable: {why}" for name, why in result.not_identifiable.items()]
-    return [*lines, *(f"note: {note}" for note in result.notes)]
+    return lines

@@ -23,7 +23,7 @@ from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.fitting import Measurement
 from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.penetration import note_on_zeta
+from rft_ros.calibration.penetration import difference
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
@@ -123,10 +123,10 @@ def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
     assert (sure.model, unsure.model) == ("table", "constant")
 
 
-@pytest.mark.parametrize(("other", "notes"), [(1.2, 0), (1.5, 1)])
-def test_penetrations_whose_zeta_differs_give_a_note(other, notes):
+@pytest.mark.parametrize(("other", "told"), [(1.2, False), (1.5, True)])
+def test_penetrations_whose_zeta_differs_are_told(other, told):
     both = [Measurement("a", zeta, 0.01, 0.02) for zeta in (1.0, other)]
-    assert len(note_on_zeta(both)) == notes
+    assert (difference(both) != "") == told
 
 
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
