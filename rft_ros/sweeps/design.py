@@ -19,7 +19,7 @@ from rft_ros.tool import locate_mesh
 __all__ = ["PARAMETER_NAMES", "Design", "Variant", "motion_of", "parameters_of", "read_design"]
 
 _TOOL = {"mesh": "mesh.file", "scale": "mesh.scale", "origin": "mesh.origin"}
-_TOOL |= {name: name for name in ("integration", "tolerance")}
+_TOOL |= {"integration": "integration", "tolerance": "tolerance"}
 _OF_MEDIUM = ("zeta", "surface_friction", "density", "inertia", "mobilization_length")
 _MEDIUM = {"law": "law", "medium": "medium.name", "alpha_y": "alpha_y.model", "surface_height": "surface_height"}
 _MEDIUM |= {name: f"medium.{name}" for name in _OF_MEDIUM}
