@@ -19,7 +19,7 @@ _HOMES = "rft_ros.rft", "rft_ros.tool", "rft_ros.parameters", "rft_ros.estimator
 
 
 def __getattr__(name: str) -> object:
-    """Import a name of `__all__` when it is first used: numba takes half a second, before which `rft_node` hears signals."""
+    """Import a name of `__all__` at its first use: numba takes half a second, in which `rft_node` hears signals."""
     if name in __all__:
         for home in map(import_module, _HOMES):
             if hasattr(home, name):
