@@ -4,10 +4,9 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from recordings import POSE, ROS2, START, TF, TWIST, WRENCH, message, transforms_cdr
+from recordings import POSE, START, STEP, TF, TWIST, WRENCH, cdr, transforms_cdr, write_messages, write_ros2
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import TransformSample
 from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import defaults, model_of
@@ -49,41 +48,30 @@ def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.floa
     return np.array([to_cell.wrench(tuple(row)) for row in world])
 
 
-class CellBag:
-    """A bag of poses, twists and readings, whose messages arrive 1 ms after their stamps."""
+def record(path: Path) -> Path:
+    """Topics of a right cell, /tf and /tf_static that say the same, and the cell without stamps, and untouched.
 
-    def __init__(self, bag: BagWriter) -> None:
-        self._bag = bag
-
-    def write(self, topic: str, kind: str, stamp: int, values: object, frame: str, *, stamped: bool = True) -> None:
-        role = {POSE: "pose", TWIST: "twist", WRENCH: "wrench"}[kind]
-        data = ROS2.serialize_cdr(message(ROS2, role, stamp if stamped else 0, values, frame), kind)
-        self._bag.write_raw(topic, kind, stamp + 1_000_000, bytes(data))
-
-    def transforms(self, topic: str, stamp: int, *transforms: TransformSample) -> None:
-        self._bag.write_raw(topic, TF, stamp + 1_000_000, transforms_cdr(*transforms))
-
-
-def record(path: Path, *, rate: float = 100.0) -> Path:
-    """Topics of a right cell, /tf and /tf_static that say the same, and the cell without stamps, and untouched."""
-    states, random = motion(rate), np.random.default_rng(3)
+    At 100 Hz; messages arrive 1 ms after their stamps.
+    """
+    states, random = motion(100.0), np.random.default_rng(3)
     readings = 1.1 * loads(states) + 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
+    messages = []
+    for k, (state, reading) in enumerate(zip(states.tolist(), readings.tolist(), strict=True)):
+        stamp = START + k * STEP
+        place = TransformSample(stamp, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[3:7],))
+        now = (
+            ("/rft/wrench_measured", WRENCH, cdr("wrench", stamp, reading)),
+            ("/unstamped", WRENCH, cdr("wrench", 0, reading)),
+            ("/still", WRENCH, cdr("wrench", stamp, [0.01 * (k % 3)] * 6)),
+            ("/rft/twist", TWIST, cdr("twist", stamp, state[7:])),
+            ("/rft/pose", POSE, cdr("pose", stamp, state[:7])),
+            ("/tf", TF, transforms_cdr(place)),
+        )
+        messages += [(stamp + 1_000_000, *one) for one in now]
     mount = TransformSample(START, "tool", "ft_sensor", *MOUNT)
     arm = TransformSample(START, "world", "base", (0.4, 0.1, 0.0), (0.0, 0.0, 0.0, 1.0))
-    with BagWriter(path) as writer:
-        bag = CellBag(writer)
-        for k, (state, reading) in enumerate(zip(states.tolist(), readings.tolist(), strict=True)):
-            stamp = START + k * round(1e9 / rate)
-            bag.write("/rft/wrench_measured", WRENCH, stamp, reading, "ft_sensor")
-            bag.write("/unstamped", WRENCH, stamp, reading, "ft_sensor", stamped=False)
-            bag.write("/still", WRENCH, stamp, [0.01 * (k % 3)] * 6, "ft_sensor")
-            bag.write("/rft/twist", TWIST, stamp, state[7:], "world")
-            bag.write("/rft/pose", POSE, stamp, state[:7], "world")
-            place = TransformSample(stamp, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[3:7],))
-            bag.transforms("/tf", stamp, place)
-            if k == round(0.08 * rate):  # as publishers are found one after the other
-                bag.transforms("/tf_static", stamp, mount, arm)
-    return path
+    late = START + 81_000_000  # as publishers are found one after the other
+    return write_messages(path, [*messages, (late, "/tf_static", TF, transforms_cdr(mount, arm))])
 
 
 def record_of_a_newcomer(path: Path, *, offset: tuple[float, ...]) -> Path:
@@ -93,10 +81,8 @@ def record_of_a_newcomer(path: Path, *, offset: tuple[float, ...]) -> Path:
     poses[:, :3] += 3e-6 * random.standard_normal((len(poses), 3))
     readings = loads(states, zeta=1.3 * ZETA) + offset
     readings += 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
-    messages = [(k * 4_000_000, "/tcp", POSE, row[:7], "base") for k, row in enumerate(poses.tolist())]
-    messages += [(k * 10_000_000 + 7, "/ft", WRENCH, row, "ft_sensor") for k, row in enumerate(readings.tolist())]
-    with BagWriter(path) as writer:
-        bag = CellBag(writer)
-        for time, topic, kind, values, frame in sorted(messages, key=lambda m: m[0]):
-            bag.write(topic, kind, START + time, values, frame)
-    return path
+    rows = [("pose", START + k * 4_000_000, row[:7]) for k, row in enumerate(poses.tolist())]
+    rows += [("wrench", START + k * STEP + 7, row) for k, row in enumerate(readings.tolist())]
+    timed = [(role, stamp, stamp, row) for role, stamp, row in sorted(rows, key=lambda row: row[1])]
+    topics = {"pose": ("/tcp", POSE), "wrench": ("/ft", WRENCH)}
+    return write_ros2(path, timed, topics=topics, frames={"pose": "base", "wrench": "ft_sensor"})

@@ -8,6 +8,7 @@ from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from rft_ros.bags.writing import BagWriter
 from rft_ros.parameters import checked, defaults
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
@@ -90,6 +91,14 @@ def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, co
         for role, time, stamp, values in rows:
             if role in connections:
                 writer.write(connections[role], time, cdr(role, stamp, values, frames[role]))
+    return path
+
+
+def write_messages(path: Path, messages) -> Path:
+    """A bag of (log time, topic, type, bytes), in the order of their times."""
+    with BagWriter(path) as bag:
+        for time, topic, kind, data in sorted(messages, key=lambda message: message[0]):
+            bag.write_raw(topic, kind, time, data)
     return path
 
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import pytest
-from recordings import START, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values
+from recordings import START, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values, write_messages
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import ReplayOptions
 from rft_ros.bags.replay import replay
-from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
 from rft_ros.estimator.transforms import Placement
@@ -37,10 +36,7 @@ def record(path, *, tf, late=0, fixed_at=START):
         else:
             data = cdr(role, stamp, numbers, "ft_sensor" if role == "wrench" else "sand")
             messages.append((time, *TOPICS[role], data))
-    with BagWriter(path) as bag:
-        for time, topic, kind, data in sorted(messages, key=lambda m: m[0]):
-            bag.write_raw(topic, kind, time, data)
-    return path
+    return write_messages(path, messages)
 
 
 def numbers_of(folder, *names):

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from recordings import STEP, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values
+from recordings import STEP, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values, write_messages
 from test_estimator_messages import KIND, serialised
 
 from rft_ros.bags.replay import replay
-from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
 from rft_ros.ground import read_height_map
@@ -18,17 +17,16 @@ X, Y = (v.ravel() for v in np.meshgrid(AXIS, AXIS))
 
 def bag_with_clouds(path, *, tf=False):
     points = np.column_stack([X, Y, np.full(len(X), 0.004)])
-    with BagWriter(path) as bag:
-        for k, (role, time, stamp, numbers) in enumerate(plunge()):
-            if k % 150 == 0:
-                bag.write_raw("/rft/surface_points", KIND, time, serialised(points, stamp=stamp))
-            if tf and role == "pose":
-                bag.write_raw(
-                    "/tf", TF, time, transforms_cdr(TransformSample(stamp, "world", "tool", numbers[:3], numbers[3:]))
-                )
-            else:
-                bag.write_raw(*TOPICS[role], time, cdr(role, stamp, numbers))
-    return path
+    messages = []
+    for k, (role, time, stamp, numbers) in enumerate(plunge()):
+        if k % 150 == 0:
+            messages.append((time, "/rft/surface_points", KIND, serialised(points, stamp=stamp)))
+        if tf and role == "pose":
+            place = TransformSample(stamp, "world", "tool", numbers[:3], numbers[3:])
+            messages.append((time, "/tf", TF, transforms_cdr(place)))
+        else:
+            messages.append((time, *TOPICS[role], cdr(role, stamp, numbers)))
+    return write_messages(path, messages)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""The height map: cells from points, files in and out."""
+"""The height map, its files, and the surface that resists a tool: a plane over the ground ahead of it."""
 
 import pickle
 
@@ -9,9 +9,11 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from rft_ros.errors import InputError
-from rft_ros.ground import MOST_CELLS, HeightMap, ToolBox, read_height_map, write_height_map
+from rft_ros.ground import MOST_CELLS, HeightMap, Support, ToolBox, read_height_map, write_height_map
+from rft_ros.tool import load_tool
 
 CELL = 0.002
+SUPPORT = Support(load_tool("plate", integration="refined").corners)
 
 
 def bed(height, n=20):
@@ -19,6 +21,10 @@ def bed(height, n=20):
     axis = CELL * (np.arange(-n // 2, n // 2) + 0.5)
     x, y = (v.ravel() for v in np.meshgrid(axis, axis, indexing="ij"))
     return x, y, height(x, y)
+
+
+def mapped(height, n=150):
+    return HeightMap.unknown(CELL).with_points(*bed(height, n))
 
 
 def box(half=0.01):
@@ -53,8 +59,7 @@ def test_points_that_are_not_finite_and_cells_that_stand_out_are_left_out():
 
 def test_the_tools_own_points_are_left_out():
     x, y, z = bed(lambda x, _: 0.0 * x, n=40)
-    ground = HeightMap.unknown(CELL).with_points(x, y, z, box())
-    known = ground.points()
+    known = HeightMap.unknown(CELL).with_points(x, y, z, box()).points()
     assert (np.abs(known[:, :2]).max(axis=1) > 0.01 + 2 * CELL).all()
     assert len(known) > 0.7 * len(x)
 
@@ -77,7 +82,7 @@ def test_the_map_is_bounded_whatever_the_points():
 
 
 def test_some_of_many_points_are_spread_over_the_map():
-    ground = HeightMap.unknown(CELL).with_points(*bed(lambda x, _: x))
+    ground = mapped(lambda x, _: x, 20)
     some, every = ground.points(at_most=50), ground.points(at_most=400)
     assert 20 < len(some) <= 51
     assert {tuple(p) for p in some} <= {tuple(p) for p in every}
@@ -97,7 +102,7 @@ def test_no_points_change_nothing():
 
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
 def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
-    ground = HeightMap.unknown(CELL).with_points(*bed(lambda x, y: 0.2 * x - 0.1 * y))
+    ground = mapped(lambda x, y: 0.2 * x - 0.1 * y, 20)
     file = tmp_path / f"ground{suffix}"
     write_height_map(file, ground)
     again = read_height_map(file, CELL)
@@ -115,11 +120,10 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
     x, y = (v.ravel() for v in np.meshgrid(*(cell * (np.arange(12) + b + offset) for b in begin), indexing="ij"))
     h = 0.3 * x - 0.2 * y
     file = tmp_path_factory.mktemp("grid") / "ground.csv"
-    np.savetxt(
-        file, np.column_stack([x, y, h]), fmt="%.9g", delimiter=",", header="x,y,h", comments="", encoding="utf-8-sig"
-    )
+    points = np.column_stack([x, y, h])
+    np.savetxt(file, points, fmt="%.9g", delimiter=",", header="x,y,h", comments="", encoding="utf-8-sig")
     ground = read_height_map(file, cell)
-    assert_allclose(ground.points(), np.column_stack([x, y, h]), rtol=1e-6, atol=2e-6 * cell)
+    assert_allclose(ground.points(), points, rtol=1e-6, atol=2e-6 * cell)
     assert_allclose(ground.heights_at(x, y), h, rtol=1e-6, atol=1e-9)
     seen = ground.with_points(x[:12], y[:12], h[:12] + 0.1 * cell, box(cell / 1e3))
     assert len(seen.points()) == 144
@@ -143,3 +147,73 @@ def test_a_bad_file_is_refused_with_a_sentence(tmp_path, text, sentence):
     with pytest.raises(InputError, match=sentence) as error:
         read_height_map(file, CELL)
     assert str(file) in str(error.value)
+
+
+def state(velocity, z=-0.01, x=0.0):
+    return np.array([x, 0.0, z, 0.0, 0.0, 0.0, 1.0, *velocity, 0.0, 0.0, 0.0])
+
+
+DOWN, FORWARD = (0.0, 0.0, -0.01), (0.01, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("velocity", [DOWN, FORWARD, (0.0, 0.0, 0.0)])
+def test_unknown_ground_is_the_level_plane_exactly(velocity):
+    surface = SUPPORT.local_surface(HeightMap.unknown(CELL), state(velocity), level=0.12)
+    assert surface[:3] == (0.12, (0.0, 0.0), 0.0)
+
+
+@given(sx=st.floats(-0.26, 0.26), sy=st.floats(-0.26, 0.26), h=st.floats(-0.01, 0.01))
+def test_a_tilted_bed_under_a_sinking_tool_is_found_as_it_is(sx, sy, h):
+    tilted = mapped(lambda x, y: h + sx * x + sy * y)
+    surface = SUPPORT.local_surface(tilted, state(DOWN, z=h - 0.02), level=0.0)
+    assert_allclose((surface.height, *surface.slope), (h, sx, sy), atol=1e-5)
+    assert surface.roughness < 1e-5
+
+
+def test_the_ground_ahead_resists_and_not_the_hole_behind():
+    step = mapped(lambda x, _: np.where(x > 0.02, 0.0, -0.03))
+    heights = []
+    for velocity in (FORWARD, (-0.01, 0.0, 0.0)):
+        surface = SUPPORT.local_surface(step, state(velocity, z=-0.02, x=0.03), level=0.0)
+        heights.append(surface.height + surface.slope[0] * 0.03)
+    assert heights[0] > heights[1] + 0.005
+
+
+def test_a_tool_on_a_pile_is_below_its_surface():
+    pile = mapped(lambda x, y: np.maximum(0.03 - np.hypot(x, y) * 0.4, 0.0))
+    assert SUPPORT.local_surface(pile, state(DOWN, z=0.01), level=0.0).depth > 0.0
+    assert SUPPORT.local_surface(pile, state(DOWN, z=0.06), level=0.0).depth < 0.0
+
+
+@given(turn=st.floats(0.0, 6.3))
+def test_turning_the_scene_turns_the_plane(turn):
+    surfaces = []
+    for angle in (0.0, turn):
+        a, b = np.cos(angle), np.sin(angle)
+        ground = mapped(lambda x, y, a=a, b=b: 0.01 * np.tanh(60.0 * (a * x + b * y)), 100)
+        pose = 0.0, 0.0, -0.02, 0.0, 0.0, np.sin(angle / 2.0), np.cos(angle / 2.0)
+        moved = np.array([*pose, 0.01 * a, 0.01 * b, 0.0, 0.0, 0.0, 0.0])
+        surfaces.append(SUPPORT.local_surface(ground, moved, level=0.0))
+    assert surfaces[0].height == pytest.approx(surfaces[1].height, abs=2e-4)
+    assert np.hypot(*surfaces[0].slope) == pytest.approx(np.hypot(*surfaces[1].slope), abs=0.02)
+
+
+def test_the_height_is_continuous_along_a_path():
+    waves = mapped(lambda x, y: 0.008 * np.sin(100.0 * x) * np.cos(80.0 * y))
+    step = 1e-5
+    places = np.arange(0.0, 0.02, step)
+    planes = [SUPPORT.local_surface(waves, state(FORWARD, z=-0.02, x=x), level=0.0) for x in places]
+    at_tool = [plane.height + plane.slope[0] * x for plane, x in zip(planes, places, strict=True)]
+    assert np.abs(np.diff(at_tool)).max() < 2.0 * step
+
+
+@given(
+    st.lists(st.floats(allow_nan=True, allow_infinity=True, width=32), min_size=0, max_size=60),
+    st.tuples(*(st.floats(-1e300, 1e300) for _ in range(6))),
+)
+def test_any_ground_and_any_state_give_numbers(values, numbers):
+    n = len(values) // 3
+    ground = HeightMap.unknown(CELL).with_points(*np.reshape(values[: 3 * n], (3, n)))
+    moving = np.array([*numbers[:3], 0, 0, 0, 1.0, *numbers[3:], 0, 0, 0])
+    surface = SUPPORT.local_surface(ground, moving, level=0.0)
+    assert np.isfinite([surface.height, *surface.slope, surface.roughness]).all()
