@@ -1,17 +1,23 @@
-"""A tool no finer than its motions need: fewer plates, the same wrench within the tolerance, the same every time."""
+"""A tool no finer than its motions need: the same wrench within the tolerance, and ``rft reduce`` with its file."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from recordings import moments, write_ros2
 
+from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.sweeps.motions import OscillatingInsertion, sample
+from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion, sample
 from rft_ros.tool import load_tool
 from rft_ros.tool.reduce import merged_plates, random_motions, reduced_for_scene
+from studies.sampling import sample_every
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 RULES = ["centroid", "refined"]
+ORIGIN = ("--origin", "0", "0", "1.25")
 INSERTION = checked_states(sample(OscillatingInsertion(), 240)[1])
 
 
@@ -35,12 +41,6 @@ def test_a_smaller_tolerance_takes_more_plates_and_zero_all_of_them():
     tool = load_tool("plate", tolerance=0.0)
     assert tool.plates is tool.facets
     assert tool.reduction is None
-
-
-def test_the_same_tool_always_gives_the_same_plates():
-    one, two = (load_tool("plate", tolerance=0.05) for _ in range(2))
-    np.testing.assert_array_equal(one.plates.rows, two.plates.rows)
-    assert one.reduction == two.reduction
 
 
 def test_a_tool_that_needs_all_its_facets_keeps_them_and_says_so(tmp_path):
@@ -106,3 +106,143 @@ def test_a_single_facet_and_a_thin_plate_can_be_asked_to_be_reduced(tmp_path, ru
     trimesh.Trimesh([[0, 0, 0], [10, 0, 0], [0, 10, 0]], [[0, 1, 2]]).export(tmp_path / "one.stl")
     assert len(load_tool(str(tmp_path / "one.stl"), integration=rule, tolerance=0.025).plates) == 1
     assert np.isfinite(load_tool("plate", integration=rule, tolerance=1.0).plates.rows).all()
+
+
+def reduce(tmp_path, *options, mesh="root_tip", name="few.npz"):
+    assert main(["reduce", mesh, "-o", str(tmp_path / name), *options]) == 0
+    return str(tmp_path / name)
+
+
+def refused(capsys, *arguments):
+    assert main([*arguments]) == 2
+    said = capsys.readouterr().err
+    assert "Traceback" not in said
+    assert said.count("\n") == 1
+    return said
+
+
+@pytest.fixture(scope="module")
+def of_refined(tmp_path_factory):
+    """The plate's file, reduced under the refined rule."""
+    return reduce(tmp_path_factory.mktemp("reduced"), "--tolerance", "0.2", mesh="plate")
+
+
+@pytest.mark.parametrize("rule", RULES)
+def test_the_file_holds_the_tool_that_the_tolerance_gives(tmp_path, rule):
+    file = reduce(tmp_path, "--integration", rule, "--tolerance", "0.05", *ORIGIN)
+    back = load_tool(file, origin=(0.0, 0.0, 1.25))
+    direct = load_tool("root_tip", origin=(0.0, 0.0, 1.25), integration=rule, tolerance=0.05)
+    assert back.reduction == direct.reduction
+    assert back.plates.integration == rule
+    np.testing.assert_allclose(back.plates.rows, direct.plates.rows, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(back.facets.rows, direct.facets.rows, rtol=1e-6, atol=1e-15)
+    np.testing.assert_allclose(back.vertices, direct.vertices, atol=1e-15)
+    np.testing.assert_array_equal(back.faces, direct.faces)
+    assert back.lowest_point(np.eye(3)) == pytest.approx(direct.vertices[:, 2].min())
+
+
+def test_scale_and_origin_mean_what_they_mean_for_the_mesh(of_refined):
+    moved, plain = load_tool(of_refined, scale=0.002, origin=(1.0, 2.0, 3.0)), load_tool(of_refined)
+    for there, here in ((moved.vertices, plain.vertices), (moved.plates.packed[:3].T, plain.plates.packed[:3].T)):
+        np.testing.assert_allclose(there, 2.0 * (here - [0.001, 0.002, 0.003]), atol=1e-15)
+    assert moved.plates.area == pytest.approx(4.0 * plain.plates.area)
+
+
+def test_the_line_says_what_was_done_and_the_same_command_gives_the_same_bytes(tmp_path, capsys):
+    one, two = (reduce(tmp_path, "--tolerance", "0.1", mesh="plate", name=name) for name in ("one.npz", "two.npz"))
+    said = capsys.readouterr().out
+    for text in ("plate for any motion, refined: 672 facets -> ", " % at the 95th percentile"):
+        assert text in said
+    assert Path(one).read_bytes() == Path(two).read_bytes()
+    tool = load_tool(one)
+    assert len(tool.plates) == tool.reduction.plates < 60
+    assert 0.0 < tool.reduction.error <= 0.1
+    assert main(["check-mesh", one]) == 0
+    assert "reduced for any motion: 672 facets -> " in capsys.readouterr().out
+
+
+def write_states(file, height=0.0):
+    times, states = sample_every(Circumnutation(), 0.25)
+    states[:, 2] += height
+    header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
+    np.savetxt(file, np.column_stack([times, states]), delimiter=",", header=header, comments="")
+    return str(file)
+
+
+def test_a_reduced_tool_predicts_its_scene_within_the_tolerance(tmp_path):
+    states = write_states(tmp_path / "states.csv", height=0.3)
+    scene = ("--scene", states, "--surface-height", "0.3", "--tolerance", "0.01")
+    file = reduce(tmp_path, *scene, *ORIGIN)
+    found = {}
+    for mesh in (file, "root_tip"):
+        out = tmp_path / "out.csv"
+        assert main(["predict", states, "--mesh", mesh, *ORIGIN, "--surface-height", "0.3", "-o", str(out)]) == 0
+        found[mesh] = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:4]
+    full = found["root_tip"]
+    off = np.linalg.norm(found[file] - full, axis=1) / np.linalg.norm(full, axis=1).max()
+    assert np.percentile(off, 95.0) < 0.015
+    assert len(load_tool(file).plates) < 0.03 * 1232
+
+
+def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
+    given = ["predict", write_states(tmp_path / "states.csv"), "--mesh", "plate", "-o", str(tmp_path / "out.csv")]
+    assert main([*given, "--tolerance", "0.1"]) == 0
+    assert "plate: 672 facets -> " in capsys.readouterr().out
+
+
+def test_a_recorded_bag_is_a_scene_too(tmp_path):
+    """Its surface is that of the parameter file."""
+    write_ros2(tmp_path / "bag", moments())
+    (tmp_path / "cell.yaml").write_text("/**: {ros__parameters: {mesh.file: plate, surface_height: 0.01}}\n")
+    bag = ("--scene", str(tmp_path / "bag"), "--params", str(tmp_path / "cell.yaml"))
+    tool = load_tool(reduce(tmp_path, *bag, mesh="plate"))
+    assert len(tool.plates) < 0.1 * len(tool.facets)
+    assert tool.reduction.motions.startswith("a scene of ")
+
+
+def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path, capsys):
+    with pytest.raises(InputError, match="holds plates for integration 'refined' only"):
+        load_tool(of_refined, integration="centroid")
+    kept = load_tool(of_refined, integration="refined", tolerance=0.025)
+    assert kept.reduction == load_tool(of_refined).reduction
+    assert "is already a reduced tool" in refused(capsys, "reduce", of_refined, "-o", str(tmp_path / "again.npz"))
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
+        (("--scene", "nothing.csv"), "states file 'nothing.csv' cannot be read"),
+        (("--scene", "no_such_bag"), "bag 'no_such_bag' does not exist"),
+        (("-o", "few.stl", "--scene", "nothing.csv"), "output 'few.stl' must end in .npz"),
+        (("-o", "/proc/none/few.npz"), "cannot be written"),
+    ],
+)
+def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, capsys, options, message):
+    assert message in refused(capsys, "reduce", "plate", "-o", str(tmp_path / "few.npz"), *options)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda c: c.pop("plates"), "plates"),
+        (lambda c: c.update(about=np.array("{}")), "reduction"),
+        (lambda c: c.update(about=np.array("no json")), "Expecting value"),
+        (lambda c: c.update(plates=c["plates"][:5]), "plates have 7 rows, or 14"),
+        (lambda c: c.update(vertices=c["vertices"][:, :2]), "its facets are not of three of its vertices"),
+        (lambda c: c.update(faces=c["faces"][:, :2]), "its facets are not of three of its vertices"),
+        (lambda c: c.update(faces=c["faces"] + 10_000), "out of bounds"),
+        (lambda c: c.update(faces=c["faces"].astype(float)), "integer"),
+        (lambda c: c.update(vertices=c["vertices"].astype(str)[:, :1] + "x"), "could not convert"),
+    ],
+)
+def test_a_damaged_reduced_tool_is_refused_with_a_sentence(of_refined, tmp_path, change, message):
+    file = str(tmp_path / "few.npz")
+    with np.load(of_refined, allow_pickle=False) as arrays:
+        content = dict(arrays)
+    change(content)
+    np.savez(file, **content)
+    with pytest.raises(InputError, match=r"few\.npz") as caught:
+        load_tool(file)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)

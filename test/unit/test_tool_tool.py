@@ -1,4 +1,4 @@
-"""Tools: plates from a mesh file, the lowest point, pickling, and the description."""
+"""Tools: plates from a mesh file, the lowest point, copies, and the description."""
 
 import pickle
 from copy import deepcopy
@@ -78,21 +78,6 @@ def test_lowest_point_of_a_flat_tool_and_without_vertices_that_no_facet_has(flat
     assert load_tool(str(tmp_path / "m.obj")).lowest_point(np.eye(3)) == 0.0
 
 
-def arrays(tool):
-    blocks = tool.plates.blocks
-    return (tool.plates.packed, blocks.rows, blocks.order, blocks.bounds, tool.vertices, tool.faces, tool.corners)
-
-
-def test_a_pickled_tool_is_the_same_and_read_only(ball):
-    copy = pickle.loads(pickle.dumps(ball))
-    assert (copy.name, copy.file, copy.issues) == (ball.name, ball.file, ball.issues)
-    for there, here in zip(arrays(copy), arrays(ball), strict=True):
-        assert np.array_equal(there, here)
-        assert there.flags.c_contiguous == here.flags.c_contiguous
-        assert not there.flags.writeable
-        assert not here.flags.writeable
-
-
 @pytest.mark.parametrize("integration", INTEGRATIONS)
 def test_copied_plates_are_the_same_type_to_the_compiler(integration):
     """Writable arrays are another type: passed to code compiled for read-only ones, nothing would check them."""
@@ -118,17 +103,3 @@ def test_description_of_a_good_tool():
 
 def test_description_of_an_open_tool_warns_and_gives_no_volume(flat):
     assert describe_tool(flat)[-2:] == ["area: 50.0 mm²", "warning: the surface is not closed (open edges: 3)"]
-
-
-@pytest.mark.parametrize(
-    ("file", "facets", "kinds", "area"),
-    [
-        ("paper/ellipsoid-exp.stl", 2352, set(), 1871.9),
-        ("paper/root-tip.stl", 1232, set(), 1797.6),
-        ("cmu_wheel/smooth.stl", 37526, {"not_closed"}, 35601.8),
-    ],
-)
-def test_meshes_of_the_reference_data(shared_data, file, facets, kinds, area):
-    tool = load_tool(str(shared_data / file), integration="centroid")
-    assert (len(tool.plates), {f.kind for f in tool.issues}) == (facets, kinds)
-    assert tool.plates.area * 1e6 == pytest.approx(area, abs=0.05)
