@@ -90,7 +90,7 @@ def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap_once_there_are_
 
 
 def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
-    values = defaults()
+    values = {**defaults(), "tolerance": 0.0}
     pending = Swap(worker, values, on_cold_cache=lambda: None)
     os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for as long as it may
     for name in ("ellipsoid", "sphere"):
