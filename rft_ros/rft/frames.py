@@ -68,11 +68,11 @@ def unit_quaternion(qx: float, qy: float, qz: float, qw: float) -> tuple[float, 
 
 
 def checked_states(states: ArrayLike) -> NDArray[np.float64]:
-    """States ready for the kernel, units as in `STATE`: float64, shape [n, 13], finite, quaternions at unit length.
+    """States ready for the kernel, units as in `STATE`: float64, shape [n, 13], C-contiguous, finite, unit quaternions.
 
     Raises ValueError with the row (counted from 0) and column of the first value that cannot be used.
     """
-    s = np.array(states, dtype=np.float64, ndmin=2)
+    s = np.array(states, dtype=np.float64, order="C", ndmin=2)
     if s.ndim != 2 or s.shape[1] != len(STATE):
         raise ValueError(f"states have shape {s.shape}; they need {len(STATE)} columns: {', '.join(STATE)}")
     bad = np.argwhere(~np.isfinite(s))

@@ -80,8 +80,9 @@ class GrainsBatch:
         given = checked_states(states)
         if len(given) != len(self._rows):
             raise ValueError(f"states has {len(given)} rows; there are {len(self._rows)} bodies")
-        rows = self.advance(given, number("dt", dt, positive=True))
-        calm(rows, self.sums, given, dt, self._reach, self._answers, self._wrenches)
+        duration = number("dt", dt, positive=True)
+        rows = self.advance(given, duration)
+        calm(rows, self.sums, given, duration, self._reach, self._answers, self._wrenches)
         return self._wrenches.copy()
 
     def advance(self, states: Array, dt: float) -> Array:

@@ -49,6 +49,15 @@ def test_a_step_gives_the_bytes_of_wrenches_in_time(plate):
     assert stepped(Grains(plate, LAW, mobilization_length=LENGTH), states).tobytes() == whole[:, :6].tobytes()
 
 
+def test_neither_the_layout_of_the_states_nor_the_type_of_the_step_counts(plate):
+    felt = []
+    for order, dt in (("C", 1.0), ("F", 1)):
+        grains = GrainsBatch(plate, LAW, bodies=4, mobilization_length=LENGTH)
+        felt += [[grains.step(np.array(pressed()[k : k + 4], order=order), dt) for k in (30, 34)][-1]]
+    assert felt[0].all(axis=0).any()
+    assert felt[0].tobytes() == felt[1].tobytes()
+
+
 def test_the_law_s_inertia_counts(plate):
     fast = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33, density=1500.0)
     states = pressed()
@@ -161,6 +170,8 @@ def test_bad_grains_are_refused(plate):
         Grains(plate, LAW, mobilization_length=0.0)
     with pytest.raises(TypeError, match="load_tool"):
         Grains("plate", LAW, mobilization_length=LENGTH)
+    with pytest.raises(TypeError, match="treers2021"):
+        Grains(plate, GENERIC, mobilization_length=LENGTH)
     with pytest.raises(ValueError, match="bodies"):
         GrainsBatch(plate, LAW, bodies=0, mobilization_length=LENGTH)
     two, three = (GrainsBatch(plate, LAW, bodies=n, mobilization_length=LENGTH) for n in (2, 3))
