@@ -195,15 +195,17 @@ class Recording:
                 return
 
     def _open(self, opened: ExitStack) -> Iterator[_Reader]:
-        """The bag by rosbags; if that fails, file by file, of a damaged .mcap file what comes before the damage."""
+        """The bag by rosbags; if that fails, file by file, up to the damage in an .mcap file or to another damaged file."""
         bag = self.bag
         if not bag.exists():
             raise InputError(f"bag '{bag}' does not exist")
-        if bag.is_file() and bag.suffix not in _SUFFIXES:
+        described, files = bag.suffix in _SUFFIXES, [bag]
+        if bag.is_dir():
+            described, files = (bag / "metadata.yaml").exists(), [f for f in bag.iterdir() if f.suffix in _SUFFIXES[:2]]
+            files.sort(key=lambda file: (len(file.name), file.name))  # part 10 of a split bag comes after part 9
+        if not described and (bag.is_file() or not files):
             suffixes = ", ".join(_SUFFIXES)
             raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {suffixes}")
-        files = [f for f in sorted(bag.iterdir()) if f.suffix in _SUFFIXES[:2]] if bag.is_dir() else [bag]
-        described = not bag.is_dir() or (bag / "metadata.yaml").exists()
         try:
             yield _opened(bag, opened)
             return
@@ -220,6 +222,7 @@ class Recording:
                     yield _opened(copy, opened)
                 else:
                     self._why += f"; try '{_REPAIRS[file.suffix]}'"
+                return
 
     def _check_topics(self) -> None:
         found: dict[str, list[str]] = {}

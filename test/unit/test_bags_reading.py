@@ -93,7 +93,7 @@ def refused(path, *words, topics=NAMES):
 def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
     refused(tmp_path / "gone", "does not exist")
     (tmp_path / "empty").mkdir()
-    refused(tmp_path / "empty", "has no messages .metadata.yaml is missing")
+    refused(tmp_path / "empty", "is not a bag: give a rosbag2 folder")
     refused(write_ros2(tmp_path / "silent", []), "has no messages")
     for name, content in (("notes.txt", b"no bag"), ("fake.mcap", b"no bag"), ("fake.bag", b"#ROSBAG V2.0\nno")):
         (tmp_path / name).write_bytes(content)
@@ -161,6 +161,11 @@ def test_a_split_bag_is_one_recording_also_without_metadata(tmp_path):
     samples, damage = read(tmp_path / "joined")
     assert samples == expected(rows)
     assert "metadata.yaml is missing" in damage
+    cut = tmp_path / "joined" / "joined_9.mcap"
+    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
+    samples, damage = read(tmp_path / "joined")
+    assert samples == expected(rows[: len(samples)])  # nothing from the part after the damage
+    assert "joined_9.mcap is damaged" in damage
 
 
 @pytest.mark.parametrize(
