@@ -156,8 +156,9 @@ class Intake:
                 found[reason] = _UNKNOWN[reason].format(frame, *expected)
         if tool := tree.unlinked("tool_frame", s.tool_frame, s.world_frame):
             found[Reason.TF_FRAME_UNKNOWN] = tool
-        if sensor := tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, fixed=True):
-            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor  # counted with sensor_source tf alone
+        sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, fixed=True)
+        if sensor and s.sensor_source == "tf":
+            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
         return {str(r): sentence for r, sentence in (found | tree.sentences).items() if self._counts[r.value]}
 
     # --- poses from transforms

@@ -138,18 +138,18 @@ _MAX_TABLE = 4 * 2**20  # 180 x 360 pairs have half of it
 def read_alpha_y_table(file: str) -> Table:
     """A table from a CSV file with the columns β [deg], α_y [N/cm³], or β, γ [deg], α_y on a full grid.
 
-    Lines that begin with #, and a first line that begins with a letter, are skipped. Raises InputError that names the
-    file and what is wrong in it.
+    Lines that begin with #, and a first line of words, are skipped. Raises InputError that names the file and what is
+    wrong in it.
     """
     name, rows = f"alpha_y.table '{file}'", list[list[float]]()
     lines = enumerate(read_text(Path(file), "alpha_y.table", limit=_MAX_TABLE).splitlines(), start=1)
     numbered = [(k, line) for k, line in lines if line.strip() and line.lstrip()[0] != "#"]
-    header = bool(numbered) and numbered[0][1].lstrip()[0].isalpha()
-    for number, line in numbered[header:]:
+    for number, line in numbered:
         try:
             rows.append([float(cell) for cell in line.split(",")])
         except ValueError:
-            raise InputError(f"{name} line {number} is not numbers") from None
+            if number != numbered[0][0] or not line.lstrip(' "')[:1].isalpha():
+                raise InputError(f"{name} line {number} is not numbers") from None
     if {len(row) for row in rows} not in ({2}, {3}):
         raise InputError(f"{name} needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")
     *angles, stresses = np.array(rows).T

@@ -106,7 +106,7 @@ def test_missing_files_are_named(tmp_path):
         "0,0.2\n90,0.1\n180,0.05\n",
         "beta,alpha_y\n0,0.2\n90,0.1\n180,0.05\n",
         "# measured\n\nbeta [deg], alpha_y [N/cm3]\n180, 0.05\n 90,0.1\n0,0.2\n",
-        b"\xef\xbb\xbf0,0.2\r\n90,0.1\r\n180,0.05\r\n",
+        b'\xef\xbb\xbf"beta","alpha_y"\r\n0,0.2\r\n90,0.1\r\n180,0.05\r\n',
     ],
     ids=["plain", "header", "comment and any order", "as spreadsheets write it"],
 )
@@ -135,7 +135,7 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
         ("0,O.1\n90,0.2\n", "line 1 is not numbers"),
         ("0,0.1\nbeta,alpha_y\n", "line 2 is not numbers"),
         ("0,0.1,\n", "line 1 is not numbers"),
-        ("0,nan\n", "has a value that is not finite"),
+        ("nan,0.1\n0,0.2\n", "has a value that is not finite"),
         ("0,0.1\n90,-0.2\n", "has a negative alpha_y (-0.2)"),
         ("0,0.1\n0,0.2\n", "has 2 rows; a grid of 1 beta x 1 gamma values needs each pair once (1 rows)"),
         ("0,0,1\n0,30,1\n90,0,1\n", "has 3 rows; a grid of 2 beta x 2 gamma values needs each pair once (4 rows)"),

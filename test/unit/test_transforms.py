@@ -1,6 +1,7 @@
 """Where one frame is in another at a stamp: chains, gaps, jumps, two parents, loops, and what is not known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -290,5 +291,9 @@ def test_the_sensors_place_comes_from_fixed_transforms_and_until_then_there_is_n
     e = estimator(sensor_source="tf")
     push(known, twist())
     assert push(e, twist(), pose()).reason is Reason.SENSOR_FRAME_UNKNOWN
+    assert "sensor_frame_unknown" in e.unknown_frames()
+    e.use(settings=known.settings)
+    assert e.unknown_frames() == {}  # these settings do not need it
+    e.use(settings=replace(known.settings, sensor_source="tf"))
     answer = push(e, fixed("tool", "ft_sensor", *place), pose(START + MS))
     assert answer.predicted == push(known, pose(START + MS)).predicted
