@@ -27,6 +27,7 @@ _BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the gr
 _CONTACT = 0.005, 0.1  # m, and share of the descent: greatest error of surface_height
 _STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
 _RARE = 0.01  # share of poses
+_START = 1_000_000_000  # ns in which the first transforms and twists may be missing
 _EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
 _ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench", Cloud: "surface"}
 _ADVICE: dict[Role, str] = {
@@ -70,11 +71,12 @@ class Checkup:
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
         self._run = Run(self._estimator)
         self._heard: dict[Role, list[tuple[int, int, str]]] = {role: [] for role in topics}  # arrival, stamp, frame
-        self._poses = 0
+        self._poses = self._began = 0
         self._at_start: Counter[str] = Counter()  # reasons before the first estimate
 
     def push(self, sample: Sample, time: int) -> None:
         """Add a sample that arrived at `time` [ns]."""
+        self._began = self._began or time
         role: Role = "tf"
         if isinstance(sample, Stamped):
             role, stamps, frame = _ROLES[type(sample)], [sample.stamp], sample.frame
@@ -87,7 +89,7 @@ class Checkup:
             if answer is not None:
                 self._poses += 1
                 self._run.add(answer)
-                if counts["estimates"] == 1:
+                if counts["estimates"] == 1 and time - self._began <= _START:
                     self._at_start = self._at_start or Counter(counts)
 
     def findings(self) -> list[Finding]:
