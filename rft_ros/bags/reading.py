@@ -195,7 +195,7 @@ class Recording:
                 return
 
     def _open(self, opened: ExitStack) -> Iterator[_Reader]:
-        """The bag by rosbags; if that fails, file by file, up to the damage in an .mcap file or to another damaged file."""
+        """The bag by rosbags; if that fails, its files up to the first damaged one, an .mcap up to its damage."""
         bag = self.bag
         if not bag.exists():
             raise InputError(f"bag '{bag}' does not exist")
