@@ -1,18 +1,18 @@
-"""What the load cell reports, less its bias and the tool's weight, is what the grains do; prediction in its frame."""
-
-from collections import namedtuple
+"""What the load cell reports, less bias and weight, is what the grains do; prediction in its frame, by stamps alone."""
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_plate import LEVEL, START, about, estimator, measurement, plate_model, pose, push, twist, wrench
+from one_plate import LEVEL, SECOND, START, about, estimator, measurement, plate_model, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import LoadCell
+from rft_ros.estimator import Estimate, LoadCell, Reason
 from rft_ros.rft import checked_states, wrenches
 from rft_ros.tool import load_tool
 
+MS = SECOND // 1000
+AGE = 100 * MS  # the default max_input_age
 GRAVITY = 9.80665
 ORIENTATIONS = [tuple(q) for q in Rotation.random(20, random_state=3).as_quat().tolist()]
 MOUNT = tuple((Rotation.from_euler("zyx", [30.0, -50.0, 170.0], degrees=True)).as_quat().tolist())
@@ -26,17 +26,11 @@ def weight_in_sensor(cell, orientation):
     return np.concatenate([force, np.cross(cell.center_of_mass, force)])
 
 
-Answer = namedtuple("Answer", "predicted compensated residual")
-
-
-def answer(cell, reading, *, position=IN_AIR, quaternion=LEVEL, linear=(0, 0, -0.01), angular=(0, 0, 0), **model):
-    e = estimator(load_cell=cell, model=plate_model(**model))
-    estimate = push(
-        e, twist(linear=linear, angular=angular), wrench(numbers=reading), pose(START, position, quaternion)
-    )
-    measured = measurement(e)
-    assert measured.stamp == estimate.stamp
-    return Answer(estimate.predicted, measured.compensated, measured.residual)
+def answer(cell, reading, *, position=IN_AIR, quaternion=LEVEL):
+    """What the load cell measures in a tool that is pushed down, and what is predicted [N, N m]."""
+    e = estimator(load_cell=cell)
+    predicted = push(e, twist(), wrench(numbers=reading), pose(START, position, quaternion)).predicted
+    return measurement(e), predicted
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -52,50 +46,54 @@ def test_a_hanging_tool_turned_any_way_is_compensated_to_zero(orientation, sign)
         center_of_mass=(0.004, -0.006, 0.08),
     )
     reading = np.array(cell.bias) + sign * weight_in_sensor(cell, orientation)
-    estimate = answer(cell, reading, quaternion=orientation)
-    assert estimate.compensated == pytest.approx([0.0] * 6, abs=1e-9)
-    assert estimate.residual == pytest.approx([0.0] * 6, abs=1e-9)
+    measured, _ = answer(cell, reading, quaternion=orientation)
+    assert measured.compensated == pytest.approx([0.0] * 6, abs=1e-9)
+    assert measured.residual == pytest.approx([0.0] * 6, abs=1e-9)
     assert np.abs(reading - cell.bias).max() > 1.0
-
-
-def test_a_mass_of_1_kg_below_a_level_sensor_pulls_it_down_by_9_80665_newton():
-    estimate = answer(LoadCell(mass=1.0, center_of_mass=(0.1, 0.0, -0.05)), [0.0] * 6)
-    assert estimate.compensated == pytest.approx([0, 0, GRAVITY, 0, -0.1 * GRAVITY, 0], abs=1e-12)
 
 
 @given(
     st.tuples(*[st.floats(-100.0, 100.0)] * 6), st.tuples(*[st.floats(-10.0, 10.0)] * 6), st.sampled_from([1.0, -1.0])
 )
 def test_bias_is_taken_off_in_the_drivers_sign_before_the_sign_is_turned(reading, bias, sign):
-    estimate = answer(LoadCell(sign=sign, bias=bias), reading)
-    assert estimate.compensated == pytest.approx(
-        [sign * (m - b) for m, b in zip(reading, bias, strict=True)], abs=1e-12
-    )
+    measured, _ = answer(LoadCell(sign=sign, bias=bias), reading)
+    assert measured.compensated == pytest.approx(sign * np.subtract(reading, bias), abs=1e-12)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_push_of_the_grains_is_positive_upwards_and_equals_a_drivers_reading_of_the_force_on_the_tool(sign):
     """1 cm deep, 4 cm², pushed straight down: 4 N up. The residual is what a driver, of either sign, reports beyond."""
-    exact = answer(LoadCell(sign=sign), [0, 0, sign * 4.0, 0, 0, 0], position=(0, 0, -0.01))
-    assert exact.predicted[2] == pytest.approx(4.0, rel=1e-6)
+    exact, predicted = answer(LoadCell(sign=sign), [0, 0, sign * 4.0, 0, 0, 0], position=(0, 0, -0.01))
+    assert predicted[2] == pytest.approx(4.0, rel=1e-6)
     assert exact.compensated[2] == 4.0
     assert exact.residual == pytest.approx([0.0] * 6, abs=1e-4)  # the published nudge tilts the velocity by 1e-5
-    more = answer(LoadCell(), [1, 2, 7, 0.1, 0.2, 0.3], position=(0, 0, -0.01))
-    assert more.residual == pytest.approx(np.array(more.compensated) - np.array(more.predicted), abs=1e-15)
+    more, predicted = answer(LoadCell(), [1, 2, 7, 0.1, 0.2, 0.3], position=(0, 0, -0.01))
+    assert more.residual == pytest.approx(np.subtract(more.compensated, predicted), abs=1e-15)
     assert more.residual[2] == pytest.approx(3.0, rel=1e-5)
 
 
-@pytest.mark.parametrize("orientation", ORIENTATIONS[:8], ids=range(8))
-def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin(orientation, plate_file):
-    """Against numpy and scipy: force R' f, torque R' (t - p x f), of a closed body with forces on several faces."""
-    tool = load_tool(plate_file, scale=1.0)
+@pytest.fixture(scope="module")
+def body(tmp_path_factory):
+    """A closed tetrahedron, metres, with no face level: a body with a wrench of six components."""
+    file = tmp_path_factory.mktemp("mesh") / "tetrahedron.obj"
+    file.write_text(
+        "v 0.03 0.001 -0.02\nv -0.02 0.03 -0.018\nv -0.019 -0.028 -0.023\nv 0.002 0.004 0.035\n"
+        "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
+    )
+    return plate_model(zeta=0.7, tool=load_tool(str(file), scale=1.0))
+
+
+@pytest.mark.parametrize("frame", ["world", "tool"])
+@pytest.mark.parametrize("orientation", [*ORIENTATIONS[:8], about((0, 0, 1), 90.0)], ids=range(9))
+def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin(orientation, frame, body):
+    """Against numpy and scipy: force R' f, torque R' (t - p x f); the twist is told in world or in tool axes."""
+    position, tool_to_world = (0.0, 0.0, -0.1), Rotation.from_quat(orientation)
+    v = np.array([[0.01, -0.02, -0.03], [0.4, -0.2, 0.1]])
+    linear, angular = (tool_to_world.inv().apply(v) if frame == "tool" else v).tolist()
     cell = LoadCell(position=(0.03, -0.05, 0.12), quaternion=MOUNT)
-    linear, angular = (0.01, -0.02, -0.03), (0.4, -0.2, 0.1)
-    where = {"position": (0, 0, -0.1), "quaternion": orientation, "linear": linear, "angular": angular}
-    estimate = answer(cell, [0.0] * 6, **where, zeta=0.7, tool=tool)
-    law = plate_model(zeta=0.7).law
-    world = wrenches(tool.plates, law, checked_states([0, 0, -0.1, *orientation, *linear, *angular]))[0]
-    tool_to_world = Rotation.from_quat(orientation)
+    motion = twist(START, tuple(linear), tuple(angular), frame)
+    estimate = push(estimator(load_cell=cell, model=body), motion, pose(START, position, orientation))
+    world = wrenches(body.tool.plates, body.law, checked_states([*position, *orientation, *v.ravel()]))[0]
     to_sensor = (tool_to_world * Rotation.from_quat(MOUNT)).inv()
     arm = tool_to_world.apply(cell.position)
     expected = [*to_sensor.apply(world[:3]), *to_sensor.apply(world[3:6] - np.cross(arm, world[:3]))]
@@ -103,25 +101,131 @@ def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin
     assert estimate.predicted == pytest.approx(expected, abs=1e-9)
 
 
-@pytest.mark.parametrize("orientation", [*ORIENTATIONS[:5], about((0, 0, 1), 90.0)])
-def test_a_twist_in_tool_axes_gives_the_estimate_of_the_same_twist_in_world_axes(orientation, plate_file):
-    tool = load_tool(plate_file, scale=1.0)
-    turn = Rotation.from_quat(orientation)
-    linear, angular = np.array([0.01, -0.02, -0.03]), np.array([0.4, -0.2, 0.1])
-    predicted, place = [], pose(position=(0, 0, -0.1), quaternion=orientation)
-    for frame, axes in (("world", Rotation.identity()), ("tool", turn.inv())):
-        motion = twist(START, tuple(axes.apply(linear).tolist()), tuple(axes.apply(angular).tolist()), frame)
-        predicted.append(push(estimator(model=plate_model(tool=tool)), motion, place).predicted)
-    assert predicted[1] == pytest.approx(predicted[0], rel=1e-9, abs=1e-9)
-    assert np.abs(predicted[0]).max() > 0.1
+def ramp(stamp):
+    """A load cell whose reading grows by 1 N a millisecond."""
+    return wrench(stamp, (0.0, 0.0, (stamp - START) / MS, 0.0, 0.0, 0.0))
 
 
-@pytest.fixture(scope="module")
-def plate_file(tmp_path_factory):
-    """A closed tetrahedron, metres, with no face level: a body with a wrench of six components."""
-    file = tmp_path_factory.mktemp("mesh") / "tetrahedron.obj"
-    file.write_text(
-        "v 0.03 0.001 -0.02\nv -0.02 0.03 -0.018\nv -0.019 -0.028 -0.023\nv 0.002 0.004 0.035\n"
-        "f 1 3 2\nf 1 2 4\nf 2 3 4\nf 3 1 4\n"
-    )
-    return str(file)
+def waiting(*before, load_cell=None):
+    """An estimator with these samples and an estimate at START."""
+    e = estimator(load_cell=load_cell)
+    push(e, twist(), *before, pose())
+    return e
+
+
+def test_the_reading_is_interpolated_between_the_samples_on_both_sides_of_the_stamp():
+    e = waiting(ramp(START - 3 * MS))
+    assert e.measurements() == []
+    push(e, wrench(START + MS, (4.0, 0.0, 1.0, 0.0, 0.0, 8.0)))
+    (measured,) = e.measurements()
+    assert measured.compensated == pytest.approx((3.0, 0.0, 0.0, 0.0, 0.0, 6.0))
+    assert measured.residual[2] == pytest.approx(-4.0, rel=1e-6)
+    assert e.measurements() == []
+
+
+def test_a_sample_at_the_stamp_is_the_reading_whether_it_comes_before_the_pose_or_after():
+    exact = wrench(START, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+    early, late = waiting(ramp(START - MS), exact), waiting(ramp(START - MS))
+    push(late, exact)
+    for e in (early, late):
+        assert [m.compensated for m in e.measurements()] == [exact.wrench]
+
+
+@pytest.mark.parametrize("last", [pose(START + SECOND + 1), twist(START + SECOND + 1), ramp(START + AGE + 1), None])
+def test_without_a_sample_soon_after_the_stamp_or_at_the_end_the_last_one_before_counts(last):
+    e = waiting(ramp(START - 2 * MS))
+    push(e, twist(START + SECOND))
+    assert e.measurements() == []
+    push(e, last) if last else e.finish()
+    assert e.measurements()[0].compensated[2] == -2.0
+
+
+@pytest.mark.parametrize(
+    ("before", "reason"), [((), Reason.WRENCH_MISSING), ((ramp(START - AGE - 1),), Reason.WRENCH_STALE)]
+)
+def test_without_a_usable_sample_before_the_stamp_there_is_a_prediction_alone_and_the_reason(before, reason):
+    e = waiting(*before)
+    assert e.counts[reason] == 0
+    push(e, ramp(START + MS))
+    assert e.measurements() == [(START, None, None, reason)]
+    assert e.counts == {"estimates": 1, reason.value: 1}
+
+
+def test_bias_sign_and_weight_are_those_in_force_at_the_pose():
+    e = waiting(ramp(START - MS), load_cell=LoadCell(sign=-1.0, bias=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0)))
+    e.use(settings=estimator().settings)
+    push(e, ramp(START + MS))
+    assert e.measurements()[0].compensated[2] == pytest.approx(5.0)
+
+
+def test_a_new_sensor_frame_does_not_mix_samples_of_two_frames():
+    e = waiting(ramp(START - MS))
+    e.use(settings=estimator(sensor_frame="wrist").settings)
+    assert e.measurements()[0].compensated[2] == -1.0
+    push(e, pose(START + MS))
+    push(e, wrench(START + 2 * MS, frame="wrist"))
+    assert e.measurements()[0].reason is Reason.WRENCH_MISSING
+
+
+def test_an_estimate_before_a_jump_back_in_time_is_compared_with_the_samples_before_it():
+    for jump in (pose(START - 5 * SECOND), wrench(START - 5 * SECOND)):
+        e = waiting(ramp(START - MS))
+        push(e, jump)
+        assert e.measurements()[0].compensated[2] == -1.0
+
+
+def test_estimates_without_load_cell_samples_do_not_accumulate():
+    e = estimator(max_input_age=1e6, twist_source="pose_difference")
+    for k in range(10_000):
+        push(e, pose(START + k * MS, (0.0, 0.0, -0.01 - 1e-6 * k)))
+    e.finish()
+    assert len(e.measurements()) == e.counts["estimates"] == e.counts[Reason.WRENCH_MISSING] == 9998
+
+
+def streams(seed, period, gaps):
+    """One second of poses at 250 Hz and of a noisy load cell, with stamps that jitter; `gaps`: shares left out."""
+    random = np.random.default_rng(seed)
+    poses = [pose(START + k * 4 * MS + int(random.integers(0, MS)), (0.0, 0.0, -0.01 - 4e-5 * k)) for k in range(250)]
+    stamps = [START + k * period + int(random.integers(0, period)) for k in range(SECOND // period)]
+    return poses, [wrench(t, random.normal(0.0, 5.0, 6).tolist()) for t in stamps if random.random() >= gaps]
+
+
+def replayed(samples):
+    e = estimator(twist_source="pose_difference", load_cell=LoadCell(bias=(0.1,) * 6, mass=0.3))
+    answers, final = [], []
+    for sample in samples:
+        if isinstance(answer := push(e, sample), Estimate):
+            answers.append(answer)
+        final += e.measurements()
+    e.finish()
+    return answers, final + e.measurements(), e.counts
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    wrench_period=st.sampled_from([MS, 2 * MS, 8 * MS]),
+    gaps=st.sampled_from([0.0, 0.2]),
+    delay=st.sampled_from([0.1, 5.0, 900.0]),
+)
+def test_arrival_shuffled_by_less_than_a_second_changes_no_estimate_nor_measurement(seed, wrench_period, gaps, delay):
+    poses, readings = streams(seed, wrench_period, gaps)
+    random = np.random.default_rng(seed + 1)
+
+    def arrivals(samples):
+        """Each topic keeps its own order, as a ROS publisher's messages do."""
+        times = [s.stamp + random.uniform(0.0, delay * MS) for s in samples]
+        return zip(np.maximum.accumulate(times), samples, strict=True)
+
+    in_order = sorted([*readings, *poses], key=lambda s: s.stamp)
+    shuffled = [s for _, s in sorted([*arrivals(poses), *arrivals(readings)], key=lambda row: row[0])]
+    expected, got = replayed(in_order), replayed(shuffled)
+    assert got == expected
+    answers, measurements, _ = got
+    assert [m.stamp for m in measurements] == [a.stamp for a in answers]
+
+
+def test_a_pose_within_max_input_age_finds_its_reading_among_any_number_of_later_samples():
+    e = estimator(max_input_age=3.0)
+    push(e, *(ramp(START + k * MS) for k in range(-1, 2000)), twist(), pose())
+    assert e.measurements()[0].compensated[2] == 0.0

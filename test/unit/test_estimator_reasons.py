@@ -44,7 +44,7 @@ SETTINGS = {
     Reason.POSE_RATE_LIMITED: {"max_rate": 100.0},
     Reason.POSE_HISTORY_SHORT: {"twist_source": "pose_difference"},
 }
-NO_RESIDUAL = {Reason.WRENCH_MISSING, Reason.WRENCH_STALE}  # test_estimator_comparison.py
+NO_RESIDUAL = {Reason.WRENCH_MISSING, Reason.WRENCH_STALE}  # test_estimator_load_cell.py
 ON_A_MAP = {reason for reason in Reason if reason.name.startswith("SURFACE")}  # test_estimator_ground.py
 BESIDE_AN_ANSWER = {Reason.TIME_JUMP}
 OF_TRANSFORMS = {r for r in Reason if r.value.startswith("tf_")} | {Reason.SENSOR_FRAME_UNKNOWN}  # test_transforms.py
