@@ -1,29 +1,25 @@
-"""The estimator as a whole: what an estimate holds, swaps while it runs, and the same samples twice."""
+"""The estimator as a whole: what an estimate holds, swaps while it runs, and every reason for giving none."""
 
 import math
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_plate import AREA, SECOND, START, about, estimator, plate_model, plate_tool, pose, push, twist
-from one_plate import wrench as load
+from one_plate import SECOND, START, about, estimator, measurement, plate_model, plate_tool, pose, push, twist, wrench
 
 from rft_ros.estimator import Estimate, LoadCell, Reason
 
 MS = SECOND // 1000
-
-
-def answer(e, stamp=START, **where) -> Estimate:
-    return push(e, twist(stamp), load(stamp), pose(stamp, **where))
+AGE = 100 * MS  # the default max_input_age
 
 
 def test_the_force_on_a_flat_plate_is_1_newton_a_cm_of_depth_a_cm2_times_zeta():
     """α_z(0, 90°) of the generic medium is 1 N/cm³: 1 cm below the surface, 4 cm², ζ = 0.33."""
     for surface in (0.0, 0.25):
         e = estimator(model=plate_model(zeta=0.33), surface_height=surface)
-        estimate = push(e, twist(START - 20 * MS), load(START - 50 * MS), pose(position=(0.0, 0.0, surface - 0.01)))
+        estimate = push(e, twist(START - 20 * MS), wrench(START - 50 * MS), pose(position=(0.0, 0.0, surface - 0.01)))
         assert estimate.predicted[2] == pytest.approx(0.33 * 1.0 * 1.0 * 4.0, rel=1e-6)
-        assert estimate.submerged_area == pytest.approx(AREA)
+        assert estimate.submerged_area == pytest.approx(4e-4)
         assert estimate.stamp == START
 
 
@@ -47,7 +43,7 @@ def test_the_last_twist_at_or_before_the_pose_that_has_come_is_used():
 def test_new_settings_and_models_apply_to_the_next_pose_and_keep_inputs_and_history():
     e = estimator(twist_source="pose_difference", model=plate_model(generation=3))
     for k in range(5):
-        last = push(e, load(START + k * MS), pose(START + k * MS, (0.0, 0.0, -0.01 - 1e-5 * k)))
+        last = push(e, wrench(START + k * MS), pose(START + k * MS, (0.0, 0.0, -0.01 - 1e-5 * k)))
     assert last.generation == 3
     settings = replace(e.settings, surface_height=0.01, load_cell=LoadCell(bias=(1.0,) * 6))
     model = plate_model(zeta=0.5, generation=4)
@@ -62,9 +58,8 @@ def test_new_settings_and_models_apply_to_the_next_pose_and_keep_inputs_and_hist
 
 
 def test_a_pose_without_an_answer_leaves_the_state_of_the_last_one():
-    e = estimator(max_rate=10.0)
-    answer(e)
-    assert answer(e, START + MS, position=(0.0, 0.0, -0.02)).reason is Reason.POSE_RATE_LIMITED
+    e, _ = pushed(twist(), pose(), max_rate=10.0)
+    assert push(e, pose(START + MS, (0.0, 0.0, -0.02))).reason is Reason.POSE_RATE_LIMITED
     assert push(e, pose(START + SECOND, (0.0, 0.0, -0.03))).reason is Reason.TWIST_STALE
     assert e.state[2] == -0.01
     assert e.depth() == pytest.approx(0.03)
@@ -76,7 +71,7 @@ def recording(seed):
     for k in range(400):
         stamp = START + k * 5 * MS + int(rng.integers(0, MS))
         yield twist(stamp, tuple(rng.normal(0, 0.02, 3).tolist()), (0.1, 0.0, 0.2), "tool")
-        yield load(stamp - 2 * MS, rng.normal(0, 5, 6).tolist())
+        yield wrench(stamp - 2 * MS, rng.normal(0, 5, 6).tolist())
         position = (0.0, math.nan if k % 97 == 96 else 0.0, -0.02 * math.sin(k / 40))
         yield pose(stamp, position, about((0.6, 0.0, 0.8), 0.3 * k))
 
@@ -93,3 +88,153 @@ def test_the_same_samples_give_the_same_answers_bit_for_bit(twist_source):
     first, second = answers(), answers()
     assert repr(first) == repr(second)
     assert first[-1]["estimates"] > 300
+
+
+def pushed(*samples, **settings):
+    """An estimator that was given these samples in this order, and what it said to the last one."""
+    e = estimator(**settings)
+    return e, push(e, *samples)
+
+
+SCENES = {
+    Reason.POSE_NOT_FINITE: (twist(), pose(position=(0.0, math.nan, 0.0))),
+    Reason.POSE_QUATERNION_NOT_UNIT: (twist(), pose(quaternion=(0.0, 0.0, 0.0, 0.0))),
+    Reason.POSE_FRAME_UNKNOWN: (twist(), pose(frame="camera")),
+    Reason.POSE_STAMP_ZERO: (twist(), pose(stamp=0)),
+    Reason.POSE_REPEATED: (twist(), pose(), pose()),
+    Reason.POSE_OUT_OF_ORDER: (twist(), pose(), pose(START - 1)),
+    Reason.POSE_RATE_LIMITED: (twist(), pose(), pose(START + MS)),
+    Reason.POSE_HISTORY_SHORT: (pose(), pose(START + MS)),
+    Reason.TWIST_MISSING: (pose(),),
+    Reason.TWIST_STALE: (twist(), pose(START + AGE + 1)),
+    Reason.TWIST_NOT_FINITE: (twist(linear=(math.nan, 0.0, 0.0)),),
+    Reason.TWIST_FRAME_UNKNOWN: (twist(frame="flange"),),
+    Reason.TWIST_STAMP_ZERO: (twist(stamp=0),),
+    Reason.TWIST_OUT_OF_ORDER: (twist(), twist(START - 1)),
+    Reason.AT_REST: (twist(linear=(0.0, 0.0, 0.0)), pose()),
+    Reason.ESTIMATE_NOT_FINITE: (twist(), pose(position=(0.0, 0.0, -9e99))),
+    Reason.WRENCH_NOT_FINITE: (wrench(numbers=(0, 0, math.inf, 0, 0, 0)),),
+    Reason.WRENCH_FRAME_UNKNOWN: (wrench(frame="tool"),),
+    Reason.WRENCH_STAMP_ZERO: (wrench(stamp=0),),
+    Reason.WRENCH_OUT_OF_ORDER: (wrench(), wrench(START - 1)),
+}
+SETTINGS = {
+    Reason.POSE_RATE_LIMITED: {"max_rate": 100.0},
+    Reason.POSE_HISTORY_SHORT: {"twist_source": "pose_difference"},
+}
+NO_RESIDUAL = {Reason.WRENCH_MISSING, Reason.WRENCH_STALE}  # test_estimator_load_cell.py
+ON_A_MAP = {reason for reason in Reason if reason.name.startswith("SURFACE")}  # test_estimator_ground.py
+BESIDE_AN_ANSWER = {Reason.TIME_JUMP}
+OF_TRANSFORMS = {r for r in Reason if r.value.startswith("tf_")} | {Reason.SENSOR_FRAME_UNKNOWN}  # test_transforms.py
+BEFORE_THE_ESTIMATOR = {Reason.MESSAGE_UNREADABLE}  # test/ros/test_node.py
+
+
+def test_every_reason_has_a_scene_here():
+    others = {*NO_RESIDUAL, *BESIDE_AN_ANSWER, *OF_TRANSFORMS, *ON_A_MAP, *BEFORE_THE_ESTIMATOR}
+    assert {*SCENES, *others} == set(Reason)
+
+
+@pytest.mark.parametrize("reason", SCENES, ids=str)
+def test_the_last_sample_is_refused_with_its_reason_and_counted_and_the_next_good_ones_are_answered(reason):
+    e, answer = pushed(*SCENES[reason], **SETTINGS.get(reason, {}))
+    sample = SCENES[reason][-1]
+    assert answer == ((sample.stamp, reason) if type(sample).__name__ == "PoseSample" else reason)
+    assert e.counts[reason.value] >= 1
+    for k in range(4):
+        stamp = START + 2 * SECOND + 20 * k * MS
+        answer = push(e, twist(stamp), wrench(stamp), pose(stamp, (0.0, 0.0, -0.01 - 2e-4 * k)))
+    assert answer.predicted[2] == pytest.approx(400.0 * (0.01 + 6e-4), rel=1e-6)
+    assert measurement(e).residual is not None
+
+
+def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_settings_change():
+    e, _ = pushed(pose(frame="camera"), pose(frame="base_link"), twist(frame="flange"), wrench(frame="tool"))
+    named = {
+        "pose_frame_unknown": "pose frame_id 'base_link' is not world_frame 'world'",
+        "twist_frame_unknown": "twist frame_id 'flange' is neither world_frame 'world' nor tool_frame 'tool'",
+        "wrench_frame_unknown": "wrench frame_id 'tool' is not sensor_frame 'ft_sensor'",
+    }
+    assert e.unknown_frames() == named
+    assert e.counted() == [f"{name}: {1 + (name[0] == 'p')} ({said})" for name, said in named.items()]
+    e.use(settings=replace(e.settings, world_frame="base_link"))
+    assert e.unknown_frames() == {}
+    assert e.counted()[0] == "pose_frame_unknown: 2"
+
+
+def test_inputs_as_old_as_max_input_age_are_used_and_those_after_the_pose_are_missing():
+    for age in (0, AGE):
+        e, answer = pushed(twist(START - age), wrench(START - age), pose())
+        assert isinstance(answer, Estimate)
+        assert measurement(e).residual is not None
+    e, answer = pushed(twist(START + 1), pose())
+    assert answer.reason is Reason.TWIST_MISSING
+    e, _ = pushed(twist(), wrench(START + 1), pose())
+    assert measurement(e).reason is Reason.WRENCH_MISSING
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        *(pose(quaternion=(0, 0, 0, size)) for size in (0.0, 0.98, 1.02)),
+        pose(START + 1, frame="camera"),
+        pose(START + 1, position=(math.inf, 0.0, 0.0)),
+    ],
+)
+def test_a_pose_with_a_quaternion_a_hundredth_from_unit_length_or_other_faults_does_not_count_as_the_last_one(bad):
+    e, answer = pushed(twist(), bad)
+    assert answer.reason.value.startswith("pose_")
+    assert isinstance(push(e, pose()), Estimate)
+
+
+def test_a_jump_back_by_a_second_or_more_is_a_new_beginning_and_by_less_a_late_pose():
+    """A bag that loops: the first pose after the jump is answered, the history before it is forgotten."""
+    e, answer = pushed(twist(), pose(), twist(START - SECOND), pose(START - SECOND))
+    assert isinstance(answer, Estimate)
+    measurement(e)
+    assert e.counts == {"estimates": 2, "time_jump": 1, "wrench_missing": 2}
+    poses = [pose(START + k * MS) for k in range(5)]
+    _, answer = pushed(*poses, pose(START - 2 * SECOND), twist_source="pose_difference")
+    assert answer.reason is Reason.POSE_HISTORY_SHORT
+    _, answer = pushed(twist(), wrench(), pose(), pose(START - 2 * SECOND))
+    assert answer.reason is Reason.TWIST_MISSING
+    e, answer = pushed(twist(), pose(), pose(START - SECOND + 1))
+    assert answer.reason is Reason.POSE_OUT_OF_ORDER
+    assert Reason.TIME_JUMP.value not in e.counts
+
+
+@pytest.mark.parametrize("rate", [125.0, 60.0, 25.0, 1.0])
+@pytest.mark.parametrize("period", [8 * MS, MS])
+def test_max_rate_bounds_how_many_poses_are_answered_in_ten_seconds(rate, period):
+    e, poses = estimator(max_rate=rate), 10 * SECOND // period
+    for k in range(poses):
+        push(e, twist(START + k * period), pose(START + k * period))
+    assert 0.85 * rate * 10 <= e.counts["estimates"] <= rate * 10 + 1
+    assert e.counts["estimates"] + e.counts[Reason.POSE_RATE_LIMITED.value] == poses
+
+
+def test_a_limit_at_the_streams_own_rate_drops_no_pose_despite_jittering_stamps():
+    """Jitter within a tenth of the period."""
+    e = estimator(max_rate=125.0)
+    for stamp in (START + 8 * k * MS + (k * 7919) % 800_000 for k in range(1000)):
+        assert isinstance(push(e, twist(stamp), pose(stamp)), Estimate)
+
+
+def test_a_new_max_rate_counts_from_the_next_pose_and_the_first_is_answered_at_any_stamp_and_rate():
+    e = estimator(max_rate=1e-300)
+    assert isinstance(push(e, twist(1), pose(1)), Estimate)
+    assert push(e, pose(2)).reason is Reason.POSE_RATE_LIMITED
+    e.use(settings=replace(e.settings, max_rate=100.0))
+    assert isinstance(push(e, pose(20 * MS)), Estimate)
+
+
+@pytest.mark.parametrize("angular", [(0.0, 0.0, 0.0), (0.0, 0.0, 1e-9), (10.0, 0.0, 0.0)])
+def test_rest_is_a_reason_in_the_grains_only(angular):
+    """In the grains the force of a tool that stopped is not what RFT gives; in the air it is zero. The plate is at the
+    origin, where a turn does not move it."""
+    still = twist(linear=(0.0, 0.0, -1e-4), angular=angular)
+    _, inside = pushed(still, pose())
+    assert inside.reason is Reason.AT_REST
+    _, outside = pushed(still, pose(position=(0.0, 0.0, 0.01)))
+    assert outside.predicted == (0.0,) * 6
+    _, answer = pushed(still, pose(), rest_speed=5e-5)
+    assert isinstance(answer, Estimate)

@@ -53,19 +53,17 @@ def test_without_memory_rest_is_a_reason_and_with_memory_it_is_an_estimate_that_
 def test_encoder_noise_at_rest_does_not_wear_the_force_down():
     arm, rng = Arm(0.003), np.random.default_rng(5)
 
-    def shaken(speed, seconds):
-        """Moves the arm at a speed; its encoders have a noise of 2 µm."""
-        true = arm.height
+    def rest(seconds):
+        """Of encoders with a noise of 2 µm."""
         for noise in rng.normal(scale=2e-6, size=round(seconds * 1e9 / PERIOD)):
-            true += speed * PERIOD * 1e-9
             arm.height = true + noise
             answer = arm.move(0.0, PERIOD * 1e-9)[-1]
-        arm.height = true
         return vertical(answer)
 
-    shaken(-0.01, 4.0)
-    before = shaken(0.0, 0.5)
-    assert shaken(0.0, 20.0) == pytest.approx(before, rel=0.02)
+    arm.move(-0.01, 4.0)
+    true = arm.height
+    before = rest(0.5)
+    assert rest(20.0) == pytest.approx(before, rel=0.02)
 
 
 def test_on_withdrawal_the_force_falls_within_millimetres_and_leaving_the_grains_begins_a_new_memory():
@@ -91,24 +89,16 @@ def test_zeta_is_swapped_without_forgetting_and_a_mesh_is_not():
 
 def test_a_silent_gap_at_rest_changes_nothing_and_a_path_over_it_is_what_the_poses_say():
     """A driver that publishes only in motion: rest for a second, then 0.1 mm up."""
+    steps = np.concatenate([np.full(500, -8e-5), np.zeros(125), np.full(5, 2e-5)])
 
     def raised(silent):
-        e, stamp = Estimator(Settings(), model(0.003)), 0
-
-        def told(height, speed):
-            return vertical(push(e, twist(stamp, (0.0, 0.0, speed)), pose(stamp, (0.0, 0.0, height))))
-
-        for k in range(500):
-            stamp += PERIOD
-            told(0.005 - 8e-5 * k, -0.01)
-        for _ in range(125):
-            stamp += PERIOD
-            if not silent:
-                told(0.005 - 8e-5 * 499, 0.0)
-        for k in range(1, 6):
-            stamp += PERIOD
-            force = told(0.005 - 8e-5 * 499 + 2e-5 * k, 0.0025)
-        return force
+        e, height = Estimator(Settings(), model(0.003)), 0.005
+        for k, step in enumerate(steps.tolist(), 1):
+            height += step
+            if step or not silent:
+                motion = twist(k * PERIOD, (0.0, 0.0, step / PERIOD * 1e9))
+                answer = push(e, motion, pose(k * PERIOD, (0.0, 0.0, height)))
+        return vertical(answer)
 
     assert raised(silent=True) == pytest.approx(raised(silent=False), rel=0.03)
 

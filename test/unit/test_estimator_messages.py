@@ -71,8 +71,6 @@ def test_transforms_are_read_as_rosbags_writes_them(samples):
 STORES = {False: get_typestore(Stores.ROS2_JAZZY), True: get_typestore(Stores.ROS1_NOETIC)}
 KIND = "sensor_msgs/msg/PointCloud2"
 POINTS = np.arange(12.0).reshape(4, 3)
-
-
 STAMP = 12 * 10**9 + 34
 
 
@@ -81,14 +79,13 @@ def serialised(
 ):
     store, points = STORES[ros1], np.asarray(points)
     t = store.types
-    step = padding + points.shape[1] * np.dtype(dtype).itemsize
-    width = len(points) // height
+    size = np.dtype(dtype).itemsize
+    step, width = padding + points.shape[1] * size, len(points) // height
     rows = np.zeros((height, width * step + pad_rows), dtype=np.uint8)
     for k, point in enumerate(points):
         raw = np.frombuffer(point.astype(dtype).tobytes(), dtype=np.uint8)
         at = (k % width) * step + padding
         rows[k // width, at : at + len(raw)] = raw
-    size = np.dtype(dtype).itemsize
     kind = {"f4": 7, "f8": 8, "i4": 5}[dtype[1:]]
     fields = [t["sensor_msgs/msg/PointField"](n, padding + k * size, kind, 1) for k, n in enumerate(names)]
     time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
@@ -109,14 +106,12 @@ def test_a_cloud_is_read_as_it_was_written(ros1, dtype, height, pad_rows, frame)
     assert_array_equal(np.column_stack([cloud.x, cloud.y, cloud.z]), POINTS)
 
 
-def test_a_cloud_without_points_is_empty():
-    assert len(decoder("surface", ros1=False)(serialised(np.empty((0, 3)))).x) == 0
-
-
-@pytest.mark.parametrize("change", [{"names": "xya"}, {"dtype": "<i4"}])
-def test_a_cloud_without_coordinates_is_unreadable(change):
-    with pytest.raises(UNREADABLE, match="x, y and z"):
-        decoder("surface", ros1=False)(serialised(**change))
+def test_a_cloud_without_points_is_empty_and_one_without_coordinates_unreadable():
+    decode = decoder("surface", ros1=False)
+    assert len(decode(serialised(np.empty((0, 3)))).x) == 0
+    for change in ({"names": "xya"}, {"dtype": "<i4"}):
+        with pytest.raises(UNREADABLE, match="x, y and z"):
+            decode(serialised(**change))
 
 
 @given(cut=st.integers(0, 200), at=st.integers(0, 199), value=st.integers(0, 255))
