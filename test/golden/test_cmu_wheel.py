@@ -11,31 +11,17 @@ MODEL, MEASURED = slice(4, 7), slice(7, 10)
 
 
 @pytest.fixture(scope="module")
-def wheel(shared_data):
-    return load_tool(str(shared_data / "cmu_wheel" / "smooth.stl"), integration="centroid").plates
-
-
-@pytest.fixture(scope="module")
-def states(shared_data):
-    return checked_states(np.loadtxt(shared_data / "cmu_wheel/smooth_states.csv", delimiter=",", skiprows=1)[:, 1:])
-
-
-@pytest.fixture(scope="module")
 def expected(shared_data):
     return np.loadtxt(shared_data / "cmu_wheel/smooth_expected.csv", delimiter=",", skiprows=1)
 
 
 @pytest.fixture(scope="module")
-def forces(wheel, states):
-    generic = MEDIA["generic"]
+def forces(shared_data):
+    folder, generic = shared_data / "cmu_wheel", MEDIA["generic"]
     law = treers2021(generic, alpha_y_model("constant", generic), zeta=0.6)
-    return wrenches(wheel, law, states)[:, :3]
-
-
-@pytest.fixture(scope="module")
-def knife_edge(expected):
-    """Cases that move straight along the wheel's axle without turning."""
-    return (expected[:, SLIP_ANGLE] == 90.0) & (expected[:, RIM_SPEED] == 0.0)
+    states = np.loadtxt(folder / "smooth_states.csv", delimiter=",", skiprows=1)[:, 1:]
+    wheel = load_tool(str(folder / "smooth.stl"), integration="centroid")
+    return wrenches(wheel.plates, law, checked_states(states))[:, :3]
 
 
 def median_error(forces, expected):
@@ -44,7 +30,9 @@ def median_error(forces, expected):
     return np.median(np.linalg.norm(forces - measured, axis=1) / np.linalg.norm(measured, axis=1))
 
 
-def test_forces_agree_with_the_other_groups_code_to_1e_3_newton_in_all_but_three_cases(forces, expected, knife_edge):
+def test_forces_agree_with_the_other_groups_code_to_1e_3_newton_in_all_but_three_cases(forces, expected):
+    """Those three move straight along the wheel's axle without turning."""
+    knife_edge = (expected[:, SLIP_ANGLE] == 90.0) & (expected[:, RIM_SPEED] == 0.0)
     error = np.abs(forces - expected[:, MODEL]).max(axis=1)
     assert knife_edge.sum() == 3
     assert (error[~knife_edge] <= 1e-3).all()
