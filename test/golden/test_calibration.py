@@ -1,6 +1,5 @@
 """`rft calibrate` on real recordings: held-out trials, memory, and recordings that one ζ does not fit."""
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -54,12 +53,10 @@ def held_out(calibrated, shared_data, tmp_path_factory):
             given = values if memory else {**values, "medium.mobilization_length": 0.0}
             out = tmp_path_factory.mktemp("replay")
             replay(bag(shared_data, trial), out, given, options)
-            with (out / "estimates.csv").open() as file:
-                rows = [r for r in csv.DictReader(file) if r["phase"]]
-            columns = ("depth", "predicted_fz", "compensated_fz")
-            depth, down, measured = np.array([[float(r[c] or "nan") for c in columns] for r in rows]).T
-            peak = np.nanmax(-measured)
-            found[trial, memory] = np.array([r["phase"] for r in rows]), depth, -down / peak, -measured / peak
+            table = np.genfromtxt(out / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+            predicted, measured = -table["predicted_fz"], -table["compensated_fz"]
+            peak = np.nanmax(measured)
+            found[trial, memory] = table["phase"], table["depth"], predicted / peak, measured / peak
     return found
 
 

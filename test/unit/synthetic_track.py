@@ -121,17 +121,18 @@ LOAD_CELL = LoadCell(
 """A mounting, sign, bias and weight that a calibration has to deal with."""
 
 
-def unknown():
+def unknown(**given):
     """Parameters with the mounting of the load cell only."""
     cell = LOAD_CELL
-    return parameters(sensor__position=cell.position, sensor__quaternion=cell.quaternion, sensor__sign=cell.sign)
+    mounting = {"sensor__position": cell.position, "sensor__quaternion": cell.quaternion, "sensor__sign": cell.sign}
+    return parameters(**(mounting | given))
 
 
 def known(**given):
     """Parameters with all of the load cell."""
     cell = LOAD_CELL
-    own = {"sensor.bias": cell.bias, "sensor.mass": cell.mass, "sensor.center_of_mass": cell.center_of_mass}
-    return {**unknown(), **own, **{name.replace("__", "."): value for name, value in given.items()}}
+    own = {"sensor__bias": cell.bias, "sensor__mass": cell.mass, "sensor__center_of_mass": cell.center_of_mass}
+    return unknown(**(own | given))
 
 
 ORIENTATIONS = ((40, 0, 0), (-40, 0, 0), (0, 40, 0), (0, -40, 0), (90, 0, 0))

@@ -7,16 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from recordings import START, plunge, write_ros2
-from synthetic_track import (
-    LOAD_CELL,
-    dragged,
-    grain_wrenches,
-    in_the_air,
-    law,
-    parameters,
-    read_by,
-    unknown,
-)
+from synthetic_track import LOAD_CELL, dragged, grain_wrenches, in_the_air, law, parameters, read_by, unknown
 
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.calibrated_file import rounded

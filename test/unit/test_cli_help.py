@@ -14,6 +14,7 @@ from rft_ros.installation import program
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = next(a for a in parser()._actions if a.dest == "command").choices
+PREDICT = "predict states.csv --mesh plate -o o"
 
 
 def test_without_arguments_it_shows_its_help_and_fails(tmp_path):
@@ -23,21 +24,19 @@ def test_without_arguments_it_shows_its_help_and_fails(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("words", "sentence"),
+    ("line", "sentence"),
     [
-        ((), "the following arguments are required: -o/--output"),
-        (("-o", "o", "--zeta", "abc"), "argument --zeta: invalid number value: 'abc'"),
-        (("-o", "o", "--zeta", "inf"), "argument --zeta: invalid number value: 'inf'"),
-        (("-o", "o", "--alpha-y", "linaer"), "alpha_y.model is 'linaer'; it must be one of constant, linear"),
+        ("repaly bag", "rft: argument COMMAND: invalid choice: 'repaly' (choose from 'predict'"),
+        ("replay bag -o o --parms x", "rft: unrecognized arguments: --parms x"),
+        ("predict states.csv --mesh plate", "rft predict: the following arguments are required: -o/--output"),
+        (f"{PREDICT} --zeta abc", "rft predict: argument --zeta: invalid number value: 'abc'"),
+        (f"{PREDICT} --zeta inf", "rft predict: argument --zeta: invalid number value: 'inf'"),
+        (f"{PREDICT} --alpha-y linaer", "rft predict: alpha_y.model is 'linaer'; it must be one of constant, linear"),
     ],
 )
-def test_wrong_usage_is_a_sentence(tmp_path, words, sentence):
-    refused(
-        rft("repaly", "bag", cwd=tmp_path), "rft: argument COMMAND: invalid choice: 'repaly' (choose from 'predict'"
-    )
-    refused(rft("replay", "bag", "-o", "o", "--parms", "x", cwd=tmp_path), "rft: unrecognized arguments: --parms x")
+def test_wrong_usage_is_a_sentence(tmp_path, line, sentence):
     (tmp_path / "states.csv").write_text(STATE)
-    refused(rft("predict", "states.csv", "--mesh", "plate", *words, cwd=tmp_path), f"rft predict: {sentence}")
+    refused(rft(*line.split(), cwd=tmp_path), sentence)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -29,13 +29,6 @@ def test_the_command_writes_the_figure_numbers_and_table_of_a_study_and_prints_i
         assert file.read_bytes() == (tmp_path / "new" / "out" / file.name).read_bytes(), file.name
 
 
-def test_an_unknown_study_is_refused_with_the_names_that_exist(tmp_path, capsys):
-    with pytest.raises(SystemExit):
-        studies.main(["vertical", "-o", str(tmp_path)])
-    message = capsys.readouterr().err
-    assert all(name in message for name in (*studies.STUDIES, "all"))
-
-
 def test_a_page_that_does_not_exist_is_one_sentence(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(studies, "run_study", lambda name: (result(name),))
     assert studies.main(["horizontal", "-o", str(tmp_path), "--docs", str(tmp_path / "no.md")]) == 2

@@ -42,12 +42,6 @@ media:
   - zeta: [0.2, 0.3, 0.4, 0.5]
 """
 
-MANY = """
-tools: [{mesh: plate}]
-motions: [{family: straight, travel: {from: 0.01, to: 0.02, count: 1001}}]
-media: [{zeta: {from: 0.2, to: 0.4, count: 1000}}]
-"""
-
 
 def study(folder, text, name="study.yaml"):
     (folder / name).write_text(text)
@@ -208,7 +202,7 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(motion, medium, reason
         (("[0.04, 0.1]", "[spam]"), ("motions 1", "Circumnutation.pitch is 'spam'; it must be a positive number")),
         (("count: 3", "number: 3"), ("motions 2", "travel", "from, to and count")),
         (("count: 3", "count: 1000000000000"), ("motions 2", "travel", "count, of 1 to 1,000,000")),
-        ((SMALL, MANY), ("has 1,001,000 variants; the limit is 1,000,000",)),
+        (("count: 3", "count: 200000"), ("has 1,200,012 variants; the limit is 1,000,000",)),
         (("samples: 30", "samples: .inf"), ("motions 1", "samples is inf; it must be from 2 to 1,000,000")),
         (("mesh: plate", "mesh: 3"), ("tools 2", "mesh", "3")),
         (("mesh: plate, ", ""), ("tools 2", "must have names and values, mesh")),

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 from recordings import moments, write_ros2
+from test_cli import HEADER, refused, rft
 
 from rft_ros.cli import main
 from rft_ros.errors import InputError
@@ -113,14 +114,6 @@ def reduce(tmp_path, *options, mesh="root_tip", name="few.npz"):
     return str(tmp_path / name)
 
 
-def refused(capsys, *arguments):
-    assert main([*arguments]) == 2
-    said = capsys.readouterr().err
-    assert "Traceback" not in said
-    assert said.count("\n") == 1
-    return said
-
-
 @pytest.fixture(scope="module")
 def of_refined(tmp_path_factory):
     """The plate's file, reduced under the refined rule."""
@@ -164,8 +157,7 @@ def test_the_line_says_what_was_done_and_the_same_command_gives_the_same_bytes(t
 def write_states(file, height=0.0):
     times, states = sample_every(Circumnutation(), 0.25)
     states[:, 2] += height
-    header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
-    np.savetxt(file, np.column_stack([times, states]), delimiter=",", header=header, comments="")
+    np.savetxt(file, np.column_stack([times, states]), delimiter=",", header=HEADER, comments="")
     return str(file)
 
 
@@ -200,12 +192,12 @@ def test_a_recorded_bag_is_a_scene_too(tmp_path):
     assert tool.reduction.motions.startswith("a scene of ")
 
 
-def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path, capsys):
+def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
     with pytest.raises(InputError, match="holds plates for integration 'refined' only"):
         load_tool(of_refined, integration="centroid")
     kept = load_tool(of_refined, integration="refined", tolerance=0.025)
     assert kept.reduction == load_tool(of_refined).reduction
-    assert "is already a reduced tool" in refused(capsys, "reduce", of_refined, "-o", str(tmp_path / "again.npz"))
+    refused(rft("reduce", of_refined, "-o", "again.npz", cwd=tmp_path), "is already a reduced tool")
 
 
 @pytest.mark.parametrize(
@@ -218,8 +210,8 @@ def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path, capsys):
         (("-o", "/proc/none/few.npz"), "cannot be written"),
     ],
 )
-def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, capsys, options, message):
-    assert message in refused(capsys, "reduce", "plate", "-o", str(tmp_path / "few.npz"), *options)
+def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, options, message):
+    refused(rft("reduce", "plate", "-o", "few.npz", *options, cwd=tmp_path), message)
 
 
 @pytest.mark.parametrize(

@@ -17,21 +17,16 @@ X_DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
 
 
 @pytest.fixture
-def ball(tmp_path):
-    """A ball of 20 mm radius, in mm, 5 mm off the origin."""
-    mesh = trimesh.creation.icosphere(subdivisions=3, radius=20.0)
-    mesh.apply_translation([5.0, 0.0, 0.0])
-    mesh.export(tmp_path / "ball.stl")
-    return load_tool(str(tmp_path / "ball.stl"), integration="centroid")
-
-
-@pytest.fixture
 def flat(tmp_path):
     trimesh.Trimesh(TRIANGLE, [[0, 1, 2]]).export(tmp_path / "flat.stl")
     return load_tool(str(tmp_path / "flat.stl"))
 
 
-def test_plates_are_the_facets(ball, tmp_path):
+def test_plates_are_the_facets(tmp_path):
+    mesh = trimesh.creation.icosphere(subdivisions=3, radius=20.0)
+    mesh.apply_translation([5.0, 0.0, 0.0])
+    mesh.export(tmp_path / "ball.stl")
+    ball = load_tool(str(tmp_path / "ball.stl"), integration="centroid")
     x, y, z, nx, ny, nz, area = ball.plates.packed
     assert (ball.name, ball.file) == ("ball", str(tmp_path / "ball.stl"))
     assert len(ball.plates) == len(ball.faces) == 1280
