@@ -69,19 +69,6 @@ def test_a_bag_cut_in_the_middle_of_a_message_is_used_up_to_there(tmp_path):
     assert kept[-1] > 1000
 
 
-def test_the_real_recording_cut_short_gives_what_came_before(shared_data, tmp_path):
-    folder = shared_data / "abb_plate" / "abb_plate_3"
-    topics = {"pose": "/tool_pose", "wrench": "/ft_sensor/wrench"}
-    whole, damage = read(folder, topics)
-    assert damage is None
-    cut = tmp_path / "cut.mcap"
-    cut.write_bytes((folder / "abb_plate_3.mcap").read_bytes()[:2_000_001])
-    samples, damage = read(cut, topics)
-    assert len(whole) > len(samples) > 3000
-    assert samples == whole[: len(samples)]
-    assert f"{len(samples)} messages were used" in damage
-
-
 def refused(path, *words, topics=NAMES):
     with pytest.raises(InputError) as caught:
         read(path, topics)

@@ -2,6 +2,7 @@
 
 import math
 import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,29 +19,15 @@ CHARTS = ("wrench_over_time", "wrench_over_depth", "residual", "quality_flags", 
 
 
 @pytest.fixture(scope="module")
-def replays(tmp_path_factory):
-    """Summary and folders of two replays of one bag, a plunge with noisy velocities."""
+def replayed(tmp_path_factory):
+    """Summary, rows and page of a plunge with noisy velocities, and the folders of its two replays."""
     folder = tmp_path_factory.mktemp("report")
     bag = write_ros2(folder / "plunge", plunge(noise=3e-5))
     outs = [folder / "one", folder / "two"]
     params = values(integration="centroid", learning__mode="observe", medium__mobilization_length=0.003)
     summary, _ = (replay(bag, out, params, report=True) for out in outs)
-    return summary, outs
-
-
-@pytest.fixture(scope="module")
-def summary(replays):
-    return replays[0]
-
-
-@pytest.fixture(scope="module")
-def rows(replays):
-    return rows_of(replays[1][0])
-
-
-@pytest.fixture(scope="module")
-def page(replays):
-    return (replays[1][0] / "report.html").read_text(encoding="utf-8")
+    page = (outs[0] / "report.html").read_text(encoding="utf-8")
+    return SimpleNamespace(summary=summary, rows=rows_of(outs[0]), page=page, outs=outs)
 
 
 def agrees(group, rows):
@@ -49,9 +36,8 @@ def agrees(group, rows):
     if not rows:
         assert group.rms_over_peak is group.wrench["force"]["measured"].peak is None
         return
-    measured, residual = (
-        np.array([[float(r[f"{kind}_f{a}"]) for a in "xyz"] for r in rows]) for kind in ("compensated", "residual")
-    )
+    kinds = ("compensated", "residual")
+    measured, residual = (np.array([[float(r[f"{kind}_f{a}"]) for a in "xyz"] for r in rows]) for kind in kinds)
     size, left = np.linalg.norm(measured, axis=1), np.linalg.norm(residual, axis=1)
     rms, big = np.sqrt(np.mean(left**2)), size > 0.2 * np.hypot(30.0, 0.05)
     median = np.median(left[big] / size[big]) if big.any() else None
@@ -62,7 +48,8 @@ def agrees(group, rows):
     assert group.median_relative_error == (median if median is None else pytest.approx(median, rel=1e-6))
 
 
-def test_the_statistics_of_a_phase_and_of_a_depth_bin_are_those_of_its_rows(summary, rows):
+def test_the_statistics_of_a_phase_and_of_a_depth_bin_are_those_of_its_rows(replayed):
+    summary, rows = replayed.summary, replayed.rows
     order = [Phase.APPROACH, Phase.PENETRATION, Phase.DWELL, Phase.PLOUGHING, Phase.WITHDRAWAL]
     assert list(dict.fromkeys(r["phase"] for r in rows)) == [phase.value for phase in order]
     agrees(summary, rows)
@@ -78,7 +65,8 @@ def test_the_statistics_of_a_phase_and_of_a_depth_bin_are_those_of_its_rows(summ
     assert sum(g.estimates for g in penetration.depth_bins.values()) == penetration.estimates
 
 
-def test_quality_flags_are_in_the_table_the_summary_and_the_page(summary, rows, page):
+def test_quality_flags_are_in_the_table_the_summary_and_the_page(replayed):
+    summary, rows = replayed.summary, replayed.rows
     counted = {name: sum(name in r["quality_flags"].split("+") for r in rows) for name in summary.quality_flags}
     assert summary.quality_flags == counted
     assert sum(summary.trust.values()) == summary.estimates
@@ -87,10 +75,11 @@ def test_quality_flags_are_in_the_table_the_summary_and_the_page(summary, rows, 
     assert summary.trust["OK"] == sum(not r["quality_flags"] and not r["reason"] for r in rows)
     assert summary.trust["NO"] == sum("inertial" in r["quality_flags"] for r in rows)
     for name, count in counted.items():
-        assert (f"<td>{name}</td><td>{count:,}</td>" in page) == (count > 0)
+        assert (f"<td>{name}</td><td>{count:,}</td>" in replayed.page) == (count > 0)
 
 
-def test_the_page_has_every_figure_and_table_and_loads_nothing(page):
+def test_the_page_has_every_figure_and_table_and_loads_nothing(replayed):
+    page = replayed.page
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=.(?!data:)", page)
     assert "@import" not in page.partition("</style>")[0]
     assert re.findall(r'<div id="figure-(\w+)"', page) == list(CHARTS)
@@ -99,14 +88,14 @@ def test_the_page_has_every_figure_and_table_and_loads_nothing(page):
         assert f"<h2>{title}</h2>" in page
 
 
-def test_two_replays_write_the_same_bytes(replays):
+def test_two_replays_write_the_same_bytes(replayed):
     for name in ("report.html", "estimates.csv", "summary.json", "estimates/estimates.mcap", "estimates/metadata.yaml"):
-        one, two = (out / name for out in replays[1])
+        one, two = (out / name for out in replayed.outs)
         assert one.read_bytes() == two.read_bytes(), name
 
 
-def test_every_figure_is_drawn_in_a_browser_and_the_console_has_no_error(replays, tmp_path):
-    shown = show(replays[1][0] / "report.html", tmp_path)
+def test_every_figure_is_drawn_in_a_browser_and_the_console_has_no_error(replayed, tmp_path):
+    shown = show(replayed.outs[0] / "report.html", tmp_path)
     assert shown.errors == []
     for name in CHARTS:
         body = shown.document.partition(f'id="figure-{name}"')[2].partition("</section>")[0]

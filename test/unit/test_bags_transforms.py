@@ -20,19 +20,17 @@ BASE = Placement((0.5, 0.2, -0.3), tuple(Rotation.from_euler("z", 30, degrees=Tr
 FRAMES = {"world_frame": "sand", "tool_frame": "tool", "sensor_frame": "ft_sensor"}
 
 
-def link(stamp, parent, child, placement):
-    return TransformSample(stamp, parent, child, *placement)
-
-
 def record(path, *, tf, late=0, fixed_at=START):
     """A plunge with poses, or with the transforms that say the same; these come `late` [ns]."""
-    links = [link(0, "flange", "tool", TOOL), link(0, "sand", "base", BASE), link(0, "tool", "ft_sensor", CELL)]
-    fixed = [(fixed_at + k, "/tf_static", TF, transforms_cdr(one)) for k, one in enumerate(links)]
+    links = [("flange", "tool", TOOL), ("sand", "base", BASE), ("tool", "ft_sensor", CELL)]
+    samples = [TransformSample(0, parent, child, *placement) for parent, child, placement in links]
+    fixed = [(fixed_at + k, "/tf_static", TF, transforms_cdr(one)) for k, one in enumerate(samples)]
     messages = fixed if tf else []
     for role, time, stamp, numbers in plunge():
         if role == "pose" and tf:
             flange = BASE.inverse().of(Placement(numbers[:3], numbers[3:])).of(TOOL.inverse())
-            messages.append((time + late, "/tf", TF, transforms_cdr(link(stamp, "base", "flange", flange))))
+            moving = TransformSample(stamp, "base", "flange", *flange)
+            messages.append((time + late, "/tf", TF, transforms_cdr(moving)))
         else:
             data = cdr(role, stamp, numbers, "ft_sensor" if role == "wrench" else "sand")
             messages.append((time, *TOPICS[role], data))
@@ -46,17 +44,12 @@ def numbers_of(folder, *names):
 @pytest.mark.parametrize("late", [0, 400_000_000])
 @pytest.mark.parametrize("twist_source", ["topic", "pose_difference"])
 def test_transforms_replay_as_the_poses_that_they_say(tmp_path, twist_source, late):
-    posed = replay(
-        record(tmp_path / "posed", tf=False),
-        tmp_path / "a",
-        values(**FRAMES, twist_source=twist_source, sensor__position=CELL.position, sensor__quaternion=CELL.quaternion),
-    )
-    transformed = replay(
-        record(tmp_path / "tf", tf=True, late=late, fixed_at=START + 3 * 10**9),
-        tmp_path / "b",
-        values(**FRAMES, twist_source=twist_source, pose_source="tf", sensor__frame_source="tf"),
-        ReplayOptions(start=0.0),
-    )
+    frames = FRAMES | {"twist_source": twist_source}
+    told = values(**frames, sensor__position=CELL.position, sensor__quaternion=CELL.quaternion)
+    posed = replay(record(tmp_path / "posed", tf=False), tmp_path / "a", told)
+    bag = record(tmp_path / "tf", tf=True, late=late, fixed_at=START + 3 * 10**9)
+    from_tf = values(**frames, pose_source="tf", sensor__frame_source="tf")
+    transformed = replay(bag, tmp_path / "b", from_tf, ReplayOptions(start=0.0))
     assert transformed.messages["pose"] == posed.messages["pose"] == 650
     assert transformed.reasons == posed.reasons
     names = ("t", "depth", "predicted_fx", "predicted_fz", "predicted_ty", "residual_fz")

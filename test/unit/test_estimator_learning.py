@@ -12,7 +12,6 @@ from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, 
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.learning import BeliefIssue
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
-from rft_ros.parameters import defaults, settings_of
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 
@@ -117,9 +116,11 @@ def test_a_silent_gap_at_rest_does_not_widen_sigma():
     assert slow.push(1).answers[-1].sigma[2] == pytest.approx(quick.push(1).answers[-1].sigma[2], rel=0.02)
 
 
-def test_another_medium_forgets_and_another_tool_generation_or_time_keeps_the_strength():
+def test_another_medium_or_prior_forgets_and_another_tool_generation_setting_or_time_keeps_the_strength():
     press = Press().push(300, 1.6)
     learned, e = press.learning.strength(), press.estimator
+    press.use(learning_mode="observe", learning_lag=0.005)
+    assert (e.learning.strength(), e.learning.lag) == (learned, 0.005)
     e.use(model=replace(e.model, tool=plate_tool()))
     assert e.learning.strength() == learned
     e.use(model=plate_model(generation=1))  # the same law
@@ -129,6 +130,11 @@ def test_another_medium_forgets_and_another_tool_generation_or_time_keeps_the_st
     assert press.learning.strength()[0] == pytest.approx(learned[0], rel=0.2)
     e.use(model=plate_model(zeta=2.0))
     assert e.learning.strength() is None
+    assert press.push(300, 1.6).learning.strength() is not None
+    press.use(zeta_error=0.1)
+    assert press.learning.strength() is None
+    press.use(learning_mode="off")
+    assert press.learning is None
 
 
 def test_a_force_that_triples_is_flagged_as_a_surprise_until_it_is_learned():
@@ -137,19 +143,6 @@ def test_a_force_that_triples_is_flagged_as_a_surprise_until_it_is_learned():
     press.push(30, 3.0)
     assert press.answers[-1].quality_flags & QualityFlag.SURPRISE
     assert not press.push(300, 3.0).answers[-1].quality_flags & QualityFlag.SURPRISE
-
-
-def test_settings_that_change_live_keep_what_was_learned_except_where_the_prior_changes():
-    press = Press().push(300, 1.6)
-    learning = press.learning
-    values = {**defaults(), "learning.mode": "observe", "learning.lag": 0.005}
-    press.estimator.use(settings=settings_of(values))
-    assert press.learning is learning
-    assert learning.lag == 0.005
-    press.estimator.use(settings=settings_of({**values, "medium.zeta_error": 0.1}))
-    assert press.learning.strength() is None
-    press.estimator.use(settings=settings_of(defaults()))
-    assert press.learning is None
 
 
 @given(st.floats(-180.0, 180.0), st.sampled_from([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)]))

@@ -42,12 +42,9 @@ def helix(pitch, radius, depth=0.05, n=600):
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), -0.04 - np.linspace(0.0, depth, n)])
 
 
-def test_slow_straight_motion_of_a_convex_tool_has_no_flag(root):
+def test_slow_straight_motion_of_a_convex_tool_has_no_flag_nor_has_any_speed_above_the_grains(root):
     assert last_flags(root, straight(0.15)) == QualityFlag.NONE
     assert trust(QualityFlag.NONE) is Trust.OK
-
-
-def test_a_tool_above_the_grains_has_no_flag_at_any_speed(root):
     assert last_flags(root, straight(0.1, speed=1.0, start=(0, 0, 1.0), direction=(1, 0, 0))) == QualityFlag.NONE
 
 
@@ -130,14 +127,11 @@ def test_the_page_of_failures_names_the_flag_of_every_place_and_every_flag():
     assert {f.name.lower() for f in QualityFlag if f} <= set(re.findall(r"`(\w+)`", " ".join(said)))
 
 
-def test_a_mesh_with_faults_is_flagged(tmp_path):
+def test_a_mesh_with_faults_and_a_hollow_tool_are_flagged(tmp_path):
     box = trimesh.creation.box((0.02, 0.02, 0.02))
     box.update_faces(np.arange(len(box.faces)) > 1)
     box.export(tmp_path / "open.stl")
     assert QualityFlag.MESH in last_flags(load_tool(str(tmp_path / "open.stl"), scale=1.0), straight(0.01))
-
-
-def test_a_hollow_tool_is_flagged(tmp_path):
     trimesh.creation.annulus(0.01, 0.02, 0.03).export(tmp_path / "ring.stl")
     tool = load_tool(str(tmp_path / "ring.stl"), scale=1.0)
     assert any("hollows" in f.message for f in tool.issues)
