@@ -1,4 +1,6 @@
-"""The paper's numbers, orders and monotonic statements, as its studies compute them here."""
+"""The paper's numbers, orders and monotonic statements, as its studies compute them here, and the docs' tables."""
+
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -6,8 +8,19 @@ import pytest
 from rft_ros.rft.velocity_weights import exact_f1, exact_f23
 from rft_ros.sweeps.motions import Circumnutation
 from studies import circumnutation, convergence, horizontal, oscillation, plates
+from studies.__main__ import run_study
 from studies.paper import ALPHA_Y, ellipsoid, leading_face, plate, root_tip
+from studies.result import table_in
 from studies.sampling import work_of
+
+TABLES = {"dem": "accuracy.md", "horizontal": "paper.md", "oscillation": "paper.md", "circumnutation": "paper.md"}
+
+
+@pytest.mark.parametrize(("name", "page"), TABLES.items())
+def test_the_table_in_the_docs_is_the_studys(name, page):
+    (result,) = run_study(name)
+    text = (Path(__file__).resolve().parents[2] / "docs" / page).read_text(encoding="utf-8")
+    assert table_in(text, name) == result.table.markdown()
 
 
 @pytest.fixture(scope="module")

@@ -6,21 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from synthetic_track import (
-    GENERIC,
-    LOAD_CELL,
-    Path,
-    dragged,
-    grain_wrenches,
-    in_the_air,
-    known,
-    law,
-    read_by,
-    track_of,
-    unknown,
-)
+from synthetic_track import LOAD_CELL, Path, dragged, grain_wrenches, in_the_air, known, law, read_by, track_of, unknown
 
-from rft_ros.calibration.alpha_y import PlateRun, faces_of, fit_alpha_y
+from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.calibration.fitting import NotIdentifiable
 from rft_ros.errors import InputError
@@ -159,17 +147,3 @@ def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length(
 def test_a_sphere_is_not_a_plate():
     with pytest.raises(NotIdentifiable, match="sphere is not a plate"):
         faces_of(load_tool("sphere").plates, "sphere")
-
-
-@pytest.mark.parametrize(
-    ("count", "alpha", "model", "reason"),
-    [
-        (2, 0.1, "linear", "span 0° of β in 1 steps"),
-        (2, 0.1, "table", "span 0° of β in 1 steps"),
-        (1, -0.1, "auto", "mean α_y is -0"),
-    ],
-)
-def test_runs_that_do_not_determine_alpha_y(count, alpha, model, reason):
-    runs = [PlateRun(beta=90.0, depth=0.05, alpha=alpha, error=0.001)] * count
-    with pytest.raises(NotIdentifiable, match=reason):
-        fit_alpha_y(runs, GENERIC, model=model)

@@ -22,7 +22,7 @@ from synthetic_track import (
 
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
-from rft_ros.calibration.fitting import Measurement
+from rft_ros.calibration.fitting import Measurement, NotIdentifiable
 from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.penetration import difference
 from rft_ros.calibration.tool_weight import Sensor
@@ -173,6 +173,20 @@ def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
     sure, unsure = (fit_alpha_y(runs, GENERIC, shared_error=e, model="constant") for e in (0.0, 0.125))
     assert unsure.value.errors[0] == pytest.approx(np.hypot(sure.value.errors[0], 0.15 * 0.125))
     assert (sure.model, unsure.model) == ("table", "constant")
+
+
+@pytest.mark.parametrize(
+    ("count", "alpha", "model", "reason"),
+    [
+        (2, 0.1, "linear", "span 0° of β in 1 steps"),
+        (2, 0.1, "table", "span 0° of β in 1 steps"),
+        (1, -0.1, "auto", "mean α_y is -0"),
+    ],
+)
+def test_runs_that_do_not_determine_alpha_y(count, alpha, model, reason):
+    runs = [run_at(90.0, alpha)] * count
+    with pytest.raises(NotIdentifiable, match=reason):
+        fit_alpha_y(runs, GENERIC, model=model)
 
 
 @pytest.mark.parametrize(("other", "told"), [(1.2, False), (1.5, True)])

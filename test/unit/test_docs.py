@@ -24,6 +24,7 @@ GENERATED = {
     "README.md": "readme",
     "config/default.yaml": "default_yaml",
 }
+COMMANDS = next(a for a in parser()._actions if a.dest == "command").choices
 METHOD = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
 ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in METHOD.splitlines() if line.startswith("|")]
 NAMED = ("rft_ros", "test", "studies", "bench", "docs", "examples")
@@ -39,13 +40,12 @@ def commands(page):
 
 
 def test_every_command_in_the_docs_is_one_that_can_be_typed():
-    names = next(a for a in parser()._actions if a.dest == "command").choices
     for line in (line for page in PAGES for line in commands(page)):
         words = shlex.split(line, comments=True)[1:]
         if not words or words[0].startswith("-"):
             continue
-        assert words[0] in names, line
-        options = {o for action in names[words[0]]._actions for o in action.option_strings}
+        assert words[0] in COMMANDS, line
+        options = {o for action in COMMANDS[words[0]]._actions for o in action.option_strings}
         for word in words[1:]:
             if re.fullmatch(r"--?[a-z][a-z-]*", word):
                 assert word in options, f"{line}: {word}"
@@ -59,8 +59,7 @@ def test_every_parameter_in_the_docs_is_one_of_the_node():
 
 def test_the_readme_names_every_command():
     text = (ROOT / "README.md").read_text(encoding="utf-8")
-    names = next(a for a in parser()._actions if a.dest == "command").choices
-    assert [name for name in names if f"rft {name}" not in text and name != "demo"] == []
+    assert [name for name in COMMANDS if f"rft {name}" not in text and name != "demo"] == []
 
 
 def test_every_module_that_the_docs_name_is_there():

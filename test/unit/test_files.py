@@ -9,7 +9,7 @@ import pytest
 
 from rft_ros.cli import main
 from rft_ros.errors import InputError
-from rft_ros.files import read_yaml, refuse_overwriting, whole, whole_folder
+from rft_ros.files import read_yaml, whole, whole_folder
 from rft_ros.ground import read_height_map
 from rft_ros.parameters import read_alpha_y_table
 from rft_ros.states_file import read_states
@@ -122,16 +122,6 @@ def test_a_device_is_written_and_not_replaced(tmp_path):
     assert link.resolve().is_char_device()
 
 
-def test_an_output_may_not_be_an_input_nor_lie_in_one_nor_hold_one(tmp_path):
-    bag = tmp_path / "bag"
-    bag.mkdir()
-    (tmp_path / "link.csv").symlink_to(bag / "metadata.yaml")
-    for output, given in ((bag, bag), (bag / "a.csv", bag), (bag, bag / "a"), (tmp_path / "link.csv", bag)):
-        with pytest.raises(InputError, match="would overwrite the input"):
-            refuse_overwriting([output], [given])
-    refuse_overwriting([tmp_path / "bag.csv"], [bag])
-
-
 STATES = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.01,0,0,0,1,0,0,-0.01,0,0,0\n"
 
 
@@ -146,6 +136,7 @@ STATES = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.01,0,0,0,1,0,0,-0.0
         "reduce tool.npz -o tool.npz",
         "reduce tool.stl --scene states.npz -o states.npz",
         "replay bag --params cell.yaml -o .",
+        "replay bag --params cell.yaml -o bag/out",
         "replay bag --check out/summary.json -o out",
         "replay bag --params out/report.html -o out",
         "calibrate bag --params cell.yaml -o tool.stl",

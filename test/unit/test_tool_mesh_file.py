@@ -6,16 +6,13 @@ import sys
 import numpy as np
 import pytest
 import trimesh
+from test_tool_check import soup
 
 from rft_ros.errors import InputError
 from rft_ros.tool import mesh_file, read_mesh
 
 SUFFIXES = ["stl", "obj", "ply", "glb", "dae"]
 TRIANGLES = trimesh.creation.icosphere(subdivisions=1, radius=20.0).triangles
-
-
-def soup(triangles):
-    return trimesh.Trimesh(np.reshape(triangles, (-1, 3)), np.arange(3 * len(triangles)).reshape(-1, 3), process=False)
 
 
 def written(folder, triangles=TRIANGLES, suffix="stl", **options):
