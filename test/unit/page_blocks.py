@@ -1,20 +1,27 @@
-"""The code blocks of README.md and docs/: what is run, what is not and why, and how each is tried."""
+"""The code blocks of README.md and docs/: what is run, what is not and why, how each is tried, and in which folder."""
 
 import os
 import re
 import shlex
+import shutil
 import subprocess
 import sys
+import sysconfig
 import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
+import numpy as np
 import yaml
 from distribution import ROOT, own_domain, without_ros
+from recordings import POSE, START, WRENCH, write_ros2
+from synthetic_track import LOAD_CELL, grain_wrenches, law, read_by
+from synthetic_track import Path as Way
 from test_cli import inside, rft
 
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.bags.summary import read_limits
+from rft_ros.estimator import LoadCell
 from rft_ros.parameters import read_parameter_file
 from rft_ros.sweeps.design import read_design
 
@@ -29,6 +36,11 @@ _BLOCK = re.compile(
 )
 _MARK = re.compile(r"<!-- not run: (.*?) -->\s*$")
 _REFERENCE = "../shared/data"
+_SURFACE = 0.12
+"""Height of the grains in `my_cell.yaml` [m]."""
+
+_TOPICS = {"pose": ("/tcp_pose_broadcaster/pose", POSE), "wrench": ("/force_torque_sensor_broadcaster/wrench", WRENCH)}
+_FRAMES = {"pose": "base", "wrench": "tool0_controller"}
 
 
 class Block(NamedTuple):
@@ -112,3 +124,53 @@ def _yaml(block: Block, folder: Path) -> None:
         assert read_design(file).variants, block.where
     else:
         assert read_limits(file), block.where
+
+
+def prepared(folder: Path, *, more_cell: str = "", scripts: str = sysconfig.get_path("scripts")) -> Path:
+    """A copy of the project below `folder`, with what the pages assume: the reader's files, named as on the pages.
+
+    The package itself is not copied, so that what runs is the installed one, which numba has compiled before.
+    `make` finds its environment ready: that of `scripts`. `my_cell.yaml` is the README's block, its ``/path/to`` this
+    folder, and `more_cell` what a page adds to it.
+    """
+    project = folder / "project"
+    for name in ("bench", "config", "docs", "meshes"):
+        shutil.copytree(ROOT / name, project / name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("Makefile", "setup.py", "package.xml"):
+        shutil.copy(ROOT / name, project)
+    reference = ROOT.parent / "shared" / "data"
+    if reference.is_dir():
+        (folder / "shared").mkdir()
+        (folder / "shared" / "data").symlink_to(reference.resolve())
+    (project / ".venv").mkdir()
+    (project / ".venv" / "bin").symlink_to(scripts)
+    for stamp in (".demo", ".installed"):
+        (project / ".venv" / stamp).touch()
+    study = project / "config" / "sweep_example.yaml"  # a tenth of its variants, of shorter motions
+    study.write_text(study.read_text().replace("count: 50", "count: 5").replace("samples: 200", "samples: 50"))
+    shutil.copy(project / "meshes" / "abb_plate.stl", project / "my_tool.stl")
+    cell = next(b.text for b in blocks(README) if b.language == "yaml" and "my_tool.stl" in b.text)
+    (project / "my_cell.yaml").write_text(cell.replace("/path/to", str(project)) + more_cell, encoding="utf-8")
+    (project / "limits.yaml").write_text("estimates: {min: 100}\n", encoding="utf-8")
+    # still in the air for 2.5 s, 45 mm into the grains and out again, the tool level
+    way = Way((0.1, 0.2, _SURFACE + 0.02)).wait(2.5).move((0.0, 0.0, -0.065), 0.02).wait(1.5)
+    time, states = way.move((0.0, 0.0, 0.065), 0.02).states()
+    header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
+    np.savetxt(project / "states.csv", np.column_stack([time, states]), delimiter=",", header=header, comments="")
+    for k, name in enumerate(("my_bag", "monday", "tuesday", "friday")):
+        _recording(project / name, time, states, seed=k)
+    (project / "friday" / "friday.mcap").rename(project / "friday.mcap")
+    shutil.rmtree(project / "friday")
+    return project
+
+
+def _recording(folder: Path, time: np.ndarray, states: np.ndarray, *, seed: int) -> None:
+    """What a cell like that of `my_cell.yaml` records, in grains of ζ = 0.9 with a memory of 3 mm."""
+    grains = grain_wrenches(time, states, law(0.9), surface=_SURFACE, length=0.003)
+    cell = LoadCell(bias=LOAD_CELL.bias)
+    readings = read_by(cell, states, grains, np.random.default_rng(seed), noise=(0.05, 0.002))
+    rows = []
+    for t, state, reading in zip(time, states, readings, strict=True):
+        stamp = START + round(1e9 * t)
+        rows += [("wrench", stamp, stamp, reading), ("pose", stamp, stamp, state[:7])]
+    write_ros2(folder, rows, topics=_TOPICS, frames=_FRAMES)

@@ -3,8 +3,7 @@
 import re
 
 import pytest
-from page_blocks import PAGES, README, ROOT, RUN, SHOWN, blocks, try_page
-from page_folder import prepared
+from page_blocks import PAGES, README, ROOT, RUN, SHOWN, blocks, prepared, try_page
 
 WITH_CODE = [page for page in PAGES if any(b.language in RUN and b.mark is None for b in blocks(page))]
 ALL = [README, *PAGES]

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
 from rft_ros.estimator.quality import QualityFlag
-from rft_ros.ground import DELAY, Cloud, Ground, HeightMap
+from rft_ros.ground import DELAY, Cloud, HeightMap
 
 MS = SECOND // 1000
 CELL = 0.004
@@ -125,18 +125,6 @@ def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_those_after_it_nor_
     assert forces(e, [cloud(START + 100 * MS, 0.005)])[-1] == pytest.approx(6.0, rel=0.01)
     assert isinstance(push(e, twist(START - 10 * SECOND), pose(START - 10 * SECOND)), Estimate)
     assert e.push_surface(cloud(START - 10 * SECOND + MS)) is None
-
-
-def test_without_a_thread_the_map_of_a_cloud_is_made_when_it_comes_and_not_on_the_path_of_a_pose(monkeypatch):
-    made = []
-    monkeypatch.setattr(HeightMap, "with_points", lambda self, *_: made.append(self) or self)
-    ground = Ground(HeightMap.unknown(0.01), plate_model().tool.corners)
-    ground.see(1, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    ground.add(Cloud(1, "world", *np.zeros((3, 1))), None)
-    assert len(made) == 1
-    ground.see(10**12, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    ground.level()
-    assert len(made) == 1
 
 
 def test_a_new_world_frame_leaves_behind_all_that_is_told_in_the_old_axes():

@@ -110,12 +110,6 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust():
     assert not press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
 
 
-def test_a_silent_gap_at_rest_does_not_widen_sigma():
-    quick, slow = Press().push(300), Press().push(300)
-    slow.stamp += 100 * SECOND
-    assert slow.push(1).answers[-1].sigma[2] == pytest.approx(quick.push(1).answers[-1].sigma[2], rel=0.02)
-
-
 def test_another_medium_or_prior_forgets_and_another_tool_generation_setting_or_time_keeps_the_strength():
     press = Press().push(300, 1.6)
     learned, e = press.learning.strength(), press.estimator
