@@ -52,22 +52,17 @@ Finding = tuple[str, int, str]
 
 
 def damaged(data: bytes, random: Random) -> bytes:
-    """Apply one to four damages: flip a bit; set, remove, repeat, reverse or insert bytes; cut the end off."""
+    """Apply one to four damages: flip a bit; set, remove, repeat, reverse or insert bytes, also to the end."""
     out = bytearray(data)
     for _ in range(random.integers(1, 5)):
         if not out:
             break
         a = int(random.integers(len(out)))
-        b = min(len(out), a + int(random.choice([1, 2, 4, 8, 50, 400])))
+        b = min(len(out), a + int(random.choice([1, 2, 4, 8, 50, 400, len(out)])))
         part, byte = out[a:b], int(random.choice([0, 1, 127, 128, 255]))
-        ways = [bytes([byte]) * (b - a), b"", part * 2, part[::-1], random.bytes(b - a) + part]
-        kind = int(random.integers(len(ways) + 2))
-        if kind < len(ways):
-            out[a:b] = ways[kind]
-        elif kind == len(ways):
-            out[a] ^= 1 << int(random.integers(8))
-        else:
-            del out[a:]
+        flipped = bytes([part[0] ^ 1 << int(random.integers(8))]) + part[1:]
+        ways = [flipped, bytes([byte]) * (b - a), b"", part * 2, part[::-1], random.bytes(b - a) + part]
+        out[a:b] = ways[random.integers(len(ways))]
     return bytes(out)
 
 
@@ -97,7 +92,10 @@ def strange(random: Random) -> list[tuple[object, ...]]:
 def cases(folder: Path) -> list[Callable[[Random], Case]]:
     """Write good inputs to a folder; functions that damage a copy of one, each for another kind of input."""
     ball = trimesh.creation.icosphere(1, radius=20.0)
-    meshes = {kind: ball.export(file_type=kind) for kind in ("stl", "stl_ascii", "obj", "ply", "glb", "dae")}
+    meshes = {}
+    for kind in ("stl", "stl_ascii", "obj", "ply", "glb", "dae"):
+        data = ball.export(file_type=kind)
+        meshes[kind] = data.encode() if isinstance(data, str) else bytes(data)
     mesh, states, params = folder / "ball.stl", folder / "states.csv", folder / "params.yaml"
     mesh.write_bytes(meshes["stl"])
     random = np.random.default_rng(0)
@@ -132,9 +130,7 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
 
     def bad_mesh(random: Random) -> Case:
         kind = str(random.choice(list(meshes)))
-        data = meshes[kind]
-        data = data.encode() if isinstance(data, str) else bytes(data)
-        file = bad(f"bad.{kind.partition('_')[0]}", damaged(data, random))
+        file = bad(f"bad.{kind.partition('_')[0]}", damaged(meshes[kind], random))
         return f"mesh {kind}", predict(states, file), file
 
     def bad_alpha_y(random: Random) -> Case:

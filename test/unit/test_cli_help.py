@@ -1,8 +1,13 @@
-"""Help and hints of `rft`, and how it ends when its user or its reader has had enough."""
+"""Help and hints of `rft`, and its progress, which a terminal shows; a pipe or a file gets none of it."""
 
+import io
+import os
+import pty
 import re
 import shlex
 import sys
+import time
+from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
@@ -11,6 +16,7 @@ from test_cli import STATE, refused, rft
 from rft_ros.cli import parser
 from rft_ros.commands.options import recording
 from rft_ros.installation import program
+from rft_ros.progress import bar, busy
 
 ROOT = Path(__file__).resolve().parents[2]
 COMMANDS = next(a for a in parser()._actions if a.dest == "command").choices
@@ -110,3 +116,31 @@ def test_a_tare_of_zero_on_the_command_line_undoes_the_parameter_files(options, 
     file.write_text("rft_replay:\n  ros__parameters:\n    tare: 2.0\nrft:\n  ros__parameters:\n    mesh.file: plate\n")
     words = ["replay", "bag", "--params", str(file), "-o", "out", *options]
     assert recording(parser().parse_args(words))[1].tare == seconds
+
+
+def work():
+    with bar("long work", 3.0) as update:
+        update(1.5, "long work")
+        time.sleep(0.2)
+    with busy("choosing"):
+        time.sleep(0.2)
+    print("done")
+
+
+def test_a_terminal_shows_the_work_in_progress_apart_from_the_output(monkeypatch, capsys):
+    for name, value in {"COLUMNS": "60", "TERM": "xterm"}.items():
+        monkeypatch.setenv(name, value)
+    ours, its = pty.openpty()
+    with os.fdopen(its, "w") as terminal, redirect_stderr(terminal):
+        work()
+        shown = os.read(ours, 65536).decode()
+    os.close(ours)
+    assert capsys.readouterr().out == "done\n"
+    for words in ("long work", "50%", "choosing ..."):
+        assert words in shown
+
+
+def test_a_pipe_gets_no_progress_bar(capsys):
+    with redirect_stderr(io.StringIO()) as pipe:
+        work()
+    assert (capsys.readouterr().out, pipe.getvalue()) == ("done\n", "")

@@ -68,13 +68,14 @@ def test_only_one_module_compiles_so_that_all_machine_code_has_its_cache(imports
     assert {*files, *by_attribute} == {"compilation.py"}
 
 
-def test_the_package_and_the_command_work_where_there_is_no_ros(tmp_path):
+def test_the_package_and_the_command_work_where_there_is_no_ros_and_no_mesh_library_loads_with_them(tmp_path):
     for name in ("rclpy", "geometry_msgs", "rcl_interfaces"):
         (tmp_path / f"{name}.py").write_text(f"raise ImportError('no {name}', name='{name}')\n")
     code = (
         "import sys; sys.path.insert(0, sys.argv.pop(1))\n"
         "import rft_ros.rft, rft_ros.tool, rft_ros.estimator, rft_ros.bags.replay\n"
         "from rft_ros.cli import main\n"
+        "assert 'trimesh' not in sys.modules\n"
         "assert main(['check-mesh', 'plate']) == 0\n"
         "sys.exit(main(['demo', '-o', 'out']))\n"
     )

@@ -18,10 +18,6 @@ def soup(triangles):
     return of(np.reshape(triangles, (-1, 3)), np.arange(3 * len(triangles)).reshape(-1, 3))
 
 
-def found(mesh):
-    return {f.kind: f.message for f in check_mesh(mesh)}
-
-
 @pytest.mark.parametrize(
     "mesh",
     [
@@ -91,7 +87,7 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
     ],
 )
 def test_each_issue_is_named_with_numbers_and_no_other(mesh, issues):
-    said = found(mesh)
+    said = {issue.kind: issue.message for issue in check_mesh(mesh)}
     assert said.keys() == issues.keys()
     for kind, text in issues.items():
         assert text in said[kind]

@@ -1,7 +1,6 @@
 """Paths, package:// and file:// URIs and the names of shipped meshes."""
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
@@ -78,8 +77,3 @@ def test_what_is_not_found_is_named(file, message):
     with pytest.raises(InputError) as caught:
         locate_mesh(file)
     assert re.search(message, str(caught.value))
-
-
-def test_importing_the_package_loads_neither_trimesh_nor_ros():
-    code = "import sys, rft_ros.tool; sys.exit(bool({'trimesh', 'rclpy'} & set(sys.modules)))"
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
