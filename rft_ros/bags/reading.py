@@ -53,18 +53,20 @@ def _opened(path: Path, opened: ExitStack) -> _Reader:
 
 def _recover(file: Path, copy: Path, topics: Collection[str]) -> None:
     """Write what comes before the damage of an .mcap file to a whole one: messages on `topics`, one on each other."""
-    schemas, channels = {0: 0}, dict[int, tuple[int, str]]()
+    names, channels = {0: "unknown type"}, dict[int, tuple[int, str]]()
     met = set[str]()  # the first message on any topic tells when the bag begins
     with file.open("rb") as damaged, copy.open("wb") as whole:
         writer = Writer(whole, compression=CompressionType.NONE)
         writer.start("ros2")
         with suppress(Exception):  # mcap's parsers raise anything on damage
             for r in _records(damaged):
-                if isinstance(r, Schema) and r.id not in schemas:  # each chunk has them again
-                    schemas[r.id] = writer.register_schema(r.name, r.encoding, r.data)
-                elif isinstance(r, Channel) and r.id not in channels:
-                    channel = writer.register_channel(r.topic, r.message_encoding, schemas[r.schema_id], r.metadata)
-                    channels[r.id] = channel, r.topic
+                if isinstance(r, Schema):
+                    names[r.id] = r.name
+                elif isinstance(r, Channel) and r.id not in channels:  # each chunk has them again
+                    name, encoding = names[r.schema_id], r.message_encoding
+                    # without its definition: rosbags refuses a file with any that is not of ROS 2
+                    schema = writer.register_schema(name if encoding == "cdr" else f"{name} as {encoding}", "", b"")
+                    channels[r.id] = writer.register_channel(r.topic, "cdr", schema), r.topic
                 elif isinstance(r, Message):
                     channel, topic = channels[r.channel_id]
                     if topic in topics or topic not in met:

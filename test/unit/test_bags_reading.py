@@ -3,6 +3,7 @@
 import re
 import shutil
 
+import mcap.writer
 import pytest
 from recordings import FRAMES, POSE, TOPICS, WRENCH, cdr, moments, plunge, write_ros1, write_ros2
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -125,6 +126,24 @@ def test_an_unknown_message_type_is_ignored_beside_the_topics_and_named_on_one(t
         assert read(tmp_path / "bag") == (expected(moments()), None)
     else:
         refused(tmp_path / "bag", f"wrench topic '/rft/wrench_measured' is {kind}; it must be {WRENCH}")
+
+
+def test_a_topic_that_is_not_of_ros_is_ignored_beside_the_topics_and_named_on_one(tmp_path):
+    rows = list(moments())
+    file = tmp_path / "foreign.mcap"
+    with file.open("wb") as stream:
+        writer = mcap.writer.Writer(stream)
+        writer.start()
+        foreign = writer.register_schema("Log", "jsonschema", b"{}")
+        channels = {"log": writer.register_channel("/log", "json", foreign)}
+        for role, (topic, kind) in TOPICS.items():
+            channels[role] = writer.register_channel(topic, "cdr", writer.register_schema(kind, "ros2msg", b""))
+        writer.add_message(channels["log"], rows[0][1], b"{}", 0)
+        for role, time, stamp, values in rows:
+            writer.add_message(channels[role], time, cdr(role, stamp, values), time)
+        writer.finish()
+    assert read(file)[0] == expected(rows)
+    refused(file, "pose topic '/log' is Log as json; it must be", topics=NAMES | {"pose": "/log"})
 
 
 def test_a_message_that_is_too_short_ends_the_reading(tmp_path):
