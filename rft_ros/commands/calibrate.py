@@ -45,6 +45,9 @@ def calibrate(arguments: argparse.Namespace) -> int:
     bags, output = {bag: bag_name(bag) for bag in arguments.bags}, arguments.output
     values, chosen = options.recording(arguments)
     options.refuse_inputs(arguments, output, alpha_y_table(output), also=named_files(values))
+    if chosen.tare and "sensor" not in (arguments.fit or _PARTS) and arguments.fit != ["surface"]:
+        file = f"parameter file '{arguments.params}'"
+        raise InputError(f"{file}: no fit uses its tare of {chosen.tare:g} s; add --fit sensor, which replaces it")
     values = mounted(arguments.bags[0], values, chosen)
     meshes = dict.fromkeys(bags.values(), values["mesh.file"])
     for rule in arguments.mesh:

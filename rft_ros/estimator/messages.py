@@ -113,6 +113,8 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
         found = [places[name] for name in "xyz" if name in places]
         if len(found) != 3 or max(offset + int(kind[1]) for offset, kind in found) > cloud.point_step:
             raise ValueError("the cloud has no fields x, y and z of type FLOAT32 or FLOAT64")
+        if cloud.height > 1 and cloud.row_step < cloud.width * cloud.point_step:
+            raise ValueError(f"the cloud's row_step, {cloud.row_step}, is less than a row of its points")
         order, steps = ">" if cloud.is_bigendian else "<", (cloud.row_step, cloud.point_step)
         axes = [np.empty(0)] * 3
         if cloud.height * cloud.width:  # numpy raises ValueError where these need more bytes than there are

@@ -149,11 +149,15 @@ def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated,
     assert again.read_bytes() == calibrated.read_bytes()
 
 
-def test_what_is_asked_for_and_not_identifiable_is_a_failure(cell, tmp_path):
-    out = tmp_path / "out.yaml"
-    assert calibrate(cell, ("pressed",), out, "--fit", "alpha_y") == 1
+def test_what_is_asked_for_and_not_identifiable_is_a_failure(cell, tmp_path, capsys):
+    out, untared = tmp_path / "out.yaml", tmp_path / "untared.yaml"
+    assert calibrate(cell, ("pressed",), out, "--fit", "alpha_y") == 2
+    assert "cell.yaml': no fit uses its tare of 0.5 s; add --fit sensor" in capsys.readouterr().err
+    untared.write_text((cell / "cell.yaml").read_text().replace("tare: 0.5", "tare: 0"))
+    given = "calibrate", str(cell / "pressed"), "--params", str(untared), "-o", str(out), "--fit", "alpha_y"
+    assert main([*given]) == 1
     assert not out.exists()  # nothing is identifiable
-    assert calibrate(cell, ("pressed",), out, "--fit", "zeta", "--fit", "alpha_y") == 1
+    assert main([*given, "--fit", "zeta"]) == 1
     assert "medium.zeta" in out.read_text()
     assert record(out)["not_identifiable"][0].startswith("alpha_y: no level run")
 
