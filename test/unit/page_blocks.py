@@ -5,19 +5,19 @@ import re
 import shlex
 import shutil
 import subprocess
-import sys
 import sysconfig
 import textwrap
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pytest
 import yaml
 from distribution import ROOT, own_domain, without_ros
 from recordings import POSE, START, WRENCH, write_ros2
 from synthetic_track import LOAD_CELL, grain_wrenches, law, read_by
 from synthetic_track import Path as Way
-from test_cli import inside, rft
+from test_cli import rft
 
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.bags.summary import read_limits
@@ -103,12 +103,10 @@ def _bash(block: Block, folder: Path) -> None:
 
 
 def _python(block: Block, folder: Path, namespace: dict[str, object]) -> None:
-    sys.path.insert(0, str(folder))
-    try:
-        with inside(folder):
-            exec(compile(block.text, block.where, "exec"), namespace)
-    finally:
-        sys.path.remove(str(folder))
+    with pytest.MonkeyPatch.context() as process:
+        process.syspath_prepend(folder)
+        process.chdir(folder)
+        exec(compile(block.text, block.where, "exec"), namespace)
 
 
 def _yaml(block: Block, folder: Path) -> None:

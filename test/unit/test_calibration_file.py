@@ -20,14 +20,10 @@ from rft_ros.tool import locate_mesh
 def write_bag(path, time, states, readings):
     """Pose, twist and wrench of every moment."""
 
-    def rows():
-        for t, state, reading in zip(time, states, readings, strict=True):
-            stamp = START + round(t * 1e9)
-            yield "wrench", stamp, stamp, tuple(reading)
-            yield "twist", stamp, stamp, tuple(state[7:13])
-            yield "pose", stamp, stamp, tuple(state[:7])
-
-    return write_ros2(path, rows())
+    columns = {"wrench": readings, "twist": states[:, 7:13], "pose": states[:, :7]}
+    stamps = [START + round(t * 1e9) for t in time]
+    rows = ((role, s, s, tuple(columns[role][k])) for k, s in enumerate(stamps) for role in columns)
+    return write_ros2(path, rows)
 
 
 @pytest.fixture(scope="module")

@@ -4,8 +4,7 @@ import io
 import os
 import signal
 import subprocess
-from collections.abc import Iterator
-from contextlib import contextmanager, redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
 import numpy as np
@@ -19,20 +18,14 @@ ROW = "0,0,0,-0.01,0,0,0,1,0,0,-0.01,0,0,0"
 STATE = f"{HEADER}\n{ROW}\n"
 
 
-@contextmanager
-def inside(folder: Path) -> Iterator[None]:
-    """Work in a folder."""
-    before = Path.cwd()
-    os.chdir(folder)
-    try:
-        yield
-    finally:
-        os.chdir(before)
-
-
 def rft(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     """Run a command line in this process: status and output as of a process of its own."""
-    with inside(cwd), redirect_stdout(io.StringIO()) as out, redirect_stderr(io.StringIO()) as err:
+    with (
+        pytest.MonkeyPatch.context() as process,
+        redirect_stdout(io.StringIO()) as out,
+        redirect_stderr(io.StringIO()) as err,
+    ):
+        process.chdir(cwd)
         try:
             status = main([str(word) for word in arguments])
         except SystemExit as error:

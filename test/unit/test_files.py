@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from test_cli import STATE
 
 from rft_ros.cli import main
 from rft_ros.errors import InputError
@@ -122,9 +123,6 @@ def test_a_device_is_written_and_not_replaced(tmp_path):
     assert link.resolve().is_char_device()
 
 
-STATES = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.01,0,0,0,1,0,0,-0.01,0,0,0\n"
-
-
 @pytest.mark.parametrize(
     "command",
     [
@@ -149,9 +147,9 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
     for name in ("bag", "out"):
         (tmp_path / name).mkdir()
     cell = "/**: {ros__parameters: {mesh.file: tool.stl, alpha_y.table: estimates.csv}}\n"
-    contents = {"states.csv": STATES, "states.npz": "", "cell.yaml": cell, "out/report.html": cell, "tool.stl": ""}
+    contents = {"states.csv": STATE, "states.npz": "", "cell.yaml": cell, "out/report.html": cell, "tool.stl": ""}
     contents |= {"table.csv": "0,0.1\n90,0.2\n", "tool.npz": "", "fits.html": "", "estimates.csv": "0,0.1\n90,0.2\n"}
-    contents |= {"out/summary.json": "estimates: {min: 1}", "out/results.csv": STATES}
+    contents |= {"out/summary.json": "estimates: {min: 1}", "out/results.csv": STATE}
     contents["study.yaml"] = "{tools: [{mesh: plate}], motions: [{states_file: out/results.csv}], media: [{zeta: 1.0}]}"
     for name, content in contents.items():
         (tmp_path / name).write_text(content)
