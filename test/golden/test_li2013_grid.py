@@ -31,13 +31,8 @@ def fitted(grid):
     return np.array([stresses(gamma, beta) for gamma, beta in grid[:, :2]])
 
 
-def measured_at(grid, beta, gamma):
-    (row,) = grid[(grid[:, 0] == gamma) & (grid[:, 1] == beta)]
-    return row[2], row[3]
-
-
 def test_the_fit_costs_28_percent_of_the_stress_on_a_flat_plate_pushed_straight_down(grid):
-    _, measured = measured_at(grid, beta=0, gamma=90)
+    ((*_, measured),) = grid[(grid[:, 0] == 90) & (grid[:, 1] == 0)]
     _, model = stresses(90, 0)
     assert measured == pytest.approx(0.351, abs=5e-4)
     assert model == pytest.approx(0.051 + 0.047 + 0.053 + 0.083 + 0.020, abs=1e-9)

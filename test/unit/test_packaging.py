@@ -31,16 +31,9 @@ EXTRAS = {"distributed", "mujoco"}
 
 
 def test_the_wheel_holds_every_module_and_every_shared_file(wheel):
-    shared = {
-        *(
-            f"share/rft_ros/{f.relative_to(ROOT)}"
-            for kind in ("config", "launch", "rviz")
-            for f in (ROOT / kind).glob("*.*")
-        ),
-        *(f"share/rft_ros/meshes/{f.name}" for f in (ROOT / "meshes").glob("*.stl")),
-        *("share/rft_ros/package.xml", "share/ament_index/resource_index/packages/rft_ros"),
-        *("lib/rft_ros/rft", "lib/rft_ros/rft_node"),
-    }
+    folders = "config/*.*", "launch/*.*", "rviz/*.*", "meshes/*.stl", "package.xml"
+    shared = {f"share/rft_ros/{file.relative_to(ROOT)}" for pattern in folders for file in ROOT.glob(pattern)}
+    shared |= {"share/ament_index/resource_index/packages/rft_ros", "lib/rft_ros/rft", "lib/rft_ros/rft_node"}
     modules = {str(f.relative_to(ROOT)) for f in (ROOT / "rft_ros").rglob("*.py")} | {"rft_ros/py.typed"}
     with zipfile.ZipFile(wheel) as files:
         names = {n for n in files.namelist() if ".dist-info/" not in n}
