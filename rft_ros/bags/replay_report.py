@@ -157,7 +157,7 @@ def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
 
 def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     """The tool in the grains; nothing if it was not there."""
-    model = estimator.model
+    model, begin = estimator.model, rows["stamp"].min(initial=2**62)
     rows = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
     if not len(rows):
         return
@@ -165,7 +165,7 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
         f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}",
         model.tool,
         model.law,
-        1e-9 * (rows["stamp"] - rows["stamp"][0]),
+        1e-9 * (rows["stamp"] - begin),
         rows["state"],
         surface_height=estimator.settings.surface_height,
         ground=estimator.ground,

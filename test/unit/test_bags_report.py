@@ -88,6 +88,12 @@ def test_the_page_has_every_figure_and_table_and_loads_nothing(replayed):
         assert f"<h2>{title}</h2>" in page
 
 
+def test_the_animation_has_the_time_of_the_charts(replayed):
+    first = next(row for row in replayed.rows if not row["reason"] and float(row["depth"]) > 0.0)
+    assert f"t = {float(first['t']) - float(replayed.rows[0]['t']):.2f} s" in replayed.page
+    assert "t = 0.00 s" not in replayed.page
+
+
 def test_two_replays_write_the_same_bytes(replayed):
     for name in ("report.html", "estimates.csv", "summary.json", "estimates/estimates.mcap", "estimates/metadata.yaml"):
         one, two = (out / name for out in replayed.outs)
