@@ -86,20 +86,15 @@ def try_page(page: Path, folder: Path) -> int:
 def _sh(block: Block, folder: Path) -> None:
     """In bash; where every line is a plain `rft` command, in this process, which spares each 2 s of imports."""
     lines = block.text.replace("\\\n", " ").splitlines()
-    if not all(re.fullmatch(r"rft (?!demo)[^#|&;<>{}$`(]*(#.*)?", line) for line in lines):
-        _bash(block, folder)
-        return
-    for line in lines:
-        done = rft(*shlex.split(line, comments=True)[1:], cwd=folder)
+    if all(re.fullmatch(r"rft (?!demo)[^#|&;<>{}$`(]*(#.*)?", line) for line in lines):
+        ended = (rft(*shlex.split(line, comments=True)[1:], cwd=folder) for line in lines)
+    else:
+        path = f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
+        environment = without_ros() | own_domain() | {"PATH": path}
+        command = ["bash", "-e", "-o", "pipefail", "-c", block.text]
+        ended = [subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)]
+    for done in ended:
         assert done.returncode == 0, f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
-
-
-def _bash(block: Block, folder: Path) -> None:
-    path = f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
-    environment = without_ros() | own_domain() | {"PATH": path}
-    command = ["bash", "-e", "-o", "pipefail", "-c", block.text]
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)
-    assert done.returncode == 0, f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
 
 
 def _python(block: Block, folder: Path, namespace: dict[str, object]) -> None:

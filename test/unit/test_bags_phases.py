@@ -58,12 +58,9 @@ def test_the_slope_separates_ploughing_from_going_down_or_up(degrees, phase):
     assert segments(run((60, (0.02 * np.cos(angle), -0.02 * np.sin(angle))), depth=0.02)) == [(phase, 60)]
 
 
-def test_out_of_the_grains_it_withdraws_while_it_rises():
+def test_out_of_the_grains_it_withdraws_while_it_rises_and_turning_in_place_in_them_is_not_dwell():
     found = segments(run((100, UP), (30, STILL), (50, LEVEL), (50, DOWN), depth=0.005))
     assert found == [(Phase.WITHDRAWAL, 100), (Phase.APPROACH, 130)]
-
-
-def test_turning_in_place_below_the_surface_is_not_dwell():
     every = np.ones(30)
     assert segments((STEP * np.arange(30), 0.02 * every, 0.0 * every, 0.01 * every)) == [(Phase.PLOUGHING, 30)]
 

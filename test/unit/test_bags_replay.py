@@ -107,12 +107,10 @@ def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_p
     random = np.random.default_rng(4)
     rows = [(role, stamp + (3_000_000 if role == "wrench" else 0), v) for role, _, stamp, v in plunge()]
     for name, delay in (("prompt", 0), ("late", 5_000_000)):
-        received = []
-        for role in ("pose", "wrench"):  # each topic keeps its own order
-            stamps = np.array([stamp for r, stamp, _ in rows if r == role])
-            times = np.maximum.accumulate(stamps + random.integers(0, delay + 1, len(stamps))).tolist()
-            numbers = [v for r, _, v in rows if r == role]
-            received += [(role, *row) for row in zip(times, stamps.tolist(), numbers, strict=True)]
+        received, last = [], dict.fromkeys(TOPICS, 0)
+        for role, stamp, numbers in rows:
+            last[role] = max(last[role], stamp + int(random.integers(0, delay + 1)))  # a topic keeps its order
+            received.append((role, last[role], stamp, numbers))
         received.sort(key=lambda row: row[1])
         _, found = replay_of(tmp_path / name, received, twist_source="pose_difference")
     for file in ("estimates.csv", "estimates/estimates.mcap"):

@@ -121,11 +121,10 @@ def test_a_turn_at_right_angles_is_followed_within_a_few_poses_and_does_not_over
     """From 10 mm/s along x to 10 mm/s along y, at 125 Hz."""
     before = screw((0.01, 0, 0), (0, 0, 0), times=np.arange(-1.0, 0.001, 0.008), start=(0, 0, 0))
     after = screw((0, 0.01, 0), (0, 0, 0), times=np.arange(0.008, 0.4, 0.008), start=(0, 0, 0))
-    found = twists(shaken([*before, *after], sigma))[len(before) :]
+    found = twists(shaken([*before, *after], sigma))[len(before) :, :2]
     if not sigma:
-        assert found[0] == pytest.approx([0, 0.01, 0, 0, 0, 0], abs=1e-6)
-    assert found[3:, 0] == pytest.approx(np.zeros(len(after) - 3), abs=0.002)
-    assert found[3:, 1] == pytest.approx(np.full(len(after) - 3, 0.01), abs=0.002)
+        assert found[0] == pytest.approx([0, 0.01], abs=1e-6)
+    assert np.abs(found[3:] - [0, 0.01]).max() < 0.002
 
 
 def test_after_a_jump_of_the_position_the_velocity_is_right_again_at_the_second_pose():
@@ -151,8 +150,8 @@ def test_after_a_gap_the_history_restarts():
     assert found[-1] == pytest.approx([0, 0.2, 0, 0, 0, 0], abs=1e-9)
 
 
-def descent(v=(0.0, 0.0, -0.02), *, count=20, rate=200):
-    return screw(v, (0, 0, 0), times=np.arange(count) / rate, start=(0, 0, -0.01), turned=(0, 0, 0))
+def descent(v=(0.0, 0.0, -0.02), *, count=20):
+    return screw(v, (0, 0, 0), times=np.arange(count) / 200, start=(0, 0, -0.01), turned=(0, 0, 0))
 
 
 def test_the_estimator_predicts_from_poses_what_it_predicts_from_the_twist_topic():

@@ -90,12 +90,9 @@ def test_some_of_many_points_are_spread_over_the_map():
     assert len(every) == 400
 
 
-def test_a_map_from_another_process_cannot_be_changed_either():
-    assert not pickle.loads(pickle.dumps(HeightMap.unknown(CELL))).heights.flags.writeable
-
-
-def test_no_points_change_nothing():
+def test_no_points_change_nothing_and_a_map_from_another_process_cannot_be_changed_either():
     ground = HeightMap.unknown(CELL)
+    assert not pickle.loads(pickle.dumps(ground)).heights.flags.writeable
     assert ground.with_points(*np.empty((3, 0))) is ground
     assert len(ground.points(at_most=50)) == 0
 
@@ -172,11 +169,10 @@ def test_a_tilted_bed_under_a_sinking_tool_is_found_as_it_is(sx, sy, h):
 
 def test_the_ground_ahead_resists_and_not_the_hole_behind():
     step = mapped(lambda x, _: np.where(x > 0.02, 0.0, -0.03))
-    heights = []
-    for velocity in (FORWARD, (-0.01, 0.0, 0.0)):
-        surface = SUPPORT.local_surface(step, state(velocity, z=-0.02, x=0.03), level=0.0)
-        heights.append(surface.height + surface.slope[0] * 0.03)
-    assert heights[0] > heights[1] + 0.005
+    ways = (FORWARD, (-0.01, 0.0, 0.0))
+    surfaces = (SUPPORT.local_surface(step, state(v, z=-0.02, x=0.03), level=0.0) for v in ways)
+    ahead, back = (surface.height + surface.slope[0] * 0.03 for surface in surfaces)
+    assert ahead > back + 0.005
 
 
 def test_a_tool_on_a_pile_is_below_its_surface():

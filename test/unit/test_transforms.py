@@ -173,7 +173,7 @@ def test_a_missing_frame_is_named_with_the_frames_that_there_are():
 
 def test_what_is_not_known_at_a_stamp_has_a_reason():
     transforms = tree(*(moving(START + k * MS, "world", "tool") for k in (0, 50, 1000)))
-    for after, found in {-1: Reason.TF_MISSING, SECOND + 1: Reason.TF_STALE, 500 * MS: Reason.TF_GAP}.items():
+    for after, found in ((-1, Reason.TF_MISSING), (SECOND + 1, Reason.TF_STALE), (500 * MS, Reason.TF_GAP)):
         assert transforms.at("world", "tool", START + after, AGE) is found
     assert transforms.at("world", "camera", START, AGE) is Reason.TF_FRAME_UNKNOWN
     assert isinstance(transforms.at("world", "tool", START + 50 * MS, AGE), Placement)
