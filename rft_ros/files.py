@@ -91,14 +91,16 @@ def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[A
     numbered = [number for number, line in enumerate(lines[1:], start=2) if line.strip()]
     if not numbered:
         raise InputError(f"{what} '{file}' has a header and no rows; it needs at least one")
-    table = np.empty((len(numbered), len(names)))
+    table = np.empty((len(numbered), len(header)))
     for row, number in zip(table, numbered, strict=True):
         try:
-            cells = dict(zip(header, map(float, lines[number - 1].split(",")), strict=True))
+            cells = list(map(float, lines[number - 1].split(",")))
         except ValueError:
-            raise InputError(f"{what} '{file}' line {number} is not {len(header)} numbers") from None
-        row[:] = [cells[name] for name in names]
-    return table, numbered
+            cells = []
+        if len(cells) != len(header):
+            raise InputError(f"{what} '{file}' line {number} is not {len(header)} numbers")
+        row[:] = cells
+    return table[:, [header.index(name) for name in names]], numbered
 
 
 class _Loader(yaml.SafeLoader):
