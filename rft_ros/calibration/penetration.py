@@ -107,7 +107,7 @@ def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[Fitt
 def _cause(forces: Array, alike: float) -> str:
     """Why measured forces, shape [n, 3], are probably not like those of the model."""
     x, y, z = forces.mean(axis=0)
-    if np.linalg.norm((x, y, z)) < 0.5 * np.linalg.norm(forces) / np.sqrt(len(forces)):
+    if np.linalg.norm((x, y, z)) <= 0.5 * np.linalg.norm(forces) / np.sqrt(len(forces)):
         return "they are mostly noise; check that the load cell measures and that the tool is in the grains"
     if np.hypot(x, y) > abs(z):
         return "the force points sideways; check sensor.quaternion"

@@ -61,6 +61,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
     with busy("fitting"):
         parts = arguments.fit or _PARTS
         result = fitted_to(tracks, values, parts=parts, alpha_y=arguments.alpha_y)
+    if chosen.tare and "sensor.bias" in result.not_identifiable:
+        result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
     print("\n".join(overview(result)))
     if not result.fitted:
         print("nothing is identifiable from these bags; no file was written")
