@@ -24,17 +24,17 @@ PARAMETERS = {
     "sensor.quaternion": list(MOUNT.quaternion),
 }
 LEGS = ((1.0, (0, 0, 0)), (3.0, (0, 0, -1)), (0.5, (0, 0, 0)), (1.5, (1, 0, 0)), (1.5, (0, 1, 0)), (3.0, (0, 0, 1)))
-SPEED = 0.02
-ABOVE = 0.055
-"""Of the tool frame at the start, over the surface; the ellipsoid reaches 20 mm lower."""
 
 
 def motion(rate: float) -> NDArray[np.float64]:
-    """States at a rate [Hz], shape [n, 13]: 1 s in the air, 60 mm down, rest, 30 mm along x and y, up."""
-    velocity = np.repeat([v for _, v in LEGS], [round(s * rate) for s, _ in LEGS], axis=0) * SPEED
+    """States at a rate [Hz], shape [n, 13]: 1 s in the air, 60 mm down, rest, 30 mm along x and y, up.
+
+    The tool frame begins 55 mm over the surface; the ellipsoid reaches 20 mm lower.
+    """
+    velocity = np.repeat([v for _, v in LEGS], [round(s * rate) for s, _ in LEGS], axis=0) * 0.02
     states = np.zeros((len(velocity), len(STATE)))
     states[:, 6], states[:, 7:10] = 1.0, velocity
-    states[:, :3] = np.cumsum(velocity, axis=0) / rate + (0.4, 0.1, SURFACE + ABOVE)
+    states[:, :3] = np.cumsum(velocity, axis=0) / rate + (0.4, 0.1, SURFACE + 0.055)
     return states
 
 

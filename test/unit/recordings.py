@@ -82,11 +82,11 @@ def plunge(repeats: int = 1, *, noise: float = 0.0):
 
 
 def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, compress=False, frames=FRAMES) -> Path:
-    with_compression = Writer(path, version=9, storage_plugin=plugin)
+    bag = Writer(path, version=9, storage_plugin=plugin)
     if compress:
         mode = CompressionMode.STORAGE if plugin is StoragePlugin.MCAP else CompressionMode.FILE
-        with_compression.set_compression(mode, CompressionFormat.ZSTD)
-    with with_compression as writer:
+        bag.set_compression(mode, CompressionFormat.ZSTD)
+    with bag as writer:
         connections = {r: writer.add_connection(name, kind, typestore=ROS2) for r, (name, kind) in topics.items()}
         for role, time, stamp, values in rows:
             if role in connections:

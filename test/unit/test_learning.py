@@ -9,6 +9,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator.learning import BeliefIssue, Learning, Surprise
 
@@ -75,8 +76,7 @@ def run(series, learning, **options):
 
 
 def turn_about_z(angle):
-    c, s = math.cos(angle), math.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return Rotation.from_euler("z", angle).as_matrix()
 
 
 @given(strength=st.floats(0.3, 4.0))
@@ -142,9 +142,7 @@ def test_the_rate_of_sampling_does_not_matter(rate, strength):
 
 @given(moment=st.integers(50, 900), delay=st.integers(0, 30))
 @few
-def test_a_prediction_uses_no_sample_of_the_lag_before_it_so_those_that_come_late_within_it_change_no_byte(
-    moment, delay
-):
+def test_a_prediction_uses_no_sample_of_the_lag_before_it_and_those_late_within_it_change_no_byte(moment, delay):
     """40 poses lie in a lag of 2 mm."""
     series = plunge(seed=2)
     forces = series.forces.copy()
