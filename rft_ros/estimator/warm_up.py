@@ -29,11 +29,14 @@ def _forces() -> None:
     wrenches(_PLATE, agarwal2023(), _STATE)
 
 
-def _motion() -> None:
+def _velocity() -> None:
     difference = PoseDifference()
     difference.span(window=1.0, max_age=1.0)
     for k in range(1, 6):
         difference.push(PoseSample(k * 10_000_000, "world", (0.0, 0.0, -0.001 * k), (0.0, 0.0, 0.0, 1.0)))
+
+
+def _answers() -> None:
     edge_share(_PLATE, _STATE)
     LoadCellFrame(LoadCell()).into_sensor(_STATE[3:7], np.zeros(12))
     prior_belief(np.zeros(7), zeta_error=0.0, reach=0.0)
@@ -49,18 +52,21 @@ def _ground() -> None:
 
 _PARTS: dict[str, Callable[[], object]] = {
     "forces": _forces,
-    "motion": _motion,
+    "answers": _answers,
+    "velocity": _velocity,
     "learning": Learning,
     "ground": _ground,
 }
 PARTS = frozenset(_PARTS)
-"""The parts of the machine code, each compiled by a process of its own: of every law, rule and model; of the motion,
-the load cell and the quality flags; of learning; of a map of the ground."""
+"""The parts of the machine code, each compiled by a process of its own: of every law, rule and model; of the load cell
+and the quality flags; of velocities from poses; of learning; of a map of the ground."""
 
 
 def needed(settings: Settings, *, ground: bool) -> frozenset[str]:
     """The parts that an estimator with these settings needs, with a map of the `ground` or without."""
-    return PARTS - ({"learning"} if settings.learning_mode == "off" else set()) - (set() if ground else {"ground"})
+    unused = {"velocity"} if settings.twist_source == "topic" else set()
+    unused |= {"learning"} if settings.learning_mode == "off" else set()
+    return PARTS - unused - (set() if ground else {"ground"})
 
 
 def prepare(
@@ -93,7 +99,7 @@ def compile_part(part: str, at_low_priority: bool) -> None:
     if at_low_priority:
         lower_priority()
     gc.set_threshold(100_000)  # the compiler keeps most of its objects: looking for others takes a tenth longer
-    if part == "motion":
+    if part == "answers":
         compile_steps()  # the process that compiles the forces will find them in the cache
     _load(frozenset({part}))
 
