@@ -158,13 +158,17 @@ class Harness:
     # --- services
 
     def call(self, service: type, name: str, request: object) -> object:
-        client = self._clients.get(name)
-        if client is None:
-            client = self._clients[name] = self.node.create_client(service, f"{self.name}/{name}")
-        self.until(lambda: client.wait_for_service(timeout_sec=0.5))
-        future = client.call_async(request)
-        self.until(future.done)
-        return future.result()
+        """The answer; after a minute without one a new client asks again, since a match can stay one-sided for good."""
+        while True:
+            client = self._clients.get(name)
+            if client is None:
+                client = self._clients[name] = self.node.create_client(service, f"{self.name}/{name}")
+            self.until(lambda client=client: client.wait_for_service(timeout_sec=0.5))
+            future, end = client.call_async(request), time.monotonic() + 60.0
+            self.until(lambda future=future, end=end: future.done() or time.monotonic() > end)
+            if future.done():
+                return future.result()
+            self.node.destroy_client(self._clients.pop(name))
 
     def get(self, name: str) -> ParameterValue:
         return self.call(GetParameters, "get_parameters", GetParameters.Request(names=[name])).values[0]
