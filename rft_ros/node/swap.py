@@ -101,9 +101,10 @@ class Swap:
         self._table: tuple[str, Table] | None = None
 
     def settings(self, values: Values) -> Settings:
-        """The settings of these parameters; without learning until its code is loaded."""
+        """The settings of these parameters; without learning, and velocities from poses, until their code is loaded."""
         settings = settings_of(values)
-        return settings if "learning" in self._code else replace(settings, learning_mode="off")
+        settings = settings if "learning" in self._code else replace(settings, learning_mode="off")
+        return settings if "velocity" in self._code else replace(settings, twist_source="topic")
 
     def model(self, values: Values, *, generation: int = 0) -> Model:
         """The model of these parameters with the tool and the ground in force. InputError if there is none."""

@@ -61,7 +61,7 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
     os.mkfifo(fifo)
     assert "alpha_y.table" in refusal(rft, alpha_y__model="table")
     for file, why in (
-        (tmp_path / "none.csv", "cannot be read: No such file"),
+        (tmp_path / "none.csv", "does not exist; give the path"),
         ("~no_such_user/table.csv", "cannot be read"),
         (fifo, "is not a regular file"),
         ("/dev/zero", "is not a regular file"),
@@ -91,7 +91,7 @@ def refusal(rft, **values):
         ("medium__name", "custard", "custard"),
         ("alpha_y__model", "cubic", "cubic"),
         ("mesh__file", "no_such_mesh", "no_such_mesh"),
-        ("mesh__file", "/none/there.stl", "/none/there.stl' cannot be read: No such file"),
+        ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist; give the path"),
         ("mesh__file", str(locate_mesh("plate").parent), "meshes' is a folder"),
         ("mesh__file", 300 * "a" + ".stl", "cannot be read: File name too long"),
         ("mesh__file", f"package://{300 * 'a'}/x.stl", "cannot be read: File name too long"),

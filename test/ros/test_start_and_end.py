@@ -40,16 +40,16 @@ def alive(pids: set[int]) -> set[int]:
 
 
 @pytest.fixture
-def without_learning(tmp_path: Path) -> Path:
-    """A folder with a copy of the package, whose cache lacks the machine code of learning."""
+def partly_compiled(tmp_path: Path) -> Path:
+    """A folder with a copy of the package, whose cache lacks the code of learning and of velocities from poses."""
     prepare()
-    learning = [f"{module}*.nbc" for module in ("learning", "medium_filter", "surprise")]
-    shutil.copytree(Path(rft_ros.__file__).parent, tmp_path / "rft_ros", ignore=shutil.ignore_patterns(*learning))
+    lacks = [f"{module}*.nbc" for module in ("learning", "medium_filter", "surprise", "motion")]
+    shutil.copytree(Path(rft_ros.__file__).parent, tmp_path / "rft_ros", ignore=shutil.ignore_patterns(*lacks))
     return tmp_path
 
 
-def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(start_process, without_learning):
-    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "learning.mode:=apply", folder=without_learning)
+def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(start_process, partly_compiled):
+    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "learning.mode:=apply", folder=partly_compiled)
     wait_until(lambda: "compiling, ten seconds or more, first start only" in rft.said(), "the node compiles")
     wait_until(lambda: len(descendants(rft.process.pid)) >= 3, "compilers and tool worker run")
     children = descendants(rft.process.pid)
@@ -58,25 +58,30 @@ def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(star
     assert "Traceback" not in rft.said()
 
 
-def test_learning_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_meanwhile(
-    start_process, without_learning
+@pytest.mark.parametrize(
+    ("parameter", "value", "part"),
+    [("learning.mode", "apply", "learning"), ("twist_source", "pose_difference", "velocity")],
+)
+def test_code_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_as_before_meanwhile(
+    start_process, partly_compiled, parameter, value, part
 ):
-    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "tolerance:=0.0", folder=without_learning).wait_ready()
-    answers = [before := numbers(rft.ask(rft.moment()))]
-    assert rft.set(**{"learning.mode": "apply"}) == (True, "")
-    assert "preparing machine code of learning" in rft.status()[1]
+    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "tolerance:=0.0", folder=partly_compiled).wait_ready()
+    before = numbers(rft.ask(rft.moment()))
+    assert rft.set(**{parameter: value}) == (True, "")
+    assert f"preparing machine code of {part}" in rft.status()[1]
 
     def in_force():
+        rft.send(rft.moment())
         rft.spin(0.2)  # the compiler needs the CPU
-        answers.append(numbers(rft.ask(rft.moment())))
         return "in force: " in rft.said()
 
     rft.until(in_force)
-    assert len(answers) > 2
+    answers = [numbers(message) for message in rft.received["wrench_predicted"]]
+    assert len(answers) > 3
     np.testing.assert_array_equal(answers[:-1], [before] * len(answers[:-1]))
     assert "preparing" not in rft.status()[1]
     assert rft.set(law="agarwal2023") == (True, "")  # of which all machine code is there
-    assert numbers(rft.ask(rft.moment()))[2] != before[2]
+    rft.until(lambda: rft.diagnostic("model")[2]["law"] == "agarwal2023")
 
 
 @pytest.mark.parametrize("action", [signal.SIG_DFL, signal.SIG_IGN], ids=["foreground", "background job"])

@@ -120,7 +120,7 @@ NOT_VALID = r"is not a valid [A-Z]+ file: it may be empty, cut short or without 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("absent/mesh.stl", None, "cannot be read: No such file or directory$"),
+        ("absent/mesh.stl", None, "does not exist; give the path of one that does$"),
         *((name, b"ISO", "has no supported suffix; these are .stl, .obj, .*, .npz$") for name in ("mesh.step", "mesh")),
         ("missing.ply", (PLY + "7").encode(), NOT_VALID),
         ("missing.ply", (PLY + "-1").encode(), NOT_VALID),
