@@ -92,5 +92,5 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
 
 
 def test_a_ground_file_that_cannot_be_used_is_refused_with_a_sentence(start_node, tmp_path):
-    with pytest.raises(InputError, match=r"none\.csv' cannot be read"):
+    with pytest.raises(InputError, match=r"none\.csv' does not exist"):
         started(start_node, {**GROUND, "ground.file": str(tmp_path / "none.csv")})

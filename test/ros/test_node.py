@@ -191,7 +191,7 @@ def test_relative_files_are_looked_for_beside_the_parameter_file_whose_values_ro
         names = {"alpha_y.model": "table", "alpha_y.table": "table.csv", "mesh.file": "tool.stl", "medium.zeta": zeta}
         file.write_text(f"'{key}':\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in names.items()))
         arguments += ["--params-file", str(file)]
-    with pytest.raises(InputError, match=r"alpha_y.table '.*/0\.\d+/table.csv' cannot be read"):
+    with pytest.raises(InputError, match=r"alpha_y.table '.*/0\.\d+/table.csv' does not exist"):
         start_node(*arguments)
     for folder in (tmp_path / "0.25", tmp_path / "0.5"):
         (folder / "table.csv").write_text("0,0.2\n180,0.1\n")

@@ -211,7 +211,7 @@ def test_a_file_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(rea
 def test_missing_files_are_named(tmp_path):
     with pytest.raises(InputError, match=r"parameter file '.*nowhere\.yaml' does not exist; give the path"):
         read_parameter_file(tmp_path / "nowhere.yaml")
-    with pytest.raises(InputError, match=r"alpha_y\.table '/nowhere\.csv' cannot be read"):
+    with pytest.raises(InputError, match=r"alpha_y\.table '/nowhere\.csv' does not exist"):
         read_alpha_y_table("/nowhere.csv")
 
 

@@ -204,7 +204,7 @@ def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
     ("options", "message"),
     [
         (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
-        (("--scene", "nothing.csv"), "states file 'nothing.csv' cannot be read"),
+        (("--scene", "nothing.csv"), "states file 'nothing.csv' does not exist"),
         (("--scene", "no_such_bag"), "bag 'no_such_bag' does not exist"),
         (("-o", "few.stl", "--scene", "nothing.csv"), "output 'few.stl' must end in .npz"),
         (("-o", "/proc/none/few.npz"), "cannot be written"),
