@@ -322,7 +322,9 @@ class Estimator:
 
     def _belief(self, motion: Motion, model: Array, force: samples.Vector, in_grains: bool) -> Array:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
-        rises = in_grains and not motion.rests and is_withdrawn(motion.velocity[2], motion.speed, force)
+        holds, up = in_grains and motion.rests, motion.velocity[2]
+        # a tool that pauses on its way up goes on to be withdrawn
+        rises = self._withdrawal.path > 0.0 if holds else in_grains and is_withdrawn(up, motion.speed, force)
         if self.learning is None:
             answer = prior_belief(model, zeta_error=self.settings.zeta_error, reach=self._kinematics.reach)
         else:
@@ -330,7 +332,7 @@ class Estimator:
             apply = self.settings.learning_mode == "apply"
             stamp, path = motion.pose.stamp, motion.path
             answer = self.learning.predict(stamp, model, step=path, passing=rises or fast, apply=apply)
-        return self._withdrawal.widened(answer, motion.path, rises=rises, in_grains=in_grains)
+        return self._withdrawal.widened(answer, motion.path, rises=rises, holds=holds)
 
     def _learn(self, predicted: Prediction, force: samples.Vector | None, repeated: bool) -> None:
         """Take a final comparison: the compensated force in sensor axes, or None."""

@@ -135,15 +135,15 @@ class Withdrawal:
         self.path = 0.0
         self._pushed = np.zeros(12)
 
-    def widened(self, answer: Array, path: float, *, rises: bool, in_grains: bool) -> Array:
+    def widened(self, answer: Array, path: float, *, rises: bool, holds: bool) -> Array:
         """An answer, shape [12], with the deviations that cover what the grains may still do.
 
-        `path` since the answer before [m]. A tool that pauses on its way up goes on to be withdrawn.
+        `path` since the answer before [m]. `holds`: at rest in the grains, which still push as before.
         """
-        if in_grains and (rises or (path == 0.0 < self.path)):
+        if rises:
             self.path += max(path, 1e-9)
             _widen(answer, self._pushed, math.exp(-self.path / _LETS_GO))
-        else:
+        elif not holds:
             self.path, self._pushed = 0.0, answer
         return answer
 

@@ -42,7 +42,7 @@ def _answers() -> None:
     prior_belief(np.zeros(7), zeta_error=0.0, reach=0.0)
     withdrawal = Withdrawal()
     for path in (0.0, 1.0):
-        withdrawal.widened(np.zeros(12), path, rises=path > 0.0, in_grains=True)
+        withdrawal.widened(np.zeros(12), path, rises=path > 0.0, holds=False)
 
 
 def _ground() -> None:

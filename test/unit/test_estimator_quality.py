@@ -100,11 +100,14 @@ def test_faces_that_move_along_themselves_are_flagged(rule):
     assert straight_down & ~QualityFlag.MESH == QualityFlag.NONE
 
 
-def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held(root):
-    e, answers = estimator(model=plate_model(tool=root)), []
+@pytest.mark.parametrize("pauses", [(), (400,), (400, 401, 405)])
+def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held_also_after_pauses(root, pauses):
+    e, answers, stamp = estimator(model=plate_model(tool=root)), [], SECOND
     for k, height in enumerate([*np.linspace(0.0, -0.05, 400), *np.linspace(-0.0501, -0.01, 300)]):
-        stamp, speed = SECOND + 10_000_000 * k, -0.01 if k < 400 else 0.01
-        answers.append(push(e, twist(stamp, (0.0, 0.0, speed)), pose(stamp, (0.0, 0.0, height))))
+        for speed in [0.0] * 50 * (k in pauses) + [-0.01 if k < 400 else 0.01]:
+            stamp += 10_000_000
+            answer = push(e, twist(stamp, (0.0, 0.0, speed)), pose(stamp, (0.0, 0.0, height)))
+        answers.append(answer)
     down, up = answers[:400], answers[400:]
     assert not any(a.quality_flags & QualityFlag.WITHDRAWAL for a in down)
     assert all(a.quality_flags & QualityFlag.WITHDRAWAL for a in up)
