@@ -36,7 +36,7 @@ _REASONS = {
         Reason.SURFACE_STAMP_ZERO,
     ),
     "the stamp is that of the last pose": (Reason.POSE_REPEATED,),
-    "before the last one of the same input (a pose by less than 1 s), or a cloud at the same stamp": (
+    "not after the last one of the same input; one that is 1 s or more before it begins a new run": (
         Reason.POSE_OUT_OF_ORDER,
         Reason.TWIST_OUT_OF_ORDER,
         Reason.WRENCH_OUT_OF_ORDER,

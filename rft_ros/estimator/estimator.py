@@ -128,7 +128,9 @@ class Estimator:
             self._kinematics.use(s)
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
-        if m.ground is not old_model.ground:
+            s = self.settings
+        new_ground = m.ground is not old_model.ground
+        if new_ground:
             self._ground = Ground(m.ground, m.tool.corners, self._background)
         elif new_tool:
             self._ground.use(m.tool.corners)
@@ -152,7 +154,7 @@ class Estimator:
         same_law = kind == old_kind and all(map(np.array_equal, (numbers, table), old_arrays))
         if not same_law or m.mobilization_length != old_model.mobilization_length:
             learning.forget()
-        elif new_tool or new_axes or s.surface_height != old.surface_height:
+        elif new_tool or new_axes or new_ground or s.surface_height != old.surface_height:
             learning.leave()
 
     def _place_sensor(self) -> None:

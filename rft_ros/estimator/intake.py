@@ -139,8 +139,8 @@ class Intake:
         raise RefusedError(reason)
 
     def _keep(self, kind: str, history: deque[_Sample], sample: _Sample) -> None:
-        behind = history[-1].stamp - sample.stamp if history else 0
-        if 0 < behind < TIME_JUMP:
+        behind = history[-1].stamp - sample.stamp if history else -1
+        if 0 <= behind < TIME_JUMP:  # of equal stamps the first counts, whenever a pose comes
             raise RefusedError(Reason(f"{kind}_out_of_order"))
         if behind > 0:
             self._comparison.settle(math.inf)

@@ -201,7 +201,7 @@ class Tare:
         if len(recent) < 2:
             raise InputError(f"{refused} no pose has shown the tool at rest")
         time = np.array([pose.stamp - start for pose, _ in recent]) * 1e-9
-        speed = drift(time, np.array([pose.position + pose.quaternion for pose, _ in recent]), reach)
+        speed = drift(time, np.array([(*pose.position, *pose.quaternion) for pose, _ in recent]), reach)
         if speed >= rest_speed:
             raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
         if len(self._poses) == HISTORY:

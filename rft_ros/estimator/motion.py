@@ -83,7 +83,7 @@ class Kinematics:
         self._due = max(self._due, pose.stamp) + self._period
         vx, vy, vz, wx, wy, wz = velocity
         speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
-        rests = speed < self._settings.rest_speed
+        rests = speed < self._settings.rest_speed or speed == 0.0
         path, duration = self._way(pose, 0.0 if rests else speed)
         state = np.empty((1, len(STATE)))  # an array of a nested list takes half as long again
         state[0] = (*pose.position, *pose.quaternion, *velocity)
@@ -100,7 +100,7 @@ class Kinematics:
         if pose.stamp - twist.stamp > self._max_age:
             return Reason.TWIST_STALE
         if twist.frame != self._settings.tool_frame:
-            return twist.linear + twist.angular
+            return *twist.linear, *twist.angular
         to_world = Placement(pose.position, pose.quaternion)
         return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
@@ -144,7 +144,7 @@ class PoseDifference:
         """Add a pose; whether there are enough for `twist`."""
         newest = self._count % _CAPACITY
         self._stamps[newest] = pose.stamp
-        self._ring[newest] = pose.position + pose.quaternion
+        self._ring[newest] = (*pose.position, *pose.quaternion)
         misfit = self._misfits[self._count % _MISFITS]
         n: int = _fit(*self._arrays, misfit, newest, self._window, self._gap)
         self._count += 1

@@ -77,16 +77,18 @@ def recording(seed):
 
 
 @pytest.mark.parametrize("twist_source", ["topic", "pose_difference"])
-def test_the_same_samples_give_the_same_answers_bit_for_bit(twist_source):
-    def answers():
+def test_the_same_samples_give_the_same_answers_bit_for_bit_also_as_arrays(twist_source):
+    def answers(of=tuple):
         cell = LoadCell(position=(0.01, 0.02, 0.03), quaternion=about((0, 1, 0), 30.0), mass=0.5, bias=(0.1,) * 6)
         e = estimator(load_cell=cell, twist_source=twist_source)
-        answers = [(push(e, sample), e.measurements()) for sample in recording(6)]
+        samples = (type(s)(*(of(v) if isinstance(v, tuple) else v for v in s)) for s in recording(6))
+        answers = [(push(e, sample), e.measurements()) for sample in samples]
         e.finish()
         return answers, e.measurements(), e.counts
 
     first, second = answers(), answers()
     assert repr(first) == repr(second)
+    assert answers(np.array) == first
     assert first[-1]["estimates"] > 300
 
 
@@ -234,3 +236,8 @@ def test_rest_is_a_reason_in_the_grains_only(angular):
     assert outside.predicted == (0.0,) * 6
     _, answer = pushed(still, pose(), rest_speed=5e-5)
     assert isinstance(answer, Estimate)
+
+
+def test_without_motion_there_is_no_force_of_0_in_the_grains_whatever_the_speed_of_rest():
+    _, answer = pushed(twist(linear=(0.0, 0.0, 0.0)), pose(), rest_speed=0.0)
+    assert answer.reason is Reason.AT_REST

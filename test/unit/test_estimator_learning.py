@@ -9,9 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, push, twist, wrench
 
-from rft_ros.estimator import LoadCell
+from rft_ros.estimator import LoadCell, TransformSample
 from rft_ros.estimator.learning import BeliefIssue
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
+from rft_ros.ground import HeightMap
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 
@@ -91,9 +92,11 @@ def test_spikes_in_the_load_cell_are_no_surprise():
     assert turns <= 2
 
 
-def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust():
-    """It reads 2.4 N in the air."""
-    press = Press()
+@pytest.mark.parametrize("source", ["parameters", "tf"])
+def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
+    """It reads 2.4 N in the air. Other settings than the load cell's do not change that."""
+    press = Press(sensor_source=source)
+    push(press.estimator, TransformSample(0, "tool", "ft_sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), True))
     press.depth = -0.01
     for k in range(300):
         told = max(4.0 * 100.0 * (press.depth + 1e-4), 0.0)
@@ -105,18 +108,26 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust():
     assert trust(press.answers[-1].quality_flags) is Trust.CAUTION
     assert press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
     assert press.learning.strength()[0] == pytest.approx(1.0, abs=0.4)
+    press.use(max_input_age=0.2, load_cell=LoadCell())  # as the parameters say
+    press.push(1, reading=[0.0, 0.0, told + 2.4, 0.0, 0.0, 0.0])
+    assert press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
     press.use(load_cell=LoadCell(bias=(0, 0, 2.4, 0, 0, 0)))
     press.push(1, reading=[0.0, 0.0, told + 2.4, 0.0, 0.0, 0.0])
     assert not press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
 
 
-def test_another_medium_or_prior_forgets_and_another_tool_generation_setting_or_time_keeps_the_strength():
+def test_another_medium_or_prior_forgets_and_another_tool_ground_generation_setting_or_time_keeps_the_strength():
     press = Press().push(300, 1.6)
     learned, e = press.learning.strength(), press.estimator
     press.use(learning_mode="observe", learning_lag=0.005)
     assert (e.learning.strength(), e.learning.lag) == (learned, 0.005)
     e.use(model=replace(e.model, tool=plate_tool()))
     assert e.learning.strength() == learned
+    press.push(100, 1.6)
+    learned, surface = press.learning.strength(), press.learning.belief().surface
+    e.use(model=replace(e.model, ground=HeightMap.unknown(0.01)))
+    assert (e.learning.strength(), e.learning.belief().surface) == (learned, 0.0 * surface)
+    assert surface != 0.0
     e.use(model=plate_model(generation=1))  # the same law
     assert e.learning.strength() == learned
     press.stamp -= 100 * SECOND

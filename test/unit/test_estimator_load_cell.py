@@ -123,10 +123,10 @@ def test_the_reading_is_interpolated_between_the_samples_on_both_sides_of_the_st
     assert e.measurements() == []
 
 
-def test_a_sample_at_the_stamp_is_the_reading_whether_it_comes_before_the_pose_or_after():
-    exact = wrench(START, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
-    early, late = waiting(ramp(START - MS), exact), waiting(ramp(START - MS))
-    push(late, exact)
+def test_the_first_sample_at_the_stamp_is_the_reading_whether_it_comes_before_the_pose_or_after():
+    exact, again = wrench(START, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)), wrench(START)
+    early, late = waiting(ramp(START - MS), exact, again), waiting(ramp(START - MS))
+    push(late, exact, again)
     for e in (early, late):
         assert [m.compensated for m in e.measurements()] == [exact.wrench]
 
