@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.files import read_arrays, read_columns, whole
+from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.compilation import compiled, inlined
 
 __all__ = ["MOST_CELLS", "HeightMap", "ToolBox", "read_height_map", "write_height_map"]
@@ -47,7 +48,8 @@ class HeightMap:
     """Heights of square cells in the world frame; immutable.
 
     `cell`: side of a cell [m]. `corner`: x and y of the first cell, in cells; cell (i, j) of `heights` covers x from
-    (corner[0] + i) cell, and y likewise. `heights`: world z [m], shape [n, m]; NaN where nothing is known.
+    (corner[0] + i) cell, and y likewise. `heights`: world z [m], shape [n, m], copied; NaN where nothing is known.
+    Raises ValueError that names the field that cannot be used.
     """
 
     cell: float
@@ -55,7 +57,14 @@ class HeightMap:
     heights: NDArray[np.float32]
 
     def __post_init__(self) -> None:
-        self.heights.flags.writeable = False
+        number("cell", self.cell, positive=True)
+        if not np.isfinite(numbers("corner", self.corner, rows=2)).all():
+            raise ValueError(f"corner is {self.corner}; it must be two finite numbers")
+        heights = np.array(self.heights, dtype=np.float32, order="C")
+        if heights.ndim != 2 or not heights.size:
+            raise ValueError(f"heights has shape {list(heights.shape)}; it must be [n, m], with at least one cell")
+        heights.flags.writeable = False
+        object.__setattr__(self, "heights", heights)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # an unpickled array is writable, another type to numba, which would compile for it at the first pose

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.ground import HeightMap, Support
 from rft_ros.rft import LEVEL, Law, Memory, checked_states
-from rft_ros.rft.arguments import number
+from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.wrench import prepared
 from rft_ros.simulation.coupling import ANSWER, calm, stiffness_matrix
 from rft_ros.tool import Tool
@@ -46,10 +46,15 @@ class GrainsBatch:
         threads: int = 1,
     ) -> None:
         if not isinstance(tool, Tool):
-            raise TypeError(f"tool is {tool!r}; load one with rft_ros.tool.load_tool")
-        if not number("bodies", bodies) >= 1.0 or not number("threads", threads) >= 1.0:
-            raise ValueError(f"bodies is {bodies}, threads {threads}; both must be at least 1")
+            raise TypeError(f"tool is a {type(tool).__name__}; load one with rft_ros.tool.load_tool")
+        if not isinstance(ground, HeightMap | None):
+            raise TypeError(f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map")
+        for name, value in ("bodies", number("bodies", bodies)), ("threads", number("threads", threads)):
+            if value < 1.0 or value % 1.0:
+                raise ValueError(f"{name} is {value:g}; it must be a whole number of at least 1")
         n, self._threads = int(bodies), int(threads)
+        bed = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
+        self._arguments: dict[str, Any] = {"tool": tool, "law": law, "bodies": n, "threads": self._threads, **bed}
         self._reach, self._ground, self._support = tool.plates.reach, ground, Support(tool.corners)
         self._surface = number("surface_height", surface_height)
         length = number("mobilization_length", mobilization_length, positive=True)
@@ -68,6 +73,15 @@ class GrainsBatch:
         self._pool = ThreadPoolExecutor(self._threads)
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()
+
+    def __getstate__(self) -> tuple[dict[str, Any], GrainsState]:
+        # threads and views of the arrays can be neither copied nor pickled
+        return self._arguments, self.state()
+
+    def __setstate__(self, kept: tuple[dict[str, Any], GrainsState]) -> None:
+        arguments, state = kept
+        GrainsBatch.__init__(self, **arguments)
+        self.restore(state)
 
     def step(self, states: ArrayLike, dt: float) -> Array:
         """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
@@ -118,7 +132,7 @@ class GrainsBatch:
     def reset(self, bodies: ArrayLike | None = None) -> None:
         """Level beds that remember nothing: those of all bodies, or of these indices."""
         for array in self._remembered.values():
-            array[slice(None) if bodies is None else np.asarray(bodies)] = 0.0
+            array[slice(None) if bodies is None else np.asarray(bodies) if np.size(bodies) else []] = 0.0
 
     def state(self) -> GrainsState:
         """A copy of what the grains remember, a row for each body; picklable."""
@@ -126,10 +140,14 @@ class GrainsBatch:
 
     def restore(self, state: GrainsState) -> None:
         """Go back to a state of these grains, or of others of the same tool and number of bodies."""
-        if {n: a.shape for n, a in self._remembered.items()} != {n: a.shape for n, a in state.items()}:
+        if not isinstance(state, dict) or _forms(state) != _forms(self._remembered):
             raise ValueError("state is of other bodies; restore what state() of grains like these returned")
         for name, array in state.items():
             np.copyto(self._remembered[name], array)
+
+
+def _forms(state: GrainsState) -> dict[str, object]:
+    return {name: (np.shape(array), np.asarray(array).dtype) for name, array in state.items()}
 
 
 class Grains:
@@ -145,7 +163,8 @@ class Grains:
         Pose of the body frame [m], quaternion xyzw, and twist of its origin now, shape [6]: linear [m/s] and angular
         [rad/s], world axes. The torque is about the origin. Else as `GrainsBatch.step`.
         """
-        wrench: Array = self._one.step(np.hstack([position, quaternion, twist]), dt)[0]
+        given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
+        wrench: Array = self._one.step(np.concatenate([numbers(name, v, rows=n) for name, v, n in given]), dt)[0]
         return wrench
 
     @property

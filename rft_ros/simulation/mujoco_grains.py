@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
 from rft_ros.rft import MEDIA, Law, alpha_y_model, rotation_matrix, treers2021
+from rft_ros.rft.arguments import number
 from rft_ros.rft.compilation import machine_code
 from rft_ros.simulation.coupling import held, measure, move, put
 from rft_ros.simulation.grains import GrainsBatch, GrainsState
@@ -58,8 +59,16 @@ class MujocoBody:
         self._held: Any = machine_code(held, step)
         self._put = machine_code(put, (self.wrench, *self._places))
 
+    def __getstate__(self) -> tuple[Any, int]:
+        return self.model, self.body
+
+    def __setstate__(self, kept: tuple[Any, int]) -> None:
+        MujocoBody.__init__(self, *kept)
+
     def _bind(self, data: Any) -> None:
         """Take the arrays of `data`, which stay where they are."""
+        if not isinstance(data, self._mujoco.MjData) or data.model.signature != self.model.signature:
+            raise ValueError("data is not of the model of these grains; make it with mujoco.MjData(model)")
         self._data, b = data, self.body
         self._places = data.xpos[b], data.xipos[b], data.xfrc_applied[b]
         joints = self._jacobian, self._solved, data.qvel, data.qacc
@@ -116,23 +125,34 @@ class MujocoGrains:
         tolerance: float = 0.025,
     ) -> None:
         mujoco = import_mujoco()
-        number = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body))
-        if number < 1:
+        if not isinstance(model, mujoco.MjModel):
+            raise TypeError(f"model is a {type(model).__name__}; load one with mujoco.MjModel.from_xml_path")
+        # MuJoCo reads address 0 for a name that is None
+        found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, body)) if isinstance(body, str) else 0
+        if found < 1:
             names = ", ".join(model.body(k).name for k in range(1, model.nbody))
             raise InputError(f"body '{body}' is not in the model; it has {names}")
-        self._body = MujocoBody(model, number)
+        if not model.body_dofnum[model.body_weldid[found]]:
+            raise InputError(f"body '{body}' has no joint, so MuJoCo gives it no velocity; give it one")
+        if not 0.0 <= number("tolerance", tolerance) <= 1.0:
+            raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
+        self._body = MujocoBody(model, found)
         if mesh is None:
-            self.tool = _tool_of_body(model, number, body, tolerance)
+            self.tool = _tool_of_body(model, found, body, tolerance)
         else:
             self.tool = load_tool(mesh, scale=scale, tolerance=tolerance)
         medium = MEDIA["generic"]
         law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta) if law is None else law
         bed: Any = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
         self._grains, self._ahead = (GrainsBatch(self.tool, law, bodies=1, **bed) for _ in range(2))
-        self._surface, self._stride = float(surface_height), _STRIDE * mobilization_length
+        heights = np.zeros(0) if ground is None else ground.points()[:, 2]
+        self._highest, self._stride = heights.max(initial=surface_height), _STRIDE * mobilization_length
         self._time, self._late = -math.inf, np.zeros(6)
-        self.wrench = self._body.wrench
+
+    @property
+    def wrench(self) -> Array:
         """Held over the current step: force [N], torque about the body frame's origin [N m], shape [6], world axes."""
+        return self._body.wrench
 
     def apply(self, data: Any) -> Array:
         """Write the grains' wrench for the next step to ``data.xfrc_applied[body]``.
@@ -142,33 +162,37 @@ class MujocoGrains:
         Call it before each `mj_step`, with any integrator. It computes the forward dynamics of `data` without the
         grains. Raises ValueError if they are not finite.
         """
-        body, now = self._body, data.time
+        body = self._body
         body.measure(data)
+        now = data.time
         if now < self._time:
             self.reset()
         self._time = now
-        h, reach = body.option.timestep, self.tool.plates.reach
+        h, reach = number("model.opt.timestep", body.option.timestep, positive=True), self.tool.plates.reach
         row = self._grains.advance(body.state, h)[0]
         path = body.hold(row, self._grains.sums[0], h, reach)
-        in_air = row[6] == 0.0 and body.state[0, 2] - self._surface > reach + path
-        if path > self._stride and not in_air:
-            self._substeps(row, h, min(math.ceil(path / self._stride), _MOST))
-        else:
+        in_air = row[6] == 0.0 and body.state[0, 2] - self._highest > reach + path
+        late = 0.5 * row[:6]
+        if self._late.any():  # the twist lags by what acts late, which must not stop the substeps
+            late = self._late.copy()
+            lag = h * (0.5 * body.free + body.inverse @ late)
+            path = max(path, h * (math.hypot(*lag[:3]) + reach * math.hypot(*lag[3:])))
             self._late.fill(0.0)
+        if path > self._stride and not in_air:
+            self._substeps(row, late, h, min(math.ceil(path / self._stride), _MOST))
         return self.wrench
 
-    def _substeps(self, row: Array, dt: float, n: int) -> None:
+    def _substeps(self, row: Array, late: Array, dt: float, n: int) -> None:
         """The wrench to hold over dt [s] where the body moves far, from n substeps.
 
         There the body's path counts: a step of MuJoCo's moves the body by dt times its twist at the end, which is
         therefore that of the step's middle. So the twist now lags by half a step, and the latter half of what the
-        grains do in this step acts in the next one.
+        grains do in this step acts in the next one; `late`: that of the step before.
         """
         body, ahead, h, reach = self._body, self._ahead, dt / n, self.tool.plates.reach
         ahead.restore(self._grains.state())
-        wrench = self._late.copy() if self._late.any() else 0.5 * row[:6]
-        state, twist = body.state.copy(), body.twist + dt * (0.5 * body.free + body.inverse @ wrench)
-        self._late.fill(0.0)
+        state, twist = body.state.copy(), body.twist + dt * (0.5 * body.free + body.inverse @ late)
+        wrench = late
         for k in range(n):
             held(row, ahead.sums[0], body.inverse, twist, body.free, h, reach, body.wrench, body.after)
             wrench += (n - k - 0.5) / n**2 * body.wrench
@@ -194,6 +218,8 @@ class MujocoGrains:
 
     def restore(self, state: GrainsState) -> None:
         """Go back to what `state` returned."""
+        if not isinstance(state, dict) or np.shape(state.get("late", ())) != (6,):
+            raise ValueError("state is of other grains; restore what state() of grains like these returned")
         self._grains.restore({name: array for name, array in state.items() if name != "late"})
         self._late[:], self._time = state["late"], -math.inf
 

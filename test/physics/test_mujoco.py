@@ -1,5 +1,6 @@
 """Bodies of MuJoCo in grains: they come to rest and lie still, whatever the step, the integrator and the scene."""
 
+import copy
 import pickle
 import re
 import runpy
@@ -91,6 +92,7 @@ def turned(poses):
     ("mesh", "mass", "quaternion", "timestep"),
     [
         ("plate", 0.02, TILTED, 0.005),
+        ("plate", 0.02, TILTED, 0.016),
         ("plate", 0.02, FLAT, 0.002),
         ("plate", 0.3, FLAT, 0.0005),
         ("plate", 5.0, TILTED, 0.002),
@@ -160,7 +162,9 @@ def test_a_reset_of_the_data_is_a_new_bed_and_a_state_comes_back():
     model, data, grains = scene(("plate", 0.3, TILTED))
     first = run(model, data, grains, 0.3)[0]
     kept = pickle.dumps((grains[0].state(), data.time, data.qpos.copy(), data.qvel.copy()))
+    branch = copy.deepcopy((model, data, grains))
     rest = run(model, data, grains, 0.1)[0]
+    assert run(*branch, 0.1)[0].tobytes() == rest.tobytes()
     mujoco.mj_resetData(model, data)
     place(model, data, grains)
     assert run(model, data, grains, 0.3)[0].tobytes() == first.tobytes()
@@ -207,8 +211,9 @@ def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, name, more):
 
 def test_what_cannot_be_used_is_named(monkeypatch):
     model = falling(("plate", 0.3, FLAT))
-    with pytest.raises(InputError, match="body 'tool' is not in the model; it has body_0"):
-        MujocoGrains(model, body="tool", **GRAINS)
+    for name in ("tool", None):
+        with pytest.raises(InputError, match=f"body '{name}' is not in the model; it has body_0"):
+            MujocoGrains(model, body=name, **GRAINS)
     with pytest.raises(ValueError, match="mobilization_length is 0"):
         MujocoGrains(model, body="body_0", mobilization_length=0.0)
     ball = mujoco.MjModel.from_xml_string(
@@ -216,10 +221,19 @@ def test_what_cannot_be_used_is_named(monkeypatch):
     )
     with pytest.raises(InputError, match=re.escape("body 'ball' has no mesh geoms; give its shape as mesh=FILE")):
         MujocoGrains(ball, body="ball", **GRAINS)
+    fixed = mujoco.MjModel.from_xml_string(
+        '<mujoco><worldbody><body name="hand" mocap="true"><geom size="0.02"/></body></worldbody></mujoco>'
+    )
+    with pytest.raises(InputError, match="body 'hand' has no joint"):
+        MujocoGrains(fixed, body="hand", mesh="plate", **GRAINS)
     model, data, (grains,) = scene(("plate", 0.3, FLAT))
     data.qvel[0] = np.nan
     with pytest.raises(ValueError, match="not finite"):
         grains.apply(data)
+    with pytest.raises(ValueError, match="data is not of the model"):
+        grains.apply(mujoco.MjData(ball))
+    with pytest.raises(ValueError, match="other grains"):
+        grains.restore(grains.stiffness)
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match="run pip install mujoco"):
         MujocoGrains(model, body="body_0", **GRAINS)

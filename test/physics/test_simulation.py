@@ -1,5 +1,6 @@
 """Grains for a simulator: the kernel's wrench with memory, its stiffness, many bodies, states that come back."""
 
+import copy
 import pickle
 
 import numpy as np
@@ -118,10 +119,11 @@ def test_a_state_comes_back_from_a_pickle_and_a_reset_bed_is_new(plate):
     grains = Grains(plate, LAW, mobilization_length=LENGTH)
     first = stepped(grains, states[:80])
     kept = pickle.loads(pickle.dumps(grains.state()))
+    branches = copy.deepcopy(grains), pickle.loads(pickle.dumps(grains)), Grains(plate, LAW, mobilization_length=LENGTH)
+    branches[2].restore(kept)
     rest = stepped(grains, states[80:])
-    other = Grains(plate, LAW, mobilization_length=LENGTH)
-    other.restore(kept)
-    assert stepped(other, states[80:]).tobytes() == rest.tobytes()
+    for other in branches:
+        assert stepped(other, states[80:]).tobytes() == rest.tobytes()
     grains.reset()
     assert stepped(grains, states[:80]).tobytes() == first.tobytes()
 
@@ -135,6 +137,9 @@ def test_one_environment_is_reset_without_the_others(plate):
     held, new = batch.step([states[-1], states[-1]], 0.01)
     assert held[2] > 1.0
     assert not new.any()
+    kept = batch.state()
+    batch.reset([])
+    assert batch.state()["memory"].tobytes() == kept["memory"].tobytes()
 
 
 def test_a_level_map_of_the_ground_is_a_surface_height(plate):
@@ -150,7 +155,7 @@ def test_a_level_map_of_the_ground_is_a_surface_height(plate):
     [
         ({"position": [0.0, 0.0, np.nan]}, "pz is nan"),
         ({"quaternion": [0.0, 0.0, 0.0, 2.0]}, "norm"),
-        ({"twist": [0.0] * 5}, "columns"),
+        ({"twist": [0.0] * 5}, "twist has shape"),
         ({"dt": 0.0}, "dt is 0"),
         ({"dt": np.nan}, "dt is nan"),
     ],
@@ -172,13 +177,17 @@ def test_bad_grains_are_refused(plate):
         Grains("plate", LAW, mobilization_length=LENGTH)
     with pytest.raises(TypeError, match="treers2021"):
         Grains(plate, GENERIC, mobilization_length=LENGTH)
-    with pytest.raises(ValueError, match="bodies"):
-        GrainsBatch(plate, LAW, bodies=0, mobilization_length=LENGTH)
+    for bodies in (0, 1.5, np.nan):
+        with pytest.raises(ValueError, match=f"bodies is {bodies}"):
+            GrainsBatch(plate, LAW, bodies=bodies, mobilization_length=LENGTH)
+    with pytest.raises(TypeError, match=r"ground is a str; read one with rft_ros\.ground\.read_height_map"):
+        Grains(plate, LAW, mobilization_length=LENGTH, ground="bed.csv")
     two, three = (GrainsBatch(plate, LAW, bodies=n, mobilization_length=LENGTH) for n in (2, 3))
     with pytest.raises(ValueError, match="3 rows; there are 2 bodies"):
         two.step(pressed()[:3], 0.01)
-    with pytest.raises(ValueError, match="other bodies"):
-        two.restore(three.state())
+    for state in (three.state(), None):
+        with pytest.raises(ValueError, match="other bodies"):
+            two.restore(state)
 
 
 @pytest.mark.parametrize(

@@ -97,6 +97,21 @@ def test_no_points_change_nothing_and_a_map_from_another_process_cannot_be_chang
     assert len(ground.points(at_most=50)) == 0
 
 
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"cell": np.nan}, "cell is nan"),
+        ({"corner": (0.0, np.inf)}, "corner is"),
+        ({"heights": np.zeros(4)}, "heights has shape"),
+    ],
+)
+def test_a_map_that_cannot_be_one_is_refused(change, sentence):
+    given = {"cell": CELL, "corner": (0.0, 0.0), "heights": np.zeros((2, 2))}
+    assert HeightMap(**given).heights.dtype == np.float32
+    with pytest.raises(ValueError, match=sentence):
+        HeightMap(**{**given, **change})
+
+
 @pytest.mark.parametrize("suffix", [".csv", ".npz"])
 def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
     ground = mapped(lambda x, y: 0.2 * x - 0.1 * y, 20)
