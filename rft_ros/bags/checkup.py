@@ -109,7 +109,8 @@ class Checkup:
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
         if said := [issue.message for issue in tool.issues if issue.kind == "size"]:
             return Finding(False, f"mesh {tool.name}: {extents} mm: {said[0]}")
-        depth = f", at most {1e3 * rows['depth'].max():.3g} mm below the surface" if len(rows) else ""
+        deepest = 1e3 * rows["depth"].max(initial=0.0)
+        depth = f", at most {deepest:.4g} mm below the surface" if deepest > 0.0 else ""
         return Finding(True, f"mesh {tool.name}: {extents} mm{depth}")
 
     def _of_surface(self, error: tuple[float, float] | None) -> Finding:
@@ -176,11 +177,11 @@ class Checkup:
         seen = (~wet).sum() >= _ENOUGH
         air = measured[~wet].mean(axis=0) if seen else np.zeros(3)
         load = float(np.linalg.norm(air))
-        ok, said = True, f"{load:.2f} N in the air"
+        ok, said = True, f"{load:.3g} N in the air"
         if self._tare:
             said += f"; a replay tares over its first {self._tare:g} s; for the node call ~/tare in the air"
         elif not seen:
-            ok, said = False, "the tool was not seen in the air; lift it out of the grains and run again"
+            ok, said = False, f"in the air at fewer than {_ENOUGH} poses; lift the tool out and run again"
         elif load > _FELT:
             ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
             said = f"it reads {said}; {advice}"

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.reading import Recording
+from rft_ros.bags.reading import NAMES, Recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Sample
+from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import HeightMap
@@ -18,13 +18,6 @@ from rft_ros.progress import bar
 
 __all__ = ["ReplayOptions", "mounted", "play", "push_all", "read_replay_options", "states_of", "topics_of"]
 
-_TOPICS: dict[Role, str] = {
-    "pose": "~/pose",
-    "twist": "~/twist",
-    "wrench": "~/wrench_measured",
-    "surface": "~/surface_points",
-    "tf": "/tf",
-}
 _Pushed = tuple[Sample, Estimate | NoEstimate | None]
 
 _SECTION = "rft_replay"
@@ -72,7 +65,7 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
     No twist topic if the velocity comes from the poses; no surface topic on a level plane; /tf in place of a pose topic
     if poses come from transforms. Raises InputError for a remap that cannot be used.
     """
-    topics = {role: _resolved(name, node) for role, name in _TOPICS.items()}
+    topics = {role: _resolved(name, node) for role, name in NAMES.items()}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
         left, separator, right = (part.strip() for part in rule.partition(":="))
@@ -80,7 +73,7 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
             raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
         role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
         if role is None:
-            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(_TOPICS.values())}")
+            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(NAMES.values())}")
         topics[role] = _resolved(right, node)
     unused: set[Role] = {"pose"} if values["pose_source"] == "tf" else {"tf"}
     unused |= {"twist"} if values["twist_source"] != "topic" else set()
@@ -105,8 +98,8 @@ def push_all(estimator: Estimator, sample: Sample) -> Iterator[_Pushed]:
 def play(recording: Recording, estimator: Estimator, label: str) -> Iterator[_Pushed]:
     """Push every sample of an open recording into the estimator; yield it, with the answer if it is a pose.
 
-    With `pose_source` tf the poses follow from the transforms. At the end all measurements
-    are final. `label`: of the progress bar.
+    With `pose_source` tf the poses follow from the transforms. At the end all measurements are final and messages that
+    cannot be decoded are counted. `label`: of the progress bar.
     """
     from_transforms = estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
@@ -117,6 +110,8 @@ def play(recording: Recording, estimator: Estimator, label: str) -> Iterator[_Pu
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)
     estimator.finish()
+    if recording.unreadable:
+        estimator.counts[Reason.MESSAGE_UNREADABLE.value] += recording.unreadable
 
 
 def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:

@@ -19,13 +19,22 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
-from rft_ros.estimator.messages import TYPES, Role, decoder
+from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder
 
-__all__ = ["Recording", "bag_name"]
+__all__ = ["NAMES", "Recording", "bag_name"]
 
 _Reader = Reader1 | Reader2
 
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
+
+NAMES: dict[Role, str] = {
+    "pose": "~/pose",
+    "twist": "~/twist",
+    "wrench": "~/wrench_measured",
+    "surface": "~/surface_points",
+    "tf": "/tf",
+}
+"""The node's name of each role's topic, before remaps."""
 
 _INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
 _REPAIRS = {".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
@@ -51,9 +60,12 @@ def _opened(path: Path, opened: ExitStack) -> _Reader:
     return reader
 
 
-def _recover(file: Path, copy: Path, topics: Collection[str]) -> None:
-    """Write what comes before the damage of an .mcap file to a whole one: messages on `topics`, one on each other."""
-    names, channels = {0: "unknown type"}, dict[int, tuple[int, str]]()
+def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
+    """Write what comes before the damage of an .mcap file to a whole one: messages on `topics`, one on each other.
+
+    Returns whether these are all: the file's profile is another than ROS 2's, or only its index is damaged.
+    """
+    names, channels, every = {0: "unknown type"}, dict[int, tuple[int, str]](), False
     met = set[str]()  # the first message on any topic tells when the bag begins
     with file.open("rb") as damaged, copy.open("wb") as whole:
         writer = Writer(whole, compression=CompressionType.NONE)
@@ -73,8 +85,10 @@ def _recover(file: Path, copy: Path, topics: Collection[str]) -> None:
                         met.add(topic)
                         writer.add_message(channel, r.log_time, r.data, r.publish_time)
                 elif isinstance(r, DataEnd):
+                    every = True
                     break
         writer.finish()  # type: ignore[no-untyped-call]
+    return every
 
 
 def _records(stream: BinaryIO) -> Iterator[McapRecord]:
@@ -100,6 +114,7 @@ class Recording:
 
     Raises InputError for a missing topic, a topic of another type, and a path that is not a bag. A damaged bag is used
     up to the damage, which `damage` describes; of a file that is not MCAP nothing is used if rosbags cannot open it.
+    Messages that cannot be decoded are left out and counted in `unreadable`.
     """
 
     def __init__(
@@ -115,6 +130,7 @@ class Recording:
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
         self.time = 0  # receive time of the last sample [ns]
+        self.unreadable = 0
         self._topics = dict(topics)
         self._offsets = (start, end)
         self._optional = optional
@@ -151,7 +167,7 @@ class Recording:
 
     @property
     def damage(self) -> str | None:
-        """Where and why reading stopped early, and what was used; None for an intact bag. Complete after the loop."""
+        """What is wrong with the bag, and what was used; None for an intact one. Complete after the loop."""
         if not self._why:
             return None
         used, seconds = sum(self.counts.values()), (self.time - self.first) * 1e-9
@@ -165,9 +181,10 @@ class Recording:
         for time, rank, _, data in self._in_order():
             try:
                 sample = decode[rank](data)
-            except Exception as error:
+            except UNREADABLE as error:
                 self._why = f"a message on {self._topics[_RANK[rank]]} cannot be decoded ({error})"
-                return
+                self.unreadable += 1
+                continue
             self.time = time
             self.counts[_RANK[rank]] += 1
             yield sample
@@ -198,46 +215,50 @@ class Recording:
 
     def _open(self, opened: ExitStack) -> Iterator[_Reader]:
         """The bag by rosbags; if that fails, its files up to the first damaged one, an .mcap up to its damage."""
-        bag = self.bag
-        if not bag.exists():
-            raise InputError(f"bag '{bag}' does not exist")
-        described, files = bag.suffix in _SUFFIXES, [bag]
+        bag, files = self.bag, [self.bag]
+        bag.stat()  # is it there?
+        known = bag.is_file() and bag.suffix in _SUFFIXES
         if bag.is_dir():
             described, files = (bag / "metadata.yaml").exists(), [f for f in bag.iterdir() if f.suffix in _SUFFIXES[:2]]
             files.sort(key=lambda file: (len(file.name), file.name))  # part 10 of a split bag comes after part 9
-        if not described and (bag.is_file() or not files):
+            known = described or bool(files)
+        if not known:
             suffixes = ", ".join(_SUFFIXES)
             raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {suffixes}")
-        try:
-            yield _opened(bag, opened)
-            return
-        except Exception as error:
-            self._why = reason_of(error) if described else "metadata.yaml is missing"
+        if bag.is_dir():
+            try:
+                yield _opened(bag, opened)
+                return
+            except Exception as error:
+                why = reason_of(error) if described else "it is missing"
+                self._why = f"its files were read one by one, without metadata.yaml: {why}"
         for file in files:
             try:
                 yield _opened(file, opened)
             except Exception as error:
-                self._why = f"{file.name} is damaged: {reason_of(error)}"
-                if file.suffix == ".mcap":
-                    copy = Path(opened.enter_context(TemporaryDirectory())) / file.name
-                    _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
-                    yield _opened(copy, opened)
-                else:
-                    self._why += f"; try '{_REPAIRS[file.suffix]}'"
-                return
+                why = f"{file.name} is damaged: {reason_of(error)}"
+                if file.suffix != ".mcap":
+                    self._why = f"{why}; try '{_REPAIRS[file.suffix]}'"
+                    return
+                copy = Path(opened.enter_context(TemporaryDirectory())) / file.name
+                every = _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
+                yield _opened(copy, opened)
+                if not every:
+                    self._why = why
+                    return
 
     def _check_topics(self) -> None:
         found: dict[str, list[str]] = {}
         for topic, msgtype in sorted({(c.topic, c.msgtype) for reader in self._readers for c in reader.connections}):
             found.setdefault(topic, []).append(msgtype)
         for role, topic in self._topics.items():
-            wanted, types = TYPES[role], found.get(topic)
-            if types and types != [wanted]:
-                is_ = " and ".join(types)
-                raise InputError(f"bag '{self.bag}': {role} topic '{topic}' is {is_}; it must be {wanted}")
-            if types or role in self._optional:
+            wanted, types = TYPES[role], found.get(topic, [])
+            if types == [wanted] or (not types and role in self._optional):
                 continue
+            fault = f" has no {role} topic '{topic}'"
+            if types:
+                fault = f": {role} topic '{topic}' is {' and '.join(types)}; it must be {wanted}"
             fits = next((t for t, types in found.items() if types == [wanted]), "TOPIC")
-            advice = f"{_INSTEAD.get(role, '')}--remap {'/' if role == 'tf' else '~/'}{role}:={fits}"
+            advice = f"{_INSTEAD.get(role, '')}--remap {NAMES[role]}:={fits}"
             there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
-            raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' (use {advice}); it has {there}")
+            raise InputError(f"bag '{self.bag}'{fault} (use {advice}); it has {there}")

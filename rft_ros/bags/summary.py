@@ -76,8 +76,8 @@ class Summary(Group):
 
     `messages`: number read for each role. `reasons`: number of samples not used and of estimates without residual, by
     reason; `unknown_frames`: by such a reason, a sentence on the frame_id. `quality_flags`, `trust`: number of
-    estimates by name of `QualityFlag` and by `Trust`. `duration`: receive time covered [s]. `damage`: where and why
-    reading stopped early. `warnings`: sentences on the set-up. `learning`: as of all estimates, without learning
+    estimates by name of `QualityFlag` and by `Trust`. `duration`: receive time covered [s]. `damage`: what is wrong
+    with the bag. `warnings`: sentences on the set-up. `learning`: as of all estimates, without learning
     ("off") and by lag; no prediction uses its own load-cell sample.
     """
 
@@ -105,7 +105,7 @@ class Summary(Group):
         if flags := ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n):
             trusted = ", ".join(f"{name} {n}" for name, n in self.trust.items())
             text.append(f"  quality flags: {flags}; trust: {trusted}")
-        text += [f"  reading stopped early: {self.damage}"] if self.damage else []
+        text += [f"  damage: {self.damage}"] if self.damage else []
         text += [f"  warning: {sentence}" for sentence in self.warnings]
         for name, group in self.learning.items():
             ratios = (group.rms_over_peak, group.median_relative_error, group.within_sigma, group.within_two_sigma)
@@ -205,7 +205,7 @@ def _warnings(whole: Group, phases: dict[str, PhaseGroup]) -> list[str]:
     peak = whole.wrench["force"]["measured"].peak or 0.0
     if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):
         advice = "replay with --tare, or calibrate sensor.bias and sensor.mass"
-        found.append(f"the load cell reads {load:.2f} N in the air: {advice}")
+        found.append(f"the load cell reads {load:.3g} N in the air: {advice}")
     if (error := whole.median_relative_error) is not None and error > _WRONG:
         found.append(f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG")
     return found

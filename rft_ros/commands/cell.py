@@ -29,7 +29,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     rft doctor my_cell.yaml --bag recording
     rft doctor my_cell.yaml --remap ~/pose:=/tool_pose --seconds 10
     """
-    from rft_ros.bags.checkup import Checkup
+    from rft_ros.bags.checkup import Checkup, Finding
     from rft_ros.bags.playback import topics_of
     from rft_ros.bags.reading import Recording
     from rft_ros.parameters import model_of, node_parameters, settings_of
@@ -46,6 +46,8 @@ def doctor(arguments: argparse.Namespace) -> int:
         with Recording(arguments.bag, topics, start=chosen.start, end=chosen.end, optional=tuple(topics)) as messages:
             for sample in messages:
                 checkup.push(sample, messages.time)
+        if messages.damage:
+            findings.append(Finding(False, f"bag: {messages.damage}"))
     else:
         try:
             from rft_ros.node.listen import Listener

@@ -37,7 +37,8 @@ def test_each_bag_has_its_own_folder(bags, tmp_path, capsys, place):
         given.insert(place, tmp_path / "gone")
     assert rft_replay(*given, "-o", tmp_path / "out") == len(given) - 2
     out, err = capsys.readouterr()
-    assert err == ("" if place is None else f"rft replay: bag '{tmp_path / 'gone'}' does not exist\n")
+    lost = f"rft replay: bag '{tmp_path / 'gone'}' does not exist; give the path of one that does\n"
+    assert err == ("" if place is None else lost)
     for name, poses in (("run", 650), ("run_2", 60)):
         assert f"-> {tmp_path / 'out' / name / 'summary.json'}" in out
         assert json.loads((tmp_path / "out" / name / "summary.json").read_text())["messages"]["pose"] == poses

@@ -1,7 +1,10 @@
 """Every format gives the same samples in the same order, and every damage a sentence."""
 
+import json
+import os
 import re
 import shutil
+from pathlib import Path
 
 import mcap.writer
 import pytest
@@ -11,6 +14,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
+from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults
@@ -86,6 +90,9 @@ def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
     for name, content in (("notes.txt", b"no bag"), ("fake.mcap", b"no bag"), ("fake.bag", b"#ROSBAG V2.0\nno")):
         (tmp_path / name).write_bytes(content)
         refused(tmp_path / name, "is not a bag" if name == "notes.txt" else name)
+    refused(Path("/dev/null"), "is not a bag")
+    os.mkfifo(tmp_path / "pipe.mcap")
+    refused(tmp_path / "pipe.mcap", "is not a bag")
     ros1 = write_ros1(tmp_path / "whole.bag", moments())
     sqlite = next(write_ros2(tmp_path / "whole", moments(), plugin=StoragePlugin.SQLITE3).glob("*.db3"))
     for whole, repair in ((ros1, "rosbag reindex"), (sqlite, "sqlite3 FILE .recover")):
@@ -101,7 +108,9 @@ def test_a_bag_without_a_needed_topic_or_with_one_of_another_type_names_what_it_
     refused(bag, "no pose topic '/rft/pose'", "--remap ~/pose:=/tool_pose", has)
     refused(bag, "no twist topic", "pose_difference", topics=NAMES | {"pose": "/tool_pose", "wrench": "/cell"})
     swapped = {"pose": "/cell", "wrench": "/tool_pose"}
-    refused(bag, "WrenchStamped; it must be geometry_msgs/msg/PoseStamped", topics=swapped)
+    refused(bag, "WrenchStamped; it must be .* .use .*--remap ~/pose:=/tool_pose", topics=swapped)
+    swapped = {"pose": "/tool_pose", "wrench": "/tool_pose"}
+    refused(bag, "wrench topic .* .use --remap ~/wrench_measured:=/cell", topics=swapped)
 
 
 @pytest.mark.parametrize("beside", [True, False])
@@ -137,11 +146,11 @@ def test_a_topic_that_is_not_of_ros_is_ignored_beside_the_topics_and_named_on_on
         for role, time, stamp, values in rows:
             writer.add_message(channels[role], time, cdr(role, stamp, values), time)
         writer.finish()
-    assert read(file)[0] == expected(rows)
+    assert read(file) == (expected(rows), None)
     refused(file, "pose topic '/log' is Log as json; it must be", topics=NAMES | {"pose": "/log"})
 
 
-def test_a_message_that_is_too_short_ends_the_reading(tmp_path):
+def test_a_message_that_cannot_be_decoded_is_left_out_and_named(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments(5))
     file = next(bag.glob("*.mcap"))
     data = bytearray(file.read_bytes())
@@ -149,8 +158,10 @@ def test_a_message_that_is_too_short_ends_the_reading(tmp_path):
     data[at : at + 4] = b"\x00\x09\x00\x00"
     file.write_bytes(bytes(data))
     samples, damage = read(bag)
-    assert len(samples) < 15
-    assert damage is not None
+    assert len(samples) == 14
+    assert re.match(r"a message on /rft/\w+ cannot be decoded \(encoding 0009 is not .*; 14 messages were used", damage)
+    assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--no-report"]) == 0
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["reasons"] == {"message_unreadable": 1}
 
 
 def test_a_split_bag_is_one_recording_also_without_metadata(tmp_path):
@@ -161,7 +172,7 @@ def test_a_split_bag_is_one_recording_also_without_metadata(tmp_path):
         shutil.copy(next(bag.glob("*.mcap")), tmp_path / "joined" / f"joined_{k + 9}.mcap")  # 10 comes after 9
     samples, damage = read(tmp_path / "joined")
     assert samples == expected(rows)
-    assert "metadata.yaml is missing" in damage
+    assert damage.startswith("its files were read one by one, without metadata.yaml: it is missing; 120")
     cut = tmp_path / "joined" / "joined_9.mcap"
     cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
     samples, damage = read(tmp_path / "joined")

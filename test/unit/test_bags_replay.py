@@ -166,8 +166,8 @@ def test_a_damaged_bag_says_so_in_the_summary_on_the_terminal_and_in_the_report(
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 7 // 10 + 13])
     for bag, out in ((whole, "all"), (cut, "out")):
         assert main(["replay", str(bag), "-o", str(tmp_path / out)]) == 0
-    assert "reading stopped early: cut.mcap is damaged" in capsys.readouterr().out
-    assert "Reading stopped early: cut.mcap is damaged" in (tmp_path / "out" / "report.html").read_text()
+    assert "damage: cut.mcap is damaged" in capsys.readouterr().out
+    assert "Damage: cut.mcap is damaged" in (tmp_path / "out" / "report.html").read_text()
     summary, rows = json.loads((tmp_path / "out" / "summary.json").read_text()), rows_of(tmp_path / "out")
     assert "cut.mcap is damaged" in summary["damage"]
     assert len(rows) == summary["messages"]["pose"] > 200

@@ -35,7 +35,7 @@ FAULTS = {
     "surface not set": ("surface_height: the measured force begins 113 mm above", {"surface_height": None}),
     "no publisher": ("wrench: nothing on /none; start the load cell's driver", {}, "~/wrench_measured:=/none"),
     "kgf": ("strength: measured over predicted force 0.112; check mesh.scale and", {"medium.zeta": 0.4 * 9.81}),
-    "not tared": ("load cell: it reads 2.00 N in the air;", {"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
+    "not tared": ("load cell: it reads 2 N in the air;", {"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
     "untouched": (  # as if the cell hung in the air: no force but noise, and no grains in reach
         "sign: no push was seen; push the tool down into the grains and run again",
         {"surface_height": -1.0},
@@ -128,7 +128,7 @@ def test_the_dump_of_a_namespaced_nodes_parameters_is_read(examined):
 
 def test_a_tare_that_only_a_replay_does_is_asked_of_the_node(examined):
     lines = examined({"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}, replayed={"tare": 1.0})
-    said = "OK  load cell: 2.00 N in the air; a replay tares over its first 1 s; for the node call ~/tare in the air"
+    said = "OK  load cell: 2 N in the air; a replay tares over its first 1 s; for the node call ~/tare in the air"
     assert said in lines
 
 
