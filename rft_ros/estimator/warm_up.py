@@ -17,7 +17,7 @@ from rft_ros.estimator.samples import PoseSample
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Settings
 from rft_ros.rft import Plates, agarwal2023, edge_share, wrenches
-from rft_ros.rft.wrench import compile_steps
+from rft_ros.rft.wrench import compile_memory, compile_tractions
 
 __all__ = ["PARTS", "compile_part", "needed", "prepare"]
 
@@ -100,7 +100,9 @@ def compile_part(part: str, at_low_priority: bool) -> None:
         lower_priority()
     gc.set_threshold(100_000)  # the compiler keeps most of its objects: looking for others takes a tenth longer
     if part == "answers":
-        compile_steps()  # the process that compiles the forces will find them in the cache
+        compile_tractions()
+    elif part == "forces":
+        compile_memory()
     _load(frozenset({part}))
 
 

@@ -29,7 +29,7 @@ Stress per depth in the plane of e2 and E3 [N/cm³], nine coefficients for each 
     α_z = A00 + A10 cos 2β + B11 sin(2β+γ) + B01 sin γ + B-11 sin(-2β+γ)
     α_x = C11 cos(2β+γ) + C01 cos γ + C-11 cos(-2β+γ) + D10 sin 2β                               Eq. (4)
 
-Weights of the velocity components; N1 and N23 make them 1 at 1 (`velocity_weights.f1`, `velocity_weights.f23`):
+Weights of the velocity components; N1 and N23 make them 1 at 1 (`velocity_weights.exact_f1`, `exact_f23`):
 
     f1(u) = A1 [tanh(A2 u - A3) + tanh A3] / N1,        u = |v1| / |v|                           Eq. (5)
     f23(w) = B1 [atanh(B2 w - B3) + atanh B3] / N23,    w = |v23| / |v|                          Eq. (6)
