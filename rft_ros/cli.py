@@ -12,10 +12,12 @@ import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from inspect import getdoc
+from pathlib import Path
 from typing import Any, NoReturn
 
 from rft_ros.commands import calibrate, cell, predict, replay, tools
 from rft_ros.errors import InputError, reason_of
+from rft_ros.files import expanded
 from rft_ros.installation import program, release
 
 __all__ = ["main", "parser"]
@@ -60,6 +62,7 @@ class _Parser(argparse.ArgumentParser):
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
         self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse's own takes -1e-3 for an option
+        self.register("type", Path, expanded)  # a shell leaves the ~ of --output=~/out.csv to the program
 
     def error(self, message: str) -> NoReturn:
         self.exit(2, f"{self.prog.rpartition('/')[2]}: {message}; see {self.prog} --help\n")

@@ -35,11 +35,9 @@ def file_errors(what: str, done: Literal["read", "written"]) -> Iterator[None]:
 
     A file to read that is not there: "`what` does not exist; give the path of one that does".
     """
-    # RuntimeError: `expanduser` knows no such user
-    kinds = (OSError, UnicodeDecodeError, RuntimeError) if done == "read" else (OSError,)
     try:
         yield
-    except kinds as error:
+    except (OSError, UnicodeDecodeError) as error:
         if done == "read" and isinstance(error, FileNotFoundError):
             raise InputError(f"{what} does not exist; give the path of one that does") from None
         raise InputError(f"{what} cannot be {done}: {reason_of(error)}") from None

@@ -17,13 +17,18 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
-__all__ = ["MAX_BYTES", "checked_file", "read_arrays", "read_columns", "read_file", "read_text", "read_yaml"]
-__all__ += ["refuse_overwriting", "whole", "whole_folder"]
+__all__ = ["MAX_BYTES", "checked_file", "expanded", "read_arrays", "read_columns", "read_file", "read_text"]
+__all__ += ["read_yaml", "refuse_overwriting", "whole", "whole_folder"]
 
 MAX_BYTES = 256 * 2**20
 """The most bytes that are read of a file, or that the arrays of an NPZ file may have."""
 
 _MAX_YAML = 2**20
+
+
+def expanded(file: Path | str) -> Path:
+    """The path with ~ as the home folder; one that begins with an unknown user's ~ stays as it is."""
+    return Path(os.path.expanduser(file))  # noqa: PTH111 - Path's own raises RuntimeError for an unknown user
 
 
 def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> Path:
@@ -32,7 +37,7 @@ def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> Path:
     Raises InputError that calls the file `what`.
     """
     with file_errors(f"{what} '{file}'", "read"):
-        path = file.expanduser()
+        path = expanded(file)
         status = path.stat()
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{what} '{file}' is {'a folder' if stat.S_ISDIR(status.st_mode) else 'not a regular file'}")
@@ -181,7 +186,7 @@ def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     """Raise InputError where an output is an input, or one lies inside the other."""
-    taken = [file.expanduser().resolve() for file in inputs]
+    taken = [expanded(file).resolve() for file in inputs]
     for output in outputs:
         place = output.resolve()
         for file in taken:

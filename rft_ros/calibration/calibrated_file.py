@@ -36,7 +36,7 @@ def rounded(value: float, error: float) -> float:
 
 def alpha_y_table(file: Path) -> Path:
     """The α_y table beside a calibrated file."""
-    return file.with_name(f"{file.stem}.alpha_y.csv")
+    return file.parent / f"{file.stem}.alpha_y.csv"
 
 
 def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iterable[Track]) -> list[Path]:

@@ -34,6 +34,8 @@ def doctor(arguments: argparse.Namespace) -> int:
     from rft_ros.bags.reading import Recording
     from rft_ros.parameters import model_of, node_parameters, settings_of
 
+    if arguments.seconds <= 0.0:
+        raise InputError(f"--seconds is {arguments.seconds:g}; it must be over 0")
     arguments.node = "/" + arguments.node.strip("/")
     values, chosen = options.recording(arguments)
     topics = topics_of(values, chosen.remap, arguments.node)

@@ -74,7 +74,7 @@ def view(arguments: argparse.Namespace) -> int:
     source, output = arguments.source, arguments.output
     if output.suffix != ".html":
         raise InputError(f"'{output}' must end in .html")
-    of_states = source.suffix == ".csv"
+    of_states = source.suffix.lower() == ".csv"
     for option in options.OF_RECORDING if of_states else _OF_STATES:
         if getattr(arguments, option.strip("-").replace("-", "_")) not in (None, []):
             raise InputError(f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'")

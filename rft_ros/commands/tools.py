@@ -60,6 +60,8 @@ def reduce(arguments: argparse.Namespace) -> int:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
     if output.suffix.lower() != SUFFIX:
         raise InputError(f"output '{output}' must end in {SUFFIX}, the suffix of reduced tools")
+    if arguments.scene is None and (arguments.params or arguments.surface_height is not None):
+        raise InputError("--params and --surface-height are for a scene: give --scene, or neither")
     options.refuse_inputs(arguments, output)
     request = options.tool_request_of(arguments)
     tool = request.load()
@@ -86,7 +88,7 @@ def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]"
 
     scene, surface = arguments.scene, arguments.surface_height
     values, chosen = options.recording(arguments)
-    if scene.suffix == ".csv":
+    if scene.suffix.lower() == ".csv":
         states = read_states(scene)[1]
     else:
         states = states_of(scene, values, model_of(values, tool=tool), chosen)[1]

@@ -7,13 +7,15 @@ from pathlib import Path
 
 import rclpy
 from rcl_interfaces.srv import GetParameters
+from rclpy.exceptions import NameValidationException
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
 from rft_ros.bags.checkup import Finding
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import Sample
 from rft_ros.estimator.messages import UNREADABLE, Role, decoder
+from rft_ros.files import expanded
 from rft_ros.node.topics import INPUTS, MESSAGES, transform_message, type_name
 from rft_ros.parameters import FILES, Value, Values, checked
 
@@ -34,9 +36,11 @@ class Listener:
         self._node = rclpy.create_node(_OURS)
         return self
 
-    def __exit__(self, *_: object) -> None:
+    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
         self._node.destroy_node()
         rclpy.try_shutdown()
+        if isinstance(error, NameValidationException):
+            raise InputError(f"{reason_of(error).rstrip(' ^')}; mend --node or --remap") from None
 
     def compare(self, values: Values, file: Path) -> tuple[Finding, Value]:
         """Whether the node runs with the parameters of `file`, `values`; and the bias in force, which a tare sets."""
@@ -114,5 +118,5 @@ class Listener:
 
 def _same(name: str, running: Value, written: Value) -> bool:
     if name in FILES and running and written:
-        running, written = (str(Path(str(file)).expanduser().resolve()) for file in (running, written))
+        running, written = (str(expanded(str(file)).resolve()) for file in (running, written))
     return running == written

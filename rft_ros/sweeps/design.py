@@ -124,6 +124,8 @@ def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
                 if name != "motions":
                     _check_names(point, _TOOL if name == "tools" else _MEDIUM)
                     parameters_of(point)
+                    if name == "tools":
+                        locate_mesh(point["mesh"])
                 elif list(point) != ["states_file"] or not isinstance(point["states_file"], str):
                     motion_of(point)
                 yield point

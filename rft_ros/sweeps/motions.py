@@ -7,7 +7,6 @@ unless the caller says otherwise. Positions are those of the tool frame's origin
 """
 
 import math
-import sys
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, fields
 
@@ -21,23 +20,24 @@ __all__ = ["FAMILIES", "Circumnutation", "Motion", "OscillatingInsertion", "Plat
 
 Array = NDArray[np.float64]
 
+_LEAST, _MOST = 1e-9, 1e6  # within these, times and poses are finite
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Motion(ABC):
     """A path at constant speed. `travel`: its length, or the depth gained.
 
-    Raises InputError for a parameter that is not finite, or not positive where it must be.
+    Raises InputError for a parameter that is no number from -1e6 to 1e6, or from 1e-9 where it must be positive.
     """
 
     travel: float = 0.05
 
     def __post_init__(self) -> None:
         for field in fields(self):
-            value, positive = getattr(self, field.name), field.name in ("speed", "travel", "pitch")
-            number = isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
-            if not number or (positive and value <= 0.0):
-                kind = "positive" if positive else "finite"
-                raise InputError(f"{type(self).__name__}.{field.name} is {value!r}; it must be a {kind} number")
+            value, least = getattr(self, field.name), _LEAST if field.name in ("speed", "travel", "pitch") else -_MOST
+            if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= _MOST:
+                between = f"a number from {least:g} to {_MOST:g}"
+                raise InputError(f"{type(self).__name__}.{field.name} is {value!r}; it must be {between}")
 
     @property
     @abstractmethod
@@ -138,8 +138,8 @@ class Circumnutation(Motion):
 
     def __post_init__(self) -> None:
         Motion.__post_init__(self)
-        if self.rate_deg_s == 0.0:
-            raise InputError("Circumnutation.rate_deg_s is 0; for no turning use Straight")
+        if abs(self.rate_deg_s) < _LEAST:
+            raise InputError(f"Circumnutation.rate_deg_s is {self.rate_deg_s:g}; for no turning use Straight")
 
     @property
     def speed(self) -> float:

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.files import checked_file, read_arrays, read_file, whole
+from rft_ros.files import checked_file, expanded, read_arrays, read_file, whole
 from rft_ros.installation import share_directory
 from rft_ros.rft import Plates
 from rft_ros.tool.check import degenerate_facets
@@ -81,8 +81,7 @@ def locate_mesh(file: str) -> Path:
             f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); "
             f"give one of these, a path with suffix or a {' or '.join(_SCHEMES)} URI"
         )
-    with file_errors(f"mesh.file '{file}'", "read"):
-        return Path(file).expanduser()
+    return expanded(file)
 
 
 def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":

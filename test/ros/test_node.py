@@ -62,7 +62,7 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
     assert "alpha_y.table" in refusal(rft, alpha_y__model="table")
     for file, why in (
         (tmp_path / "none.csv", "does not exist; give the path"),
-        ("~no_such_user/table.csv", "cannot be read"),
+        ("~no_such_user/table.csv", "does not exist; give the path"),
         (fifo, "is not a regular file"),
         ("/dev/zero", "is not a regular file"),
     ):

@@ -136,6 +136,16 @@ def test_an_output_folder_that_cannot_be_written_is_refused_before_the_work_begi
     assert done.stdout == ""
 
 
+def test_an_output_may_lie_in_the_home_folder_or_in_one_that_has_the_name_of_a_model(tmp_path, monkeypatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    (tmp_path / "states.csv").write_text(STATE)
+    (tmp_path / "linear").mkdir()
+    words = ("predict", "~/states.csv", "--mesh", "plate", "--alpha-y", "linear", "--output=~/linear/out.csv")
+    done = rft(*words, cwd=tmp_path / "linear")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "linear" / "out.csv").is_file()
+
+
 def test_check_mesh_says_what_a_mesh_holds_and_ends_with_1_where_it_finds_something(tmp_path):
     for scale, status, words in ((0.001, 0, "extent 36.000 mm"), (1.0, 1, "mesh.scale")):
         done = rft("check-mesh", "ellipsoid", "--scale", scale, cwd=tmp_path)

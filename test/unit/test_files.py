@@ -133,17 +133,20 @@ def test_a_device_is_written_and_not_replaced(tmp_path):
         "view states.csv --mesh tool.stl -o link.html",
         "reduce tool.npz -o tool.npz",
         "reduce tool.stl --scene states.npz -o states.npz",
+        "predict states.csv --mesh tool.stl --alpha-y=~/table.csv -o ~/table.csv",
         "replay bag --params cell.yaml -o .",
         "replay bag --params cell.yaml -o bag/out",
         "replay bag --check out/summary.json -o out",
         "replay bag --params out/report.html -o out",
         "calibrate bag --params cell.yaml -o tool.stl",
+        "calibrate bag --params cell.yaml -o .",
         "calibrate bag --params cell.yaml --mesh bag=fits.html -o fits.html",
         "sweep study.yaml -o out",
     ],
 )
 def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command):
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("HOME", str(tmp_path))
     for name in ("bag", "out"):
         (tmp_path / name).mkdir()
     cell = "/**: {ros__parameters: {mesh.file: tool.stl, alpha_y.table: estimates.csv}}\n"

@@ -183,12 +183,14 @@ def test_a_worker_of_two_studies_reads_a_changed_mesh_again(tmp_path):
 @pytest.mark.parametrize(
     ("motion", "medium", "reason"),
     [
-        ({"travel": 1e300}, {}, "its forces, work or path are too large"),
-        ({}, {"alpha_y": "table"}, "needs alpha_y.table"),
+        ({"states_file": "far.csv"}, {}, "its forces, work or path are too large"),
+        ({"family": "straight"}, {"alpha_y": "table"}, "needs alpha_y.table"),
     ],
 )
-def test_a_variant_that_cannot_be_computed_gives_a_reason(motion, medium, reason):
-    motion = {"family": "straight", "descent_deg": 0.0, **motion}
+def test_a_variant_that_cannot_be_computed_gives_a_reason(tmp_path, monkeypatch, motion, medium, reason):
+    monkeypatch.chdir(tmp_path)
+    far = "".join(f"{t},0,0,-1e150,0,0,0,1,1e200,0,0,0,0,0\n" for t in (0, 1))
+    (tmp_path / "far.csv").write_text("t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n" + far)
     assert reason in rows_of([Variant({"mesh": "plate"}, motion, medium)], ["reason"])[0][0]
 
 
@@ -199,7 +201,9 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(motion, medium, reason
         (("family: straight", "family: [[straight]]"), ("motions 2", "family is ['straight']")),
         (("pitch: ", "pitsch: "), ("motions 1", "there is no 'pitsch'", "tilt_deg")),
         (("[0.04, 0.1]", "[]"), ("motions 1", "pitch", "empty")),
-        (("[0.04, 0.1]", "[spam]"), ("motions 1", "Circumnutation.pitch is 'spam'; it must be a positive number")),
+        (("[0.04, 0.1]", "[spam]"), ("motions 1", "Circumnutation.pitch is 'spam'; it must be a number from 1e-09 to")),
+        (("[0.04, 0.1]", "1e300"), ("motions 1", "Circumnutation.pitch is 1e+300; it must be a number")),
+        (("mesh: plate", "mesh: plaet"), ("tools 2", "mesh.file 'plaet' is not a shipped mesh")),
         (("count: 3", "number: 3"), ("motions 2", "travel", "from, to and count")),
         (("count: 3", "count: 1000000000000"), ("motions 2", "travel", "count, of 1 to 1,000,000")),
         (("count: 3", "count: 200000"), ("has 1,200,012 variants; the limit is 1,000,000",)),
