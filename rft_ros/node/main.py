@@ -58,9 +58,11 @@ def _stop_on_signal() -> threading.Event:
 
 def _refused_arguments() -> str:
     """A sentence about arguments that ROS would ignore, so that the node does not run with defaults by mistake."""
-    from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-    from rclpy.utilities import remove_ros_args
-
+    try:
+        from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+        from rclpy.utilities import remove_ros_args
+    except ImportError as error:
+        return f"the node needs ROS 2 ({error}); source a ROS 2 setup file"
     try:
         left = remove_ros_args(sys.argv)[1:]
     except UnknownROSArgsError as error:

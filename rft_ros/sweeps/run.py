@@ -152,7 +152,7 @@ def _workers(scheduler: str | None, count: int | None) -> Iterator[Executor]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("--scheduler needs Dask: pip install 'rft_ros[sweep]'") from None
+        raise InputError("--scheduler needs Dask: pip install 'dask[distributed]'") from None
     try:
         client = Client(scheduler, timeout=_PATIENCE)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:

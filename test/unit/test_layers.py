@@ -30,7 +30,7 @@ ALLOWED = {
     " errors",
     "commands": "node bags estimator parameters tool rft report errors states_file calibration sweeps progress"
     " installation files",
-    "cli": "commands installation errors",
+    "cli": "commands installation files errors",
 }
 ROS = re.compile(r"(rclpy|rcl_interfaces|std_srvs|builtin_interfaces|rosgraph_msgs|launch|\w+_msgs)(\.|$)")
 
@@ -77,10 +77,13 @@ def test_the_package_and_the_command_work_where_there_is_no_ros_and_no_mesh_libr
         "from rft_ros.cli import main\n"
         "assert 'trimesh' not in sys.modules\n"
         "assert main(['check-mesh', 'plate']) == 0\n"
-        "sys.exit(main(['demo', '-o', 'out']))\n"
+        "assert main(['demo', '-o', 'out']) == 2\n"
+        "from rft_ros.node.main import main\n"
+        "sys.exit(main())\n"
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 2
     assert "rft demo: the demo needs ROS 2" in done.stderr
     assert "source a ROS 2 setup file, or run pip install ros-jazzy-" in done.stderr
+    assert "rft_node: the node needs ROS 2 (no rclpy); source a ROS 2 setup file" in done.stderr
     assert "Traceback" not in done.stderr
