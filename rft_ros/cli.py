@@ -87,10 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 sys.stdout.flush()  # a closed pipe is reported here instead of at exit, where it leaves a traceback
     except OSError as error:
         with suppress(AttributeError, ValueError):  # no stdout, or one without a descriptor
-            try:
-                sys.stdout.flush()
-            except OSError:  # Python would report it again at exit
-                os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python would report it again at exit
         if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
             return 128 + signal.SIGPIPE
         what = error.filename or "the output or the working directory"
@@ -101,7 +98,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str]) -> int:
     name = "rft"
     try:
-        whole = parser(program("rft"))
+        whole = parser(program())
         if not arguments:
             whole.print_help(sys.stderr)
             return 2

@@ -1,4 +1,4 @@
-"""Folders of shared files in this installation, and the command lines of this package's programs."""
+"""Folders of shared files in this installation, its version, and how to run ``rft``."""
 
 import os
 import shutil
@@ -6,28 +6,26 @@ import sys
 import sysconfig
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Literal
 
 from rft_ros.errors import InputError
 
 __all__ = ["program", "release", "share_directory"]
 
-_MODULES = {"rft": "rft_ros.cli", "rft_node": "rft_ros.node.main"}
 _CHECKOUT = Path(__file__).resolve().parents[1]  # where rft_ros runs from one
 
 
-def program(name: Literal["rft", "rft_node"]) -> str:
-    """The command line that runs one of this package's programs.
+def program() -> str:
+    """What to type for ``rft``.
 
-    The name alone if it is on the PATH; else ``ros2 run``, in a sourced ROS workspace; else the script beside the
-    running Python, as after ``make venv``; else the module.
+    Its name if it is on the PATH; else ``ros2 run``, in a sourced ROS workspace; else the script beside the running
+    Python, as after ``make venv``; else the module.
     """
-    if shutil.which(name):
-        return name
-    if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / name).is_file() for prefix in _ament_prefixes()):
-        return f"ros2 run rft_ros {name}"
-    script = Path(sys.executable).parent / name
-    return str(script) if script.is_file() else f"{sys.executable} -m {_MODULES[name]}"
+    if shutil.which("rft"):
+        return "rft"
+    if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / "rft").is_file() for prefix in _ament_prefixes()):
+        return "ros2 run rft_ros rft"
+    script = Path(sys.executable).parent / "rft"
+    return str(script) if script.is_file() else f"{sys.executable} -m rft_ros.cli"
 
 
 def release() -> str:

@@ -112,7 +112,7 @@ def demo(arguments: argparse.Namespace) -> int:
     bag, out = arguments.output / "bag", arguments.output / "replay"
     if not run(bag, parameters, seconds=arguments.seconds, mujoco=arguments.mujoco):
         return 1
-    print(f"the same offline: {program('rft')} replay {bag} --params {parameters} --tare {tare:g} -o {out}")
+    print(f"the same offline: {program()} replay {bag} --params {parameters} --tare {tare:g} -o {out}")
     summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
     print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
     return 0

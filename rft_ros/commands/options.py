@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from rft_ros.bags.playback import ReplayOptions
     from rft_ros.parameters import Values
-    from rft_ros.tool import Tool, ToolRequest
+    from rft_ros.tool import Tool
 
 MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
 """Help text for an argument that names a mesh."""
@@ -81,13 +81,6 @@ def values_of(arguments: argparse.Namespace) -> "Values":
     if Path(table).suffix:
         return {**parameters_of(given | {"alpha_y": "table"}), "alpha_y.table": table}
     return parameters_of(given)
-
-
-def tool_request_of(arguments: argparse.Namespace) -> "ToolRequest":
-    """How to load the tool of the mesh with `PLACED` and, where the command has it, ``--integration``."""
-    from rft_ros.parameters import tool_request
-
-    return tool_request(values_of(arguments))
 
 
 def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path] = ()) -> None:

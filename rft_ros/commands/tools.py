@@ -25,9 +25,10 @@ def check_mesh(arguments: argparse.Namespace) -> int:
 
     rft check-mesh my_tool.stl --scale 0.001
     """
+    from rft_ros.parameters import tool_request
     from rft_ros.tool import describe_tool
 
-    tool = options.tool_request_of(arguments).load()
+    tool = tool_request(options.values_of(arguments)).load()
     print("\n".join(describe_tool(tool)))
     return 1 if tool.issues else 0
 
@@ -52,6 +53,7 @@ def reduce(arguments: argparse.Namespace) -> int:
 
     rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz
     """
+    from rft_ros.parameters import tool_request
     from rft_ros.tool.mesh_file import SUFFIX, save_reduced
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
@@ -63,7 +65,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     if arguments.scene is None and (arguments.params or arguments.surface_height is not None):
         raise InputError("--params and --surface-height are for a scene: give --scene, or neither")
     options.refuse_inputs(arguments, output)
-    request = options.tool_request_of(arguments)
+    request = tool_request(options.values_of(arguments))
     tool = request.load()
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")

@@ -41,7 +41,7 @@ class ToolWorker:
                 self._start(low_priority=True)
             self._connection.send(request)
             if not self._connection.poll(_LONGEST):
-                small = f"give the mesh fewer facets with '{program('rft')} reduce'"
+                small = f"give the mesh fewer facets with '{program()} reduce'"
                 raise InputError(f"{request} took over {_LONGEST:g} s to load; {small}")
             answer: ModelParts | str = self._connection.recv()
         except Exception as error:  # the process ended, or none is to be had, or no descriptor, or a damaged answer

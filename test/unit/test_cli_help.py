@@ -93,22 +93,22 @@ def executable(file):
 def test_hints_name_a_command_that_works_here(empty_path, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "executable", str(tmp_path / "venv" / "bin" / "python"))
     monkeypatch.chdir(tmp_path)
-    assert program("rft") == f"{sys.executable} -m rft_ros.cli"
+    assert program() == f"{sys.executable} -m rft_ros.cli"
     executable(tmp_path / "venv" / "bin" / "rft")
-    assert program("rft") == str(tmp_path / "venv" / "bin" / "rft")
+    assert program() == str(tmp_path / "venv" / "bin" / "rft")
     executable(tmp_path / "workspace" / "lib" / "rft_ros" / "rft")
     monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "workspace"))
-    assert program("rft") == str(tmp_path / "venv" / "bin" / "rft")  # there is no ros2
+    assert program() == str(tmp_path / "venv" / "bin" / "rft")  # there is no ros2
     executable(empty_path / "ros2")
-    assert program("rft") == "ros2 run rft_ros rft"
+    assert program() == "ros2 run rft_ros rft"
     executable(empty_path / "rft")
-    assert program("rft") == "rft"
+    assert program() == "rft"
 
 
 @pytest.mark.usefixtures("empty_path")
 def test_help_and_errors_show_the_command_that_works_here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    typed = program("rft")
+    typed = program()
     assert typed != "rft"
     assert f"see {typed} predict --help" in rft("predict", cwd=tmp_path).stderr
     assert f"  {typed} check-mesh my_tool.stl" in rft("check-mesh", "--help", cwd=tmp_path).stdout
