@@ -37,7 +37,7 @@ def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None
     rows = decimated(rows[rows["stamp"] > 0])
     write_page(
         file,
-        [*_tables(summary), *replay_charts(rows), *_animation(rows, estimator)],
+        [*_tables(summary), *replay_charts(rows), *_animation(rows, estimator), _parameters(summary)],
         title=f"Replay of {summary.bag}",
         sentence="Force and torque that the grains put on the tool, in the axes and about the origin of the sensor"
         " frame: measured by the load cell, less bias and tool weight, and predicted by 3D granular Resistive Force"
@@ -73,9 +73,12 @@ def _tables(summary: Summary) -> Iterator[Table]:
     unused = [(name, f"{count:,}") for name, count in summary.reasons.items()] or [("none", "0")]
     sentence = "Samples that were not used, poses without an estimate and estimates without a residual."
     yield Table("Not used or unanswered", sentence, ("reason", "count"), unused)
+
+
+def _parameters(summary: Summary) -> Table:
     units = {parameter.name: parameter.unit for parameter in PARAMETERS}
     values = [(name, str(value), units.get(name, "")) for name, value in summary.parameters.items()]
-    yield Table("Parameters", "", ("parameter", "value", "unit"), values)
+    return Table("Parameters", "", ("parameter", "value", "unit"), values)
 
 
 def replay_charts(rows: Rows) -> list[Figure]:

@@ -35,7 +35,7 @@ class Figure(NamedTuple):
             full_html=False,
             auto_play=False,
             div_id=f"figure-{self.name}",
-            config={"responsive": True, "displaylogo": False},
+            config={"responsive": True, "displaylogo": False, "showSendToCloud": False},  # no upload of a cell's data
         )
         return html
 

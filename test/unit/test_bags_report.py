@@ -116,6 +116,7 @@ def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     assert summary.estimates == summary.trust["OK"] == 40
     page = (tmp_path / "out" / "report.html").read_text()
     assert "<td>none</td>" in page
+    assert '"showSendToCloud": false' in page
     assert 'id="figure-tool"' not in page
 
 
