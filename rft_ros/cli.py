@@ -32,7 +32,7 @@ _COMMANDS = {
     "view": (predict.view_options, predict.view),
     "doctor": (cell.doctor_options, cell.doctor),
     "demo": (cell.demo_options, cell.demo),
-    "warm-up": (cell.warm_up_options, cell.warm_up),
+    "warm-up": (lambda _: None, cell.warm_up),
 }
 """What adds a command's options, and what runs it: its docstring describes the command in one line, then examples."""
 

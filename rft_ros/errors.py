@@ -1,11 +1,10 @@
-"""The exception for unusable input, and phrases that its sentences share."""
+"""The exception for unusable input, and why a file is one."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
-from difflib import get_close_matches
 from typing import Literal
 
-__all__ = ["InputError", "file_errors", "reason_of", "suggestion"]
+__all__ = ["InputError", "file_errors", "reason_of"]
 
 
 class InputError(ValueError):
@@ -21,12 +20,6 @@ def reason_of(error: Exception) -> str:
         return "it is not UTF-8 text"
     text = (isinstance(error, OSError) and error.strerror) or str(error)
     return " ".join(text.split()).rstrip(".") or type(error).__name__
-
-
-def suggestion(word: str, names: Iterable[str]) -> str:
-    """The end of a sentence about an unknown word: "; did you mean" the nearest name, or nothing if none is near."""
-    near = get_close_matches(word, names, n=1)
-    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 @contextmanager

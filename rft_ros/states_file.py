@@ -10,10 +10,7 @@ from rft_ros.files import read_columns, whole
 from rft_ros.parameters import Model
 from rft_ros.rft import STATE, Memory, checked_states, wrenches, wrenches_in_time
 
-__all__ = ["WRENCH_HEADER", "read_states", "wrenches_along", "write_wrenches"]
-
-WRENCH_HEADER = ("t", "fx", "fy", "fz", "tx", "ty", "tz")
-"""Header of a file of wrenches: time [s], force [N], torque [N m]."""
+__all__ = ["read_states", "wrenches_along", "write_wrenches"]
 
 
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -68,6 +65,6 @@ def wrenches_along(
 def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.float64]) -> None:
     """Write t [s] and the wrenches, shape [n, 6 or more] [N], [N m], with every digit that float64 holds."""
     with whole(file) as part, part.open("w", encoding="utf-8", newline="\n") as out:
-        out.write(",".join(WRENCH_HEADER) + "\n")
+        out.write("t,fx,fy,fz,tx,ty,tz\n")
         for t, row in zip(times.tolist(), wrenches[:, :6].tolist(), strict=True):
             out.write(",".join(map(repr, (t, *row))) + "\n")

@@ -118,10 +118,6 @@ def demo(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def warm_up_options(_command: argparse.ArgumentParser) -> None:
-    pass
-
-
 def warm_up(_arguments: argparse.Namespace) -> int:
     """Compile all machine code that node and replay can need, so that no start or change of a parameter waits for it.
 

@@ -14,17 +14,11 @@ if TYPE_CHECKING:
     from rft_ros.tool import Tool
 
 MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
-"""Help text for an argument that names a mesh."""
-
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
-"""Help text for an argument that names a recording."""
 
 PLACED = ("--scale", "--origin")
-"""How a mesh file becomes a tool."""
 OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")
-"""The traction law."""
 OF_RECORDING = ("--params", "--remap", "--start", "--end")
-"""How a recording is read."""
 
 _ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)"
 _PARAMS = "the node's own parameter file (default: the node's defaults)"

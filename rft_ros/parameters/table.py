@@ -4,9 +4,10 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
+from difflib import get_close_matches
 from typing import Literal
 
-from rft_ros.errors import InputError, suggestion
+from rft_ros.errors import InputError
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
 from rft_ros.rft.frames import UNIT_TOLERANCE
 
@@ -149,7 +150,8 @@ def checked(name: str, value: object) -> Value:
     """The value in the parameter's type. Raises InputError that names both and says what is allowed."""
     parameter = _BY_NAME.get(name)
     if parameter is None:
-        raise InputError(f"there is no parameter '{name}'{suggestion(name, _BY_NAME)}")
+        near = [f"; did you mean '{other}'?" for other in get_close_matches(name, _BY_NAME, n=1)]
+        raise InputError(f"there is no parameter '{name}'{''.join(near)}")
     default, choices = parameter.default, parameter.choices
     if isinstance(default, str):
         if value is False and "off" in choices:  # YAML, and so ROS, reads an unquoted off as false

@@ -159,7 +159,6 @@ FAMILIES: dict[str, type[Motion]] = {
     "oscillating_insertion": OscillatingInsertion,
     "circumnutation": Circumnutation,
 }
-"""The families by their name in files and commands."""
 
 
 def sample(motion: Motion, count: int) -> tuple[Array, Array]:

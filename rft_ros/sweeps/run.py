@@ -55,7 +55,6 @@ class Report(NamedTuple):
     failed: int
 
     def __str__(self) -> str:
-        """A line for the terminal."""
         return f"{self.rows:,} variants, {self.computed:,} computed, {self.failed:,} without numbers -> {self.file}"
 
 

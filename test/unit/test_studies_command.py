@@ -36,17 +36,13 @@ def test_a_page_that_does_not_exist_is_one_sentence(tmp_path, capsys, monkeypatc
     assert "no.md" in sentence
 
 
-def test_the_table_between_the_markers_is_replaced_and_the_markers_stay(tmp_path):
+def test_the_table_between_the_markers_is_replaced_and_a_page_without_markers_is_left_alone(tmp_path):
     page, table = tmp_path / "page.md", "| quantity | published | ours |\n| --- | --- | --- |\n| force | 1 N | 2 N |\n"
     page.write_text(PAGE)
     assert write_tables(page, [result("one"), result("two")]) == ["one"]
     assert page.read_text() == PAGE.replace("old\n", table)
     assert table_in(page.read_text(), "one") == table
     assert table_in(page.read_text(), "two") is None
-
-
-def test_a_page_without_markers_is_left_alone(tmp_path):
-    page = tmp_path / "page.md"
     page.write_text(PAGE)
     with pytest.raises(InputError, match="no marker '<!-- study NAME: begin -->' for any of two"):
         write_tables(page, [result("two")])
