@@ -47,7 +47,7 @@ FILTER = [
     ("prior", _GAUSSIAN),
     ("now", _GAUSSIAN),  # at the pose that is predicted
     ("learned", float),  # path of the last record that taught
-    ("scale", float, 3),  # c of (L6) by component; x and y are equal
+    ("scale", float, 3),  # c of (L5) by component; x and y are equal
     ("fitted", float, 3),  # work space
     ("gain", float, 4),
     ("a", float, (4, 4)),
@@ -163,7 +163,7 @@ def correct(now, scale, record, row, out, reach, apply):  # type: ignore[no-unty
 
 @inlined
 def _adapt(scale, record, step):  # type: ignore[no-untyped-def]
-    """c of (L6) from the error of a prediction as it was made."""
+    """c of (L5) from the error of a prediction as it was made."""
     y, predicted, s = record.y, record.predicted, record.s
     flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
     vertical = (y[2] - predicted[2]) ** 2 / s[2, 2]

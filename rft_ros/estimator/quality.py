@@ -83,7 +83,7 @@ def sentences(quality_flags: int) -> str:
     return "; ".join(text for flag, text in _SENTENCES.items() if quality_flags & flag)
 
 
-# relative standard deviations without learning, (L7) of docs/learning.md
+# relative standard deviations without learning, (L6) of docs/learning.md
 _STRENGTH_ERROR = 0.15  # relative error of a calibrated ζ whose error is not known
 _HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.5, 0.2  # of these parts of the force, beside ζ's
 _NOISE, _NOISE_FLOOR = 0.035, 0.05  # of any component: share of the whole force; [N]
@@ -91,7 +91,7 @@ _LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
 def prior_belief(model: Array, *, zeta_error: float, reach: float) -> Array:
-    """A prediction without learning, (L7), shape [12]: force [N], torque [N m], world axes, a deviation of each.
+    """A prediction without learning, (L6), shape [12]: force [N], torque [N m], world axes, a deviation of each.
 
     `model`: begins with force and torque. `zeta_error`: relative standard error of ζ, 0 if unknown. `reach` of the tool
     [m].
