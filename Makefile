@@ -61,7 +61,9 @@ $(DEMO): setup.py package.xml
 	$(BIN)/python -m pip install --no-compile --editable '.[ros]'
 	touch $@
 
+# pip 23.0, which comes with Python 3.10, looks for versions that fit together without end.
 $(STAMP): $(DEMO)
+	$(BIN)/python -m pip install --upgrade pip
 	$(BIN)/python -m pip install --no-compile --editable '.[ros,test,dev]'
 	$(BIN)/rft warm-up
 	touch $@
