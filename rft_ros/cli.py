@@ -37,8 +37,11 @@ _COMMANDS = {
 """What adds a command's options, and what runs it: its docstring describes the command in one line, then examples."""
 
 
-def parser(rft: str = "rft") -> argparse.ArgumentParser:
-    """The whole command line. `rft`: what the user types to run this program; help and errors show it."""
+def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentParser:
+    """The whole command line. `rft`: what the user types to run this program; help and errors show it.
+
+    `only`: the command that gets its options, which take half a second to make (default: all).
+    """
     whole = _Parser(
         prog=rft,
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
@@ -51,7 +54,8 @@ def parser(rft: str = "rft") -> argparse.ArgumentParser:
         text, _, examples = (getdoc(run) or "").partition("\n\n")
         epilog = "\n".join(["example:", *(f"  {rft}{line.removeprefix('rft')}" for line in examples.splitlines())])
         command = commands.add_parser(name, help=text, description=text, epilog=epilog, formatter_class=_Help)
-        add_options(command)
+        if only in (None, name):
+            add_options(command)
         command.set_defaults(run=run)
     return whole
 
@@ -98,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _run(arguments: Sequence[str]) -> int:
     name = "rft"
     try:
-        whole = parser(program())
+        whole = parser(program(), only=arguments[0] if arguments else "")
         if not arguments:
             whole.print_help(sys.stderr)
             return 2

@@ -73,8 +73,9 @@ def test_the_package_and_the_command_work_where_there_is_no_ros_and_no_mesh_libr
         (tmp_path / f"{name}.py").write_text(f"raise ImportError('no {name}', name='{name}')\n")
     code = (
         "import sys; sys.path.insert(0, sys.argv.pop(1))\n"
-        "import rft_ros.rft, rft_ros.tool, rft_ros.estimator, rft_ros.bags.replay\n"
         "from rft_ros.cli import main\n"
+        "assert main([]) == 2 and 'numba' not in sys.modules\n"
+        "import rft_ros.rft, rft_ros.tool, rft_ros.estimator, rft_ros.bags.replay\n"
         "assert 'trimesh' not in sys.modules\n"
         "assert main(['check-mesh', 'plate']) == 0\n"
         "assert main(['demo', '-o', 'out']) == 2\n"
