@@ -66,6 +66,8 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     values: Mapping[str, Any] = parameters_of({**variant.tool, **variant.medium})
     model = model_of(values, tool=_tool(tool_request(values), fingerprint))
     times, states = _motion(tuple(variant.motion.items()), fingerprint)
+    if (np.diff(times) < 0.0).any():
+        raise InputError(f"states file '{variant.motion['states_file']}': t goes back; work needs it in order")
     height = values["surface_height"]
     wrench = wrenches_along(model, times, states, surface_height=height, where="motion", threads=1)[:, :6]
     peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]

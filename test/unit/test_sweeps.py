@@ -184,13 +184,15 @@ def test_a_worker_of_two_studies_reads_a_changed_mesh_again(tmp_path):
     ("motion", "medium", "reason"),
     [
         ({"states_file": "far.csv"}, {}, "its forces, work or path are too large"),
+        ({"states_file": "back.csv"}, {}, "'back.csv': t goes back; work needs it in order"),
         ({"family": "straight"}, {"alpha_y": "table"}, "needs alpha_y.table"),
     ],
 )
 def test_a_variant_that_cannot_be_computed_gives_a_reason(tmp_path, monkeypatch, motion, medium, reason):
     monkeypatch.chdir(tmp_path)
-    far = "".join(f"{t},0,0,-1e150,0,0,0,1,1e200,0,0,0,0,0\n" for t in (0, 1))
-    (tmp_path / "far.csv").write_text("t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n" + far)
+    for name, times in (("far.csv", (0, 1)), ("back.csv", (1, 0))):
+        rows = "".join(f"{t},0,0,-1e150,0,0,0,1,1e200,0,0,0,0,0\n" for t in times)
+        (tmp_path / name).write_text("t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n" + rows)
     assert reason in rows_of([Variant({"mesh": "plate"}, motion, medium)], ["reason"])[0][0]
 
 
