@@ -11,18 +11,18 @@ from rft_ros.progress import busy
 if TYPE_CHECKING:
     from rft_ros.calibration.calibrate import Calibration
 
-_PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")  # PARTS of rft_ros.calibration, which loads slowly
-
 
 def calibrate_options(command: argparse.ArgumentParser) -> None:
+    from rft_ros.calibration.calibrate import PARTS
+
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=options.BAG)
     params = "the node's own parameter file"
     command.add_argument("--params", type=Path, required=True, metavar="FILE.yaml", help=params)
     options.share(command, *options.OF_RECORDING[1:])
     command.add_argument("-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="file to write")
-    fit = f"fit only {', '.join(_PARTS[:-1])} or {_PARTS[-1]}, and exit with 1 if it is not identifiable; may be"
+    fit = f"fit only {', '.join(PARTS[:-1])} or {PARTS[-1]}, and exit with 1 if it is not identifiable; may be"
     every = "repeated (default: all that are identifiable)"
-    command.add_argument("--fit", choices=_PARTS, action="append", metavar="PART", help=f"{fit} {every}")
+    command.add_argument("--fit", choices=PARTS, action="append", metavar="PART", help=f"{fit} {every}")
     models = "α_y over β: constant, linear, table or auto: linear if the slope is significant (default auto)"
     choices = ("auto", "constant", "linear", "table")
     command.add_argument("--alpha-y", choices=choices, default="auto", metavar="MODEL", help=models)
@@ -37,6 +37,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     """
     from rft_ros.bags.playback import mounted
     from rft_ros.bags.reading import bag_name
+    from rft_ros.calibration.calibrate import PARTS
     from rft_ros.calibration.calibrate import calibrate as fitted_to
     from rft_ros.calibration.calibrated_file import alpha_y_table, write_calibrated
     from rft_ros.calibration.track import read_track
@@ -45,7 +46,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
     bags, output = {bag: bag_name(bag) for bag in arguments.bags}, arguments.output
     values, chosen = options.recording(arguments)
     options.refuse_inputs(arguments, output, alpha_y_table(output), also=named_files(values))
-    if chosen.tare and "sensor" not in (arguments.fit or _PARTS) and arguments.fit != ["surface"]:
+    parts = arguments.fit or PARTS
+    if chosen.tare and "sensor" not in parts and arguments.fit != ["surface"]:
         file = f"parameter file '{arguments.params}'"
         raise InputError(f"{file}: no fit uses its tare of {chosen.tare:g} s; add --fit sensor, which replaces it")
     values = mounted(arguments.bags[0], values, chosen)
@@ -59,7 +61,6 @@ def calibrate(arguments: argparse.Namespace) -> int:
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         options.warn_of(tool)
     with busy("fitting"):
-        parts = arguments.fit or _PARTS
         result = fitted_to(tracks, values, parts=parts, alpha_y=arguments.alpha_y)
     if chosen.tare and "sensor.bias" in result.not_identifiable:
         result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
