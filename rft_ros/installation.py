@@ -51,8 +51,8 @@ def share_directory(package: str) -> Path:
     for folder in places if package.strip(".") else ():
         if folder.is_dir():
             return folder
-    searched = os.environ.get("AMENT_PREFIX_PATH") or "not set"
-    raise InputError(f"package '{package}' has no share folder in AMENT_PREFIX_PATH ({searched}) or {sys.prefix}")
+    searched = f"AMENT_PREFIX_PATH ({os.environ.get('AMENT_PREFIX_PATH') or 'not set'}) or {sys.prefix}"
+    raise InputError(f"package '{package}' has no share folder in {searched}; source the workspace that has it")
 
 
 def _ament_prefixes() -> list[Path]:
