@@ -42,21 +42,23 @@ def calibrate(arguments: argparse.Namespace) -> int:
     from rft_ros.calibration.calibrated_file import alpha_y_table, write_calibrated
     from rft_ros.calibration.track import read_track
     from rft_ros.parameters import named_files
+    from rft_ros.tool import locate_mesh
 
     bags, output = {bag: bag_name(bag) for bag in arguments.bags}, arguments.output
     values, chosen = options.recording(arguments)
-    options.refuse_inputs(arguments, output, alpha_y_table(output), also=named_files(values))
     parts = arguments.fit or PARTS
     if chosen.tare and "sensor" not in parts and arguments.fit != ["surface"]:
         file = f"parameter file '{arguments.params}'"
         raise InputError(f"{file}: no fit uses its tare of {chosen.tare:g} s; add --fit sensor, which replaces it")
-    values = mounted(arguments.bags[0], values, chosen)
-    meshes = dict.fromkeys(bags.values(), values["mesh.file"])
+    meshes = dict.fromkeys(bags.values(), str(values["mesh.file"]))
     for rule in arguments.mesh:
         bag, _, file = rule.partition("=")
         if not file or bag not in meshes:
             raise InputError(f"--mesh '{rule}' is not BAG=FILE with one of the bags {', '.join(meshes)}")
         meshes[bag] = file
+    inputs = {*named_files(values), *map(locate_mesh, meshes.values())}
+    options.refuse_inputs(arguments, output, alpha_y_table(output), also=inputs)
+    values = mounted(arguments.bags[0], values, chosen)
     tracks = [read_track(bag, {**values, "mesh.file": meshes[name]}, chosen) for bag, name in bags.items()]
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         options.warn_of(tool)

@@ -77,18 +77,13 @@ def values_of(arguments: argparse.Namespace) -> "Values":
     return parameters_of(given)
 
 
-def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path] = ()) -> None:
-    """Raise InputError where an output would overwrite an input: `also`, and each file that another argument names."""
-    from rft_ros.files import expanded, refuse_overwriting
-    from rft_ros.tool import locate_mesh
+def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path]) -> None:
+    """Raise InputError where an output would overwrite an input: `also`, and each path that another argument gives."""
+    from rft_ros.files import refuse_overwriting
 
-    given = [value for name, value in vars(arguments).items() if name not in ("command", "output")]
+    given = [value for name, value in vars(arguments).items() if name != "output"]
     words = [word for value in given for word in (value if isinstance(value, list) else [value])]
-    paths = [word for word in words if isinstance(word, Path) and word.exists()]
-    named = [expanded(word.rpartition("=")[2]) for word in words if isinstance(word, str)]  # or words such as linear
-    mesh = getattr(arguments, "mesh", None)
-    meshes = [locate_mesh(mesh)] if isinstance(mesh, str) else []
-    refuse_overwriting(outputs, [*paths, *filter(Path.is_file, named), *meshes, *also])
+    refuse_overwriting(outputs, [*(word for word in words if isinstance(word, Path)), *also])
 
 
 def warn_of(tool: "Tool") -> None:

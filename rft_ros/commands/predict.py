@@ -25,13 +25,13 @@ def predict(arguments: argparse.Namespace) -> int:
 
     rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv
     """
-    from rft_ros.parameters import model_of, settings_of
+    from rft_ros.parameters import model_of, named_files, settings_of
     from rft_ros.rft import COLUMNS
     from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
-    options.refuse_inputs(arguments, arguments.output)
-    times, states = read_states(arguments.states)
     values = options.values_of(arguments)
+    options.refuse_inputs(arguments, arguments.output, also=named_files(values))
+    times, states = read_states(arguments.states)
     model, height = model_of(values), settings_of(values).surface_height
     tool = model.tool
     if tool.reduction:

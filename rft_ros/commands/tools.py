@@ -53,7 +53,7 @@ def reduce(arguments: argparse.Namespace) -> int:
 
     rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz
     """
-    from rft_ros.parameters import tool_request
+    from rft_ros.parameters import named_files, tool_request
     from rft_ros.tool.mesh_file import SUFFIX, save_reduced
     from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
@@ -64,8 +64,9 @@ def reduce(arguments: argparse.Namespace) -> int:
         raise InputError(f"output '{output}' must end in {SUFFIX}, the suffix of reduced tools")
     if arguments.scene is None and (arguments.params or arguments.surface_height is not None):
         raise InputError("--params and --surface-height are for a scene: give --scene, or neither")
-    options.refuse_inputs(arguments, output)
-    request = tool_request(options.values_of(arguments))
+    values = options.values_of(arguments)
+    options.refuse_inputs(arguments, output, also=named_files(values))
+    request = tool_request(values)
     tool = request.load()
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
