@@ -1,4 +1,4 @@
-# On a fresh Debian or Ubuntu with Python 3.10-3.13: make demo, make test. Each first makes .venv.
+# On a fresh Debian or Ubuntu with Python 3.10-3.13 and python3-venv: make demo, make test. Each first makes .venv.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin

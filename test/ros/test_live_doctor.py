@@ -74,6 +74,14 @@ def test_a_right_cell_needs_nothing(start_node, tmp_path, sources):
     assert "no section of" not in rft.said()
 
 
+@pytest.mark.parametrize("words", [("--node", "a b"), ("--remap", "~/pose:=/a b")])
+def test_a_name_that_ros_does_not_take_is_named(words):
+    command = [sys.executable, "-m", "rft_ros.cli", "doctor", "config/demo.yaml", "--seconds", "1", *words]
+    done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.endswith("mend --node or --remap\n")
+
+
 def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
     """A section for another name, poses that a node which asks for reliable ones cannot hear, no twist, a type."""
     file = tmp_path / "my_cell.yaml"

@@ -35,8 +35,7 @@ def rft(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
 
 def predict(tmp_path: Path, text: str, *options: object) -> subprocess.CompletedProcess[str]:
     (tmp_path / "states.csv").write_text(text)
-    mesh = () if "--mesh" in options else ("--mesh", "plate")
-    return rft("predict", "states.csv", *mesh, *options, "-o", "out.csv", cwd=tmp_path)
+    return rft("predict", "states.csv", "--mesh", "plate", *options, "-o", "out.csv", cwd=tmp_path)
 
 
 def predicted(tmp_path: Path, text: str, *options: object, header: str = HEADER) -> np.ndarray:
@@ -48,7 +47,6 @@ def predicted(tmp_path: Path, text: str, *options: object, header: str = HEADER)
 
 def refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
     assert done.returncode == 2
-    assert "Traceback" not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
     for word in words:
         assert word in done.stderr, done.stderr
@@ -119,18 +117,14 @@ def test_options_that_cannot_be_used(tmp_path, options, words):
     refused(predict(tmp_path, STATE, *options), *words)
 
 
-def test_an_unreadable_states_file_and_an_unwritable_output(tmp_path):
+def test_a_states_file_that_is_not_there_and_outputs_that_cannot_be_written(tmp_path):
     refused(rft("predict", "gone.csv", "--mesh", "plate", "-o", "out.csv", cwd=tmp_path), "gone.csv")
     (tmp_path / "states.csv").write_text(STATE)
     done = rft("predict", "states.csv", "--mesh", "plate", "-o", tmp_path / "states.csv" / "out.csv", cwd=tmp_path)
     refused(done, "out.csv")
-
-
-def test_an_output_folder_that_cannot_be_written_is_refused_before_the_work_begins(tmp_path):
-    (tmp_path / "file").touch()
-    done = rft("sweep", ROOT / "config" / "sweep_example.yaml", "-o", tmp_path / "file" / "out", cwd=tmp_path)
-    refused(done, f"output folder '{tmp_path}/file/out' cannot be written: Not a directory")
-    assert done.stdout == ""
+    done = rft("sweep", ROOT / "config" / "sweep_example.yaml", "-o", "states.csv/out", cwd=tmp_path)
+    refused(done, "output folder 'states.csv/out' cannot be written: Not a directory")
+    assert done.stdout == ""  # refused before the work began
 
 
 def test_an_output_may_lie_in_the_home_folder_or_in_one_that_has_the_name_of_a_model(tmp_path, monkeypatch):
