@@ -175,7 +175,7 @@ def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
         try:
             yield part
             for old in (folder / name for name in names):
-                if old.is_dir():
+                if old.is_dir() and not old.is_symlink():
                     shutil.rmtree(old)
                 old.unlink(missing_ok=True)
             for new in part.iterdir():
