@@ -17,7 +17,6 @@ from typing import Any, NoReturn
 
 from rft_ros.commands import calibrate, cell, predict, replay, tools
 from rft_ros.errors import InputError, reason_of
-from rft_ros.files import expanded
 from rft_ros.installation import program, release
 
 __all__ = ["main", "parser"]
@@ -64,6 +63,8 @@ class _Parser(argparse.ArgumentParser):
     """Reports wrong usage in one sentence, without argparse's usage text."""
 
     def __init__(self, **options: Any) -> None:
+        from rft_ros.files import expanded  # loads numpy, and Ctrl-C may come meanwhile
+
         super().__init__(**options)
         self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse's own takes -1e-3 for an option
         self.register("type", Path, expanded)  # a shell leaves the ~ of --output=~/out.csv to the program
@@ -83,33 +84,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name need not be UTF-8
+    words, name = sys.argv[1:] if arguments is None else arguments, "rft"
     try:
         try:
-            return _run(sys.argv[1:] if arguments is None else arguments)
+            whole = parser(program(), only=words[0] if words else "")
+            if not words:
+                whole.print_help(sys.stderr)
+                return 2
+            parsed = whole.parse_args(words)
+            name = f"rft {parsed.command}"
+            status: int = parsed.run(parsed)
+            return status
         finally:
             if sys.stdout is not None:
                 sys.stdout.flush()  # a closed pipe is reported here instead of at exit, where it leaves a traceback
-    except OSError as error:
-        with suppress(AttributeError, ValueError):  # no stdout, or one without a descriptor
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python would report it again at exit
-        if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
-            return 128 + signal.SIGPIPE
-        what = error.filename or "the output or the working directory"
-        print(f"rft: {what} cannot be used: {reason_of(error)}", file=sys.stderr)
-        return 2
-
-
-def _run(arguments: Sequence[str]) -> int:
-    name = "rft"
-    try:
-        whole = parser(program(), only=arguments[0] if arguments else "")
-        if not arguments:
-            whole.print_help(sys.stderr)
-            return 2
-        parsed = whole.parse_args(arguments)
-        name = f"rft {parsed.command}"
-        status: int = parsed.run(parsed)
-        return status
     except InputError as error:
         # names in a damaged file may hold control characters
         sentence = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(error))
@@ -118,6 +106,14 @@ def _run(arguments: Sequence[str]) -> int:
     except KeyboardInterrupt:
         print(f"{name}: interrupted", file=sys.stderr)
         return 130
+    except OSError as error:
+        with suppress(AttributeError, ValueError):  # no stdout, or one without a descriptor
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python would report it again at exit
+        if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
+            return 128 + signal.SIGPIPE
+        what = error.filename or "the output or the working directory"
+        print(f"rft: {what} cannot be used: {reason_of(error)}", file=sys.stderr)
+        return 2
 
 
 if __name__ == "__main__":
