@@ -13,6 +13,7 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import chain
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -33,7 +34,6 @@ from rft_ros.tool import Tool, ToolRequest
 __all__ = ["RESULTS", "Report", "evaluate", "rows_of", "run"]
 
 Array = NDArray[np.float64]
-Rows = list[list[str]]
 
 RESULTS = (
     *(f"{kind}_{axis}" for kind in ("peak", "mean") for axis in ("fx", "fy", "fz", "tx", "ty", "tz")),
@@ -94,7 +94,7 @@ def _motion(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Arra
     return read_states(Path(entry["states_file"])) if "states_file" in entry else sample(*motion_of(entry))
 
 
-def rows_of(variants: Sequence[Variant], columns: Sequence[str], fingerprint: int = 0) -> Rows:
+def rows_of(variants: Sequence[Variant], columns: Sequence[str], fingerprint: int = 0) -> list[list[str]]:
     """Rows of the table: a variant's values, then its results or the reason why it has none. Runs in a worker."""
     rows = []
     for variant in variants:
@@ -134,9 +134,9 @@ def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int
                     _write(futures[future], future.result())
                     done += len(missing[futures[future]])
                     update(done, f"{name}: {done:,} of {len(variants):,}")
-        rows = [row for file in chunks for row in _read(file)]
-        _write(table, [columns, *rows])
-    return Report(table, len(rows), computed, sum(bool(row[-1]) for row in rows))
+        _write(table, chain([columns], *map(_read, chunks)))
+        failed = sum(bool(row[-1]) for row in _read(table)) - 1  # but for the column's name
+    return Report(table, len(variants), computed, failed)
 
 
 @contextmanager
@@ -181,6 +181,6 @@ def _write(file: Path, rows: Iterable[Sequence[str]]) -> None:
         csv.writer(out, lineterminator="\n").writerows(rows)
 
 
-def _read(file: Path) -> Rows:
+def _read(file: Path) -> Iterator[list[str]]:
     with file.open(encoding="utf-8", newline="") as lines:
-        return list(csv.reader(lines))
+        yield from csv.reader(lines)
