@@ -84,14 +84,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line; returns the exit status."""
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name need not be UTF-8
-    words, name = sys.argv[1:] if arguments is None else arguments, "rft"
+    if arguments is None:  # as a program
+        arguments = sys.argv[1:]
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is unfinished is removed
+    name = "rft"
     try:
         try:
-            whole = parser(program(), only=words[0] if words else "")
-            if not words:
+            whole = parser(program(), only=arguments[0] if arguments else "")
+            if not arguments:
                 whole.print_help(sys.stderr)
                 return 2
-            parsed = whole.parse_args(words)
+            parsed = whole.parse_args(arguments)
             name = f"rft {parsed.command}"
             status: int = parsed.run(parsed)
             return status

@@ -122,7 +122,7 @@ def test_a_sweep_continues_after_an_interrupt_a_killed_driver_and_a_killed_worke
     """No row is lost or computed twice, and nothing runs on."""
     design, out = read_design(study(tmp_path, LONG)), tmp_path / "out"
     command = [sys.executable, "-m", "rft_ros.cli", "sweep", str(design.file), "-o", str(out), "--workers", "1"]
-    for number, status in ((signal.SIGINT, 130), (signal.SIGKILL, -signal.SIGKILL)):
+    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)):
         before = len(chunks(out))
         streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
         with subprocess.Popen(command, **streams, start_new_session=True) as driver:
