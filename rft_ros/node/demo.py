@@ -2,7 +2,6 @@
 
 import math
 import os
-import signal
 import struct
 import subprocess
 import sys
@@ -10,8 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from types import FrameType
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -59,7 +57,6 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
     check_replaceable(bag)
     console = Console(highlight=False)
     console.print(f"[bold]rft demo[/bold]: {_MUJOCO if mujoco else _ELLIPSOID}")
-    signal.signal(signal.SIGTERM, _terminated)
     rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # ROS must outlive the node's process
     rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way
     with whole_folder(bag.parent, [bag.name]) as part, BagWriter(part / bag.name) as writer:
@@ -88,11 +85,6 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
     found = f"{cell.recorded} messages" if came else "[red]no estimates came[/red]; see the node's messages above"
     console.print(f"\n{found} -> {bag} (rosbag2, MCAP)", soft_wrap=True)
     return came
-
-
-def _terminated(number: int, _: FrameType | None) -> NoReturn:
-    """Leave all blocks, which ends the node. Exit status: that of a shell for this signal."""
-    raise SystemExit(128 + number)
 
 
 class _Cell:
