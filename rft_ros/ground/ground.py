@@ -20,7 +20,7 @@ from rft_ros.rft import LEVEL, rotation_matrix
 from rft_ros.rft.compilation import compiled, inlined
 from rft_ros.rft.frames import from_frame, rotation
 
-__all__ = ["DELAY", "Cloud", "Ground", "LocalSurface", "Support"]
+__all__ = ["DELAY", "KEPT", "Cloud", "Ground", "LocalSurface", "Support"]
 
 Array = NDArray[np.float64]
 
@@ -30,12 +30,16 @@ DELAY = 500_000_000
 """A cloud changes the ground this long [ns] after its stamp, whenever it arrives until then. So the same stamps give
 the same results live and in a replay, and a pose finds the map ready: it takes some hundredths of a second."""
 
+KEPT = 12
+"""What a body keeps of its surface: pose, level, height at x = y = 0, slopes, roughness."""
+
 _CLOUDS = 16
 _PLACES = 2048  # poses kept to find the tool's place at the stamp of a cloud: `DELAY` at 1,000 Hz, four times
 _LEAST_RADIUS = 2.0  # cells, so that a slope can be fitted
 _WEDGE = 2.0  # length of the wedge over depth: the disc of a tool that is wider than deep lies no further ahead
 _ROUNDS = 4  # radius and depth depend on each other; the fourth round changes the height by less than 1 %
 _DIRECTIONS = 96
+_MOVED = 1e-4  # m
 
 
 class LocalSurface(NamedTuple):
@@ -106,45 +110,60 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):  # type: ignore[no-u
     return level + (sh - gu * su - gv * sv) / s, gu / radius, gv / radius, np.sqrt(rest)
 
 
+@inlined
+def _moved(kept, state, reach):  # type: ignore[no-untyped-def]
+    """Bound on the path of a body's points since the pose in `kept` [m]."""
+    x, y, z = state[0] - kept[0], state[1] - kept[1], state[2] - kept[2]
+    cosine = abs(state[3] * kept[3] + state[4] * kept[4] + state[5] * kept[5] + state[6] * kept[6])
+    return np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))
+
+
 @compiled
-def _local_plane(heights, i0, j0, cell, level, disc, corners, state):  # type: ignore[no-untyped-def]
-    """Height at x = y = 0, slopes, roughness and depth."""
+def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):  # type: ignore[no-untyped-def]
+    """Find the plane in `kept` after pose and level again if the body has moved; returns the body's depth below it.
+
+    Height at x = y = 0, slopes, roughness.
+    """
     axes = rotation(state[3], state[4], state[5], state[6])
     placed, lowest = np.empty_like(corners), 0  # the corners in world axes
     for k in range(corners.shape[0]):
         placed[k] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
     px, py, pz = state[0], state[1], state[2]
-    x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
-    least = _LEAST_RADIUS * cell
-    h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
-    h -= sx * x + sy * y
-    bottom = placed[lowest, 2] + least  # in the air the tool's lowest part decides where to look
-    for _ in range(_ROUNDS):
-        total = mx = my = mz = square = deepest = 0.0
-        for k in range(corners.shape[0]):
-            x, y, z = placed[k, 0], placed[k, 1], placed[k, 2]
-            depth = max(max(h + sx * x + sy * y - pz, bottom) - z, 0.0)
-            deepest = max(deepest, depth)
-            total, square = total + depth, square + depth * (x * x + y * y)
-            mx, my, mz = mx + depth * x, my + depth * y, mz + depth * z
-        mx, my, mz = mx / total, my / total, mz / total
-        spread = max(square / total - mx * mx - my * my, 0.0)  # half of the squared radius of an even disc
-        radius = max(np.sqrt(2.0 * spread), deepest, least)
-        vx, vy = state[7] + state[11] * mz - state[12] * my, state[8] + state[12] * mx - state[10] * mz
-        vz = state[9] + state[10] * my - state[11] * mx
-        fastest = max(abs(vx), abs(vy), abs(vz))
-        ahead = 0.0
-        if fastest > 1e-290:
-            vx, vy, vz = vx / fastest, vy / fastest, vz / fastest
-            ahead = min(radius, max(_WEDGE * deepest, least)) / np.sqrt(vx * vx + vy * vy + vz * vz)
-        x, y = px + mx + ahead * vx, py + my + ahead * vy
-        h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
-        h -= sx * mx + sy * my  # what lies ahead of the tool's middle acts there
+    if not (_moved(kept, state, reach) <= _MOVED and kept[7] == level):
+        x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
+        least = _LEAST_RADIUS * cell
+        h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
+        h -= sx * x + sy * y
+        bottom = placed[lowest, 2] + least  # in the air the tool's lowest part decides where to look
+        for _ in range(_ROUNDS):
+            total = mx = my = mz = square = deepest = 0.0
+            for k in range(corners.shape[0]):
+                x, y, z = placed[k, 0], placed[k, 1], placed[k, 2]
+                depth = max(max(h + sx * x + sy * y - pz, bottom) - z, 0.0)
+                deepest = max(deepest, depth)
+                total, square = total + depth, square + depth * (x * x + y * y)
+                mx, my, mz = mx + depth * x, my + depth * y, mz + depth * z
+            mx, my, mz = mx / total, my / total, mz / total
+            spread = max(square / total - mx * mx - my * my, 0.0)  # half of the squared radius of an even disc
+            radius = max(np.sqrt(2.0 * spread), deepest, least)
+            vx, vy = state[7] + state[11] * mz - state[12] * my, state[8] + state[12] * mx - state[10] * mz
+            vz = state[9] + state[10] * my - state[11] * mx
+            fastest = max(abs(vx), abs(vy), abs(vz))
+            ahead = 0.0
+            if fastest > 1e-290:
+                vx, vy, vz = vx / fastest, vy / fastest, vz / fastest
+                ahead = min(radius, max(_WEDGE * deepest, least)) / np.sqrt(vx * vx + vy * vy + vz * vz)
+            x, y = px + mx + ahead * vx, py + my + ahead * vy
+            h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
+            h -= sx * mx + sy * my  # what lies ahead of the tool's middle acts there
+        kept[:7], kept[7] = state[:7], level
+        kept[8], kept[9], kept[10], kept[11] = h - sx * px - sy * py, sx, sy, rough
     deepest = -1e300
     for k in range(corners.shape[0]):
-        deepest = max(deepest, h + sx * placed[k, 0] + sy * placed[k, 1] - pz - placed[k, 2])
-    return h - sx * px - sy * py, sx, sy, rough, deepest
+        x, y = px + placed[k, 0], py + placed[k, 1]
+        deepest = max(deepest, kept[8] + kept[9] * x + kept[10] * y - pz - placed[k, 2])
+    return deepest
 
 
 class Support:
@@ -157,14 +176,21 @@ class Support:
         flat = np.sqrt(1.0 - z * z)
         directions = np.column_stack([flat * x, flat * y, z])
         self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
+        self._reach = float(np.linalg.norm(self._corners, axis=1).max())
 
-    def local_surface(self, ground: HeightMap, state: Array, *, level: float) -> LocalSurface:
+    def local_surface(
+        self, ground: HeightMap, state: Array, *, level: float, kept: Array | None = None
+    ) -> LocalSurface:
         """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] where the map knows nothing.
 
-        Where the map knows nothing it is exactly (level, 0, 0).
+        Where the map knows nothing it is exactly (level, 0, 0). `kept`: of one body on one map, `KEPT` numbers, zeros
+        at first: a body that has moved by less than 0.1 mm keeps its surface, since noise at rest has no direction.
         """
+        kept = np.zeros(KEPT) if kept is None else kept
         i0, j0 = map(float, ground.corner)  # one machine code for all maps
-        h, sx, sy, rough, depth = _local_plane(ground.heights, i0, j0, ground.cell, level, _DISC, self._corners, state)
+        place = ground.heights, i0, j0, ground.cell, level, _DISC
+        depth = _local_plane(*place, self._corners, self._reach, state, kept)
+        h, sx, sy, rough = kept[8:].tolist()
         if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
             return LocalSurface(level, LEVEL, 0.0, level - float(state[2]))
         return LocalSurface(h, (sx, sy), rough, depth)
@@ -200,8 +226,7 @@ class Ground:
 
     def use(self, corners: Array) -> None:
         """Take another tool, by the corners of its hull [m], shape [k, 3]."""
-        self._corners = corners
-        self._support = Support(corners)
+        self._corners, self._support, self._kept = corners, Support(corners), np.zeros(KEPT)
 
     def level(self) -> None:
         """Go back to the map at the start, and drop the clouds that are under way."""
@@ -210,6 +235,7 @@ class Ground:
         self._waiting.clear()
         self._clouds.clear()
         self.map = self._merged = self._start
+        self._kept.fill(0.0)
 
     def begin_again(self) -> None:
         """Go back to the start in a new run, or in new axes."""
@@ -242,10 +268,13 @@ class Ground:
             self._merge()
         while self._waiting and self._waiting[0][0] <= stamp:
             self.map = self._waiting.popleft()[1].result()
+            self._kept.fill(0.0)
 
     def under(self, state: Array, level: float) -> LocalSurface:
         """The surface around the tool at a state, shape [13], columns `STATE`; `level` [m] where nothing is known."""
-        return self.flat(level) if self.map is None else self._support.local_surface(self.map, state, level=level)
+        if self.map is None:
+            return self.flat(level)
+        return self._support.local_surface(self.map, state, level=level, kept=self._kept)
 
     def flat(self, level: float) -> LocalSurface:
         """A level surface [m]."""

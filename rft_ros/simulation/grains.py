@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.ground import HeightMap, Support
+from rft_ros.ground import KEPT, HeightMap, Support
 from rft_ros.rft import LEVEL, Law, Memory, checked_states
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.wrench import prepared
@@ -59,7 +59,8 @@ class GrainsBatch:
         self._surface = number("surface_height", surface_height)
         length = number("mobilization_length", mobilization_length, positive=True)
         memory, self._answers = Memory(tool.plates, bodies=n), np.zeros(n, ANSWER)
-        self._remembered: GrainsState = {"memory": memory.numbers, "answers": self._answers}
+        self._kept = np.zeros((n, KEPT))
+        self._remembered: GrainsState = {"memory": memory.numbers, "answers": self._answers, "surfaces": self._kept}
         self._durations, self._rows, self._wrenches = np.zeros(n), np.zeros((n, 19)), np.zeros((n, 6))
         self.sums = memory.stiffness
         """`Memory.stiffness` of each body at the last step, in its units, shape [n, 10]."""
@@ -114,7 +115,8 @@ class GrainsBatch:
         for part, step, durations, rows in parts:
             these = states[part]
             if self._ground is not None:
-                surface = self._support.local_surface(self._ground, these[0], level=self._surface)
+                kept = self._kept[part.start]
+                surface = self._support.local_surface(self._ground, these[0], level=self._surface, kept=kept)
                 height, slope = surface.height, surface.slope
             step(these, durations, height, slope, rows)
 

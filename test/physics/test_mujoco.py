@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
+from rft_ros.ground import HeightMap
 from rft_ros.installation import share_directory
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.simulation import MujocoGrains
@@ -140,6 +141,18 @@ def test_a_body_that_feels_the_wrench_of_grains_without_inertia_comes_to_rest(ma
     found = loop.dropped(mass, 0.002, loop.EXPLICIT)
     assert found["speed"] < 1e-5
     assert found["given"] < 0.02
+
+
+def test_a_body_lies_still_on_a_map_with_slopes():
+    x, y = (v.ravel() for v in np.mgrid[-40:40, -40:40] * 0.005 + 0.0025)
+    hills = HeightMap.unknown(0.005).with_points(x, y, 0.5 * x + 0.003 * np.sin(100.0 * y))
+    model = falling(("plate", 0.3, TILTED), timestep=0.002)
+    data, grains = mujoco.MjData(model), [MujocoGrains(model, body="body_0", ground=hills, **GRAINS)]
+    place(model, data, grains, 0.03)
+    poses, twists, works = run(model, data, grains, 2.5)
+    assert np.abs(poses[-500:, :3] - poses[-1, :3]).max() < 1e-8
+    assert np.abs(twists[-500:]).max() < 1e-6
+    assert given_back(works) < 0.01
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "RK4", "implicit", "implicitfast"])

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from rft_ros.errors import InputError
-from rft_ros.ground import MOST_CELLS, HeightMap, Support, ToolBox, read_height_map, write_height_map
+from rft_ros.ground import KEPT, MOST_CELLS, HeightMap, Support, ToolBox, read_height_map, write_height_map
 from rft_ros.tool import load_tool
 
 CELL = 0.002
@@ -188,6 +188,21 @@ def test_the_ground_ahead_resists_and_not_the_hole_behind():
     surfaces = (SUPPORT.local_surface(step, state(v, z=-0.02, x=0.03), level=0.0) for v in ways)
     ahead, back = (surface.height + surface.slope[0] * 0.03 for surface in surfaces)
     assert ahead > back + 0.005
+
+
+def test_noise_at_rest_has_no_direction():
+    """A tool that has moved by less than 0.1 mm keeps its surface; then it looks ahead again, and on another level."""
+    slope, kept = mapped(lambda x, _: 0.2 * x), np.zeros(KEPT)
+    first = SUPPORT.local_surface(slope, state(FORWARD), level=0.0, kept=kept)
+    for k, back in enumerate(([-1e-6, 0.0, 0.0], [0.0, 1e-6, -1e-6])):
+        noisy = SUPPORT.local_surface(slope, state(back, x=5e-5 * k, z=-0.01 - 2e-5 * k), level=0.0, kept=kept)
+        assert noisy[:3] == first[:3]
+        assert noisy.depth == pytest.approx(first.depth + (2e-5 + 0.2 * 5e-5) * k, abs=1e-9)
+    for x, level in ((0.0, 0.1), (2e-4, 0.1)):
+        moved = state((-0.01, 0.0, 0.0), x=x)
+        again = SUPPORT.local_surface(slope, moved, level=level, kept=kept)
+        assert again == SUPPORT.local_surface(slope, moved, level=level)
+        assert again.height < first.height - 0.002
 
 
 def test_a_tool_on_a_pile_is_below_its_surface():
