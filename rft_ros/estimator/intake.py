@@ -88,6 +88,8 @@ class Intake:
     def twist(self, sample: TwistSample) -> None:
         """A twist, kept in the axes of the world or the tool frame."""
         world, tool = self._settings.world_frame, self._settings.tool_frame
+        if self._settings.twist_source != "topic":
+            return  # a replay does not read it either
         axes = self._placed("twist", sample, world, tool)
         _check_finite("twist", *sample.linear, *sample.angular)
         if axes is not None:
@@ -171,7 +173,7 @@ class Intake:
         come within `PATIENCE` has no pose; `counts` get the reason.
         """
         s = self._settings
-        if s.pose_source != "tf":
+        if s.pose_source != "tf" or isinstance(sample, TwistSample):
             return []
         if isinstance(sample, WrenchSample) and s.tf_rate == 0.0 and sample.stamp > 0:
             self._want(sample.stamp)

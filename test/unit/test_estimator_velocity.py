@@ -158,11 +158,12 @@ def test_the_estimator_predicts_from_poses_what_it_predicts_from_the_twist_topic
     v = (0.002, 0.0, -0.02)
     by_poses, by_topic = estimator(twist_source="pose_difference"), estimator()
     for k, p in enumerate(descent(v)):
-        answer = push(by_poses, p)
+        answer = push(by_poses, twist(p.stamp, frame="unused"), p)
         if k < 2:
             assert answer.reason is Reason.POSE_HISTORY_SHORT
         else:
             assert answer.predicted == pytest.approx(push(by_topic, twist(p.stamp, v), p).predicted, rel=1e-6, abs=1e-9)
+    assert by_poses.counts.keys() == {"estimates", "pose_history_short"}
 
 
 def test_rate_limited_poses_still_count_as_history():

@@ -211,6 +211,9 @@ def test_poses_come_at_the_load_cells_stamps_once_transforms_lie_on_both_sides()
     assert [p.stamp for p in poses] == [w.stamp for w in cell]
     assert [p.position[2] for p in poses] == pytest.approx([-0.0007 * k for k in range(20)])
     assert not e.counts
+    late = moving(START + 1250 * MS, "world", "tool")
+    _, poses = fed(*descent(), wrench(START + 200 * MS), twist(START + 1300 * MS), late, max_input_age=2.0)
+    assert len(poses) == 1, "a twist says nothing about transforms that are late, and the node does not ask after one"
 
 
 @given(st.permutations(range(3)), st.integers(0, 400))
