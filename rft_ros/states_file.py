@@ -57,7 +57,7 @@ def wrenches_along(
         )
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
-        why = "it is too far away, the tool or the stress too large, or the mobilization length too small"
+        why = "it is too far away, or the tool or the stress is too large"
         raise InputError(f"{where}: the state at t = {times[np.argmin(finite)]:g} has no finite wrench; {why}")
     return result
 

@@ -176,7 +176,7 @@ class Support:
         flat = np.sqrt(1.0 - z * z)
         directions = np.column_stack([flat * x, flat * y, z])
         self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
-        self._reach = float(np.linalg.norm(self._corners, axis=1).max())
+        self._reach = max(float(np.linalg.norm(self._corners, axis=1).max()), _MOVED)  # zeros in `kept` are far away
 
     def local_surface(
         self, ground: HeightMap, state: Array, *, level: float, kept: Array | None = None

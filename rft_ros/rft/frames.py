@@ -72,9 +72,7 @@ def checked_states(states: ArrayLike) -> NDArray[np.float64]:
 
     Raises ValueError with the row (counted from 0) and column of the first value that cannot be used.
     """
-    s = np.array(states, dtype=np.float64, order="C", ndmin=2)
-    if s.ndim != 2 or s.shape[1] != len(STATE):
-        raise ValueError(f"states have shape {s.shape}; they need {len(STATE)} columns: {', '.join(STATE)}")
+    s = np.array(numbers("states", states, (len(STATE),)))
     finite = np.isfinite(s)
     if not finite.all():
         row, column = np.argwhere(~finite)[0]

@@ -70,7 +70,7 @@ MOTION, TRACTIONS = 10, 30
 
 _FADED = 1e-6  # square:  a trailing plate whose y has fallen to this share of abs(t) remembers nothing
 _NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
-_FAR = 1e30  # bounds displacements [m], so that no product overflows
+_FAR = 1e30  # bounds displacements [m], and 1 / _FAR the mobilization length, so that no product overflows
 _TINY = 1e-290  # avoids 0 / 0
 
 
@@ -240,7 +240,7 @@ def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[n
     ahead = max(dn, _TINY)
     r = 1.0 / (ahead * ratio)
     used = _select(gap > 0.0, max(dn - gap, 0.0) * (r * ratio), _select(shut > 0.0, 0.0, 1.0))
-    per_span = (1.0 / length) * (r * ahead)
+    per_span = (1.0 / max(length, 1.0 / _FAR)) * (r * ahead)
     strength = sqrt(_select(bb > 0.0, max(bb, limit), ax * ax + ay * ay + az * az))
     longer = max(ratio, LEAST_ELASTIC / ELASTIC - square) * (1.0 / LEAST_ELASTIC)
     k = used * strength * per_span * min(1.0 / ELASTIC, longer)

@@ -141,7 +141,7 @@ class GrainsBatch:
         return {name: array.copy() for name, array in self._remembered.items()}
 
     def restore(self, state: GrainsState) -> None:
-        """Go back to a state of these grains, or of others of the same tool and number of bodies."""
+        """Go back to a state of these grains, or of others of the same tool, ground and number of bodies."""
         if not isinstance(state, dict) or _forms(state) != _forms(self._remembered):
             raise ValueError("state is of other bodies; restore what state() of grains like these returned")
         for name, array in state.items():

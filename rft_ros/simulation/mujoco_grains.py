@@ -2,6 +2,7 @@
 
 import math
 from functools import lru_cache
+from os import PathLike
 from typing import Any
 
 import numpy as np
@@ -120,7 +121,7 @@ class MujocoGrains:
         law: Law | None = None,
         surface_height: float = 0.0,
         ground: HeightMap | None = None,
-        mesh: str | None = None,
+        mesh: str | PathLike[str] | None = None,
         scale: float = 0.001,
         tolerance: float = 0.025,
     ) -> None:
@@ -141,12 +142,14 @@ class MujocoGrains:
             self.tool = _tool_of_body(model, found, body, tolerance)
         else:
             self.tool = load_tool(mesh, scale=scale, tolerance=tolerance)
+        if alpha_y == "table":
+            raise InputError("alpha_y is 'table', which has no file here; give law=treers2021(medium, table)")
         medium = MEDIA["generic"]
         law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta) if law is None else law
         bed: Any = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
         self._grains, self._ahead = (GrainsBatch(self.tool, law, bodies=1, **bed) for _ in range(2))
         heights = np.zeros(0) if ground is None else ground.points()[:, 2]
-        self._highest, self._stride = heights.max(initial=surface_height), _STRIDE * mobilization_length
+        self._highest, self._stride = heights.max(initial=surface_height), max(_STRIDE * mobilization_length, 1e-30)
         self._time, self._late = -math.inf, np.zeros(6)
 
     @property
@@ -179,7 +182,7 @@ class MujocoGrains:
             path = max(path, h * (math.hypot(*lag[:3]) + reach * math.hypot(*lag[3:])))
             self._late.fill(0.0)
         if path > self._stride and not in_air:
-            self._substeps(row, late, h, min(math.ceil(path / self._stride), _MOST))
+            self._substeps(row, late, h, math.ceil(min(path / self._stride, _MOST)))
         return self.wrench
 
     def _substeps(self, row: Array, late: Array, dt: float, n: int) -> None:

@@ -10,6 +10,7 @@ import io
 import json
 import logging
 import math
+import os
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict
@@ -24,6 +25,7 @@ from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import checked_file, expanded, read_arrays, read_file, whole
 from rft_ros.installation import share_directory
 from rft_ros.rft import Plates
+from rft_ros.rft.arguments import number, numbers
 from rft_ros.tool.check import degenerate_facets
 from rft_ros.tool.reduce import Reduction
 
@@ -48,6 +50,7 @@ _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
 _FOLDED = math.pi - 1e-3  # rad between the normals of facets that lie on each other
 _SLIVER = 1e-6  # of the largest facet: the area of one that rounding may have turned over
+_FARTHEST = 1e6  # of the farthest vertex: beyond this, rounding deforms the mesh
 _TOO_BIG = 1e60  # beyond this, squared areas overflow
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
@@ -59,12 +62,15 @@ def is_mesh_path(file: str) -> bool:
     return not file.startswith(_SCHEMES) and file != Path(file).stem
 
 
-def locate_mesh(file: str) -> Path:
+def locate_mesh(file: str | os.PathLike[str]) -> Path:
     """The mesh file that `mesh.file` means: a path, a package://PACKAGE/PATH or file:///PATH URI or a shipped mesh.
 
     A bare word, without folder or suffix, is always a shipped mesh. `read_mesh` checks that the file exists.
     Raises InputError for an unknown package or name.
     """
+    if not isinstance(file, str | os.PathLike):
+        raise InputError(f"mesh.file is {file!r}; it must be a path or the name of a shipped mesh")
+    file = os.fspath(file)
     if file.startswith(_SCHEMES):
         uri = urlsplit(file)
         if uri.scheme == "package":
@@ -151,11 +157,15 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    if not 0.0 < scale < math.inf:
-        raise InputError(f"mesh.scale is {scale}; it must be a positive number")
-    shift = np.asarray(origin, dtype=np.float64)
-    if shift.shape != (3,) or not np.isfinite(shift).all():
+    try:
+        scale, shift = number("mesh.scale", scale, positive=True), numbers("mesh.origin", origin, rows=3)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    if not np.isfinite(shift).all():
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
+    if (abs(shift) > _FARTHEST * np.abs(corners).max()).any():
+        far = f"over {_FARTHEST:,.0f} times as far from zero as any vertex of mesh file '{path}'"
+        raise InputError(f"mesh.origin is {shift.tolist()}, {far}; give it in mesh units")
     with np.errstate(over="ignore", invalid="ignore"):
         vertices = (np.asarray(corners, dtype=np.float64) - shift) * scale
     if bad := int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum()):

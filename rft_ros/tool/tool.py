@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, fields, replace
+from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -55,7 +56,7 @@ class Tool:
 
 
 def load_tool(
-    file: str,
+    file: str | PathLike[str],
     *,
     scale: float = 0.001,
     origin: Sequence[float] = (0.0, 0.0, 0.0),

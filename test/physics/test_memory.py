@@ -175,7 +175,7 @@ def test_plates_that_leave_the_grains_forget():
     np.testing.assert_array_equal(remembered(down, durations, plates=PLATES["refined"], memory=memory), first)
 
 
-@given(st.floats(1e-9, 1e3), st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS))
+@given(st.floats(5e-324, 1e3), st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS))
 @settings(max_examples=40)
 def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(length, seed, integration):
     rng = np.random.default_rng(seed)

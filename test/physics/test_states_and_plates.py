@@ -27,10 +27,16 @@ def test_the_callers_states_are_not_written_to():
     assert given_states[0, 6] == 1.005
 
 
-@pytest.mark.parametrize("columns", [12, 14])
-def test_states_with_another_number_of_columns_are_refused(columns):
-    with pytest.raises(ValueError, match=rf"states have shape \(2, {columns}\); they need 13 columns: px, py"):
-        checked_states(np.zeros((2, columns)))
+@pytest.mark.parametrize(
+    ("states", "message"),
+    [
+        *((np.zeros((2, n)), rf"states has shape \[2, {n}\]; it must be \[n, 13\]") for n in (12, 14)),
+        *(([[v] * 13], "states has values of type .*; they must be real numbers") for v in (1j, "1", None)),
+    ],
+)
+def test_what_is_no_table_of_states_is_refused(states, message):
+    with pytest.raises(ValueError, match=message):
+        checked_states(states)
 
 
 @pytest.mark.parametrize("column", STATE)

@@ -28,6 +28,7 @@ def prefix(tmp_path, monkeypatch):
     [
         ("/folder/a.stl", "/folder/a.stl"),
         ("folder/a.stl", "folder/a.stl"),
+        (Path("folder/a.stl"), "folder/a.stl"),
         ("./plate", "plate"),
         ("~/a.stl", "/home/of/me/a.stl"),
         ("~no_such_user_1/a.stl", "~no_such_user_1/a.stl"),
@@ -66,6 +67,7 @@ def test_shipped_mesh_by_name_and_by_uri_is_not_hidden_by_a_folder_of_that_name(
     ("file", "message"),
     [
         *((name, f"mesh.file '{name}' is not a shipped mesh .*{', '.join(SHIPPED)}") for name in ("elipsoid", "", "~")),
+        (3, "^mesh.file is 3; it must be a path or the name"),
         ("file://nas/c.stl", "is on another machine, 'nas'"),
         ("package://gone/a.stl", "^package 'gone' has no share folder in AMENT_PREFIX_PATH .*overlay"),
         ("package:///a.stl", "^package '' has no share folder in AMENT_PREFIX_PATH .*overlay"),

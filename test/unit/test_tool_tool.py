@@ -19,7 +19,7 @@ X_DOWN = np.array([[0.0, 0, 1], [0, 1, 0], [-1, 0, 0]])
 @pytest.fixture
 def flat(tmp_path):
     trimesh.Trimesh(TRIANGLE, [[0, 1, 2]]).export(tmp_path / "flat.stl")
-    return load_tool(str(tmp_path / "flat.stl"))
+    return load_tool(tmp_path / "flat.stl")
 
 
 def test_plates_are_the_facets(tmp_path):
