@@ -200,9 +200,10 @@ class RftNode(Node):
         self._swap.check_mesh(values)
 
     def _apply(self, values: Values) -> None:
-        self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._feedforward.use(values)
         self._use()
+        self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
+        self._serialise = wrench_cdr(str(values["sensor_frame"]))
         self._swap.want(values)
         self._swap_timer.reset()
 

@@ -28,6 +28,15 @@ def test_a_pose_is_answered_by_three_wrenches_with_its_stamp_in_the_sensor_frame
     np.testing.assert_array_equal(numbers(residual), numbers(compensated) - numbers(predicted))
 
 
+def test_a_comparison_that_a_new_sensor_frame_ends_has_the_frame_of_its_prediction(rft):
+    stamp = rft.moment()
+    rft.ask(stamp)
+    waits = rft.ask(stamp + S // 20, force=None)
+    for frame in ("wrist", "ft_sensor"):
+        assert rft.set(sensor_frame=frame)[0]
+    rft.until(lambda: any(m.header == waits.header for m in rft.received["wrench_residual"]))
+
+
 def test_an_integer_is_taken_for_a_double(rft):
     assert rft.set(medium__zeta=2) == (True, "")
     assert rft.get("medium.zeta").double_value == 2.0
