@@ -147,6 +147,6 @@ def states_of(
                 stamps.append(answer.stamp)
                 states.append(estimator.state.copy())
     if not states:
-        reasons = ", ".join(estimator.counted()) or "no poses"
+        reasons = ", ".join(filter(None, [recording.damage, *estimator.counted()])) or "no poses"
         raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons})")
     return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states), estimator.ground

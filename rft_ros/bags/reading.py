@@ -182,7 +182,7 @@ class Recording:
             try:
                 sample = decode[rank](data)
             except UNREADABLE as error:
-                self._why = f"a message on {self._topics[_RANK[rank]]} cannot be decoded ({error})"
+                self._why = self._why or f"a message on {self._topics[_RANK[rank]]} cannot be decoded ({error})"
                 self.unreadable += 1
                 continue
             self.time = time
@@ -205,13 +205,17 @@ class Recording:
     def _messages(self, topics: Collection[str]) -> Iterator[tuple[int, str, bytes]]:
         for reader in self._readers:
             chosen = [c for c in reader.connections if c.topic in topics]
+            missing, damaged = sum(c.msgcount for c in chosen), f"{Path(str(reader.path)).name} is damaged"
             try:
                 # for rosbags, no connections means all
                 for connection, time, data in reader.messages(chosen, self.first, self.last + 1) if chosen else ():
                     yield time, connection.topic, data
+                    missing -= 1
             except Exception as error:  # rosbags' parsers raise anything on damage
-                self._why = f"{Path(str(reader.path)).name} is damaged: {reason_of(error)}"
+                self._why = f"{damaged}: {reason_of(error)}"
                 return
+            if missing > 0 and self._offsets == (None, None):  # rosbags leaves what it cannot find in a chunk
+                self._why = f"{damaged}: {missing} of its messages are missing"
 
     def _open(self, opened: ExitStack) -> Iterator[_Reader]:
         """The bag by rosbags; if that fails, its files up to the first damaged one, an .mcap up to its damage."""

@@ -137,6 +137,6 @@ def _bias(
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:
-        reasons = "".join(f", {counted}" for counted in estimator.counted())
+        reasons = "".join(f", {why}" for why in (recording.damage, *estimator.counted()) if why)
         where = f"of the first {seconds:g} s, surface_height {settings.surface_height:g} m{reasons}"
         raise InputError(f"bag '{bag}': {error} ({where})") from None

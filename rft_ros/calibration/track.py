@@ -47,7 +47,7 @@ class Track:
 
     `name` of the bag. `begin`: header stamp of the first moment [ns]. `time`: since then [s], shape [n]. `states`:
     shape [n, 13], columns `rft_ros.rft.STATE`. `readings`: of the load cell, raw sign, sensor axes [N], [N m], shape
-    [n, 6]. `rest_speed` [m/s]: below it the tool is at rest.
+    [n, 6]. `rest_speed` [m/s]: below it the tool is at rest. `damage` of the bag, as `Recording` has it.
     """
 
     name: str
@@ -57,6 +57,7 @@ class Track:
     readings: Array
     tool: Tool
     rest_speed: float
+    damage: str | None = None
 
     def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
@@ -129,7 +130,7 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     # a bag recorded in a loop steps back in time and repeats stamps
     stamps, first = np.unique(np.array([stamp for stamp, _, _ in rows], dtype=np.int64), return_index=True)
     if len(stamps) < 2:
-        reasons = "".join(f"; {counted}" for counted in estimator.counted())
+        reasons = "".join(f"; {why}" for why in (recording.damage, *estimator.counted()) if why)
         raise InputError(
             f"bag '{bag}' has {len(stamps)} poses with a velocity and a load-cell sample"
             f" (topics {', '.join(topics.values())}{reasons})"
@@ -142,6 +143,7 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         readings=np.array([rows[k][2] for k in first]),
         tool=model.tool,
         rest_speed=settings.rest_speed,
+        damage=recording.damage,
     )
 
 

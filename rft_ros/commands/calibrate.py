@@ -1,6 +1,7 @@
 """The command that fits parameters to recorded bags."""
 
 import argparse
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -60,6 +61,9 @@ def calibrate(arguments: argparse.Namespace) -> int:
     options.refuse_inputs(arguments, output, alpha_y_table(output), also=inputs)
     values = mounted(arguments.bags[0], values, chosen)
     tracks = [read_track(bag, {**values, "mesh.file": meshes[name]}, chosen) for bag, name in bags.items()]
+    for track in tracks:
+        if track.damage:
+            print(f"warning: {track.name}: {track.damage}", file=sys.stderr, flush=True)
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         options.warn_of(tool)
     with busy("fitting"):

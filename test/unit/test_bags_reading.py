@@ -150,7 +150,7 @@ def test_a_topic_that_is_not_of_ros_is_ignored_beside_the_topics_and_named_on_on
     refused(file, "pose topic '/log' is Log as json; it must be", topics=NAMES | {"pose": "/log"})
 
 
-def test_a_message_that_cannot_be_decoded_is_left_out_and_named(tmp_path):
+def test_a_message_that_cannot_be_decoded_or_found_is_left_out_and_named(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments(5))
     file = next(bag.glob("*.mcap"))
     data = bytearray(file.read_bytes())
@@ -162,6 +162,12 @@ def test_a_message_that_cannot_be_decoded_is_left_out_and_named(tmp_path):
     assert re.match(r"a message on /rft/\w+ cannot be decoded \(encoding 0009 is not .*; 14 messages were used", damage)
     assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--no-report"]) == 0
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["reasons"] == {"message_unreadable": 1}
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(bytes(data[: at + 300]))
+    assert "cut.mcap is damaged" in read(cut)[1]
+    data[at - 31] = 0x99  # no message any more: rosbags leaves it out
+    file.write_bytes(bytes(data))
+    assert "bag is damaged: 1 of its messages are missing; 14 messages were used" in read(bag)[1]
 
 
 def test_a_split_bag_is_one_recording_also_without_metadata(tmp_path):
