@@ -175,14 +175,14 @@ class MujocoGrains:
         row = self._grains.advance(body.state, h)[0]
         path = body.hold(row, self._grains.sums[0], h, reach)
         in_air = row[6] == 0.0 and body.state[0, 2] - self._highest > reach + path
-        late = 0.5 * row[:6]
-        if self._late.any():  # the twist lags by what acts late, which must not stop the substeps
+        late = None
+        if any(self._late.tolist()):  # the twist lags by what acts late, which must not stop the substeps
             late = self._late.copy()
             lag = h * (0.5 * body.free + body.inverse @ late)
             path = max(path, h * (math.hypot(*lag[:3]) + reach * math.hypot(*lag[3:])))
             self._late.fill(0.0)
         if path > self._stride and not in_air:
-            self._substeps(row, late, h, math.ceil(min(path / self._stride, _MOST)))
+            self._substeps(row, 0.5 * row[:6] if late is None else late, h, math.ceil(min(path / self._stride, _MOST)))
         return self.wrench
 
     def _substeps(self, row: Array, late: Array, dt: float, n: int) -> None:
