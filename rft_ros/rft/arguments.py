@@ -16,7 +16,7 @@ def number(name: str, value: float, *, positive: bool = False) -> float:
     if value.__class__ is float and (value > 0.0 if positive else True) and isfinite(value):
         return value
     try:
-        x = float(value)
+        x = float("nan" if isinstance(value, str | bytes) else value)
     except (TypeError, ValueError, OverflowError):
         x = float("nan")
     if not isfinite(x) or (positive and x <= 0.0):

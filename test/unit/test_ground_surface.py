@@ -209,6 +209,8 @@ def test_a_tool_on_a_pile_is_below_its_surface():
     pile = mapped(lambda x, y: np.maximum(0.03 - np.hypot(x, y) * 0.4, 0.0))
     assert SUPPORT.local_surface(pile, state(DOWN, z=0.01), level=0.0).depth > 0.0
     assert SUPPORT.local_surface(pile, state(DOWN, z=0.06), level=0.0).depth < 0.0
+    tiny = Support(load_tool("plate", scale=1e-8).corners)
+    assert tiny.local_surface(pile, state(DOWN, z=0.0), level=0.0).depth > 0.02
 
 
 @given(turn=st.floats(0.0, 6.3))

@@ -101,7 +101,7 @@ def test_scale_and_origin_place_the_vertices(tmp_path):
     ("placed", "message"),
     [
         *(({"scale": v}, f"mesh.scale is {v}; it must be a positive number") for v in (0.0, -0.001, np.nan, np.inf)),
-        ({"scale": 1j}, "mesh.scale is 1j; it must be a positive number"),
+        ({"scale": "1"}, "mesh.scale is '1'; it must be a positive number"),
         ({"origin": "abc"}, "mesh.origin has values of type <U3; they must be real numbers"),
         *(({"origin": v}, f"mesh.origin has shape [{len(v)}]; it must be [3]") for v in ((), (0.0, 0.0))),
         *(
