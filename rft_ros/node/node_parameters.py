@@ -116,6 +116,6 @@ def _plain(value: Any) -> Any:
 
 
 def _resolved(name: str, path: str) -> str:
-    """The path in a parameter of `FILES`; one that a parameter file names is relative to that file's folder."""
+    """The path in a parameter of `FILES`; one that a parameter file names is made absolute, from that file's folder."""
     files = reversed(parameter_files() if path else [])  # ROS takes the last file's value
-    return next((path_beside(file.parent, name, path) for file in files if gives(file, name, path)), path)
+    return next((path_beside(file.absolute().parent, name, path) for file in files if gives(file, name, path)), path)

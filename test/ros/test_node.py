@@ -191,7 +191,8 @@ def test_without_a_load_cell_the_prediction_still_comes_and_a_reason(rft):
     rft.until(lambda: "wrench_stale" in (rft.send(rft.moment(), force=None) or rft.diagnostic("inputs")[1]))
 
 
-def test_relative_files_are_looked_for_beside_the_parameter_file_whose_values_ros_takes(start_node, tmp_path):
+def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(start_node, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     arguments = []
     for zeta, key in ((0.25, "/**/rft"), (0.5, "/**")):
         file = tmp_path / f"{zeta}" / "cell.yaml"
@@ -199,7 +200,7 @@ def test_relative_files_are_looked_for_beside_the_parameter_file_whose_values_ro
         (file.parent / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
         names = {"alpha_y.model": "table", "alpha_y.table": "table.csv", "mesh.file": "tool.stl", "medium.zeta": zeta}
         file.write_text(f"'{key}':\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in names.items()))
-        arguments += ["--params-file", str(file)]
+        arguments += ["--params-file", str(file.relative_to(tmp_path))]
     with pytest.raises(InputError, match=r"alpha_y.table '.*/0\.\d+/table.csv' does not exist"):
         start_node(*arguments)
     for folder in (tmp_path / "0.25", tmp_path / "0.5"):
