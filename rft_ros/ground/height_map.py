@@ -58,8 +58,8 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         number("cell", self.cell, positive=True)
-        if not np.isfinite(numbers("corner", self.corner, rows=2)).all():
-            raise ValueError(f"corner is {self.corner}; it must be two finite numbers")
+        if not (abs(numbers("corner", self.corner, rows=2)) <= _FARTHEST).all():
+            raise ValueError(f"corner is {self.corner}; it must be two numbers of at most {_FARTHEST:g} cells")
         heights = np.array(self.heights, dtype=np.float32, order="C")
         if heights.ndim != 2 or not heights.size:
             raise ValueError(f"heights has shape {list(heights.shape)}; it must be [n, m], with at least one cell")
@@ -206,14 +206,14 @@ def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
                 heights[i, j] = seen[i, j]
 
 
-def read_height_map(file: Path, cell: float) -> HeightMap:
+def read_height_map(file: Path | str, cell: float) -> HeightMap:
     """A height map from a CSV file with the columns x, y, h, or an NPZ file with these arrays [m].
 
     They have one shape; or x shape [n], y [m] and h [n, m], NaN where nothing is known. Each cell of side `cell` [m]
     takes the median of the heights in it; the points of a grid as wide as that lie in the middle of their cells,
     wherever it begins. Raises InputError, one sentence, for a file that cannot be used or does not fit in `MOST_CELLS`.
     """
-    what = f"ground.file '{file}'"
+    file, what, cell = Path(file), f"ground.file '{file}'", number("ground.cell", cell, positive=True)
     if file.suffix.lower() == ".npz":
         x, y, h = read_arrays(file, "ground.file", _COLUMNS)
         if any(v.dtype.kind not in "fiu" for v in (x, y, h)):

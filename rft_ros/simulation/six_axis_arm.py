@@ -6,7 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.errors import InputError
+from rft_ros.files import read_file
 from rft_ros.installation import share_directory
+from rft_ros.rft.arguments import number
 from rft_ros.simulation.mujoco_grains import MujocoGrains, import_mujoco
 from rft_ros.tool import locate_mesh
 
@@ -23,18 +25,19 @@ class SixAxisArm:
     """The arm with a tool; `model` and `data` are MuJoCo's, the tool frame is the body ``tool``.
 
     `mesh`: a shipped mesh or a file in millimetres, in the tool frame, z up at the arm's rest. `stiffness`: factor of
-    all joints' stiffnesses; 1 is about 10 kN/m at the tool. `timestep` [s]. Raises InputError without MuJoCo.
+    all joints' stiffnesses; 1 is about 10 kN/m at the tool. `timestep` [s].
+    Raises InputError without MuJoCo, and ValueError that names what cannot be used.
     """
 
     def __init__(self, mesh: str = "plate", *, stiffness: float = 1.0, timestep: float = 0.001) -> None:
-        self._mujoco = import_mujoco()
+        self._mujoco, stiffness = import_mujoco(), number("stiffness", stiffness, positive=True)
         text = (share_directory("rft_ros") / "config" / "six_axis_arm.xml").read_text(encoding="utf-8")
-        spec = self._mujoco.MjSpec.from_string(text, assets={"tool.stl": locate_mesh(mesh).read_bytes()})
+        spec = self._mujoco.MjSpec.from_string(text, assets={"tool.stl": read_file(locate_mesh(mesh), "mesh file")})
         for actuator in spec.actuators:
             actuator.gainprm[0] *= stiffness
             actuator.biasprm[1] *= stiffness
         self.model: Any = spec.compile()
-        self.model.opt.timestep = timestep
+        self.model.opt.timestep = number("timestep", timestep, positive=True)
         self.data: Any = self._mujoco.MjData(self.model)
         self._scratch = self._mujoco.MjData(self.model)
         self.body = int(self.model.body("tool").id)

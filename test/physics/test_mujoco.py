@@ -15,6 +15,7 @@ from rft_ros.ground import HeightMap
 from rft_ros.installation import share_directory
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.simulation import MujocoGrains
+from rft_ros.simulation.six_axis_arm import SixAxisArm
 from studies import loop
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
@@ -249,6 +250,9 @@ def test_what_cannot_be_used_is_named(monkeypatch):
         grains.apply(mujoco.MjData(ball))
     with pytest.raises(ValueError, match="other grains"):
         grains.restore(grains.stiffness)
+    for name, value in ("mesh", "/absent.stl"), ("stiffness", 0.0), ("timestep", -1.0):
+        with pytest.raises(ValueError, match=f"{name}.*{value}"):
+            SixAxisArm(**{name: value})
     monkeypatch.setitem(sys.modules, "mujoco", None)
     with pytest.raises(InputError, match="run pip install mujoco"):
         MujocoGrains(model, body="body_0", **GRAINS)

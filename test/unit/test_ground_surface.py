@@ -101,7 +101,7 @@ def test_no_points_change_nothing_and_a_map_from_another_process_cannot_be_chang
     ("change", "sentence"),
     [
         ({"cell": np.nan}, "cell is nan"),
-        ({"corner": (0.0, np.inf)}, "corner is"),
+        ({"corner": (0.0, 1e300)}, "corner is"),
         ({"heights": np.zeros(4)}, "heights has shape"),
     ],
 )
@@ -117,7 +117,7 @@ def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
     ground = mapped(lambda x, y: 0.2 * x - 0.1 * y, 20)
     file = tmp_path / f"ground{suffix}"
     write_height_map(file, ground)
-    again = read_height_map(file, CELL)
+    again = read_height_map(str(file), CELL)
     assert again.corner == ground.corner
     assert_array_equal(again.heights, ground.heights)
 

@@ -21,7 +21,7 @@ ALLOWED = {
     "ground": "files rft errors",
     "parameters": "ground tool rft errors files",
     "estimator": "parameters ground tool rft child_process errors",
-    "simulation": "ground tool rft errors installation",
+    "simulation": "files ground tool rft errors installation",
     "report": "files ground tool rft errors",
     "bags": "estimator parameters ground tool rft report errors progress files",
     "calibration": "files bags estimator parameters tool rft report errors",
