@@ -40,7 +40,7 @@ class ReplayOptions:
     def __post_init__(self) -> None:
         for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
             if seconds is not None and not 0.0 <= seconds <= 1e9:
-                raise InputError(f"{name} is {seconds} s; it must be a number of seconds, 0 or more")
+                raise InputError(f"{name} is {seconds:g} s; it must be from 0 to 1e9 s")
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")
 
@@ -56,7 +56,10 @@ def read_replay_options(file: Path) -> ReplayOptions:
             raise InputError(f"parameter file '{file}': {_SECTION} has no '{name}'; it has remap, tare, start, end")
         if isinstance(value, bool) or not isinstance(value, int | float):
             raise InputError(f"parameter file '{file}': {_SECTION} {name} is {value!r}; it must be a number [s]")
-    return ReplayOptions(remap=tuple(remap), **section)
+    try:
+        return ReplayOptions(remap=tuple(remap), **section)
+    except InputError as error:
+        raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
 
 
 def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> dict[Role, str]:

@@ -174,11 +174,7 @@ def mean_of(name: str, measurements: Sequence[Measurement], unit: str, goodness:
 
 
 def fit_each(
-    fit: Callable[[Track, Any], _Result],
-    tracks: Sequence[Track],
-    parts: Callable[[Track], Sequence[Any]],
-    *,
-    none: str,
+    fit: Callable[[Track, Any], _Result], tracks: Sequence[Track], parts: Callable[[Track], Sequence[Any]], *, none: str
 ) -> list[_Result]:
     """`fit(track, part)` for each part of the tracks in which it is identifiable.
 

@@ -58,16 +58,13 @@ def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Meas
     states[:, 7:13] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
     predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
 
+    def shape(surface: float) -> Array:
+        return np.interp(surface - z, depths, predicted)
+
     used, least, most = np.ones(len(stroke), dtype=np.bool_), low, high
     for _ in range(6):
         z = height[used]
-        found = fit_curve(
-            force[used],
-            lambda s, z=z: np.interp(s - z, depths, predicted),  # type: ignore[misc]
-            low=least,
-            high=most,
-            offset=True,
-        )
+        found = fit_curve(force[used], shape, low=least, high=most, offset=True)
         surface = float(found.coefficients[0])
         least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
         most = min(high, surface + 0.5 * _AIR)
