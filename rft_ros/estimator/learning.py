@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.medium_filter import FILTER, absorb, begin, begin_again, copy, correct, grow
-from rft_ros.estimator.samples import Vector
+from rft_ros.estimator.samples import ABSURD, Vector
 from rft_ros.estimator.surprise import JUDGE, BeliefIssue, Surprise, feel, judge
 from rft_ros.rft.compilation import compiled, inlined, machine_code
 
@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 
 _RECORDS, _RECORDS_PER_LAG = 2048, 1024
 _STEP_MOST = 1.0  # path [m] between two poses
-_FORCE_MOST = 1e100  # [N]; squares of larger forces overflow
 
 _RECORD = np.dtype(
     [
@@ -204,7 +203,7 @@ class Learning:
         `repeated`: the load cell's raw reading equals the one before, bit by bit. `in_air`: the tool touched nothing.
         """
         self._y[:] = math.nan if force is None else force
-        usable = math.hypot(*self._y.tolist()) < _FORCE_MOST
+        usable = math.hypot(*self._y.tolist()) < ABSURD
         self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated), bool(in_air))
 
     @property
