@@ -135,8 +135,6 @@ class MujocoGrains:
             raise InputError(f"body '{body}' is not in the model; it has {names}")
         if not model.body_dofnum[model.body_weldid[found]]:
             raise InputError(f"body '{body}' has no joint, so MuJoCo gives it no velocity; give it one")
-        if not 0.0 <= number("tolerance", tolerance) <= 1.0:
-            raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
         self._body = MujocoBody(model, found)
         if mesh is None:
             self.tool = _tool_of_body(model, found, body, tolerance)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
+from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
 from rft_ros.tool.reduce import Reduction, reduced_for_any_motion
@@ -69,12 +70,10 @@ def load_tool(
     `integration`: the plates' rule; None: the rule of a reduced tool, ``refined`` for a mesh. `tolerance`: over 0, use
     the fewest plates whose wrench stays within this share of the full tool's in any motion, at the 95th percentile; a
     reduced tool stays as it is. Normals come from the facets' winding. Facets without area are dropped. Raises
-    InputError, one sentence, for a file or value that cannot be used.
+    InputError or ValueError, one sentence, for a file or value that cannot be used.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
-    if not 0.0 <= tolerance <= 1.0:
-        raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
     path = locate_mesh(file)
     if path.suffix.lower() != SUFFIX:
         mesh = read_mesh(path, scale=scale, origin=origin)
@@ -93,6 +92,8 @@ def tool_of_mesh(
     """The tool of a mesh in the tool frame [m], not from a file; arguments as for `load_tool`."""
     from scipy.spatial import ConvexHull, QhullError
 
+    if not 0.0 <= number("tolerance", tolerance) <= 1.0:
+        raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
     facets = (refined_plates if integration == "refined" else centroid_plates)(vertices, faces)

@@ -50,7 +50,7 @@ def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_p
     with pytest.raises(InputError, match=r"gone\.stl"):
         loaded(worker, "gone.stl")
     with pytest.raises(InputError, match="'plate' cannot be loaded"):
-        loaded(worker, "plate", 0.001, "nowhere")
+        loaded(worker, "plate", 0.001, (0.0, 0.0, 0.0), None, "much")
     assert loaded(worker, "sphere").name == "sphere"
     assert worker.process.pid == pid
     assert os.getpriority(os.PRIO_PROCESS, pid) == max(os.getpriority(os.PRIO_PROCESS, 0), 10)
