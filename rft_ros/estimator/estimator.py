@@ -212,7 +212,7 @@ class Estimator:
         return reason
 
     def push_twist(self, sample: TwistSample) -> Reason | None:
-        """Add a twist; returns the reason if it is refused."""
+        """Add a twist, used with `twist_source` topic only; returns the reason if it is refused."""
         return self._refused(self._intake.twist, sample)
 
     def push_wrench(self, sample: WrenchSample) -> Reason | None:

@@ -87,9 +87,9 @@ class Intake:
 
     def twist(self, sample: TwistSample) -> None:
         """A twist, kept in the axes of the world or the tool frame."""
-        world, tool = self._settings.world_frame, self._settings.tool_frame
         if self._settings.twist_source != "topic":
             return  # a replay does not read it either
+        world, tool = self._settings.world_frame, self._settings.tool_frame
         axes = self._placed("twist", sample, world, tool)
         _check_finite("twist", *sample.linear, *sample.angular)
         if axes is not None:
