@@ -163,7 +163,14 @@ class Recording:
             chosen = [c for c in reader.connections if (c.topic, c.msgtype) == (topic, TYPES["tf_static"])]
             with suppress(Exception):  # damage: `_messages` finds and reports it
                 for _, _, data in reader.messages(chosen) if chosen else ():
-                    yield from decode(bytes(data))  # type: ignore[misc]
+                    try:
+                        yield from decode(bytes(data))  # type: ignore[misc]
+                    except UNREADABLE as error:
+                        self._leave_out(topic, error)
+
+    def _leave_out(self, topic: str, error: Exception) -> None:
+        self._why = self._why or f"a message on {topic} cannot be decoded ({error})"
+        self.unreadable += 1
 
     @property
     def damage(self) -> str | None:
@@ -182,8 +189,7 @@ class Recording:
             try:
                 sample = decode[rank](data)
             except UNREADABLE as error:
-                self._why = self._why or f"a message on {self._topics[_RANK[rank]]} cannot be decoded ({error})"
-                self.unreadable += 1
+                self._leave_out(self._topics[_RANK[rank]], error)
                 continue
             self.time = time
             self.counts[_RANK[rank]] += 1
