@@ -115,8 +115,11 @@ def _cause(forces: Array, alike: float) -> str:
 
 def _penetration(
     track: Track, stroke: Rows, sensor: Sensor, law: Law, surface: float, surface_error: float
-) -> Measurement:
-    """ζ of the part of a stroke below the surface, with the errors of the surface and of the load cell's zero."""
+) -> tuple[float, Measurement]:
+    """The depth of a stroke [m], and ζ of its part below the surface.
+
+    ζ has the errors of the surface and of the load cell's zero.
+    """
     bag, depths = track.name, surface - track.heights()[stroke]
     rows, depth = stroke[depths > 0.0], float(depths.max())
     if len(rows) < 20 or depth < _SHALLOWEST:
@@ -144,7 +147,7 @@ def _penetration(
             f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, and measured and modelled force correlate by"
             f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: {_cause(forces, alike)}"
         )
-    return Measurement(bag, zeta, error, fit.rms / float(np.abs(measured).max()))
+    return depth, Measurement(bag, zeta, error, fit.rms / float(np.abs(measured).max()))
 
 
 def fit_zeta(
@@ -155,19 +158,16 @@ def fit_zeta(
     `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m]. Raises NotIdentifiable if no
     penetration is usable.
     """
-    found = fit_each(
+    penetrations = fit_each(
         lambda track, stroke: _penetration(track, stroke, sensor, law, surface, surface_error),
         tracks,
         lambda track: down_strokes(track, below=surface),
         none="no vertical penetration in the grains",
     )
+    found = [measurement for _, measurement in penetrations]
     goodness = f"RMS up to {100 * max(m.misfit for m in found):.1f} % of the peak{difference(found)}"
-    depth, deepest = max(
-        (surface - float(track.heights()[stroke].min()), track.name)
-        for track in tracks
-        for stroke in down_strokes(track, below=surface)
-    )
-    source = f"deepest penetration, {deepest}"
+    depth, deepest = max(penetrations)
+    source = f"deepest penetration, {deepest.bag}"
     return [
         mean_of("medium.zeta", found, "", goodness),
         FittedValue("medium.calibrated_depth", (depth,), (surface_error,), "m", "", source),

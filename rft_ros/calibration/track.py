@@ -65,7 +65,11 @@ class Track:
 
     def heights(self) -> Array:
         """World z of the tool's lowest point [m], shape [n]."""
-        return np.asarray(self.states[:, 2] + (self.rotations()[:, 2] @ self.tool.corners.T).min(axis=1))
+        up = self.rotations()[:, 2]
+        # in parts: the heights of all corners at all moments could fill the memory
+        parts = np.array_split(up, 1 + len(up) * len(self.tool.corners) // 10_000_000)
+        lowest = np.concatenate([(part @ self.tool.corners.T).min(axis=1) for part in parts])
+        return np.asarray(self.states[:, 2] + lowest)
 
     def smooth_states(self) -> Array:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise is not motion."""

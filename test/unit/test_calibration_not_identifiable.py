@@ -129,6 +129,18 @@ def test_a_load_cell_that_reads_0_identifies_only_its_bias():
     assert "no force" in why(result, "medium.mobilization_length")
 
 
+def test_the_calibrated_depth_is_that_of_a_penetration_with_zeta():
+    """In the deeper one the load cell reads only bias, weight and noise. The plate is 6 mm thick."""
+    tracks = []
+    for depth, zeta in ((20.0, 0.8), (40.0, 1e-6)):
+        time, states = down(depth).states()
+        grains = grain_wrenches(time, states, law(zeta), surface=0.0)
+        readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(5), noise=(0.1, 0.002))
+        tracks.append(track_of(time, states, readings))
+    found = fitted(calibrate(tracks, known(), parts=("zeta",)))
+    assert found["medium.calibrated_depth"] == pytest.approx((0.023,), abs=2e-4)
+
+
 def test_a_reading_that_no_load_cell_gives_is_refused():
     time, states = down(30.0).states()
     with pytest.raises(InputError, match=r"synthetic has a load-cell reading of 1e\+99"):
