@@ -36,7 +36,7 @@ def check_mesh(arguments: argparse.Namespace) -> int:
 def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=options.MESH)
     options.share(command, *options.PLACED, "--integration")
-    allowed = "error allowed, as a share of force, at the 95th percentile of motions not used to choose (default 0.025)"
+    allowed = "error allowed, as a share of force, at the 95th percentile of motions (default 0.025)"
     command.add_argument("--tolerance", dest="share", type=options.number, default=0.025, metavar="SHARE", help=allowed)
     scene = "choose plates for these motions only: a states file or a recorded bag (default: any motion)"
     command.add_argument("--scene", type=Path, metavar="STATES.csv|BAG", help=scene)
@@ -70,6 +70,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     tool = request.load()
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
+    options.warn_of(tool)
     states = None if arguments.scene is None else _scene(arguments, tool)
     with busy("choosing plates"):
         if states is None:

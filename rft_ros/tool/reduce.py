@@ -293,8 +293,9 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
     states = np.zeros((count, 13))
     states[:, 3:7] = directions(4)
     rotations = Rotation.from_quat(states[:, 3:7])
-    heights = rotations.as_matrix()[:, 2] @ (corners - center).T
-    top, bottom = heights.max(axis=1), heights.min(axis=1)
+    # one state at a time: the heights of all corners in all states could fill the memory
+    heights = (up @ (corners - center).T for up in rotations.as_matrix()[:, 2])
+    bottom, top = np.array([(z.min(), z.max()) for z in heights]).T
     depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
     lever = rotations.apply(center)
     states[:, :3] = -lever
