@@ -68,11 +68,14 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
     A bare word, without folder or suffix, is always a shipped mesh. `read_mesh` checks that the file exists.
     Raises InputError for an unknown package or name.
     """
-    if not isinstance(file, str | os.PathLike):
+    if not isinstance(file, str | os.PathLike) or "\0" in unquote(os.fspath(file)):
         raise InputError(f"mesh.file is {file!r}; it must be a path or the name of a shipped mesh")
     file = os.fspath(file)
     if file.startswith(_SCHEMES):
-        uri = urlsplit(file)
+        try:
+            uri = urlsplit(file)
+        except ValueError as error:
+            raise InputError(f"mesh.file '{file}' is not a URI: {reason_of(error)}; write file:///PATH") from None
         if uri.scheme == "package":
             with file_errors(f"mesh.file '{file}'", "read"):
                 return share_directory(uri.netloc) / unquote(uri.path[1:])
@@ -215,8 +218,10 @@ def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple[
         plates, reduction, vertices = Plates(rows), Reduction(**about["reduction"]), vertices.astype(np.float64)
         if about["format"] != _FORMAT or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
             raise ValueError(f"its format is '{about['format']}', or its facets are not of three of its vertices")
+        mesh = _in_tool_frame(vertices, faces, file, scale, origin)
+        return mesh, _placed(plates.rows, scale, np.asarray(origin, dtype=np.float64)), reduction
+    except InputError:
+        raise
     except (ValueError, LookupError, TypeError) as error:
         why = reason_of(error)
         raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {why}") from None
-    mesh = _in_tool_frame(vertices, faces, file, scale, origin)
-    return mesh, _placed(plates.rows, scale, np.asarray(origin, dtype=np.float64)), reduction

@@ -81,7 +81,8 @@ def load_tool(
         return tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=tolerance)
     mesh, plates, reduction = read_reduced(path, scale=scale, origin=origin)
     if integration not in (None, plates.integration):
-        raise InputError(f"mesh file '{path}' holds plates for integration '{plates.integration}' only")
+        only = f"holds plates for integration '{plates.integration}' only; ask for it, or reduce the mesh again"
+        raise InputError(f"mesh file '{path}' {only}")
     tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=plates.integration)
     return replace(tool, plates=plates, reduction=reduction)
 

@@ -193,7 +193,7 @@ def test_a_recorded_bag_is_a_scene_too(tmp_path):
 
 
 def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
-    with pytest.raises(InputError, match="holds plates for integration 'refined' only"):
+    with pytest.raises(InputError, match="holds plates for integration 'refined' only; ask for it"):
         load_tool(of_refined, integration="centroid")
     kept = load_tool(of_refined, integration="refined", tolerance=0.025)
     assert kept.reduction == load_tool(of_refined).reduction
@@ -220,6 +220,7 @@ def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, opti
         (lambda c: c.pop("plates"), "plates"),
         (lambda c: c.update(about=np.array("{}")), "reduction"),
         (lambda c: c.update(about=np.array("no json")), "Expecting value"),
+        (lambda c: c["plates"].__setitem__((0, 0), 1e308), "must be finite"),
         (lambda c: c.update(plates=c["plates"][:5]), "plates have 7 rows, or 14"),
         (lambda c: c.update(vertices=c["vertices"][:, :2]), "its facets are not of three of its vertices"),
         (lambda c: c.update(faces=c["faces"][:, :2]), "its facets are not of three of its vertices"),
@@ -235,6 +236,6 @@ def test_a_damaged_reduced_tool_is_refused_with_a_sentence(of_refined, tmp_path,
     change(content)
     np.savez(file, **content)
     with pytest.raises(InputError, match=r"few\.npz") as caught:
-        load_tool(file)
+        load_tool(file, scale=10.0)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
