@@ -7,7 +7,7 @@ rosbags decodes clouds, whose points stay views of the bytes.
 
 import struct
 from collections.abc import Callable
-from functools import lru_cache, partial
+from functools import cache, lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
@@ -125,6 +125,7 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
     return decode
 
 
+@cache  # the first of a cloud takes 0.3 s
 def decoder(role: Role, *, ros1: bool) -> Callable[[bytes], Sample]:
     """A function from a serialised message to its sample; it raises one of `UNREADABLE` for other bytes."""
     if role in ("tf", "tf_static"):

@@ -8,10 +8,13 @@ import threading
 import time
 from typing import TYPE_CHECKING
 
+from rft_ros.errors import InputError
+
 if TYPE_CHECKING:
     from rclpy.executors import Executor
 
     from rft_ros.node.rft_node import RftNode
+    from rft_ros.node.swap import ToolWorker
 
 _HELP = """\
 usage: rft_node --ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...
@@ -81,20 +84,9 @@ def _run(stop: threading.Event) -> str:
 
     worker = ToolWorker()  # first: its imports take as long as the node's
     import rclpy
-    from rclpy._rclpy_pybind11 import RCLError
-    from rclpy.executors import ExternalShutdownException
-    from rclpy.signals import SignalHandlerOptions
-
-    from rft_ros.errors import InputError
-    from rft_ros.node.node_parameters import parameter_files
-    from rft_ros.node.rft_node import RftNode
-    from rft_ros.parameters import parameter_tree
 
     try:
-        for file in parameter_files():
-            parameter_tree(file)  # refuses it in the words of a replay; ROS's are longer
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
-        node = RftNode(worker)
+        node = _started(worker)
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
         executor = _executor(node)
@@ -107,16 +99,31 @@ def _run(stop: threading.Event) -> str:
             node.end()
         executor.shutdown()
         node.destroy_node()
-    except RCLError as error:
-        return str(error).partition(", at ")[0]
     except InputError as error:
         return str(error)
-    except ExternalShutdownException:
-        pass
     finally:
         rclpy.try_shutdown()
         worker.end()
     return ""
+
+
+def _started(worker: "ToolWorker") -> "RftNode":
+    """The node. InputError for arguments and parameters that cannot be used."""
+    import rclpy
+    from rclpy.exceptions import ParameterException
+    from rclpy.signals import SignalHandlerOptions
+
+    from rft_ros.node.node_parameters import parameter_files
+    from rft_ros.node.rft_node import RftNode
+    from rft_ros.parameters import parameter_tree
+
+    for file in parameter_files():
+        parameter_tree(file)  # refuses it in the words of a replay; ROS's are longer
+    try:
+        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
+        return RftNode(worker)
+    except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
+        raise InputError(str(error).partition(", at ")[0]) from error
 
 
 def _executor(node: "RftNode") -> "Executor":

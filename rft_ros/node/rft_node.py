@@ -96,8 +96,12 @@ class RftNode(Node):
         )
 
     def _subscribe_to_clouds(self) -> None:
-        """Once the ground is a map."""
-        if self.estimator.ground is not None and self._clouds is None:
+        """While the ground is a map."""
+        if self.estimator.ground is None:
+            if self._clouds is not None:
+                self.destroy_subscription(self._clouds)
+            self._clouds = None
+        elif self._clouds is None:
             self._clouds = self._subscribe("surface", "~/surface_points", partial(self._on_input, "surface"))
 
     def _announce_compilation(self) -> None:
@@ -195,16 +199,14 @@ class RftNode(Node):
 
     def _validate(self, values: Values) -> None:
         transform_message(needed=values["sensor.frame_source"] == "tf")
-        self._swap.settings(values)
-        self._swap.model(values)
-        self._swap.check_mesh(values)
+        self._swap.check(values)
 
     def _apply(self, values: Values) -> None:
         self._feedforward.use(values)
+        self._swap.want(values)
         self._use()
         self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
         self._serialise = wrench_cdr(str(values["sensor_frame"]))
-        self._swap.want(values)
         self._swap_timer.reset()
 
     def _use(self) -> None:

@@ -47,7 +47,7 @@ class Services:
 
     def _learning(self) -> Learning:
         if self._estimator.learning is None:
-            raise InputError("learning.mode is off")
+            raise InputError("learning is not in force; set learning.mode to observe or apply")
         return self._estimator.learning
 
     def _forget(self) -> str:

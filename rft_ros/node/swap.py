@@ -1,6 +1,6 @@
 """What parameters need that takes time to load: it comes from beside the node, which answers meanwhile."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
@@ -98,7 +98,8 @@ class Swap:
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loading: Future[ModelParts] | None = None
-        self._table: tuple[str, Table] | None = None
+        self._tables: dict[str, Table] = {}  # of α_y, by file: the one in force
+        self._tables = self._checked_tables = self._tables_of(values)
 
     def settings(self, values: Values) -> Settings:
         """The settings of these parameters; without learning, and velocities from poses, until their code is loaded."""
@@ -107,17 +108,23 @@ class Swap:
         return settings if "velocity" in self._code else replace(settings, twist_source="topic")
 
     def model(self, values: Values, *, generation: int = 0) -> Model:
-        """The model of these parameters with the tool and the ground in force. InputError if there is none."""
-        table = None
-        if values["alpha_y.model"] == "table" and (file := str(values["alpha_y.table"])):
-            if self._table is None or self._table[0] != file:
-                self._table = file, read_alpha_y_table(file)
-            table = self._table[1]
-        in_force = {**values, **self.files.parameters()}
+        """The model of these parameters with the tool and the ground in force; `check` them first."""
+        return self._model(values, self._tables, generation)
+
+    def _model(self, values: Values, tables: Mapping[str, Table], generation: int = 0) -> Model:
+        in_force, table = {**values, **self.files.parameters()}, tables.get(str(values["alpha_y.table"]))
         return model_of(in_force, tool=self.parts.tool, ground=self.parts.ground, table=table, generation=generation)
 
-    def check_mesh(self, values: Values) -> None:
-        """Raise InputError for a mesh that is no file, at once, although the worker checks it too."""
+    def _tables_of(self, values: Values) -> dict[str, Table]:
+        """The table of α_y of these parameters, read again unless it is in force, whose file may be gone."""
+        file = str(values["alpha_y.table"]) if values["alpha_y.model"] == "table" else ""
+        return {file: self._tables.get(file) or read_alpha_y_table(file)} if file else {}
+
+    def check(self, values: Values) -> None:
+        """Raise InputError for parameters that cannot come into force; a mesh is not read yet."""
+        self.settings(values)
+        self._checked_tables = self._tables_of(values)
+        self._model(values, self._checked_tables)
         if model_files(values).tool != self.files.tool:
             checked_file(locate_mesh(str(values["mesh.file"])), "mesh.file")
 
@@ -134,7 +141,8 @@ class Swap:
         return " and ".join(named) if self._loading else ""
 
     def want(self, values: Values) -> None:
-        """Load what these parameters need and is not in force, in place of what is being loaded."""
+        """Load what these parameters, checked last, need and is not in force, in place of what is being loaded."""
+        self._tables = self._checked_tables
         wanted = _needs(values)
         if self._loading and wanted == self._wanted:
             return

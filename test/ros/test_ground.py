@@ -87,7 +87,7 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     rft.until(lambda: not np.array_equal(numbers(rft.ask(rft.moment())), on_plane))
     assert rft.trigger("save_ground")[0]
     assert rft.set(ground__cell=0.0) == (True, "")
-    rft.until(lambda: rft.trigger("level_ground") == level)
+    rft.until(lambda: rft.trigger("level_ground") == level and publisher.get_subscription_count() == 0)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
 
 

@@ -171,6 +171,7 @@ def test_arguments_that_ros_would_ignore_are_refused(monkeypatch, arguments, sen
         ("plate", "cannot use 'plate'; ROS arg"),
         (f"mesh.file:={PLATE.parent}", f"mesh file '{PLATE.parent}' is a folder"),
         ("medium.zeta:=-2.0", "medium.zeta is -2"),
+        ("use_sim_time:=3", "Trying to set parameter 'use_sim_time' to '3' of type 'INTEGER', expecting type 'BOOL'"),
     ],
 )
 def test_a_refusal_is_one_line_and_exit_status_2(start_process, argument, words):

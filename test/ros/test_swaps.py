@@ -110,13 +110,24 @@ def test_a_swap_that_fails_is_undone_even_if_the_file_in_force_is_gone(start_nod
     np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15)
 
 
-def test_an_alpha_y_table_that_was_deleted_does_not_stop_a_mesh_swap(start_node, tmp_path):
-    table = tmp_path / "alpha_y.csv"
-    table.write_text("beta,alpha_y\n0,0.2\n180,0.0\n")
+def test_an_alpha_y_table_that_was_deleted_stays_in_force_until_another_is(start_node, tmp_path):
+    table, other = tmp_path / "alpha_y.csv", tmp_path / "other.csv"
+    for file, stress in ((table, 0.2), (other, 0.1)):
+        file.write_text(f"beta,alpha_y\n0,{stress}\n180,0.0\n")
     rft = start_node(
         "-p", "mesh.file:=plate", "-p", "alpha_y.model:=table", "-p", f"alpha_y.table:={table}"
     ).wait_ready()
+    before = numbers(rft.ask(rft.moment(), **MOTION))
     table.unlink()
-    assert rft.set(mesh__file="sphere") == (True, "")
-    rft.until(lambda: rft.diagnostic("model")[2]["tool"] == "sphere")
-    rft.ask(rft.moment())
+    assert not rft.set(alpha_y__table=str(other), mesh__scale=0.002, mesh__file="/none/there.stl")[0]
+    for mesh in ("sphere", "plate"):
+        assert rft.set(mesh__file=mesh) == (True, "")
+        rft.until(lambda mesh=mesh: rft.diagnostic("model")[2]["tool"] == mesh)
+    np.testing.assert_array_equal(numbers(rft.ask(rft.moment(), **MOTION)), before)
+    table.write_text(other.read_text())
+    for model in ("constant", "table"):
+        assert rft.set(alpha_y__model=model) == (True, "")
+    after = numbers(rft.ask(rft.moment(), **MOTION))
+    assert rft.set(alpha_y__table=str(other)) == (True, "")
+    assert not np.array_equal(after, before)
+    np.testing.assert_array_equal(numbers(rft.ask(rft.moment(), **MOTION)), after)
