@@ -128,18 +128,6 @@ class Memory:
         """
         return self.numbers[:, TRACTIONS + self.plates.blocks.bounds.shape[1] :]
 
-    def part(self, first: int, last: int) -> "Memory":
-        """The memory of bodies `first` to `last` - 1, which shares its array with this one.
-
-        Raises ValueError unless it is of one body or more, all of this memory's.
-        """
-        if not 0 <= first < last <= self.bodies:
-            raise ValueError(f"part is of bodies {first} to {last} - 1; the memory has bodies 0 to {self.bodies - 1}")
-        made = Memory(self.plates, slack=self.slack)
-        object.__setattr__(made, "bodies", last - first)
-        object.__setattr__(made, "numbers", self.numbers[first:last])
-        return made
-
 
 @intrinsic
 def _select(_, condition, yes, no):  # type: ignore[no-untyped-def]

@@ -123,17 +123,21 @@ def wrenches_in_time(
     return result if sensitivities or out is None else result[:, : len(COLUMNS)]
 
 
-def prepared(plates: Plates, law: Law, memory: Memory, length: float) -> Callable[..., None]:
-    """`wrenches_in_time` for steps that must be short: a call checks nothing, which saves 4 us.
+def prepared(
+    plates: Plates, law: Law, memory: Memory | None = None, length: float = 1.0, *, bodies: slice = slice(None)
+) -> Callable[..., None]:
+    """`wrenches`, or with a memory `wrenches_in_time`, for steps that must be short: a call checks nothing.
 
-    `length`: the mobilization length [m]. Call it with states, durations, surface height [m], slope and out: of the
-    types and shapes that `wrenches_in_time` names, C-contiguous. Raises TypeError for what is no plates or no law.
+    That saves 4 us. `length`: the mobilization length [m]. `bodies`: those of the memory whose states will be given.
+    Call it with states, durations, surface height [m], slope and out: of the types and shapes that `wrenches_in_time`
+    names, C-contiguous. Raises TypeError for what is no plates or no law.
     """
     _checked(plates, law, 0.0, LEVEL)
-    loop, form, packed, kept = _loop(), plates.form, law.packed, memory.numbers
+    loop, form, packed = _loop(), plates.form, law.packed
+    remembers, kept = (False, _NO_MEMORY[3]) if memory is None else (True, memory.numbers[bodies])
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], out: Array) -> None:
-        loop(form, packed, height, slope, states, (True, durations, length, kept), out)
+        loop(form, packed, height, slope, states, (remembers, durations, length, kept), out)
 
     return step
 

@@ -69,7 +69,7 @@ class GrainsBatch:
         edges = np.linspace(0, n, parts + 1).astype(int)
         self._parts: list[_Part] = []
         for a, b in itertools.pairwise(edges):
-            step = prepared(tool.plates, law, memory.part(a, b), length)
+            step = prepared(tool.plates, law, memory, length, bodies=slice(a, b))
             self._parts.append((slice(a, b), step, self._durations[a:b], self._rows[a:b]))
         self._pool = ThreadPoolExecutor(self._threads)
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles

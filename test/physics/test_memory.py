@@ -214,11 +214,7 @@ def test_memory_continues_with_another_alpha_y_model():
     np.testing.assert_allclose(after, before, rtol=1e-12)
 
 
-def test_a_part_of_bodies_that_are_not_there_and_a_memory_of_other_plates_are_refused():
-    memory = Memory(PLATES["centroid"], bodies=3)
-    for first, last in ((0, 4), (3, 4), (-1, 0), (1, 1)):
-        with pytest.raises(ValueError, match="the memory has bodies 0 to 2"):
-            memory.part(first, last)
+def test_a_memory_of_other_plates_is_refused():
     states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="memory belongs to other plates"):
         remembered(states, durations, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])
