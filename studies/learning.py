@@ -21,7 +21,7 @@ from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning, Surprise
-from rft_ros.estimator.quality import prior_belief
+from rft_ros.estimator.quality import without_learning
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
@@ -320,7 +320,7 @@ def coverage(series: Series, out: Array) -> Array:
 
 def unlearned(series: Series) -> Array:
     """The model's wrench and its standard deviations without learning, shape [n, 12]."""
-    return np.array([prior_belief(row, zeta_error=series.zeta_error, reach=series.reach) for row in series.rows])
+    return np.array([without_learning(row, zeta_error=series.zeta_error, reach=series.reach) for row in series.rows])
 
 
 def with_layer(series: Series, at: float, factor: float) -> Array:

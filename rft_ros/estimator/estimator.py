@@ -14,7 +14,7 @@ from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Prediction, Tare
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
-from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, is_withdrawn, prior_belief
+from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, is_withdrawn, without_learning
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TwistSample, Wrench, WrenchSample
 from rft_ros.ground import Cloud, Ground, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
@@ -267,29 +267,29 @@ class Estimator:
         return answer
 
     def _tick(self, sample: PoseSample) -> Estimate:
-        pose = self._taken(sample)
-        cell = self._cell
-        if cell is None:
+        pose = self._take(sample)
+        if (cell := self._cell) is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)
         self._surface = surface = self._ground.under(motion.state[0], self.settings.surface_height)
-        model, force, area = self._model_wrench(motion, surface)
+        row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
         self._tare.watch(pose, "the tool was in the grains" if in_grains else "")
-        belief = self._belief(motion, model, force, in_grains)
+        answer = self._corrected(motion, row, force, in_grains)
         self._state = motion.state
-        if in_grains and motion.rests and self._memory is None:
+        if in_grains and motion.rests and self._memory is None:  # learning has followed it nevertheless
             raise RefusedError(Reason.AT_REST)
-        wrench, offset, sigma = cell.into_sensor(motion.state[0, 3:7], belief)
+        wrench, offset, sigma = cell.into_sensor(motion.state[0, 3:7], answer)
+        # before the flags: a reading that has come already is learned here, and may be a surprise
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         flags = self._quality.flags(
-            motion, surface, self.settings, self.model.law, submerged=in_grains, depth=self.depth,
+            motion, surface, self.settings, self.model.law, in_grains=in_grains, depth=self.depth,
             withdraws=self._withdrawal.path > 0.0, learning=self.learning,
         )  # fmt: skip
         return Estimate(pose.stamp, wrench, sigma, motion.speed, area, self.model.generation, flags)
 
-    def _taken(self, sample: PoseSample) -> PoseSample:
-        """The pose in world axes, taken by all that follows poses; one that jumps back in time begins a new run."""
+    def _take(self, sample: PoseSample) -> PoseSample:
+        """The pose in world axes, once ground and comparison know it; one that jumps back in time begins a new run."""
         pose = self._intake.pose(sample)
         if self._pose is not None and pose.stamp < self._pose.stamp:
             self.counts[Reason.TIME_JUMP.value] += 1
@@ -322,18 +322,18 @@ class Estimator:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)
         return row, (numbers[0], numbers[1], numbers[2]), numbers[6]
 
-    def _belief(self, motion: Motion, model: Array, force: samples.Vector, in_grains: bool) -> Array:
+    def _corrected(self, motion: Motion, row: Array, force: samples.Vector, in_grains: bool) -> Array:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         holds, up = in_grains and motion.rests, motion.velocity[2]
         # a tool that pauses on its way up goes on to be withdrawn
         rises = self._withdrawal.path > 0.0 if holds else in_grains and is_withdrawn(up, motion.speed, force)
         if self.learning is None:
-            answer = prior_belief(model, zeta_error=self.settings.zeta_error, reach=self._kinematics.reach)
+            answer = without_learning(row, zeta_error=self.settings.zeta_error, reach=self._kinematics.reach)
         else:
             fast = math.hypot(*motion.velocity) > inertial_speed(self.model.law)
             apply = self.settings.learning_mode == "apply"
             stamp, path = motion.pose.stamp, motion.path
-            answer = self.learning.predict(stamp, model, step=path, passing=rises or fast, apply=apply)
+            answer = self.learning.predict(stamp, row, step=path, passing=rises or fast, apply=apply)
         return self._withdrawal.widened(answer, motion.path, rises=rises, holds=holds)
 
     def _learn(self, predicted: Prediction, force: samples.Vector | None, repeated: bool) -> None:

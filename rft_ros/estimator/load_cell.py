@@ -73,13 +73,13 @@ class LoadCellFrame:
         self._out = np.zeros(18)
         self._into_sensor = machine_code(_into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out))
 
-    def into_sensor(self, quaternion: Array, belief: Array) -> tuple[Wrench, Wrench, Wrench]:
+    def into_sensor(self, quaternion: Array, answer: Array) -> tuple[Wrench, Wrench, Wrench]:
         """In the sensor frame: the wrench, the offset that the cell reads beside it, one standard deviation.
 
         The offset, bias and weight, has the sign of a force on the tool: the raw reading is `sign` times the sum.
-        `belief`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
+        `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
         """
-        self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(belief), self._out)
+        self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(answer), self._out)
         a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q, r, s = self._out.tolist()
         return (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s)
 

@@ -74,7 +74,7 @@ class Kinematics:
 
     def at(self, pose: PoseSample) -> Motion:
         """The motion at a pose; `RefusedError` if it has no velocity, or comes sooner than `max_rate` allows."""
-        velocity = self._velocity(pose)
+        velocity = self._velocity(pose)  # of each pose: the slope is that of all, also of those that are not answered
         # a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz
         if pose.stamp + self._period // 10 < self._due:
             raise RefusedError(Reason.POSE_RATE_LIMITED)
@@ -84,7 +84,7 @@ class Kinematics:
         vx, vy, vz, wx, wy, wz = velocity
         speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
         rests = speed < self._settings.rest_speed or speed == 0.0
-        path, duration = self._way(pose, 0.0 if rests else speed)
+        path, duration = self._path_since(pose, 0.0 if rests else speed)
         state = np.empty((1, len(STATE)))  # an array of a nested list takes half as long again
         state[0] = (*pose.position, *pose.quaternion, *velocity)
         self._before = motion = Motion(pose, state, (vx, vy, vz), speed, rests, path, duration)
@@ -104,7 +104,7 @@ class Kinematics:
         to_world = Placement(pose.position, pose.quaternion)
         return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
-    def _way(self, pose: PoseSample, speed: float) -> tuple[float, float]:
+    def _path_since(self, pose: PoseSample, speed: float) -> tuple[float, float]:
         """Path and duration since the motion before; `speed`: 0 at rest.
 
         After a gap over `max_input_age` the path is the poses' displacement, and the duration what it takes.

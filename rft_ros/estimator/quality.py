@@ -19,7 +19,7 @@ from rft_ros.tool import Tool
 Array = NDArray[np.float64]
 
 __all__ = ["QualityFlag", "QualityMonitor", "Trust"]
-__all__ += ["flag_names", "inertial_speed", "is_withdrawn", "prior_belief", "sentences", "trust"]
+__all__ += ["flag_names", "inertial_speed", "is_withdrawn", "sentences", "trust", "without_learning"]
 
 
 class QualityFlag(IntFlag):
@@ -90,21 +90,21 @@ _NOISE, _NOISE_FLOOR = 0.035, 0.05  # of any component: share of the whole force
 _LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
-def prior_belief(model: Array, *, zeta_error: float, reach: float) -> Array:
+def without_learning(row: Array, *, zeta_error: float, reach: float) -> Array:
     """A prediction without learning, (L6), shape [12]: force [N], torque [N m], world axes, a deviation of each.
 
-    `model`: begins with force and torque. `zeta_error`: relative standard error of ζ, 0 if unknown. `reach` of the tool
-    [m].
+    `row`: the model, begins with force and torque. `zeta_error`: relative standard error of ζ, 0 if unknown. `reach` of
+    the tool [m].
     """
     answer = np.empty(12)
-    _prior_belief(zeta_error or _STRENGTH_ERROR, reach, model, answer)
+    _without_learning(zeta_error or _STRENGTH_ERROR, reach, row, answer)
     return answer
 
 
 @compiled
-def _prior_belief(zeta_error, reach, model, answer):  # type: ignore[no-untyped-def]
+def _without_learning(zeta_error, reach, row, answer):  # type: ignore[no-untyped-def]
     for i in range(6):
-        answer[i] = model[i]
+        answer[i] = row[i]
     flat, vertical = answer[0] ** 2 + answer[1] ** 2, answer[2] ** 2
     whole = flat + vertical
     horizontally, vertically = zeta_error**2 + _HORIZONTAL_ERROR**2, zeta_error**2 + _VERTICAL_ERROR**2
@@ -187,7 +187,7 @@ class QualityMonitor:
         settings: Settings,
         law: Law,
         *,
-        submerged: bool,
+        in_grains: bool,
         depth: Callable[[], float],
         withdraws: bool,
         learning: Learning | None,
@@ -199,7 +199,7 @@ class QualityMonitor:
         flags, f = 0, QualityFlag  # whose operations take a microsecond, so integers are joined
         if learning is not None:
             flags = (f.SURPRISE.value if learning.surprise else 0) | (f.DISAGREEMENT.value if learning.disagrees else 0)
-        if not submerged:
+        if not in_grains:
             self._path.clear()
             self._countdown = 0
             return flags

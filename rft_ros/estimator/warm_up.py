@@ -13,7 +13,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.messages import decoder
 from rft_ros.estimator.motion import PoseDifference
-from rft_ros.estimator.quality import Withdrawal, prior_belief
+from rft_ros.estimator.quality import Withdrawal, without_learning
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Settings
@@ -40,7 +40,7 @@ def _velocity() -> None:
 def _answers() -> None:
     edge_share(_PLATE, _STATE)
     LoadCellFrame(LoadCell()).into_sensor(_STATE[3:7], np.zeros(12))
-    prior_belief(np.zeros(7), zeta_error=0.0, reach=0.0)
+    without_learning(np.zeros(7), zeta_error=0.0, reach=0.0)
     withdrawal = Withdrawal()
     for path in (0.0, 1.0):
         withdrawal.widened(np.zeros(12), path, rises=path > 0.0, holds=False)
