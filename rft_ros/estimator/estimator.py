@@ -3,7 +3,6 @@
 import math
 from collections import Counter
 from collections.abc import Callable
-from concurrent.futures import Executor
 from dataclasses import replace
 
 import numpy as np
@@ -37,19 +36,17 @@ class Estimator:
     sample in another frame than expected is transformed if fixed `transforms` link the two. `counts`: under "estimates"
     their number; under each `Reason`, how often it refused a sample, or left a pose without an estimate or a residual.
     `learning`: what was learned of the medium; None while `learning_mode` is off.
-    `background`: with an executor of one thread, maps of the ground are made there; the estimates are the same.
     """
 
-    def __init__(self, settings: Settings, model: Model, *, background: Executor | None = None) -> None:
+    def __init__(self, settings: Settings, model: Model) -> None:
         self.counts: Counter[str] = Counter()
         self.settings, self.model = settings, model
         self.learning: Learning | None = None
-        self._background = background
         self._comparison = Comparison(self.counts, self._learn)
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
-        self._ground = Ground(model.ground, model.tool.corners, background)
+        self._ground = Ground(model.ground, model.tool.corners)
         self._pose: PoseSample | None = None  # the last that was taken
         self._surface: LocalSurface | None = None  # at the last pose that was evaluated
         self._state, self._duration = np.zeros((1, len(STATE))), np.zeros(1)
@@ -85,7 +82,7 @@ class Estimator:
     @property
     def surface(self) -> LocalSurface:
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
-        return self._surface or self._ground.flat(self.settings.surface_height)
+        return self._surface or LocalSurface(self.settings.surface_height)
 
     @property
     def ground(self) -> HeightMap | None:
@@ -131,7 +128,7 @@ class Estimator:
             s = self.settings
         new_ground = m.ground is not old_model.ground
         if new_ground:
-            self._ground = Ground(m.ground, m.tool.corners, self._background)
+            self._ground = Ground(m.ground, m.tool.corners)
         elif new_tool:
             self._ground.use(m.tool.corners)
         if new_tool:

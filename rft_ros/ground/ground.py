@@ -9,7 +9,7 @@ shows this against simulated grains.
 
 import math
 from collections import deque
-from concurrent.futures import Executor, Future
+from concurrent.futures import Future, ThreadPoolExecutor
 from typing import NamedTuple
 
 import numpy as np
@@ -43,16 +43,16 @@ _MOVED = 1e-4  # m
 
 
 class LocalSurface(NamedTuple):
-    """A plane: world z = height + slope · (x, y).
+    """A plane: world z = height + slope · (x, y); level unless it is from a map.
 
     `height` at x = y = 0 [m]; `slope`: dz/dx, dz/dy; `roughness`: RMS distance of the ground from the plane [m];
     `depth`: of the tool's deepest point below it [m], negative above.
     """
 
     height: float
-    slope: tuple[float, float]
-    roughness: float
-    depth: float
+    slope: tuple[float, float] = LEVEL
+    roughness: float = 0.0
+    depth: float = math.nan
 
 
 def _spiral(n: int) -> tuple[Array, Array, Array]:
@@ -179,20 +179,22 @@ class Support:
         self._reach = max(float(np.linalg.norm(self._corners, axis=1).max()), _MOVED)  # zeros in `kept` are far away
 
     def local_surface(
-        self, ground: HeightMap, state: Array, *, level: float, kept: Array | None = None
+        self, ground: HeightMap | None, state: Array, *, level: float, kept: Array | None = None
     ) -> LocalSurface:
-        """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] where the map knows nothing.
+        """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] without a map.
 
         Where the map knows nothing it is exactly (level, 0, 0). `kept`: of one body on one map, `KEPT` numbers, zeros
         at first: a body that has moved by less than 0.1 mm keeps its surface, since noise at rest has no direction.
         """
+        if ground is None:
+            return LocalSurface(level)
         kept = np.zeros(KEPT) if kept is None else kept
         i0, j0 = map(float, ground.corner)  # one machine code for all maps
         place = ground.heights, i0, j0, ground.cell, level, _DISC
         depth = _local_plane(*place, self._corners, self._reach, state, kept)
         h, sx, sy, rough = kept[8:].tolist()
         if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
-            return LocalSurface(level, LEVEL, 0.0, level - float(state[2]))
+            return LocalSurface(level, depth=level - float(state[2]))
         return LocalSurface(h, (sx, sy), rough, depth)
 
 
@@ -209,20 +211,19 @@ class Cloud(NamedTuple):
 class Ground:
     """The map in force, `map`, which `level` sets to `start`; None: a level plane.
 
-    `corners` of the tool's convex hull, tool frame [m], shape [k, 3]. `background`: an executor of one thread in which
-    clouds become maps; without one they do at once. `last_cloud`, `newest`: stamps of cloud and pose [ns].
+    `corners` of the tool's convex hull, tool frame [m], shape [k, 3]. `last_cloud`, `newest`: stamps of cloud and pose
+    [ns].
     """
 
-    def __init__(self, start: HeightMap | None, corners: Array, background: Executor | None = None) -> None:
-        self.map = start
-        self.last_cloud = self.newest = 0
+    def __init__(self, start: HeightMap | None, corners: Array) -> None:
         self._start = start
-        self._background = background
-        self._merged = start  # of the thread that makes maps
+        # Clouds become maps in a thread: numba's loops release the GIL, so that a tick does not wait for them.
+        self._thread = ThreadPoolExecutor(1)
         self._clouds: deque[tuple[Cloud, _Camera]] = deque(maxlen=_CLOUDS)
         self._places: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque(maxlen=_PLACES)
         self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()  # when it is due, and the map
         self.use(corners)
+        self.begin_again()
 
     def use(self, corners: Array) -> None:
         """Take another tool, by the corners of its hull [m], shape [k, 3]."""
@@ -234,7 +235,7 @@ class Ground:
             made.result()  # the thread may be at it
         self._waiting.clear()
         self._clouds.clear()
-        self.map = self._merged = self._start
+        self.map = self._merged = self._start  # `_merged` is the thread's
         self._kept.fill(0.0)
 
     def begin_again(self) -> None:
@@ -272,13 +273,7 @@ class Ground:
 
     def under(self, state: Array, level: float) -> LocalSurface:
         """The surface around the tool at a state, shape [13], columns `STATE`; `level` [m] where nothing is known."""
-        if self.map is None:
-            return self.flat(level)
         return self._support.local_surface(self.map, state, level=level, kept=self._kept)
-
-    def flat(self, level: float) -> LocalSurface:
-        """A level surface [m]."""
-        return LocalSurface(level, LEVEL, 0.0, math.nan)
 
     def _merge(self) -> None:
         while self._clouds and self._clouds[0][0].stamp <= self.newest:
@@ -286,12 +281,7 @@ class Ground:
             _, position, quaternion = next(place for place in self._places if place[0] >= cloud.stamp)
             low, high = self._corners.min(axis=0), self._corners.max(axis=0)
             tool = ToolBox(position=np.array(position), rotation=rotation_matrix(quaternion), low=low, high=high)
-            made: Future[HeightMap] = Future()
-            if self._background:
-                made = self._background.submit(self._with, cloud, camera, tool)
-            else:  # at once: when it is due is on a pose's path
-                made.set_result(self._with(cloud, camera, tool))
-            self._waiting.append((cloud.stamp + DELAY, made))
+            self._waiting.append((cloud.stamp + DELAY, self._thread.submit(self._with, cloud, camera, tool)))
 
     def _with(self, cloud: Cloud, camera: _Camera, tool: ToolBox) -> HeightMap:
         x, y, z = cloud.x, cloud.y, cloud.z

@@ -60,9 +60,12 @@ class HeightMap:
         number("cell", self.cell, positive=True)
         if not (abs(numbers("corner", self.corner, rows=2)) <= _FARTHEST).all():
             raise ValueError(f"corner is {self.corner}; it must be two numbers of at most {_FARTHEST:g} cells")
-        heights = np.array(self.heights, dtype=np.float32, order="C")
+        with np.errstate(over="ignore"):
+            heights = np.array(self.heights, dtype=np.float32, order="C")
         if heights.ndim != 2 or not heights.size:
             raise ValueError(f"heights has shape {list(heights.shape)}; it must be [n, m], with at least one cell")
+        if (np.abs(heights) > _HIGHEST).any():
+            raise ValueError(f"heights has values beyond {_HIGHEST:g} m; give NaN where nothing is known")
         heights.flags.writeable = False
         object.__setattr__(self, "heights", heights)
 

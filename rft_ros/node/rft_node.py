@@ -1,7 +1,6 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from time import perf_counter
 
@@ -47,8 +46,7 @@ class RftNode(Node):
         values = self.values
         self._swap = Swap(worker, values, on_cold_cache=self._announce_compilation)
         settings, model = self._swap.settings(values), self._swap.model(values)
-        # One thread for maps of the ground: numba's loops release the GIL, so that a tick does not wait for a cloud.
-        self.estimator = Estimator(settings, model, background=ThreadPoolExecutor(1))
+        self.estimator = Estimator(settings, model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._last_measurement: Measurement | None = None
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}

@@ -6,8 +6,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.ground import HeightMap, LocalSurface, Support
-from rft_ros.rft import LEVEL, Law, plate_forces, rotation_matrix
+from rft_ros.ground import HeightMap, Support
+from rft_ros.rft import Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool, drawable
 
 __all__ = ["TRACTION", "Animation", "animate", "animation_figure"]
@@ -61,10 +61,9 @@ def animate(
     used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
     times, states = times[used], states[used]
     vertices, faces, plates = drawable(tool, most_faces=_MOST_FACES)
-    support, level = Support(tool.corners), LocalSurface(surface_height, LEVEL, 0.0, 0.0)
-    of_plates, grid = [], None
+    support, of_plates, grid = Support(tool.corners), [], None
     for state in states:
-        surface = support.local_surface(ground, state, level=surface_height) if ground else level
+        surface = support.local_surface(ground, state, level=surface_height)
         of_plates.append(plate_forces(plates, law, state, surface_height=surface.height, slope=surface.slope))
     if ground is not None:  # around the tool's path
         around = 3.0 * tool.plates.reach

@@ -103,6 +103,7 @@ def test_no_points_change_nothing_and_a_map_from_another_process_cannot_be_chang
         ({"cell": np.nan}, "cell is nan"),
         ({"corner": (0.0, 1e300)}, "corner is"),
         ({"heights": np.zeros(4)}, "heights has shape"),
+        *(({"heights": [[0.0, high]]}, "heights has values beyond 1e") for high in (np.inf, -np.inf, -1e300)),
     ],
 )
 def test_a_map_that_cannot_be_one_is_refused(change, sentence):
