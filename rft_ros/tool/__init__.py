@@ -1,18 +1,7 @@
 """From a mesh file to a tool of plates: locate, read, check, refine, reduce."""
 
-from rft_ros.tool.check import check_mesh
-from rft_ros.tool.mesh_file import is_mesh_path, locate_mesh, read_mesh
+from rft_ros.tool.mesh_file import is_mesh_path, locate_mesh
 from rft_ros.tool.tool import Tool, ToolRequest, describe_tool, drawable, load_tool, tool_of_mesh
 
-__all__ = [
-    "Tool",
-    "ToolRequest",
-    "check_mesh",
-    "describe_tool",
-    "drawable",
-    "is_mesh_path",
-    "load_tool",
-    "locate_mesh",
-    "read_mesh",
-    "tool_of_mesh",
-]
+__all__ = ["Tool", "ToolRequest", "describe_tool", "drawable", "is_mesh_path", "load_tool", "locate_mesh"]
+__all__ += ["tool_of_mesh"]

@@ -98,7 +98,8 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
 
     `scale`: metres per mesh unit; units and up-axes declared in the file are ignored. `origin`: where the tool
     frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh with its transforms
-    applied. Facets keep their winding. Raises InputError that names the file, or `mesh.scale` or `mesh.origin`.
+    applied. Facets keep their winding. Raises InputError that names the file, or ValueError `mesh.scale` or
+    `mesh.origin`.
     """
     name, suffix = f"mesh file '{path}'", path.suffix.lower()
     checked_file(path, "mesh file")  # a folder has no suffix either
@@ -160,10 +161,7 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    try:
-        scale, shift = number("mesh.scale", scale, positive=True), numbers("mesh.origin", origin, rows=3)
-    except ValueError as error:
-        raise InputError(str(error)) from None
+    scale, shift = number("mesh.scale", scale, positive=True), numbers("mesh.origin", origin, rows=3)
     if not np.isfinite(shift).all():
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
     if (abs(shift) > _FARTHEST * np.abs(corners).max()).any():
@@ -210,7 +208,7 @@ def save_reduced(
 def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple["trimesh.Trimesh", Plates, Reduction]:
     """The full mesh, the plates and the reduction that `save_reduced` wrote, placed as `read_mesh` places a mesh.
 
-    Raises InputError that names the file and what is wrong with it, or `mesh.scale` or `mesh.origin`.
+    Raises as `read_mesh`.
     """
     vertices, faces, rows, text = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:

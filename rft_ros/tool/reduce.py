@@ -7,9 +7,8 @@ like the missing wrench; the areas are a non-negative least-squares fit. Random 
 chose no plates, measure the error. The same tool always gives the same plates.
 """
 
-import warnings
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import takewhile
 
@@ -57,7 +56,7 @@ _FAINT = 1e-3  # of the strongest plate: weaker ones would get meaningless areas
 _RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable for plates that are alike
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Reduction:
     """Result of a reduction.
 
@@ -78,52 +77,17 @@ class Reduction:
         return f"{self.facets:,} facets -> {self.plates:,} plates, {100.0 * self.error:.1f} % at the 95th percentile"
 
 
-class _Errors:
-    """The error of reduced tools against the full tool over the same states.
-
-    Relative to each state's own force if `own_force`, else to the greatest force.
-    """
-
-    def __init__(self, plates: Plates, states: Array, *, own_force: bool) -> None:
-        self._states, self._reach, self._facets = states, plates.reach, len(plates)
-        self._full = self._wrenches(plates)
-        force = np.linalg.norm(self._full[..., :3], axis=2)
-        self.any_force = bool(force.any())
-        if own_force:
-            self._scale = np.maximum(force, _FEEBLE * float(np.median(force[force > 0.0])) if self.any_force else 1.0)
-        else:
-            self._scale = np.maximum(force.max(axis=1, keepdims=True), 1e-300)
-
-    def _wrenches(self, plates: Plates) -> Array:
-        return np.stack([wrenches(plates, law, self._states)[:, :6] for law in _LAWS])
-
-    def percentile_95(self, plates: Plates) -> float:
-        """By the worse law, of the larger of two errors, no unit: of the force; of the torque over the tool's reach."""
-        off = np.linalg.norm((self._wrenches(plates) - self._full).reshape(*self._full.shape[:2], 2, 3), axis=3)
-        larger = np.maximum(off[..., 0], off[..., 1] / self._reach)
-        return float(np.percentile(larger / self._scale, 95.0, axis=1).max())
-
-    def reduction(self, few: Plates, tolerance: float, motions: str) -> Reduction:
-        return Reduction(
-            facets=self._facets,
-            plates=len(few),
-            error=self.percentile_95(few),
-            tolerance=tolerance,
-            motions=motions,
-        )
-
-
 def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, Reduction]:
     """The fewest plates within the tolerance; `corners`: of the tool's convex hull [m], shape [k, 3]."""
-    errors = _Errors(plates, random_motions(corners, _STATES, seed=1), own_force=True)
+    error_of = _error_over(random_motions(corners, _STATES, seed=1), plates, own_force=True)
 
     def within(count: int) -> bool:
-        return errors.percentile_95(merged_plates(plates, count)) <= tolerance
+        return error_of(merged_plates(plates, count)) <= tolerance
 
     counts = _COUNTS[_WORTH * len(plates) >= _COUNTS].tolist()
     best = bisect_left(counts, True, key=within)
     few = merged_plates(plates, counts[best]) if best < len(counts) else plates
-    return few, errors.reduction(few, tolerance, "any motion")
+    return few, Reduction(len(plates), len(few), error_of(few), tolerance, motions="any motion")
 
 
 def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[Plates, Reduction]:
@@ -135,12 +99,38 @@ def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[
     if len(states) < _FEWEST_STATES:
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
     third = np.arange(len(states)) % 3 == 2
-    errors = _Errors(plates, _halfway(states, plates.reach)[third], own_force=False)
-    if not errors.any_force:
-        raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
+    error_of = _error_over(_halfway(states, plates.reach)[third], plates, own_force=False)
     candidates = takewhile(lambda few: len(few) <= _WORTH * len(plates), chosen_plates(plates, states[~third]))
-    few = next((few for few in candidates if errors.percentile_95(few) <= tolerance), plates)
-    return few, errors.reduction(few, tolerance, f"a scene of {len(states):,} states")
+    few = next((few for few in candidates if error_of(few) <= tolerance), plates)
+    motions = f"a scene of {len(states):,} states"
+    return few, Reduction(len(plates), len(few), error_of(few), tolerance, motions)
+
+
+def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[Plates], float]:
+    """A function that gives the error of fewer plates over these states: by the worse law, at the 95th percentile.
+
+    The larger of two errors: of the force; of the torque over the tool's reach. Relative to each state's own force if
+    `own_force`, else to the greatest force.
+    """
+
+    def wrenches_of(some: Plates) -> Array:
+        return np.stack([wrenches(some, law, states)[:, :6] for law in _LAWS])
+
+    full = wrenches_of(plates)
+    force = np.linalg.norm(full[..., :3], axis=2)
+    if own_force:
+        scale = np.maximum(force, _FEEBLE * float(np.median(force[force > 0.0])) if force.any() else 1.0)
+    elif force.any():
+        scale = force.max(axis=1, keepdims=True)
+    else:
+        raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
+
+    def error_of(few: Plates) -> float:
+        off = np.linalg.norm((wrenches_of(few) - full).reshape(*full.shape[:2], 2, 3), axis=3)
+        larger = np.maximum(off[..., 0], off[..., 1] / plates.reach)
+        return float(np.percentile(larger / scale, 95.0, axis=1).max())
+
+    return error_of
 
 
 def merged_plates(plates: Plates, count: int) -> Plates:
@@ -148,22 +138,21 @@ def merged_plates(plates: Plates, count: int) -> Plates:
 
     For the refined rule it also keeps their second moments about the centroid and the spread of their normals.
     """
-    from scipy.cluster.vq import kmeans2
+    from scipy.cluster.vq import vq
     from scipy.spatial import KDTree
 
     rows, area = plates.rows, plates.packed[6]
     place = rows[:3] - (rows[:3] @ area / area.sum())[:, None]
     radius = float(np.linalg.norm(place, axis=0).max())
     features = np.vstack([place / (radius or 1.0), rows[3:6]]).T
-    order = np.random.default_rng(0).choice(
-        len(features), min(len(features), _DRAWN), replace=False, p=area / area.sum()
-    )
-    drawn = features[order]
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of groups without members
-        centres, _ = kmeans2(drawn, drawn[:count], iter=_ROUNDS, minit="matrix")
+    most, random = min(len(features), _DRAWN), np.random.default_rng(0)
+    drawn = features[random.choice(len(features), most, replace=False, p=area / area.sum())]
+    centres = drawn[:count].copy()
+    for _ in range(_ROUNDS):  # scipy's kmeans2 warns of groups that lose their members, as those of equal centres do
+        filled, groups = np.unique(vq(drawn, centres)[0], return_inverse=True)
+        centres[filled] = _means(groups, np.ones(most), drawn)
     nearest = KDTree(centres).query(features)[1]
-    return Plates(_united(rows, np.unique(nearest, return_inverse=True)[1].reshape(-1)))
+    return Plates(_united(rows, np.unique(nearest, return_inverse=True)[1]))
 
 
 def _means(groups: Labels, weights: Array, values: Array) -> Array:

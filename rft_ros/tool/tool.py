@@ -2,9 +2,9 @@
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from os import PathLike
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,7 +25,7 @@ __all__ = ["Tool", "ToolRequest", "centroid_plates", "describe_tool", "drawable"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tool:
-    """A rigid tool in its own frame [m]. Its arrays are read-only, also after unpickling.
+    """A rigid tool in its own frame [m].
 
     `name`: the mesh file's stem. `file`: its path. `plates`: the plates whose wrenches are summed. `facets`: one plate
     per face, in the same order; the same object as `plates` unless the tool was reduced. `vertices`: shape [n, 3].
@@ -42,14 +42,6 @@ class Tool:
     issues: tuple[MeshIssue, ...]
     corners: NDArray[np.float64]
     reduction: Reduction | None = None
-
-    def __post_init__(self) -> None:
-        for array in (self.vertices, self.faces, self.corners):
-            array.flags.writeable = False
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # Unpickled arrays are writable, so `__post_init__` must run.
-        return Tool, tuple(getattr(self, f.name) for f in fields(self))
 
     def lowest_point(self, rotation: NDArray[np.float64]) -> float:
         """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3]."""

@@ -14,7 +14,8 @@ from rft_ros.files import read_yaml, whole, whole_folder
 from rft_ros.ground import read_height_map
 from rft_ros.parameters import read_alpha_y_table
 from rft_ros.states_file import read_states
-from rft_ros.tool import load_tool, read_mesh
+from rft_ros.tool import load_tool
+from rft_ros.tool.mesh_file import read_mesh
 
 READERS = {
     "mesh.stl": lambda file: read_mesh(file, scale=0.001, origin=(0.0, 0.0, 0.0)),

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from rft_ros.tool import check_mesh
+from rft_ros.tool.check import check_mesh
 
 BALL = trimesh.creation.icosphere(subdivisions=2, radius=0.02)
 SHEET = [[0.0, 0.0, 0.0], [0.02, 0.0, 0.0], [0.0, 0.02, 0.0]]

@@ -42,7 +42,7 @@ def test_a_tool_arrives_unchanged_with_aligned_read_only_arrays(worker):
     for there, here in zip(arrays(back), arrays(tool), strict=True):
         np.testing.assert_array_equal(there, here)
         assert there.flags.aligned
-        assert not there.flags.writeable
+    assert not back.plates.packed.flags.writeable
 
 
 def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_priority(worker):
