@@ -147,9 +147,7 @@ class Estimator:
         learning.lag, learning.reach = s.learning_lag, m.tool.plates.reach
         if s.load_cell != old.load_cell:
             learning.forget_air()
-        (kind, numbers, table), (old_kind, *old_arrays) = m.law.packed, old_model.law.packed
-        same_law = kind == old_kind and all(map(np.array_equal, (numbers, table), old_arrays))
-        if not same_law or m.mobilization_length != old_model.mobilization_length:
+        if m.law != old_model.law or m.mobilization_length != old_model.mobilization_length:
             learning.forget()
         elif new_tool or new_axes or new_ground or s.surface_height != old.surface_height:
             learning.leave()

@@ -48,7 +48,7 @@ _TINY = 1e-290
 
 @dataclass(frozen=True, slots=True)
 class Agarwal2023:
-    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³].
+    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³]. `packed`: for the loop.
 
     Raises ValueError for a field that is not a finite number.
     """
@@ -59,11 +59,8 @@ class Agarwal2023:
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        names = "inertia", "stiffness", "surface_friction"
-        given = [number(f"{name} of the law", getattr(self, name)) for name in names]
-        for name, value in zip(names, given, strict=True):
-            object.__setattr__(self, name, value)
-        object.__setattr__(self, "packed", packed(-1, given))
+        numbers = {"inertia": self.inertia, "stiffness": self.stiffness, "surface_friction": self.surface_friction}
+        object.__setattr__(self, "packed", packed(-1, numbers))
 
 
 def agarwal2023(
@@ -77,11 +74,9 @@ def agarwal2023(
 
     `density` of the bed [kg/m³] and `inertia` λ: see `inertial_density`. Raises ValueError for numbers out of range.
     """
-    if number("medium.surface_friction", surface_friction) < 0.0:
-        raise ValueError(f"medium.surface_friction is {surface_friction}; it must be 0 or more")
     return Agarwal2023(
         stiffness=number("medium.zeta", zeta, positive=True) * (1e6 / FLAT_PRESS),
-        surface_friction=float(surface_friction),
+        surface_friction=number("medium.surface_friction", surface_friction, least=0.0),
         inertia=inertial_density(density, inertia),
     )
 

@@ -1,12 +1,12 @@
 """Models of α_y, the stress per depth along e1, the horizontal direction in the plate (Treers et al. 2021, IV-B).
 
-A model is a NamedTuple of at most four numbers, and an array called `values` where it has one, and a function
+A model is a NamedTuple of at most four numbers, and a table called `values` where it has one, and a function
 ``f(model, sin_beta, cos_beta, sin_gamma, cos_gamma) -> [N/cm³]`` in plain arithmetic that unpacks it. To add a model,
 write both and name them in `_MODELS`.
 """
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,20 +17,7 @@ from rft_ros.rft.chunk import ALONG, ANGLES, E2, ROW, TRACTION, at, quadruple, w
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.media import Medium
 
-__all__ = [
-    "ALPHA_Y_MODELS",
-    "AlphaY",
-    "Constant",
-    "Linear",
-    "PackedLaw",
-    "Table",
-    "add_alpha_y",
-    "alpha_y",
-    "alpha_y_model",
-    "checked_alpha_y",
-    "packed",
-    "packed_alpha_y",
-]
+__all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model"]
 
 
 class Constant(NamedTuple):
@@ -49,15 +36,15 @@ class Linear(NamedTuple):
 class Table(NamedTuple):
     """α_y [N/cm³] on a uniform grid of β and γ, bilinear between nodes, constant beyond the edges; see `sampled`.
 
-    `values`: shape [n_beta, n_gamma], at least [2, 2]. The first node lies at `beta`, `gamma` [rad]; `beta_nodes` and
-    `gamma_nodes` are nodes per radian.
+    `values`: n_beta rows of n_gamma numbers, at least two of each. The first node lies at `beta`, `gamma` [rad];
+    `beta_nodes` and `gamma_nodes` are nodes per radian.
     """
 
     beta: float
     beta_nodes: float
     gamma: float
     gamma_nodes: float
-    values: NDArray[np.float64]
+    values: tuple[tuple[float, ...], ...]
 
     @classmethod
     def sampled(cls, beta: ArrayLike, gamma: ArrayLike, values: ArrayLike) -> "Table":
@@ -79,10 +66,12 @@ class Table(NamedTuple):
             raise ValueError("values has a number that is not finite")
         beta_nodes, v = _uniform(b, v)
         gamma_nodes, v = _uniform(g, v.T)
-        return cls(float(b[0]), beta_nodes, float(g[0]), gamma_nodes, np.ascontiguousarray(v.T))
+        return cls(float(b[0]), beta_nodes, float(g[0]), gamma_nodes, tuple(map(tuple, v.T.tolist())))
 
 
 AlphaY = Constant | Linear | Table
+
+_NO_VALUES = ((0.0, 0.0), (0.0, 0.0))
 
 PackedLaw = tuple[int, NDArray[np.float64], NDArray[np.float64]]
 """A law for the compiled loop: which, 15 numbers of which the first is the inertia, and the values of a table."""
@@ -191,48 +180,26 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
     return model
 
 
-def checked_alpha_y(model: AlphaY) -> AlphaY:
-    """The model with fields of float64, and values that no caller can change.
+def packed(kind: int, numbers: Mapping[str, float], values: ArrayLike = _NO_VALUES) -> PackedLaw:
+    """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
 
-    Raises TypeError for anything but a model, ValueError for a field that is not finite or has the wrong shape.
+    Raises ValueError or TypeError for what is not finite, or is no table.
     """
-    if type(model) not in _TYPES:
-        raise TypeError(f"alpha_y model is {model!r}; create one with alpha_y_model")
-    fields: list[Any] = []
-    for name, value in model._asdict().items():
-        if name == "values" and isinstance(value, np.ndarray) and value.ndim > 0:
-            array = np.array(numbers(name, value, value.shape[1:]))  # a copy that no caller can change
-            if not np.isfinite(array).all():
-                raise ValueError(f"{name} of the alpha_y model has a value that is not finite")
-            array.flags.writeable = False
-            fields.append(array)
-        else:
-            fields.append(number(f"{name} of the alpha_y model", value))
-    if isinstance(model, Table) and (np.ndim(model.values) != 2 or min(np.shape(model.values)) < 2):
-        raise ValueError(f"values of the table have shape {np.shape(model.values)}; create one with Table.sampled")
-    made: AlphaY = type(model)(*fields)
-    return made
-
-
-def alpha_y(model: AlphaY, sin_beta: float, cos_beta: float, sin_gamma: float, cos_gamma: float) -> float:
-    """α_y of a plate [N/cm³] from its attack angle β and intrusion angle γ."""
-    _, function, _ = list(_MODELS.values())[_TYPES.index(type(model))]
-    return function(model, sin_beta, cos_beta, sin_gamma, cos_gamma)
-
-
-def packed(kind: int, numbers: Iterable[float], values: NDArray[np.float64] | None = None) -> PackedLaw:
-    """A law for the compiled loop, in arrays of the types that it takes."""
-    given, table = np.zeros(15), np.zeros((2, 2)) if values is None else values.copy()
-    for k, value in enumerate(numbers):
-        given[k] = value
+    given, table = np.zeros(15), np.array(values, dtype=np.float64)
+    given[: len(numbers)] = [number(f"{name} of the law", value) for name, value in numbers.items()]
+    if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
+        raise ValueError(f"a table of shape {table.shape} is not finite, or not [2, 2] or larger: use Table.sampled")
     given.flags.writeable = table.flags.writeable = False
     return kind, given, table
 
 
-def packed_alpha_y(model: AlphaY, numbers: Iterable[float]) -> PackedLaw:
-    """A law of 11 numbers and a checked model: the model's place in `ALPHA_Y_MODELS`, all numbers, and its values."""
-    of_model = [v for v in model if not isinstance(v, np.ndarray)]
-    return packed(_TYPES.index(type(model)), (*numbers, *of_model), getattr(model, "values", None))
+def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
+    """A law of 11 numbers and a model: the model's place in `ALPHA_Y_MODELS`, all numbers, and its values."""
+    if type(model) not in _TYPES:
+        raise TypeError(f"alpha_y model is {model!r}; create one with alpha_y_model")
+    fields = {f"alpha_y.{name}": value for name, value in model._asdict().items()}
+    values = fields.pop("alpha_y.values", _NO_VALUES)
+    return packed(_TYPES.index(type(model)), {**numbers, **fields}, values)
 
 
 @inlined

@@ -1,6 +1,6 @@
 """Arguments of public functions: converted to the types of the compiled loops, or refused with a sentence."""
 
-from math import isfinite
+from math import inf, isfinite
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,16 +11,15 @@ FLOAT = np.dtype(np.float64)
 """The type of all numbers in the compiled loops, in native byte order."""
 
 
-def number(name: str, value: float, *, positive: bool = False) -> float:
-    """A finite number as float, in the unit of `value`. Raises ValueError that names the argument."""
-    if value.__class__ is float and (value > 0.0 if positive else True) and isfinite(value):
-        return value
+def number(name: str, value: float, *, positive: bool = False, least: float = -inf) -> float:
+    """A finite number as float, of at least `least`, in the unit of `value`. Raises ValueError that names it."""
     try:
         x = float("nan" if isinstance(value, str | bytes) else value)
     except (TypeError, ValueError, OverflowError):
         x = float("nan")
-    if not isfinite(x) or (positive and x <= 0.0):
-        raise ValueError(f"{name} is {value!r}; it must be a {'positive' if positive else 'finite'} number")
+    if not isfinite(x) or x < least or (positive and x <= 0.0):
+        wanted = "a positive number" if positive else "a finite number" if least == -inf else f"at least {least:g}"
+        raise ValueError(f"{name} is {value!r}; it must be {wanted}")
     return x
 
 

@@ -18,17 +18,8 @@ one simulated run, a flat plate at 1 m/s; the square is an assumption."""
 
 
 def inertial_density(density: float, inertia: float = INERTIA) -> float:
-    """λ ρ [kg/m³], a law's field `inertia`, from the density of the bed [kg/m³] and λ.
-
-    Raises ValueError for a negative number.
-    """
-    given = {"medium.density": density, "medium.inertia": inertia}
-    for name, value in given.items():
-        given[name] = number(name, value)
-        if given[name] < 0.0:
-            raise ValueError(f"{name} is {value}; it must be 0 or more")
-    rho, factor = given.values()
-    return rho * factor
+    """λ ρ [kg/m³], a law's field `inertia`, from the density of the bed [kg/m³] and λ; neither may be negative."""
+    return number("medium.density", density, least=0.0) * number("medium.inertia", inertia, least=0.0)
 
 
 @inlined

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import AlphaY, PackedLaw, add_alpha_y, checked_alpha_y, packed_alpha_y
+from rft_ros.rft.alpha_y import AlphaY, PackedLaw, add_alpha_y, packed_alpha_y
 from rft_ros.rft.arguments import number
 from rft_ros.rft.chunk import (
     ALONG,
@@ -84,14 +84,11 @@ class Treers2021:
         m = self.medium
         if not isinstance(m, Medium):
             raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")
-        object.__setattr__(self, "alpha_y", checked_alpha_y(self.alpha_y))
-        for name in ("stiffness", "inertia"):
-            object.__setattr__(self, name, number(f"{name} of the law", getattr(self, name)))
-        # sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed
-        of_z = m.A00, m.A10, m.B11 + m.Bm11, m.B11 - m.Bm11, m.B01
-        of_x = m.C01, m.C11 + m.Cm11, m.Cm11 - m.C11, m.D10
-        numbers = [number(f"a coefficient of the medium '{m.name}'", value) for value in (*of_z, *of_x)]
-        object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, (self.inertia, self.stiffness, *numbers)))
+        # sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed; in the order of `_stresses`
+        of_z = {"A00": m.A00, "A10": m.A10, "B11 + Bm11": m.B11 + m.Bm11, "B11 - Bm11": m.B11 - m.Bm11, "B01": m.B01}
+        of_x = {"C01": m.C01, "C11 + Cm11": m.C11 + m.Cm11, "Cm11 - C11": m.Cm11 - m.C11, "D10": m.D10}
+        numbers = {"inertia": self.inertia, "stiffness": self.stiffness, **of_z, **of_x}
+        object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
 
 
 Law = Treers2021 | Agarwal2023

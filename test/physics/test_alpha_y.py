@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, medium_named, treers2021, wrenches
-from rft_ros.rft.alpha_y import FINEST, alpha_y
+from rft_ros.rft.alpha_y import FINEST, add_alpha_y
+from rft_ros.rft.chunk import ALONG, ANGLES, E2, ROW, SIZE, TRACTION
 
 attack = st.floats(0.0, 180.0)
 
@@ -21,8 +22,12 @@ UNEVEN = Table.sampled(
 
 
 def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
-    b, g = math.radians(beta_deg), math.radians(gamma_deg)
-    return alpha_y(model, math.sin(b), math.cos(b), math.sin(g), math.cos(g))
+    """What the law adds along e1 where its weight is 1."""
+    b, g, chunk = math.radians(beta_deg), math.radians(gamma_deg), np.zeros(SIZE)
+    chunk[ANGLES::ROW][:4] = math.sin(b), math.cos(b), math.sin(g), math.cos(g)
+    chunk[ALONG] = chunk[E2 + ROW] = 1.0
+    add_alpha_y(*treers2021(MEDIA["generic"], model).packed, chunk, 1)
+    return float(chunk[TRACTION])
 
 
 @given(beta=st.floats(0.0, 180.0), gamma=st.floats(-120.0, 120.0))
@@ -70,7 +75,7 @@ def test_a_table_in_steps_that_the_grid_divides_is_exact():
 
 def test_a_table_of_the_constant_gives_the_wrench_of_the_constant_model(random_body, random_states):
     generic = MEDIA["generic"]
-    flat_table = Table.sampled(np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), np.full(UNEVEN.values.shape, 0.136))
+    flat_table = Table.sampled(np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), np.full(np.shape(UNEVEN.values), 0.136))
     by_constant = wrenches(random_body, treers2021(generic, alpha_y_model("constant", generic)), random_states)
     by_table = wrenches(random_body, treers2021(generic, alpha_y_model("table", generic, flat_table)), random_states)
     np.testing.assert_allclose(by_table, by_constant, rtol=0, atol=1e-12 * np.abs(by_constant).max())
@@ -89,5 +94,5 @@ def test_an_unknown_medium_is_refused_with_the_names_there_are():
 
 
 def test_an_array_in_place_of_a_number_is_refused():
-    with pytest.raises(ValueError, match="value of the alpha_y model is array"):
+    with pytest.raises(ValueError, match=r"alpha_y\.value of the law is array"):
         treers2021(MEDIA["generic"], Constant(np.array([5.0, 6.0])))

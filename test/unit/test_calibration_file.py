@@ -97,6 +97,8 @@ def test_an_alpha_y_like_the_published_one_needs_no_table_and_another_gets_one_b
     lines = (tmp_path / named).read_text().splitlines()
     table = {float(b): float(a) for b, a in (line.split(",") for line in lines if line[0].isdigit())}
     assert (table[30.0], table[90.0]) == pytest.approx((0.19, 0.07), abs=0.005)
+    again = ["calibrate", str(cell / "pressed"), "--params", str(out), "-o", str(tmp_path / "again.yaml")]
+    assert main([*again, "--fit", "surface"]) == 0  # laws with tables are compared
 
 
 def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
