@@ -11,35 +11,35 @@ import signal
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
+from importlib import import_module
 from inspect import getdoc
 from pathlib import Path
 from typing import Any, NoReturn
 
-from rft_ros.commands import calibrate, cell, predict, replay, tools
 from rft_ros.errors import InputError, reason_of
 from rft_ros.installation import program, release
 
 __all__ = ["main", "parser"]
 
 _COMMANDS = {
-    "predict": (predict.predict_options, predict.predict),
-    "check-mesh": (tools.check_mesh_options, tools.check_mesh),
-    "reduce": (tools.reduce_options, tools.reduce),
-    "replay": (replay.replay_options, replay.replay),
-    "calibrate": (calibrate.calibrate_options, calibrate.calibrate),
-    "sweep": (tools.sweep_options, tools.sweep),
-    "view": (predict.view_options, predict.view),
-    "doctor": (cell.doctor_options, cell.doctor),
-    "demo": (cell.demo_options, cell.demo),
-    "warm-up": (lambda _: None, cell.warm_up),
+    "predict": ("predict", "Predict the wrench at each state of a CSV file."),
+    "check-mesh": ("tools", "Report what a mesh file holds and what is wrong with it."),
+    "reduce": ("tools", "Write a tool with the fewest plates that its motions need."),
+    "replay": ("replay", "Run recorded bags through the estimator."),
+    "calibrate": ("calibrate", "Fit load cell, surface, ζ, memory and α_y to recorded bags."),
+    "sweep": ("tools", "Run a design study: tools × motions × media, on all cores or a cluster."),
+    "view": ("predict", "Draw a tool moving through the grains: an animated page."),
+    "doctor": ("cell", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
+    "demo": ("cell", "Run a virtual arm, a real node and a live table (needs ROS)."),
+    "warm-up": ("cell", "Compile all that node and replay can need, so that no start or change of a parameter waits."),
 }
-"""What adds a command's options, and what runs it: its docstring describes the command in one line, then examples."""
+"""The module of `rft_ros.commands` that each command is in, and what it does."""
 
 
 def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentParser:
     """The whole command line. `rft`: what the user types to run this program; help and errors show it.
 
-    `only`: the command that gets its options, which take half a second to make (default: all).
+    `only`: the command whose module is imported, which takes half a second (default: all).
     """
     whole = _Parser(
         prog=rft,
@@ -49,13 +49,15 @@ def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentPar
     )
     whole.add_argument("--version", action="version", version=f"rft {release()}", help="show the version and exit")
     commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
-    for name, (add_options, run) in _COMMANDS.items():
-        text, _, examples = (getdoc(run) or "").partition("\n\n")
-        epilog = "\n".join(["example:", *(f"  {rft}{line.removeprefix('rft')}" for line in examples.splitlines())])
-        command = commands.add_parser(name, help=text, description=text, epilog=epilog, formatter_class=_Help)
+    for name, (module, text) in _COMMANDS.items():
+        command = commands.add_parser(name, help=text, description=text, formatter_class=_Help)
         if only in (None, name):
-            add_options(command)
-        command.set_defaults(run=run)
+            functions, function = vars(import_module(f"rft_ros.commands.{module}")), name.replace("-", "_")
+            functions[f"{function}_options"](command)
+            run = functions[function]
+            command.set_defaults(run=run)
+            examples = (f"  {rft}{line.removeprefix('rft')}" for line in (getdoc(run) or "").splitlines())
+            command.epilog = "\n".join(["example:", *examples])
     return whole
 
 

@@ -1,1 +1,1 @@
-"""The `rft` commands: for each, what adds its options, and what runs it, which imports what it needs when it runs."""
+"""The `rft` commands: for each, what adds its options, and what runs it, whose docstring is its examples."""

@@ -3,19 +3,21 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rft_ros.bags.playback import mounted
+from rft_ros.bags.reading import bag_name
+from rft_ros.calibration.calibrate import PARTS, Calibration
+from rft_ros.calibration.calibrate import calibrate as fitted_to
+from rft_ros.calibration.calibrated_file import alpha_y_table, rounded, write_calibrated
+from rft_ros.calibration.track import read_track
 from rft_ros.commands import options
 from rft_ros.errors import InputError
+from rft_ros.parameters import named_files
 from rft_ros.progress import busy
-
-if TYPE_CHECKING:
-    from rft_ros.calibration.calibrate import Calibration
+from rft_ros.tool import locate_mesh
 
 
 def calibrate_options(command: argparse.ArgumentParser) -> None:
-    from rft_ros.calibration.calibrate import PARTS
-
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=options.BAG)
     params = "the node's own parameter file"
     command.add_argument("--params", type=Path, required=True, metavar="FILE.yaml", help=params)
@@ -32,19 +34,7 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
-    """Fit load cell, surface, ζ, memory and α_y to recorded bags.
-
-    rft calibrate bag_1 bag_2 --params my_cell.yaml -o calibrated.yaml
-    """
-    from rft_ros.bags.playback import mounted
-    from rft_ros.bags.reading import bag_name
-    from rft_ros.calibration.calibrate import PARTS
-    from rft_ros.calibration.calibrate import calibrate as fitted_to
-    from rft_ros.calibration.calibrated_file import alpha_y_table, write_calibrated
-    from rft_ros.calibration.track import read_track
-    from rft_ros.parameters import named_files
-    from rft_ros.tool import locate_mesh
-
+    """rft calibrate bag_1 bag_2 --params my_cell.yaml -o calibrated.yaml"""
     bags, output = {bag: bag_name(bag) for bag in arguments.bags}, arguments.output
     values, chosen = options.recording(arguments)
     parts = arguments.fit or PARTS
@@ -79,10 +69,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
     return 1 if arguments.fit and result.not_identifiable else 0
 
 
-def overview(result: "Calibration") -> list[str]:
+def overview(result: Calibration) -> list[str]:
     """Lines: each fitted value with standard error and goodness of fit, what is not identifiable and why."""
-    from rft_ros.calibration.calibrated_file import rounded
-
     lines = []
     for f in result.fitted:
         numbers = ", ".join(f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True))

@@ -3,15 +3,17 @@
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rft_ros.bags.checkup import Checkup, Finding
+from rft_ros.bags.playback import ReplayOptions, topics_of
+from rft_ros.bags.reading import Recording
+from rft_ros.bags.replay import replay
 from rft_ros.commands import options
 from rft_ros.errors import InputError
+from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.installation import program, share_directory
+from rft_ros.parameters import Model, Settings, model_of, node_parameters, read_parameter_file, settings_of
 from rft_ros.progress import busy
-
-if TYPE_CHECKING:
-    from rft_ros.bags.checkup import Finding
-    from rft_ros.parameters import Model, Settings
 
 
 def doctor_options(command: argparse.ArgumentParser) -> None:
@@ -24,16 +26,9 @@ def doctor_options(command: argparse.ArgumentParser) -> None:
 
 
 def doctor(arguments: argparse.Namespace) -> int:
-    """Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node.
-
-    rft doctor my_cell.yaml --bag recording
+    """rft doctor my_cell.yaml --bag recording
     rft doctor my_cell.yaml --remap ~/pose:=/tool_pose --seconds 10
     """
-    from rft_ros.bags.checkup import Checkup, Finding
-    from rft_ros.bags.playback import topics_of
-    from rft_ros.bags.reading import Recording
-    from rft_ros.parameters import model_of, node_parameters, settings_of
-
     if arguments.seconds <= 0.0:
         raise InputError(f"--seconds is {arguments.seconds:g}; it must be over 0")
     arguments.node = "/" + arguments.node.strip("/")
@@ -67,10 +62,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     return 0 if all(finding.ok for finding in findings) else 1
 
 
-def _compiled(model: "Model", settings: "Settings") -> "Finding":
-    from rft_ros.bags.checkup import Finding
-    from rft_ros.estimator.warm_up import needed, prepare
-
+def _compiled(model: Model, settings: Settings) -> Finding:
     def stop() -> None:
         raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
 
@@ -90,9 +82,7 @@ def demo_options(command: argparse.ArgumentParser) -> None:
 
 
 def demo(arguments: argparse.Namespace) -> int:
-    """Run a virtual arm, a real node and a live table (needs ROS).
-
-    rft demo --seconds 20 -o out/demo
+    """rft demo --seconds 20 -o out/demo
     rft demo --mujoco -o out/demo_mujoco
     """
     try:
@@ -102,10 +92,6 @@ def demo(arguments: argparse.Namespace) -> int:
             f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
             " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
         ) from None
-    from rft_ros.bags.playback import ReplayOptions
-    from rft_ros.bags.replay import replay
-    from rft_ros.installation import program, share_directory
-    from rft_ros.parameters import read_parameter_file
 
     parameters = share_directory("rft_ros") / "config" / ("mujoco_arm.yaml" if arguments.mujoco else "demo.yaml")
     tare = 1.5 if arguments.mujoco else 2.0  # s in which the arm rests in the air
@@ -118,13 +104,12 @@ def demo(arguments: argparse.Namespace) -> int:
     return 0
 
 
+def warm_up_options(_command: argparse.ArgumentParser) -> None:
+    pass
+
+
 def warm_up(_arguments: argparse.Namespace) -> int:
-    """Compile all machine code that node and replay can need, so that no start or change of a parameter waits for it.
-
-    rft warm-up
-    """
-    from rft_ros.estimator.warm_up import prepare
-
+    """rft warm-up"""
     prepare(on_cold_cache=lambda: print("compiling, ten seconds or more ...", flush=True))
     print("everything is compiled")
     return 0

@@ -6,12 +6,13 @@ import sys
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from rft_ros.bags.playback import ReplayOptions
-    from rft_ros.parameters import Values
-    from rft_ros.tool import Tool
+from rft_ros.bags.playback import ReplayOptions, read_replay_options
+from rft_ros.files import refuse_overwriting
+from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
+from rft_ros.sweeps.design import PARAMETER_NAMES, parameters_of
+from rft_ros.tool import Tool
 
 MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
@@ -50,9 +51,6 @@ def share(command: argparse._ActionsContainer, *names: str) -> None:
 
 def _of_parameter(option: str) -> dict[str, Any]:
     """How argparse reads an option that means what a parameter of the node means."""
-    from rft_ros.parameters import PARAMETERS
-    from rft_ros.sweeps.design import PARAMETER_NAMES
-
     name = PARAMETER_NAMES[option.removeprefix("--").replace("-", "_")]
     (parameter,) = (p for p in PARAMETERS if p.name == name)
     value, unit = parameter.default, f" [{parameter.unit}]" if parameter.unit else ""
@@ -66,10 +64,8 @@ def _of_parameter(option: str) -> dict[str, Any]:
     return {"type": number, "nargs": 3, "metavar": ("X", "Y", "Z"), "help": f"{meaning}{unit} (default {default})"}
 
 
-def values_of(arguments: argparse.Namespace) -> "Values":
+def values_of(arguments: argparse.Namespace) -> Values:
     """The node's parameters as the options of `share` that mean one give them, checked."""
-    from rft_ros.sweeps.design import PARAMETER_NAMES, parameters_of
-
     given = {name: value for name, value in vars(arguments).items() if name in PARAMETER_NAMES and value is not None}
     table = given.get("alpha_y", "")
     if Path(table).suffix:
@@ -79,27 +75,22 @@ def values_of(arguments: argparse.Namespace) -> "Values":
 
 def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path]) -> None:
     """Raise InputError where an output would overwrite an input: `also`, and each path that another argument gives."""
-    from rft_ros.files import refuse_overwriting
-
     given = [value for name, value in vars(arguments).items() if name != "output"]
     words = [word for value in given for word in (value if isinstance(value, list) else [value])]
     refuse_overwriting(outputs, [*(word for word in words if isinstance(word, Path)), *also])
 
 
-def warn_of(tool: "Tool") -> None:
+def warn_of(tool: Tool) -> None:
     """Print the issues of a tool's mesh on stderr."""
     for issue in tool.issues:
         print(f"warning: {tool.name}: {issue.message}", file=sys.stderr, flush=True)
 
 
-def recording(arguments: argparse.Namespace) -> "tuple[Values, ReplayOptions]":
+def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:
     """The node's parameters, and how to read the recording: from the parameter file, overridden by options.
 
     ``--tare 0`` overrides a `tare` of the file by none.
     """
-    from rft_ros.bags.playback import ReplayOptions, read_replay_options
-    from rft_ros.parameters import NODE, defaults, read_parameter_file
-
     file = arguments.params
     values = read_parameter_file(file, getattr(arguments, "node", NODE)) if file else defaults()
     written = read_replay_options(file) if file else ReplayOptions()

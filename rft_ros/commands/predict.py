@@ -3,9 +3,15 @@
 import argparse
 from pathlib import Path
 
+from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
+from rft_ros.parameters import model_of, named_files, settings_of
 from rft_ros.progress import busy
+from rft_ros.report.animation import animate, animation_figure
+from rft_ros.report.page import Figure, write_page
+from rft_ros.rft import COLUMNS
+from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
 
 def predict_options(command: argparse.ArgumentParser) -> None:
@@ -21,14 +27,7 @@ def predict_options(command: argparse.ArgumentParser) -> None:
 
 
 def predict(arguments: argparse.Namespace) -> int:
-    """Predict the wrench at each state of a CSV file.
-
-    rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv
-    """
-    from rft_ros.parameters import model_of, named_files, settings_of
-    from rft_ros.rft import COLUMNS
-    from rft_ros.states_file import read_states, wrenches_along, write_wrenches
-
+    """rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv"""
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     times, states = read_states(arguments.states)
@@ -60,17 +59,9 @@ def view_options(command: argparse.ArgumentParser) -> None:
 
 
 def view(arguments: argparse.Namespace) -> int:
-    """Draw a tool moving through the grains: an animated page.
-
-    rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
+    """rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
     rft view out/demo/bag --params config/demo.yaml -o tool.html
     """
-    from rft_ros.bags.playback import states_of
-    from rft_ros.parameters import model_of, named_files, settings_of
-    from rft_ros.report.animation import animate, animation_figure
-    from rft_ros.report.page import Figure, write_page
-    from rft_ros.states_file import read_states
-
     source, output = arguments.source, arguments.output
     if output.suffix != ".html":
         raise InputError(f"'{output}' must end in .html")

@@ -3,14 +3,15 @@
 import argparse
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from rft_ros.bags.reading import bag_name
+from rft_ros.bags.replay import replay as run
+from rft_ros.bags.replay import replay_model, results
+from rft_ros.bags.summary import Limit, Summary, check, read_limits
 from rft_ros.commands import options
 from rft_ros.errors import InputError
+from rft_ros.parameters import named_files
 from rft_ros.progress import busy
-
-if TYPE_CHECKING:
-    from rft_ros.bags.summary import Limit, Summary
 
 
 def replay_options(command: argparse.ArgumentParser) -> None:
@@ -26,15 +27,7 @@ def replay_options(command: argparse.ArgumentParser) -> None:
 
 
 def replay(arguments: argparse.Namespace) -> int:
-    """Run recorded bags through the estimator.
-
-    rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay
-    """
-    from rft_ros.bags.replay import replay as run
-    from rft_ros.bags.replay import replay_model, results
-    from rft_ros.bags.summary import read_limits
-    from rft_ros.parameters import named_files
-
+    """rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay"""
     bags, out = arguments.bag, arguments.output
     limits = read_limits(arguments.check) if arguments.check else []
     values, chosen = options.recording(arguments)
@@ -64,8 +57,6 @@ def replay(arguments: argparse.Namespace) -> int:
 
 def folder_names(bags: list[Path]) -> list[str]:
     """A unique name for each bag's folder: the bag's without suffix, with "_2" if that is taken."""
-    from rft_ros.bags.reading import bag_name
-
     names: list[str] = []
     for bag in bags:
         name = Path(bag_name(bag)).stem if bag.is_file() else bag_name(bag)
@@ -75,10 +66,8 @@ def folder_names(bags: list[Path]) -> list[str]:
     return names
 
 
-def _status(summary: "Summary", limits: "list[Limit]") -> int:
+def _status(summary: Summary, limits: list[Limit]) -> int:
     """Exit status: 1 if a limit is exceeded, or the bag has no estimate, which gets an error."""
-    from rft_ros.bags.summary import check
-
     checks = check(limits, summary)
     if checks:
         print("\n".join([f"{summary.bag}: limits", *(line for _, line in checks)]), flush=True)

@@ -2,17 +2,21 @@
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
+from rft_ros.parameters import model_of, named_files, settings_of, tool_request
 from rft_ros.progress import busy
-
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-    from rft_ros.tool import Tool
+from rft_ros.states_file import read_states
+from rft_ros.sweeps.design import read_design
+from rft_ros.sweeps.run import run
+from rft_ros.tool import Tool, describe_tool
+from rft_ros.tool.mesh_file import SUFFIX, save_reduced
+from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
@@ -21,13 +25,7 @@ def check_mesh_options(command: argparse.ArgumentParser) -> None:
 
 
 def check_mesh(arguments: argparse.Namespace) -> int:
-    """Report what a mesh file holds and what is wrong with it.
-
-    rft check-mesh my_tool.stl --scale 0.001
-    """
-    from rft_ros.parameters import tool_request
-    from rft_ros.tool import describe_tool
-
+    """rft check-mesh my_tool.stl --scale 0.001"""
     tool = tool_request(options.values_of(arguments)).load()
     print("\n".join(describe_tool(tool)))
     return 1 if tool.issues else 0
@@ -49,14 +47,7 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
 
 
 def reduce(arguments: argparse.Namespace) -> int:
-    """Write a tool with the fewest plates that its motions need.
-
-    rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz
-    """
-    from rft_ros.parameters import named_files, tool_request
-    from rft_ros.tool.mesh_file import SUFFIX, save_reduced
-    from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
-
+    """rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz"""
     tolerance, output = arguments.share, arguments.output
     if not 0.0 < tolerance <= 1.0:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
@@ -84,12 +75,8 @@ def reduce(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _scene(arguments: argparse.Namespace, tool: "Tool") -> "NDArray[np.float64]":
+def _scene(arguments: argparse.Namespace, tool: Tool) -> NDArray[np.float64]:
     """The scene's states, the surface at z = 0."""
-    from rft_ros.bags.playback import states_of
-    from rft_ros.parameters import model_of, settings_of
-    from rft_ros.states_file import read_states
-
     scene, surface = arguments.scene, arguments.surface_height
     values, chosen = options.recording(arguments)
     if scene.suffix.lower() == ".csv":
@@ -112,13 +99,7 @@ def sweep_options(command: argparse.ArgumentParser) -> None:
 
 
 def sweep(arguments: argparse.Namespace) -> int:
-    """Run a design study: tools × motions × media, on all cores or a cluster.
-
-    rft sweep config/sweep_example.yaml -o out/sweep
-    """
-    from rft_ros.sweeps.design import read_design
-    from rft_ros.sweeps.run import run
-
+    """rft sweep config/sweep_example.yaml -o out/sweep"""
     if arguments.workers is not None and arguments.workers < 1:
         raise InputError(f"--workers is {arguments.workers}; it must be at least 1")
     design, out = read_design(arguments.study), arguments.output
