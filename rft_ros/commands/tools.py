@@ -1,7 +1,9 @@
 """Commands about a tool: check its mesh, reduce its plates, try variants of its design."""
 
 import argparse
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -9,7 +11,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import model_of, named_files, settings_of, tool_request
+from rft_ros.parameters import model_of, named_files, settings_of, tool_of
 from rft_ros.progress import busy
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
@@ -26,7 +28,7 @@ def check_mesh_options(command: argparse.ArgumentParser) -> None:
 
 def check_mesh(arguments: argparse.Namespace) -> int:
     """rft check-mesh my_tool.stl --scale 0.001"""
-    tool = tool_request(options.values_of(arguments)).load()
+    tool = tool_of(options.values_of(arguments))
     print("\n".join(describe_tool(tool)))
     return 1 if tool.issues else 0
 
@@ -55,10 +57,9 @@ def reduce(arguments: argparse.Namespace) -> int:
         raise InputError(f"output '{output}' must end in {SUFFIX}, the suffix of reduced tools")
     if arguments.scene is None and (arguments.params or arguments.surface_height is not None):
         raise InputError("--params and --surface-height are for a scene: give --scene, or neither")
-    values = options.values_of(arguments)
+    values: Mapping[str, Any] = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
-    request = tool_request(values)
-    tool = request.load()
+    tool, scale, origin = tool_of(values), values["mesh.scale"], values["mesh.origin"]
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
     options.warn_of(tool)
@@ -68,10 +69,10 @@ def reduce(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
         else:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
-    save_reduced(output, tool, plates, reduction, scale=request.scale, origin=request.origin)
+    save_reduced(output, tool, plates, reduction, scale=scale, origin=origin)
     print(f"{tool.name} for {reduction.motions}, {plates.integration}: {reduction} -> {output}")
-    origin = " ".join(f"{v:g}" for v in request.origin)
-    print(f"its lengths are the mesh's: use it with the same scale, {request.scale:g}, and origin, {origin}")
+    place = " ".join(f"{v:g}" for v in origin)
+    print(f"its lengths are the mesh's: use it with the same scale, {scale:g}, and origin, {place}")
     return 0
 
 

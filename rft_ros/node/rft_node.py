@@ -220,6 +220,6 @@ class RftNode(Node):
             self.announce("in force")
         elif succeeded is not None:
             self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
-            self._table.set_all(self._swap.files.parameters(), why="the swap failed")
+            self._table.set_all(self._swap.files, why="the swap failed")
         if not self._swap.preparing:
             self._swap_timer.cancel()

@@ -5,6 +5,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
 from multiprocessing.connection import Connection, Pipe
+from typing import Any
 
 from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
@@ -12,7 +13,7 @@ from rft_ros.estimator import Model, Settings
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
 from rft_ros.installation import program
-from rft_ros.parameters import ModelFiles, ModelParts, Values, model_files, model_of, read_alpha_y_table, settings_of
+from rft_ros.parameters import FILES, Values, files_of, load_files, model_of, read_alpha_y_table, settings_of
 from rft_ros.rft import Table
 from rft_ros.tool import locate_mesh
 
@@ -33,21 +34,21 @@ class ToolWorker:
         with theirs:
             self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
 
-    def load(self, request: ModelFiles) -> ModelParts:
-        """Load files; InputError if they cannot be used, take too long, or are given up."""
+    def load(self, files: Mapping[str, Values]) -> dict[str, Any]:
+        """Load parts of `files_of`; InputError if they cannot be used, take too long, or are given up."""
         try:
             if self.process.poll() is not None:
                 self._connection.close()
                 self._start(low_priority=True)
-            self._connection.send(request)
+            self._connection.send(files)
             if not self._connection.poll(_LONGEST):
                 small = f"give the mesh fewer facets with '{program()} reduce'"
-                raise InputError(f"{request} took over {_LONGEST:g} s to load; {small}")
-            answer: ModelParts | str = self._connection.recv()
+                raise InputError(f"{_named(files)} took over {_LONGEST:g} s to load; {small}")
+            answer: dict[str, Any] | str = self._connection.recv()
         except Exception as error:  # the process ended, or none is to be had, or no descriptor, or a damaged answer
             self.end()
             ended = isinstance(error, EOFError | ConnectionError)
-            why = f"the process that loads {request} ended" if ended else str(error)
+            why = f"the process that loads {_named(files)} ended" if ended else str(error)
             raise InputError(f"{why}; set it again") from None
         if isinstance(answer, str):
             raise InputError(answer)
@@ -73,13 +74,18 @@ def _serve(descriptor: int, low_priority: int) -> None:
             lower_priority()
 
 
-def _loaded(request: ModelFiles) -> ModelParts | str:
+def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
     try:
-        return request.load()
+        return load_files(files)
     except InputError as error:
         return str(error)
     except Exception as error:  # whatever a mesh library raises at a damaged file; its words may quote the file
-        return f"{request} cannot be loaded: {type(error).__name__}"
+        return f"{_named(files)} cannot be loaded: {type(error).__name__}"
+
+
+def _named(files: Mapping[str, Values]) -> str:
+    given = {name: value for part in files.values() for name, value in part.items() if name in FILES and value}
+    return " and ".join(f"{name} '{file}'" for name, file in given.items()) or "ground.cell"
 
 
 class Swap:
@@ -92,14 +98,19 @@ class Swap:
 
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
         self._worker, self._thread = worker, ThreadPoolExecutor(1)
-        self.files, self._code = self._wanted = _needs(values)
+        self._files, self._code = self._wanted = _needs(values)
         prepare(self._code, on_cold_cache=on_cold_cache)
-        self.parts = worker.load(self.files)  # after the code, which the worker would compile too
+        self.parts = worker.load(self._files)  # after the code, which the worker would compile too
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
-        self._loading: Future[ModelParts] | None = None
+        self._loading: Future[dict[str, Any]] | None = None
         self._tables: dict[str, Table] = {}  # of α_y, by file: the one in force
         self._tables = self._checked_tables = self._tables_of(values)
+
+    @property
+    def files(self) -> Values:
+        """The parameters that give the files in force."""
+        return {name: value for part in self._files.values() for name, value in part.items()}
 
     def settings(self, values: Values) -> Settings:
         """The settings of these parameters; without learning, and velocities from poses, until their code is loaded."""
@@ -112,8 +123,8 @@ class Swap:
         return self._model(values, self._tables, generation)
 
     def _model(self, values: Values, tables: Mapping[str, Table], generation: int = 0) -> Model:
-        in_force, table = {**values, **self.files.parameters()}, tables.get(str(values["alpha_y.table"]))
-        return model_of(in_force, tool=self.parts.tool, ground=self.parts.ground, table=table, generation=generation)
+        table = tables.get(str(values["alpha_y.table"]))
+        return model_of({**values, **self.files}, **self.parts, table=table, generation=generation)
 
     def _tables_of(self, values: Values) -> dict[str, Table]:
         """The table of α_y of these parameters, read again unless it is in force, whose file may be gone."""
@@ -125,19 +136,18 @@ class Swap:
         self.settings(values)
         self._checked_tables = self._tables_of(values)
         self._model(values, self._checked_tables)
-        if model_files(values).tool != self.files.tool:
+        if files_of(values)["tool"] != self._files["tool"]:
             checked_file(locate_mesh(str(values["mesh.file"])), "mesh.file")
 
-    def _missing(self) -> tuple[ModelFiles, frozenset[str]]:
+    def _missing(self) -> tuple[dict[str, Values], frozenset[str]]:
         files, code = self._wanted
-        new = (None if file == old else file for file, old in zip(files, self.files, strict=True))
-        return ModelFiles._make(new), code - self._code
+        return {part: new for part, new in files.items() if new != self._files[part]}, code - self._code
 
     @property
     def preparing(self) -> str:
         """What is being loaded; empty if nothing is."""
         files, code = self._missing()
-        named = [str(files)] * any(files) + [f"machine code of {part}" for part in sorted(code)]
+        named = [_named(files)] * bool(files) + [f"machine code of {part}" for part in sorted(code)]
         return " and ".join(named) if self._loading else ""
 
     def want(self, values: Values) -> None:
@@ -150,30 +160,29 @@ class Swap:
             self._worker.end()
         self._wanted = wanted
         files, code = self._missing()
-        self._loading = self._thread.submit(self._load, files, code) if any(files) or code else None
+        self._loading = self._thread.submit(self._load, files, code) if files or code else None
 
-    def _load(self, files: ModelFiles, code: frozenset[str]) -> ModelParts:
+    def _load(self, files: dict[str, Values], code: frozenset[str]) -> dict[str, Any]:
         with suppress(Exception):  # code that is missing compiles at its first use
             prepare(code, at_low_priority=True)
-        return self._worker.load(files) if any(files) else ModelParts()
+        return self._worker.load(files) if files else {}
 
     def poll(self) -> bool | None:
         """Once it is loaded, whether it came into force; if not, the files that were in force stay. Else None."""
         if self._loading is None or not self._loading.done():
             return None
-        files, code = self._missing()
         future, self._loading = self._loading, None
+        files, code = self._wanted
         self._code |= code
         try:
-            loaded = future.result()
+            self.parts |= future.result()
         except InputError as error:
-            self.last_failure, self._wanted = str(error), (self.files, self._code)
+            self.last_failure, self._wanted = str(error), (self._files, self._code)
             return False
-        chosen = (part if file else old for file, part, old in zip(files, loaded, self.parts, strict=True))
-        self.files, self.parts, self.last_failure = self._wanted[0], ModelParts._make(chosen), ""
+        self._files, self.last_failure = files, ""
         return True
 
 
-def _needs(values: Values) -> tuple[ModelFiles, frozenset[str]]:
+def _needs(values: Values) -> tuple[dict[str, Values], frozenset[str]]:
     """The files and the machine code of these parameters."""
-    return model_files(values), needed(settings_of(values), ground=bool(values["ground.cell"]))
+    return files_of(values), needed(settings_of(values), ground=bool(values["ground.cell"]))

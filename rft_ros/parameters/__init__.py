@@ -15,22 +15,20 @@ from rft_ros.parameters.file import (
     write_parameter_file,
 )
 from rft_ros.parameters.settings import (
-    TOOL_PARAMETERS,
     LearningMode,
     LoadCell,
     Model,
-    ModelFiles,
-    ModelParts,
     Settings,
-    model_files,
+    files_of,
+    load_files,
     model_of,
     settings_of,
-    tool_request,
+    tool_of,
 )
 from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults
 
-__all__ = ["FILES", "NODE", "PARAMETERS", "TOOL_PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
-__all__ += ["LearningMode", "LoadCell", "Model", "ModelFiles", "ModelParts", "Settings"]
-__all__ += ["model_files", "model_of", "settings_of", "tool_request"]
+__all__ = ["FILES", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
+__all__ += ["LearningMode", "LoadCell", "Model", "Settings"]
+__all__ += ["files_of", "load_files", "model_of", "settings_of", "tool_of"]
 __all__ += ["flat", "gives", "named_files", "node_keys", "node_parameters", "parameter_tree", "path_beside"]
 __all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

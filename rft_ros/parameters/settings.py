@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.file import read_alpha_y_table
 from rft_ros.parameters.table import Values
 from rft_ros.rft import Law, Table, alpha_y_model, law_named, medium_named
-from rft_ros.tool import Tool, ToolRequest
+from rft_ros.tool import Tool, load_tool
 
-__all__ = ["TOOL_PARAMETERS", "LearningMode", "LoadCell", "Model", "Settings"]
-__all__ += ["ModelFiles", "ModelParts", "model_files", "model_of", "settings_of", "tool_request"]
+__all__ = ["LearningMode", "LoadCell", "Model", "Settings"]
+__all__ += ["files_of", "ground_of", "load_files", "model_of", "settings_of", "tool_of"]
 
 _Vector = tuple[float, float, float]
 
@@ -105,54 +105,36 @@ def settings_of(values: Values) -> Settings:
     )
 
 
+def tool_of(values: Values) -> Tool:
+    """Load the tool from checked values."""
+    v: Mapping[str, Any] = values
+    of_mesh = {"scale": v["mesh.scale"], "origin": v["mesh.origin"]}
+    return load_tool(v["mesh.file"], **of_mesh, integration=v["integration"], tolerance=v["tolerance"])
+
+
+def ground_of(values: Values) -> HeightMap | None:
+    """Load the ground at the start from checked values; None: a level plane."""
+    v: Mapping[str, Any] = values
+    cell, file = v["ground.cell"], v["ground.file"]
+    if file and not cell:
+        raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
+    if not cell:
+        return None
+    return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
+
+
 _OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "integration", "tolerance")
-TOOL_PARAMETERS = {name.removeprefix("mesh."): name for name in _OF_TOOL}
-"""The parameter for each field of a `ToolRequest`."""
+_LOADED = {"tool": (_OF_TOOL, tool_of), "ground": (("ground.cell", "ground.file"), ground_of)}
 
 
-def tool_request(values: Values) -> ToolRequest:
-    """The tool request from checked values."""
-    v: Mapping[str, Any] = values
-    return ToolRequest(**{field: v[name] for field, name in TOOL_PARAMETERS.items()})
+def files_of(values: Values) -> dict[str, Values]:
+    """The parts of a model that take time to load, by `model_of`'s arguments, with the parameters that they need."""
+    return {part: {name: values[name] for name in names} for part, (names, _) in _LOADED.items()}
 
 
-class ModelParts(NamedTuple):
-    """What a model takes from files that take time to load; None for what it does not."""
-
-    tool: Tool | None = None
-    ground: HeightMap | None = None
-
-
-class ModelFiles(NamedTuple):
-    """The files of `ModelParts`, to load them later or in another process; None: not to be loaded.
-
-    `ground`: ground.cell and ground.file.
-    """
-
-    tool: ToolRequest | None = None
-    ground: tuple[float, str] | None = None
-
-    def load(self) -> ModelParts:
-        """Load them. Raises InputError for what cannot be used."""
-        return ModelParts(tool=self.tool and self.tool.load(), ground=_ground_of(*self.ground) if self.ground else None)
-
-    def parameters(self) -> Values:
-        """The parameters that give these files."""
-        cell, file = self.ground or (0.0, "")
-        of_tool: dict[str, Any] = {name: getattr(self.tool, field) for field, name in TOOL_PARAMETERS.items()}
-        return {**of_tool, "ground.cell": cell, "ground.file": file}
-
-    def __str__(self) -> str:
-        """The parameters that name the files, with their values."""
-        cell, ground = self.ground or (0.0, "")
-        named = ("mesh.file", self.tool and self.tool.file), ("ground.file", ground)
-        return " and ".join(f"{name} '{file}'" for name, file in named if file) or f"ground.cell {cell:g}"
-
-
-def model_files(values: Values) -> ModelFiles:
-    """The files of the model from checked values."""
-    v: Mapping[str, Any] = values
-    return ModelFiles(tool_request(values), (v["ground.cell"], v["ground.file"]))
+def load_files(files: Mapping[str, Values]) -> dict[str, Any]:
+    """Load parts of `files_of`. Raises InputError for what cannot be used."""
+    return {part: _LOADED[part][1](values) for part, values in files.items()}
 
 
 def model_of(
@@ -175,21 +157,13 @@ def model_of(
         table = table or read_alpha_y_table(v["alpha_y.table"])
     of_law = {name: v[f"medium.{name}"] for name in ("zeta", "surface_friction", "density", "inertia")}
     return Model(
-        tool=tool or tool_request(values).load(),
+        tool=tool or tool_of(values),
         law=law_named(v["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),
         law_name=v["law"],
         medium=medium.name,
         zeta=v["medium.zeta"],
         alpha_y=alpha_y,
         mobilization_length=v["medium.mobilization_length"],
-        ground=ground or _ground_of(v["ground.cell"], v["ground.file"]),
+        ground=ground or ground_of(values),
         generation=generation,
     )
-
-
-def _ground_of(cell: float, file: str) -> HeightMap | None:
-    if file and not cell:
-        raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
-    if not cell:
-        return None
-    return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)

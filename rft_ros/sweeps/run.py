@@ -24,12 +24,12 @@ from scipy.integrate import trapezoid
 
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import whole
-from rft_ros.parameters import model_of, tool_request
+from rft_ros.parameters import files_of, model_of, tool_of
 from rft_ros.progress import bar
 from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Design, Variant, motion_of, parameters_of
 from rft_ros.sweeps.motions import sample
-from rft_ros.tool import Tool, ToolRequest
+from rft_ros.tool import Tool
 
 __all__ = ["RESULTS", "Report", "evaluate", "rows_of", "run"]
 
@@ -64,7 +64,7 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     Files are read once for each `fingerprint`, that of the design.
     """
     values: Mapping[str, Any] = parameters_of({**variant.tool, **variant.medium})
-    model = model_of(values, tool=_tool(tool_request(values), fingerprint))
+    model = model_of(values, tool=_tool(tuple(files_of(values)["tool"].items()), fingerprint))
     times, states = _motion(tuple(variant.motion.items()), fingerprint)
     if (np.diff(times) < 0.0).any():
         raise InputError(f"states file '{variant.motion['states_file']}': t goes back; work needs it in order")
@@ -83,8 +83,8 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
 # In a study tools vary slowest and media fastest, so few of either are kept: 400 motions of 20,000 samples took 0.9 GB.
 # `_fingerprint` is part of the caches' keys: a worker of a cluster sees files change between studies.
 @lru_cache(maxsize=4)
-def _tool(request: ToolRequest, _fingerprint: int) -> Tool:
-    return request.load()
+def _tool(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> Tool:
+    return tool_of(dict(items))
 
 
 @lru_cache(maxsize=16)

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from os import PathLike
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from rft_ros.tool.refine import refined_plates
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["Tool", "ToolRequest", "centroid_plates", "describe_tool", "drawable", "load_tool", "tool_of_mesh"]
+__all__ = ["Tool", "centroid_plates", "describe_tool", "drawable", "load_tool", "tool_of_mesh"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,20 +104,6 @@ def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> 
     a, b, c = vertices[faces.T]
     area_vectors = np.cross(b - a, c - a) / 2.0
     return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
-
-
-class ToolRequest(NamedTuple):
-    """Arguments of `load_tool`, to load the tool later or in another process."""
-
-    file: str
-    scale: float = 0.001
-    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    integration: Integration | None = None
-    tolerance: float = 0.0
-
-    def load(self) -> Tool:
-        """Call `load_tool`."""
-        return load_tool(**self._asdict())
 
 
 def drawable(tool: Tool, *, most_faces: int) -> tuple[NDArray[np.float64], NDArray[np.int64], Plates]:

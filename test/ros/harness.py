@@ -28,9 +28,9 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
 
 from rft_ros.node import main, rft_node
-from rft_ros.parameters import ModelFiles, ModelParts, defaults, tool_request
+from rft_ros.parameters import Values, defaults, files_of, load_files, tool_of
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
-from rft_ros.tool import Tool, ToolRequest
+from rft_ros.tool import Tool
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
 NODE = (sys.executable, "-m", "rft_ros.node.main", "--ros-args")
@@ -42,10 +42,11 @@ _LOCKS: list[IO[str]] = []  # held as long as the process lives
 class InlineWorker:
     """Loads a model's files in this process, which has the mesh library in memory; the node asks it as its own."""
 
-    def load(self, request: ModelFiles) -> ModelParts:
-        if request.tool and request.tool.file.isidentifier():
-            return request._replace(tool=None).load()._replace(tool=_shipped(request.tool))
-        return request.load()
+    def load(self, files: Mapping[str, Values]) -> dict[str, object]:
+        if "tool" in files and str(files["tool"]["mesh.file"]).isidentifier():
+            others = {part: values for part, values in files.items() if part != "tool"}
+            return load_files(others) | {"tool": _shipped(*files["tool"].items())}
+        return load_files(files)
 
     def end(self) -> None:
         pass
@@ -307,12 +308,12 @@ def predicted_by_the_core(
     medium = MEDIA["generic"]
     made = law_named(law, medium, alpha_y_model(alpha_y, medium), zeta=zeta, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    return wrenches(_shipped(tool_request({**defaults(), "mesh.file": mesh})).plates, made, state)[0, :6]
+    return wrenches(_shipped(*files_of({**defaults(), "mesh.file": mesh})["tool"].items()).plates, made, state)[0, :6]
 
 
 @cache
-def _shipped(request: ToolRequest) -> Tool:
-    return request.load()
+def _shipped(*values: tuple[str, object]) -> Tool:
+    return tool_of(dict(values))
 
 
 def numbers(message: WrenchStamped) -> np.ndarray:

@@ -12,8 +12,8 @@ import pytest
 from rft_ros.errors import InputError
 from rft_ros.node import swap
 from rft_ros.node.swap import Swap, ToolWorker
-from rft_ros.parameters import ModelFiles, defaults
-from rft_ros.tool import ToolRequest, load_tool
+from rft_ros.parameters import defaults, files_of
+from rft_ros.tool import load_tool
 
 
 @pytest.fixture(scope="module")
@@ -23,12 +23,9 @@ def worker():
     started.end()
 
 
-def files(*request):
-    return ModelFiles(ToolRequest(*request))
-
-
-def loaded(worker, *request):
-    return worker.load(files(*request)).tool
+def loaded(worker, file, tolerance=0.0):
+    files = files_of({**defaults(), "mesh.file": file, "tolerance": tolerance})
+    return worker.load({"tool": files["tool"]})["tool"]
 
 
 def arrays(tool):
@@ -50,7 +47,7 @@ def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_p
     with pytest.raises(InputError, match=r"gone\.stl"):
         loaded(worker, "gone.stl")
     with pytest.raises(InputError, match="'plate' cannot be loaded"):
-        loaded(worker, "plate", 0.001, (0.0, 0.0, 0.0), None, "much")
+        loaded(worker, "plate", "much")
     assert loaded(worker, "sphere").name == "sphere"
     assert worker.process.pid == pid
     assert os.getpriority(os.PRIO_PROCESS, pid) == max(os.getpriority(os.PRIO_PROCESS, 0), 10)
@@ -99,4 +96,4 @@ def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
     while (succeeded := pending.poll()) is None:
         time.sleep(0.01)
     assert succeeded
-    assert pending.parts.tool.name == "sphere"
+    assert pending.parts["tool"].name == "sphere"
