@@ -14,7 +14,6 @@ from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_paramete
 from rft_ros.sweeps.design import PARAMETER_NAMES, parameters_of
 from rft_ros.tool import Tool
 
-MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
 
 PLACED = ("--scale", "--origin")

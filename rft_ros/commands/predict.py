@@ -6,7 +6,7 @@ from pathlib import Path
 from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import model_of, named_files, settings_of
+from rft_ros.parameters import MESH, model_of, named_files, settings_of
 from rft_ros.progress import busy
 from rft_ros.report.animation import animate, animation_figure
 from rft_ros.report.page import Figure, write_page
@@ -17,7 +17,7 @@ from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 def predict_options(command: argparse.ArgumentParser) -> None:
     header = "header t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz [s, m, quaternion, m/s, rad/s]; world axes, z up"
     command.add_argument("states", type=Path, metavar="STATES.csv", help=header)
-    command.add_argument("--mesh", required=True, metavar="FILE", help=options.MESH)
+    command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, "--mobilization-length", "--surface-height", "--integration")
     fewest = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
@@ -52,7 +52,7 @@ def view_options(command: argparse.ArgumentParser) -> None:
     source = f"states as for rft predict, or a {options.BAG}"
     command.add_argument("source", type=Path, metavar="STATES.csv|BAG", help=source)
     states = command.add_argument_group("for states")
-    states.add_argument("--mesh", metavar="FILE", help=options.MESH)
+    states.add_argument("--mesh", metavar="FILE", help=MESH)
     options.share(states, *_OF_STATES[1:])
     options.share(command.add_argument_group("for a bag"), *options.OF_RECORDING)
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.html", help="page to write")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import model_of, named_files, settings_of, tool_of
+from rft_ros.parameters import MESH, model_of, named_files, settings_of, tool_of
 from rft_ros.progress import busy
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
@@ -22,7 +22,7 @@ from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("mesh", metavar="FILE", help=options.MESH)
+    command.add_argument("mesh", metavar="FILE", help=MESH)
     options.share(command, *options.PLACED)
 
 
@@ -34,7 +34,7 @@ def check_mesh(arguments: argparse.Namespace) -> int:
 
 
 def reduce_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("mesh", metavar="MESH", help=options.MESH)
+    command.add_argument("mesh", metavar="MESH", help=MESH)
     options.share(command, *options.PLACED, "--integration")
     allowed = "error allowed, as a share of force, at the 95th percentile of motions (default 0.025)"
     command.add_argument("--tolerance", dest="share", type=options.number, default=0.025, metavar="SHARE", help=allowed)

@@ -25,9 +25,9 @@ from rft_ros.parameters.settings import (
     settings_of,
     tool_of,
 )
-from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults
+from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
 
-__all__ = ["FILES", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
+__all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LearningMode", "LoadCell", "Model", "Settings"]
 __all__ += ["files_of", "load_files", "model_of", "settings_of", "tool_of"]
 __all__ += ["flat", "gives", "named_files", "node_keys", "node_parameters", "parameter_tree", "path_beside"]

@@ -11,7 +11,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
 from rft_ros.rft.frames import UNIT_TOLERANCE
 
-__all__ = ["PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
+__all__ = ["MESH", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 
 Value = str | float | tuple[float, ...]
 """A parameter's value, in the parameter's type."""
@@ -41,15 +41,13 @@ class Parameter:
         return "double" if isinstance(self.default, float) else "double_array"
 
 
+MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
+"""What names a mesh."""
+
 _ZERO3 = (0.0, 0.0, 0.0)
 
 PARAMETERS = (
-    Parameter(
-        "mesh.file",
-        "plate",
-        "Tool mesh: a path (relative to the parameter file), a URI (package:// or file://), or a"
-        " shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate).",
-    ),
+    Parameter("mesh.file", "plate", f"Tool mesh: {MESH}; a path is relative to the parameter file."),
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", "m", (1e-9, 1e6)),
     Parameter("mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
     Parameter("law", "treers2021", "Traction law; agarwal2023 uses no medium.name and no alpha_y.model.", choices=LAWS),
@@ -70,27 +68,15 @@ PARAMETERS = (
     Parameter("alpha_y.model", "constant", "Stress along the plate's horizontal direction e1.", choices=ALPHA_Y_MODELS),
     Parameter("alpha_y.table", "", "CSV of beta, alpha_y or beta, gamma, alpha_y, for model table.", "deg, N/cm3"),
     Parameter(
-        "integration",
-        "refined",
-        "refined: exact at the surface and at leading edges; centroid: as published.",
-        choices=INTEGRATIONS,
+        "integration", "refined", "refined: exact at surface and edges; centroid: as published.", choices=INTEGRATIONS
     ),
     Parameter("tolerance", 0.025, "Take the fewest plates within this share of the force. 0.0: all.", "", (0.0, 1.0)),
     Parameter(
-        "learning.mode",
-        "off",
-        "Learn the medium from the load cell. observe: learn and report; apply: predict with what was learned.",
-        choices=("off", "observe", "apply"),
+        "learning.mode", "off", "observe: learn the medium; apply: also use it.", choices=("off", "observe", "apply")
     ),
+    Parameter("learning.lag", 0.002, "Path from a load-cell sample to the first prediction with it.", "m", (1e-5, 1.0)),
     Parameter(
-        "learning.lag", 0.002, "Path from a load-cell sample to the first prediction that uses it.", "m", (1e-5, 1.0)
-    ),
-    Parameter(
-        "feedforward.gain",
-        0.0,
-        "Publish this times the prediction on ~/wrench_feedforward; -1.0: what cancels the grains' force. 0.0: off.",
-        "",
-        (-2.0, 2.0),
+        "feedforward.gain", 0.0, "Publish this times the prediction; -1.0: what cancels it. 0.0: off.", "", (-2.0, 2.0)
     ),
     Parameter(
         "feedforward.frame",
@@ -111,12 +97,7 @@ PARAMETERS = (
     Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
     Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
     Parameter("sensor.quaternion", (*_ZERO3, 1.0), "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"),
-    Parameter(
-        "sensor.frame_source",
-        "parameters",
-        "Source of position and quaternion (tf: fixed transforms).",
-        choices=("parameters", "tf"),
-    ),
+    Parameter("sensor.frame_source", "parameters", "Where its place comes from.", choices=("parameters", "tf")),
     Parameter("sensor.sign", 1.0, "1.0: the driver reports the force on the tool; -1.0: by the tool.", "", (-1.0, 1.0)),
     Parameter("sensor.bias", (0.0,) * 6, "Reading without load: fx, fy, fz, tx, ty, tz.", "N, N m", (-1e6, 1e6)),
     Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
@@ -130,9 +111,7 @@ PARAMETERS = (
     Parameter(
         "rest_speed", 0.0002, "Slower in grains is rest: no estimate; with memory the last force.", "m/s", (0.0, 1e3)
     ),
-    Parameter(
-        "executor", "events", "rclpy executor (events: half the CPU).", choices=("events", "single"), applies="restart"
-    ),
+    Parameter("executor", "events", "Of rclpy; events: half the CPU.", choices=("events", "single"), applies="restart"),
 )
 """Every parameter, in the order in which they are documented."""
 
