@@ -17,7 +17,9 @@ from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TwistSample, Wrench, WrenchSample
 from rft_ros.ground import Cloud, Ground, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
-from rft_ros.rft import COLUMNS, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix, wrenches, wrenches_in_time
+from rft_ros.rft import COLUMNS, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
+from rft_ros.rft.arguments import number
+from rft_ros.rft.wrench import prepared
 
 __all__ = ["Estimator"]
 
@@ -52,7 +54,6 @@ class Estimator:
         self._state, self._duration = np.zeros((1, len(STATE))), np.zeros(1)
         self._result = np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
         self._tare = Tare()
-        self._memory: Memory | None = None
         self._begin()
         self.use(settings=settings)
 
@@ -117,7 +118,9 @@ class Estimator:
         learned of the bed's strength; another medium or law clears it.
         """
         old, old_model = self.settings, self.model
-        self.settings, self.model = s, m = settings or old, model or old_model
+        s, m = settings or old, model or old_model
+        number("surface_height", s.surface_height)
+        self.settings, self.model = s, m
         self._surface = None
         new_tool, new_axes = m.tool is not old_model.tool, any(getattr(s, n) != getattr(old, n) for n in _AXES)
         if settings is not None:
@@ -135,7 +138,9 @@ class Estimator:
             self._kinematics.reach = m.tool.plates.reach
             self._begin()
         elif (m.mobilization_length > 0.0) != (self._memory is not None):
-            self._memory = _memory(m)
+            self._remember(_memory(m))
+        elif model is not None:
+            self._remember(self._memory)
         if new_axes:
             self._begin_again()
 
@@ -164,9 +169,14 @@ class Estimator:
 
     def _begin(self) -> None:
         """Begin with a tool that has no path behind it."""
-        self._memory = _memory(self.model)
+        self._remember(_memory(self.model))
         self._withdrawal = Withdrawal()
         self._quality = QualityMonitor(self.model.tool)
+
+    def _remember(self, memory: Memory | None) -> None:
+        """Evaluate the model in force with this memory."""
+        self._memory = memory
+        self._step = prepared(self.model.tool.plates, self.model.law, memory, self.model.mobilization_length or 1.0)
 
     def _begin_again(self) -> None:
         """Begin a new run or in new axes: no path or memory, the ground at the start; the grains' strength stays."""
@@ -301,17 +311,9 @@ class Estimator:
 
         Moves the memory on.
         """
-        scene = self.model.tool.plates, self.model.law, motion.state
-        height, slope, result = surface.height, surface.slope, self._result
-        if self._memory is None:
-            wrenches(*scene, surface_height=height, slope=slope, threads=1, out=result)
-        else:
-            self._duration[0] = motion.duration
-            wrenches_in_time(
-                *scene, self._duration, self._memory, mobilization_length=self.model.mobilization_length,
-                surface_height=height, slope=slope, out=result,
-            )  # fmt: skip
-        row: Array = result[0]
+        self._duration[0] = motion.duration
+        self._step(motion.state, self._duration, surface.height, surface.slope, self._result)
+        row: Array = self._result[0]
         numbers = row.tolist()
         if not math.hypot(*numbers) < samples.ABSURD:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)

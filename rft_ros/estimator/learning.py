@@ -153,6 +153,7 @@ class Learning:
         self.lag, self.reach, self._strength_error = lag, reach, strength_error
         self._states, self._records = np.zeros(1, _STATE), np.zeros(_RECORDS, _RECORD)
         self._state: Any = self._states[0]
+        self._surprise, self._issues = self._states["surprise"], self._states["issues"]
         self._row, self._y, out = np.zeros(19), np.zeros(3), np.zeros(12)
         arrays = self._states, self._records
         self._predict = machine_code(_predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
@@ -202,8 +203,9 @@ class Learning:
 
         `repeated`: the load cell's raw reading equals the one before, bit by bit. `in_air`: the tool touched nothing.
         """
-        self._y[:] = math.nan if force is None else force
-        usable = math.hypot(*self._y.tolist()) < ABSURD
+        usable = force is not None and math.hypot(*force) < ABSURD
+        if usable:
+            self._y[:] = force
         self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated), bool(in_air))
 
     @property
@@ -238,7 +240,12 @@ class Learning:
     @property
     def surprise(self) -> Surprise:
         """Whether the grains at the last measurement were harder or softer than believed."""
-        return Surprise(int(self._state["surprise"]))
+        return Surprise(int(self._surprise[0]))
+
+    @property
+    def surprises(self) -> bool:
+        """Whether there is a `surprise`; at each pose, where making an enum's member takes a microsecond."""
+        return bool(self._surprise[0])
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
@@ -249,7 +256,7 @@ class Learning:
     @property
     def disagrees(self) -> bool:
         """Whether there are `issues`."""
-        return bool(self._state["issues"])
+        return bool(self._issues[0])
 
     def issues(self) -> list[BeliefIssue]:
         """Why the load cell or the model cannot be right."""

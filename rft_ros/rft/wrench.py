@@ -130,10 +130,10 @@ def prepared(
 
     That saves 4 us. `length`: the mobilization length [m]. `bodies`: those of the memory whose states will be given.
     Call it with states, durations, surface height [m], slope and out: of the types and shapes that `wrenches_in_time`
-    names, C-contiguous. Raises TypeError for what is no plates or no law.
+    names, C-contiguous. Raises TypeError for what is no plates or no law, ValueError for a length that is not positive.
     """
     _checked(plates, law, 0.0, LEVEL)
-    loop, form, packed = _loop(), plates.form, law.packed
+    loop, form, packed, length = _loop(), plates.form, law.packed, number("mobilization_length", length, positive=True)
     remembers, kept = (False, _NO_MEMORY[3]) if memory is None else (True, memory.numbers[bodies])
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], out: Array) -> None:
