@@ -47,10 +47,10 @@ bench-replay: venv
 	$(BIN)/python -m bench.replay
 
 soak: venv
-	$(BIN)/python test/ros/soak.py
+	PYTHONPATH=test/unit $(BIN)/python test/ros/soak.py
 
 fuzz: venv
-	$(BIN)/python test/fuzz.py
+	PYTHONPATH=test/unit $(BIN)/python test/fuzz.py
 
 venv: $(STAMP)
 

@@ -23,9 +23,6 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-
-sys.path.insert(0, str(Path(__file__).parent / "unit"))
-
 from recordings import StoragePlugin, moments, write_ros1, write_ros2
 
 from rft_ros.cli import main

@@ -9,7 +9,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
 from typing import IO
@@ -25,6 +25,7 @@ from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomic
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
+from recordings import cdr
 from std_srvs.srv import Trigger
 
 from rft_ros.node import main, rft_node
@@ -212,11 +213,11 @@ class Harness:
         """Send wrench and twist, then the pose that asks; None leaves an input out."""
         still = (0.0, 0.0, 0.0)
         if force is not None:
-            self.wrench.publish(stamped(WrenchStamped, stamp, "ft_sensor", (*force, *still)))
+            self.wrench.publish(cdr("wrench", stamp, (*force, *still)))
         if linear is not None:
             when = stamp if twist_stamp is None else twist_stamp
-            self.twist.publish(stamped(TwistStamped, when, "world", (*linear, *still)))
-        self.pose.publish(stamped(PoseStamped, stamp, frame, (0.0, 0.0, z, *quaternion)))
+            self.twist.publish(cdr("twist", when, (*linear, *still)))
+        self.pose.publish(cdr("pose", stamp, (0.0, 0.0, z, *quaternion), frame))
 
     def ask(self, stamp: int, **inputs: object) -> WrenchStamped:
         """Send a moment and wait for its prediction.
@@ -323,25 +324,6 @@ def numbers(message: WrenchStamped) -> np.ndarray:
 
 def parameters(values: Mapping[str, object]) -> list[ParameterMessage]:
     return [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
-
-
-def stamped(kind: type, stamp: int, frame: str, numbers: Sequence[float]) -> object:
-    """A PoseStamped, TwistStamped or WrenchStamped of 7 or 6 numbers, position or linear part first."""
-    message = kind()
-    message.header.frame_id = frame
-    set_stamp(message, stamp)
-    if kind is PoseStamped:
-        p, q = message.pose.position, message.pose.orientation
-        p.x, p.y, p.z, q.x, q.y, q.z, q.w = numbers
-    else:
-        twist, wrench = getattr(message, "twist", None), getattr(message, "wrench", None)
-        a, b = (twist.linear, twist.angular) if twist else (wrench.force, wrench.torque)
-        a.x, a.y, a.z, b.x, b.y, b.z = numbers
-    return message
-
-
-def set_stamp(message: object, stamp: int) -> None:
-    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
 
 
 def stamp_of(message: object) -> int:

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import numbers, set_stamp, stamped
-from rclpy.serialization import serialize_message
-from sensor_msgs.msg import PointCloud2, PointField
+from harness import numbers
+from recordings import cdr
+from sensor_msgs.msg import PointCloud2
+from test_estimator_messages import KIND, serialised
 from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, publish, started
 
 from rft_ros.bags.writing import BagWriter
@@ -17,19 +17,12 @@ from rft_ros.ground import read_height_map
 CELL = 0.002
 START = 1_700_000_000_000_000_000
 GROUND = {**PARAMETERS, "ground.cell": CELL}
-CLOUD = "sensor_msgs/msg/PointCloud2"
 
 
-def cloud(stamp, height, *, frame="world", n=60):
+def cloud(stamp, height, *, n=60):
     axis = CELL * (np.arange(-n // 2, n // 2) + 0.5)
-    x, y = np.meshgrid(axis, axis)
-    points = np.column_stack([x.ravel(), y.ravel(), np.full(n * n, height) + 0.2 * x.ravel()]).astype("<f4")
-    message = PointCloud2(height=1, width=len(points), point_step=12, row_step=12 * len(points), is_dense=True)
-    message.fields = [PointField(name=c, offset=4 * k, datatype=7, count=1) for k, c in enumerate("xyz")]
-    message.data = points.tobytes()
-    message.header.frame_id = frame
-    set_stamp(message, stamp)
-    return message
+    x, y = (v.ravel() for v in np.meshgrid(axis, axis))
+    return serialised(np.column_stack([x, y, height + 0.2 * x]), stamp=stamp)
 
 
 def inputs(count=300):
@@ -38,9 +31,9 @@ def inputs(count=300):
         stamp = START + k * 5_000_000
         if k % 40 == 0:
             yield "surface_points", stamp, cloud(stamp, 0.001 * (k // 40))
-        yield "wrench_measured", stamp, stamped(WrenchStamped, stamp, "ft_sensor", [0.0] * 6)
-        yield "twist", stamp, stamped(TwistStamped, stamp, "world", [0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
-        yield "pose", stamp, stamped(PoseStamped, stamp, "world", [0.0, 0.0, 0.01 - 1e-4 * k, 0.0, 0.0, 0.0, 1.0])
+        yield "wrench_measured", stamp, cdr("wrench", stamp, [0.0] * 6)
+        yield "twist", stamp, cdr("twist", stamp, [0.0, 0.0, -0.02, 0.0, 0.0, 0.0])
+        yield "pose", stamp, cdr("pose", stamp, [0.0, 0.0, 0.01 - 1e-4 * k, 0.0, 0.0, 0.0, 1.0])
 
 
 def surface_publisher(rft):
@@ -51,10 +44,10 @@ def surface_publisher(rft):
 
 def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
     rft = started(start_node, GROUND)
-    messages = [(topic, stamp, serialize_message(message)) for topic, stamp, message in inputs()]
+    messages = [*inputs()]
     with BagWriter(tmp_path / "inputs") as bag:
         for topic, stamp, data in messages:
-            bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, CLOUD), stamp, data)
+            bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, KIND), stamp, data)
     publish(rft, [(topic, data) for topic, _, data in messages], surface_points=surface_publisher(rft))
     assert_equal(rft, tmp_path / "inputs", GROUND, tmp_path)
     ground = read_height_map(tmp_path / "replayed" / "ground.csv", CELL)

@@ -6,8 +6,9 @@ import sys
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, WrenchStamped
-from harness import WAIT, numbers, stamp_of, stamped
+from geometry_msgs.msg import InertiaStamped
+from harness import WAIT, numbers, stamp_of
+from recordings import cdr
 
 from rft_ros.installation import share_directory
 
@@ -39,9 +40,9 @@ def test_an_arm_that_feels_the_prediction_holds_still(start_node):
 
     for t, state, reading in mujoco_arm.moments(answer, rate=125.0, stay=1.0):
         stamp = round((t + 1.0) * 1e9)
-        rft.wrench.publish(stamped(WrenchStamped, stamp, "ft_sensor", reading))
-        rft.twist.publish(stamped(TwistStamped, stamp, "world", state[7:].tolist()))
-        rft.pose.publish(stamped(PoseStamped, stamp, "world", state[:7].tolist()))
+        rft.wrench.publish(cdr("wrench", stamp, reading))
+        rft.twist.publish(cdr("twist", stamp, state[7:]))
+        rft.pose.publish(cdr("pose", stamp, state[:7]))
         for end, hold in zip((4.5, 6.5, 8.0), holds.values(), strict=True):
             if end - 0.4 < t < end:
                 hold.append(numbers(predicted[-1])[:3])

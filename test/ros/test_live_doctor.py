@@ -7,13 +7,14 @@ from pathlib import Path
 
 import pytest
 import yaml
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import WAIT, Harness, stamped
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from test_live_transforms import transform, transform_publishers
-
-sys.path.insert(0, str(Path(__file__).parents[1] / "unit"))
 from cells import MOUNT, PARAMETERS, loads, motion
+from geometry_msgs.msg import PoseStamped
+from harness import WAIT, Harness
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from recordings import cdr, transforms_cdr
+from test_live_transforms import transform_publishers
+
+from rft_ros.estimator import TransformSample
 
 _RATE = 100.0
 _HASTE = 4  # the recorded motion takes 10 s
@@ -58,15 +59,15 @@ def test_a_right_cell_needs_nothing(start_node, tmp_path, sources):
     rft = start_node("--params-file", str(file))
     rft.get("mesh.file")
     publishers = transform_publishers(rft.node)
-    publishers["tf_static"].publish(transform(1, "tool", "ft_sensor", MOUNT.position, MOUNT.quaternion))
+    publishers["tf_static"].publish(transforms_cdr(TransformSample(1, "tool", "ft_sensor", *MOUNT)))
 
     def send(state, load, now):
-        rft.wrench.publish(stamped(WrenchStamped, now, "ft_sensor", load))
+        rft.wrench.publish(cdr("wrench", now, load))
         if sources:
-            publishers["tf"].publish(transform(now, "world", "tool", state[:3]))
+            publishers["tf"].publish(transforms_cdr(TransformSample(now, "world", "tool", state[:3], state[3:7])))
         else:
-            rft.twist.publish(stamped(TwistStamped, now, "world", state[7:]))
-            rft.pose.publish(stamped(PoseStamped, now, "world", state[:7]))
+            rft.twist.publish(cdr("twist", now, state[7:]))
+            rft.pose.publish(cdr("pose", now, state[:7]))
 
     lines = examined(rft, tmp_path, send, parameters)
     assert faults(lines) == []
@@ -97,7 +98,7 @@ def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
 
     def send(state, _, now):
         for publisher in (arm, cell):
-            publisher.publish(stamped(PoseStamped, now, "world", state[:7]))
+            publisher.publish(cdr("pose", now, state[:7]))
 
     found = faults(examined(rft, tmp_path, send, PARAMETERS))
     for sentence in (

@@ -5,9 +5,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import OUTPUTS, numbers, stamp_of, stamped
-from rclpy.serialization import serialize_message
+from harness import OUTPUTS, numbers, stamp_of
+from recordings import POSE, TWIST, WRENCH, cdr
 from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.replay import replay
@@ -34,11 +33,7 @@ ABB = {
     "sensor.position": [0.0, 0.0, -0.17],
     "twist_source": "pose_difference",
 }
-TOPICS = {
-    "wrench_measured": "geometry_msgs/msg/WrenchStamped",
-    "twist": "geometry_msgs/msg/TwistStamped",
-    "pose": "geometry_msgs/msg/PoseStamped",
-}
+TOPICS = {"wrench_measured": WRENCH, "twist": TWIST, "pose": POSE}
 
 
 def started(start_node, parameters):
@@ -55,7 +50,7 @@ def publish(rft, messages, *, frame="ft_sensor", **others):
         poses += topic == "pose"
         # no queue overflows, and no topic is ahead of another by the path that learning waits for
         rft.until(lambda poses=poses: len(rft.received["wrench_predicted"]) >= poses - 10)
-    rft.wrench.publish(stamped(WrenchStamped, 2_000_000_000_000_000_000, frame, [0.0] * 6))
+    rft.wrench.publish(cdr("wrench", 2_000_000_000_000_000_000, [0.0] * 6, frame))
 
 
 def assert_equal(rft, bag, parameters, tmp_path):
@@ -94,10 +89,9 @@ def test_live_equals_replay(start_node, tmp_path, twist_source, model):
             pitch, measured = 0.15 * math.sin(4.0 * t), stamp - int(random.integers(2_000_000))
             place = 0.002 * t, 0.0, 0.02 - 0.02 * t, 0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2)
             velocity = 0.002, 0.0, -0.02, 0.0, 0.6 * math.cos(4.0 * t), 0.0
-            wrench = stamped(WrenchStamped, measured, "ft_sensor", [*random.normal(size=3).tolist(), 0.0, 0.0, 0.0])
-            twist, pose = stamped(TwistStamped, stamp, "world", velocity), stamped(PoseStamped, stamp, "world", place)
-            for order, (topic, message) in enumerate(zip(TOPICS, (wrench, twist, pose), strict=True)):
-                data = serialize_message(message)
+            wrench = cdr("wrench", measured, [*random.normal(size=3).tolist(), 0.0, 0.0, 0.0])
+            twist, pose = cdr("twist", stamp, velocity), cdr("pose", stamp, place)
+            for order, (topic, data) in enumerate(zip(TOPICS, (wrench, twist, pose), strict=True)):
                 bag.write_raw(f"/rft/{topic}", TOPICS[topic], stamp, data)
                 late = 7_000_000 if topic == "wrench_measured" and twist_source == "pose_difference" else 0
                 arrivals.append((stamp + late, order, topic, data))

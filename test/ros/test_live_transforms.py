@@ -7,21 +7,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import WrenchStamped
-from harness import stamped
+from one_plate import LEVEL
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.serialization import serialize_message
-from rosbags.typesys import Stores, get_typestore
+from recordings import TF, cdr, transforms_cdr
 from test_live_equals_replay import TOPICS, assert_equal
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
+from rft_ros.estimator import TransformSample
 
 STAND_IN = Path(__file__).with_name("stand_in")
 if importlib.util.find_spec("tf2_msgs") is None:
     sys.path.insert(0, str(STAND_IN))
-TF = "tf2_msgs/msg/TFMessage"
-STORE = get_typestore(Stores.ROS2_JAZZY)
 PARAMETERS = {
     "pose_source": "tf",
     "sensor.frame_source": "tf",
@@ -29,17 +26,6 @@ PARAMETERS = {
     "mesh.file": "abb_plate",
     "world_frame": "sand",
 }
-
-
-def transform(stamp, parent, child, position, quaternion=(0.0, 0.0, 0.0, 1.0)) -> bytes:
-    t = STORE.types
-    time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    place = t["geometry_msgs/msg/Vector3"](*position)
-    turn = t["geometry_msgs/msg/Quaternion"](*quaternion)
-    one = t["geometry_msgs/msg/TransformStamped"](
-        t["std_msgs/msg/Header"](stamp=time, frame_id=parent), child, t["geometry_msgs/msg/Transform"](place, turn)
-    )
-    return bytes(STORE.serialize_cdr(t[TF]([one]), TF))
 
 
 def transform_publishers(node):
@@ -61,23 +47,23 @@ def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
     publishers = transform_publishers(rft.node) | {"wrench_measured": rft.wrench}
     rft.until(lambda: all(p.get_subscription_count() > 0 for p in publishers.values()))
     start = 1_700_000_000_000_000_000
-    fixed = transform(start, "base", "sand", (0.1, 0.2, 0.0))
+    links = (
+        ("base", "sand", (0.1, 0.2, 0.0)),
+        ("flange", "tool", (0.0, 0.0, 0.1)),
+        ("tool", "ft_sensor", (0, 0, -0.05)),
+    )
+    fixed = transforms_cdr(*(TransformSample(start, *link, LEVEL) for link in links))
     arrivals = []
     with BagWriter(tmp_path / "inputs") as bag:
-        links = STORE.deserialize_cdr(fixed, TF).transforms
-        for parent, child, z in (("flange", "tool", 0.1), ("tool", "ft_sensor", -0.05)):
-            links += STORE.deserialize_cdr(transform(start, parent, child, (0.0, 0.0, z)), TF).transforms
-        fixed = bytes(STORE.serialize_cdr(STORE.types[TF](links), TF))
         bag.write_raw("/tf_static", TF, start, fixed)
         for k in range(750):
             stamp, pitch = start + k * 2_000_000, 0.15 * math.sin(0.008 * k)
             turn = (0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2))
-            data = transform(stamp, "base", "flange", (0.1, 0.2, -0.09 - 0.00004 * k), turn)
-            arrivals.append((stamp + late, "tf", data))
+            moved = TransformSample(stamp, "base", "flange", (0.1, 0.2, -0.09 - 0.00004 * k), turn)
+            arrivals.append((stamp + late, "tf", transforms_cdr(moved)))
         for k in range(300):
             stamp = start + k * 5_000_000 + 1
-            wrench = stamped(WrenchStamped, stamp, "ft_sensor", [0.0, 0.0, 0.01 * k, 0.0, 0.0, 0.0])
-            arrivals.append((stamp, "wrench_measured", serialize_message(wrench)))
+            arrivals.append((stamp, "wrench_measured", cdr("wrench", stamp, [0.0, 0.0, 0.01 * k, 0.0, 0.0, 0.0])))
         arrivals.sort(key=lambda a: a[0])
         for time, topic, data in arrivals:
             name, kind = ("/tf", TF) if topic == "tf" else (f"/rft/{topic}", TOPICS[topic])
@@ -88,7 +74,7 @@ def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
         publishers[topic].publish(data)
         wrenches += topic == "wrench_measured"
         rft.until(lambda wrenches=wrenches: len(rft.received["wrench_predicted"]) >= wrenches - 20)
-    rft.wrench.publish(stamped(WrenchStamped, start + 10_000_000_000, "ft_sensor", [0.0] * 6))
+    rft.wrench.publish(cdr("wrench", start + 10_000_000_000, [0.0] * 6))
     replayed = assert_equal(rft, tmp_path / "inputs", PARAMETERS, tmp_path)
     assert len(replayed["wrench_residual"]) >= 290
     assert np.abs([w[2] for w in replayed["wrench_predicted"].values()]).max() > 0.1

@@ -5,8 +5,8 @@ import os
 
 import numpy as np
 import pytest
-from geometry_msgs.msg import TwistStamped
-from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of, stamped
+from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of
+from recordings import cdr
 
 from rft_ros.errors import InputError
 from rft_ros.parameters import read_parameter_file
@@ -122,7 +122,7 @@ def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_
     assert (message, values["trust"]) == ("no estimates", "NO")
 
     def without_poses():
-        rft.twist.publish(stamped(TwistStamped, rft.moment(), "camera", [0.0] * 6))
+        rft.twist.publish(cdr("twist", rft.moment(), [0.0] * 6, "camera"))
         return rft.diagnostic("inputs")[1]
 
     rft.until(lambda: "no poses, twist_frame_unknown" in without_poses())

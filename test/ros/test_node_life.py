@@ -11,10 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from harness import WAIT, InlineWorker, numbers, predicted_by_the_core, stamp_of, stamped
+from geometry_msgs.msg import TwistStamped, WrenchStamped
+from harness import WAIT, InlineWorker, numbers, predicted_by_the_core, stamp_of
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.serialization import serialize_message
+from recordings import cdr
 from rosgraph_msgs.msg import Clock
 
 from rft_ros.bags.writing import BagWriter
@@ -79,11 +79,9 @@ def test_a_pose_after_a_bag_loop_finds_the_twists_that_still_wait():
         while node.estimator.counts["estimates"] == estimates:
             assert time.monotonic() < end, dict(node.estimator.counts)
             moment += 1_000_000
-            twists.publish(stamped(TwistStamped, moment, "world", (0.0, 0.0, -0.01, 0.0, 0.0, 0.0)))
+            twists.publish(cdr("twist", moment, (0.0, 0.0, -0.01, 0.0, 0.0, 0.0)))
             time.sleep(0.01)
-            node._on_pose(
-                serialize_message(stamped(PoseStamped, moment, "world", (0.0, 0.0, -0.01, 0.0, 0.0, 0.0, 1.0)))
-            )
+            node._on_pose(cdr("pose", moment, (0.0, 0.0, -0.01, 0.0, 0.0, 0.0, 1.0)))
     node.destroy_node()
     peer.destroy_node()
 
