@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, medium_named, treers2021, wrenches
+from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, medium_named, treers2021
 from rft_ros.rft.alpha_y import FINEST, add_alpha_y
 from rft_ros.rft.chunk import ALONG, ANGLES, E2, ROW, SIZE, TRACTION
 
@@ -71,14 +71,6 @@ def test_a_table_in_steps_that_the_grid_divides_is_exact():
     table = Table.sampled(np.deg2rad(knots), [0.0], values[:, None])
     for beta in np.linspace(-89.9, 269.9, 1001):
         assert at(table, beta) == pytest.approx(float(np.interp(beta, knots, values)), abs=1e-11)
-
-
-def test_a_table_of_the_constant_gives_the_wrench_of_the_constant_model(random_body, random_states):
-    generic = MEDIA["generic"]
-    flat_table = Table.sampled(np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), np.full(np.shape(UNEVEN.values), 0.136))
-    by_constant = wrenches(random_body, treers2021(generic, alpha_y_model("constant", generic)), random_states)
-    by_table = wrenches(random_body, treers2021(generic, alpha_y_model("table", generic, flat_table)), random_states)
-    np.testing.assert_allclose(by_table, by_constant, rtol=0, atol=1e-12 * np.abs(by_constant).max())
 
 
 def test_an_unknown_model_and_a_missing_table_are_refused_with_a_sentence():

@@ -1,22 +1,25 @@
-"""Public functions of the core, called with any types, shapes and in any order; run as a process of its own.
+"""Public functions of the core, called with any types, shapes and in any order.
 
 A call either answers as the published rule does, whatever was called before, or raises one sentence that names the
-argument. Reading past an array ends the process by a signal, which `test_hostile_calls.py` sees.
+argument. Reading past an array ends the test process by a signal.
 """
 
 import math
-import sys
 from dataclasses import replace
 from fractions import Fraction
+from itertools import product
 
 import numpy as np
 import published_rule as rule
-from hypothesis import HealthCheck, given, settings
+import pytest
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rft_ros import rft
 from rft_ros.rft import Constant, Linear, Memory, Plates, Table, plate_forces, wrenches, wrenches_in_time
 
+pytestmark = pytest.mark.filterwarnings("error")
+many = settings(max_examples=150)
 GENERIC = rft.MEDIA["generic"]
 NORMAL = (0.6, 0.0, -0.8)
 POINT = Plates.from_arrays([[0, 0, 0]], [NORMAL], [1])
@@ -84,6 +87,7 @@ def expected(alpha_y, zeta, depth):
     return [*force, 0.0, 0.0, 0.0]
 
 
+@many
 @given(
     model=st.sampled_from(MODELS),
     zeta=st.sampled_from([1, 2, np.int64(1), np.float32(0.5), True]),
@@ -94,7 +98,7 @@ def expected(alpha_y, zeta, depth):
     threads=st.sampled_from([None, 1, 2, 64]),
     own=st.booleans(),
 )
-def the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
+def test_the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
     model, zeta, raw, height, form, n, threads, own
 ):
     alpha_y, made = model
@@ -112,8 +116,9 @@ def the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
     assert np.isfinite(wrenches(PLATES["refined"], law, states, surface_height=height)).all()
 
 
+@many
 @given(model=st.sampled_from(MODELS), length=st.sampled_from([1, 2, 0.5, np.int8(3), True]), form=st.sampled_from(SAME))
-def memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(model, length, form):
+def test_memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(model, length, form):
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made)
     memory = Memory(POINT)
@@ -126,13 +131,14 @@ def memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(m
     assert np.allclose(force, grown * np.array(expected(alpha_y, 1.0, 2.0)[:3]), rtol=1e-6, atol=1e-6), force
 
 
+@many
 @given(
     name=st.sampled_from(["plates", "law", "states", "height", "durations", "memory", "length", "threads", "out"]),
     junk=st.sampled_from(JUNK),
     integration=st.sampled_from(["centroid", "refined"]),
     wide=st.booleans(),
 )
-def junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
+def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
     plates = PLATES[integration]
     law = rft.treers2021(GENERIC, Constant(0.1))
     memory = Memory(plates)
@@ -157,13 +163,14 @@ def junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wide):
         assert in_time
 
 
+@many
 @given(
     n=st.integers(0, 4),
     rows=st.integers(0, 4),
     columns=st.integers(1, 20),
     what=st.sampled_from(["out", "states", "durations", "memory"]),
 )
-def arrays_of_other_shapes_are_refused(n, rows, columns, what):
+def test_arrays_of_other_shapes_are_refused(n, rows, columns, what):
     law = rft.treers2021(GENERIC, Constant(0.1))
     states = np.array([WHOLE] * n, dtype=float).reshape(n, 13)
     fits = rows == n
@@ -182,40 +189,16 @@ def arrays_of_other_shapes_are_refused(n, rows, columns, what):
         assert refused(lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1))
 
 
+@many
 @given(
     st.lists(st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1.0, -1.0, 1e300, 5e-324]), min_size=13, max_size=13),
     st.sampled_from([model for _, model in MODELS]),
 )
-def states_that_were_not_checked_stay_within_the_arrays(values, model):
-    for law in (rft.treers2021(GENERIC, model), rft.treers2021(GENERIC, model, density=1e3), rft.agarwal2023()):
-        states_stay_within_the_arrays(values, law)
-
-
-def states_stay_within_the_arrays(values, law):
-    for plates in (*PLATES.values(), OTHERS):
+def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
+    laws = rft.treers2021(GENERIC, model), rft.treers2021(GENERIC, model, density=1e3), rft.agarwal2023()
+    for law, plates in product(laws, (*PLATES.values(), OTHERS)):
         memory = Memory(plates)
         assert wrenches(plates, law, [values]).shape == (1, 7)
         wrenches_in_time(plates, law, [values] * 2, [0.0, 0.1], memory, mobilization_length=0.003, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
         rft.edge_share(plates, values)
-
-
-def main() -> int:
-    settings.register_profile(
-        "hostile", deadline=None, derandomize=True, max_examples=150, suppress_health_check=list(HealthCheck)
-    )
-    settings.load_profile("hostile")
-    for check in (
-        the_answer_is_the_rules_whatever_the_types_and_whatever_came_before,
-        memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before,
-        junk_is_refused_with_a_sentence_or_harmless,
-        arrays_of_other_shapes_are_refused,
-        states_that_were_not_checked_stay_within_the_arrays,
-    ):
-        settings(settings.get_profile("hostile"))(check)()
-        print(check.__name__, flush=True)
-    return 0
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 from scenes import LINEAR as LAW
 
-from rft_ros.rft import plate_forces, wrenches
+from rft_ros.rft import wrenches
 from rft_ros.tool import load_tool
 
 TOOLS = {rule: load_tool("ellipsoid", integration=rule) for rule in ("centroid", "refined")}
@@ -58,15 +58,6 @@ def test_a_submerged_horizontal_plate_feels_the_depth_of_its_middle(slope, depth
     level = wrenches(PLATE.plates, LAW, state)[0]
     assert_allclose(below[2], level[2], rtol=1e-9)
     assert below[6] == pytest.approx(level[6])
-
-
-@pytest.mark.parametrize("rule", TOOLS)
-def test_forces_on_plates_add_up_to_the_wrench(rule):
-    plates, state = TOOLS[rule].plates, states()[2]
-    forces = plate_forces(plates, LAW, state, surface_height=0.01, slope=(0.2, -0.1))
-    assert_allclose(
-        forces.sum(axis=0), wrenches(plates, LAW, state, surface_height=0.01, slope=(0.2, -0.1))[0, :3], atol=1e-12
-    )
 
 
 def test_inertia_of_a_submerged_plate_is_the_same_on_a_slope():

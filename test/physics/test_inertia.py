@@ -10,9 +10,7 @@ from rft_ros.rft import (
     INTEGRATIONS,
     Memory,
     Plates,
-    agarwal2023,
     alpha_y_model,
-    plate_forces,
     treers2021,
     wrenches,
     wrenches_in_time,
@@ -64,16 +62,6 @@ def test_a_refined_plate_feels_it_on_its_submerged_part_alone():
     square = Plates.from_triangles(corners, np.full(2, 0.01))
     whole, half = (added(square, at((-1.0, 0.0, 0.0), depth))[0] for depth in (0.1, -0.5 * side))
     assert half == pytest.approx(0.5 * whole, rel=1e-9)
-
-
-@RULES
-@given(seed=seeds)
-def test_the_forces_of_the_plates_add_up_to_the_wrench(rule, seed):
-    rng = np.random.default_rng(seed)
-    body, state = random_plates(rng, 60, rule), random_scene(rng, 1)
-    for law in (INERTIAL, agarwal2023(density=DENSITY)):
-        total = wrenches(body, law, state)[0, :3]
-        np.testing.assert_allclose(plate_forces(body, law, state[0]).sum(axis=0), total, atol=1e-9, rtol=1e-9)
 
 
 @RULES

@@ -202,18 +202,6 @@ def test_a_speed_near_the_largest_double_leaves_a_usable_memory():
     assert np.isfinite(remembered(states, durations, memory=memory)).all()
 
 
-def test_memory_continues_with_another_alpha_y_model():
-    """ζ and α_y are swapped while the tool is in the grains; what the plates remember is a traction, not a share."""
-    memory = Memory(PLATES["centroid"])
-    states, durations = along(np.linspace(0.0, 0.03, 60), (0.01, 0.0, -0.002))
-    before = remembered(states, durations, memory=memory)[-1]
-    stronger = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.6)
-    rest = states[-1:].copy()
-    rest[:, 7:] = 0.0
-    after = remembered(rest, np.array([0.002]), memory=memory, law=stronger)[-1]
-    np.testing.assert_allclose(after, before, rtol=1e-12)
-
-
 def test_a_memory_of_other_plates_is_refused():
     states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="memory belongs to other plates"):

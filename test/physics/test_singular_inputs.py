@@ -46,7 +46,8 @@ def test_flat_plates_whose_horizontal_velocity_is_exactly_minus_the_nudge_are_fi
 def test_at_rest_above_the_grains_and_without_a_leading_plate_there_is_no_wrench(law):
     bottom = Plates.from_arrays([[0, 0, 0], [0.01, 0, 0]], [[0, 0, -1], [0.1, 0, -1]], [1e-4, 1e-4])
     found = [wrench(BOX, law, (0, speed, -speed)) for speed in (0, 5e-324, 1e-310)]
-    found += [wrench(BOX, law, (0.1, 0.2, -0.3), (1, 2, 3), pz=0.011), wrench(bottom, law, (0, 0, 1))]
+    found += [wrench(BOX, law, (0.1, 0.2, -0.3), (1, 2, 3), pz=height) for height in (0.01, 0.01 + 1e-12, 1.0)]
+    found.append(wrench(bottom, law, (0, 0, 1)))
     assert not np.any(found)
 
 

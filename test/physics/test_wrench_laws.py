@@ -19,7 +19,7 @@ from scenes import (
     without_flat,
 )
 
-from rft_ros.rft import INTEGRATIONS, Plates, rotation_matrix, wrenches
+from rft_ros.rft import INTEGRATIONS, Plates, plate_forces, rotation_matrix, wrenches
 
 LAWS = pytest.mark.parametrize(
     "law", [CONSTANT, LINEAR, AGARWAL, INERTIAL], ids=["constant", "linear", "agarwal2023", "inertia"]
@@ -133,6 +133,18 @@ def test_the_wrench_of_a_body_is_the_sum_of_its_parts(rule, law, seed, cut):
     parts = [Plates(body.rows[:, s]) for s in (slice(None, cut), slice(cut, None))]
     # A body's fastest point sets the common factor of its speeds, so the parts round differently.
     assert_same(sum(wrench(part, law, state) for part in parts), wrench(body, law, state), accuracy=1e-9)
+
+
+@RULES
+@LAWS
+@given(seed=seeds, slope=st.tuples(*[st.floats(-0.3, 0.3)] * 2))
+def test_the_force_on_each_plate_is_that_on_the_plate_alone(rule, law, seed, slope):
+    body, state, _ = scene(seed, rule, plates=10)
+    surface = {"surface_height": 0.01, "slope": slope}
+    forces = plate_forces(body, law, state[0], **surface)
+    for row, force in zip(body.rows.T, forces, strict=True):
+        alone = wrench(Plates(row[:, None]), law, state, **surface)[:3]
+        np.testing.assert_allclose(force, alone, rtol=0, atol=1e-9 * np.abs(forces).max())
 
 
 @RULES
