@@ -42,8 +42,8 @@ def tick_times(e: Estimator, first: int, count: int) -> list[float]:
         row, along = divmod(0.1 * k / RATE, 0.8)
         sign, stamp = 1.0 if row % 2 == 0 else -1.0, START + k * (10**9 // RATE)
         place = sign * (along - 0.4), -0.4 + 0.04 * (row % 20), 0.02 if along < 0.05 else -0.01
-        e.push_wrench(WrenchSample(stamp, "ft_sensor", (-sign, 0.0, 1.0, 0.0, 0.0, 0.0)))
-        e.push_twist(TwistSample(stamp, "world", (0.1 * sign, 0.0, 0.0), (0.0, 0.0, 0.0)))
+        e.push(WrenchSample(stamp, "ft_sensor", (-sign, 0.0, 1.0, 0.0, 0.0, 0.0)))
+        e.push(TwistSample(stamp, "world", (0.1 * sign, 0.0, 0.0), (0.0, 0.0, 0.0)))
         start = time.perf_counter_ns()
         answer = e.push_pose(PoseSample(stamp, "world", place, (0.0, 0.0, 0.0, 1.0)))
         found.append(1e-3 * (time.perf_counter_ns() - start))
@@ -63,7 +63,7 @@ def main() -> None:
         for e in (level, mapped):
             tick_times(e, 1, 1)
             if e is mapped:
-                e.push_surface(cloud())
+                e.push(cloud())
             tick_times(e, 2, RATE)
         gc.collect()
         gc.freeze()

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +13,8 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Prediction, Tare
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, is_withdrawn, without_learning
-from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TwistSample, Wrench, WrenchSample
-from rft_ros.ground import Cloud, Ground, HeightMap, LocalSurface
+from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
+from rft_ros.ground import Ground, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
 from rft_ros.rft import COLUMNS, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
@@ -191,50 +190,21 @@ class Estimator:
     # --- samples
 
     def push(self, sample: samples.Sample) -> Estimate | samples.NoEstimate | None:
-        """Push a sample of any kind; the answer if it is a pose."""
+        """Push a sample of any kind; the answer if it is a pose. One that cannot be used is counted by its reason."""
         if isinstance(sample, PoseSample):
             return self.push_pose(sample)
-        if isinstance(sample, TwistSample):
-            self.push_twist(sample)
-        elif isinstance(sample, WrenchSample):
-            self.push_wrench(sample)
-        elif isinstance(sample, Cloud):
-            self.push_surface(sample)
-        else:
-            for transform in sample:
-                self.push_transform(transform)
+        for one in (sample,) if isinstance(sample, samples.Stamped) else sample:
+            try:
+                self._intake.take(one, self._ground)
+            except RefusedError as refused:
+                self.counts[refused.reason.value] += 1
+            if isinstance(one, TransformSample) and one.fixed and self.settings.sensor_source == "tf":
+                self._place_sensor()
         return None
 
     def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
         """With `pose_source` tf: the tool's poses that are ready after a sample that was pushed; push them next."""
         return self._intake.poses_after(sample)
-
-    def push_transform(self, sample: samples.TransformSample) -> Reason | None:
-        """Add a transform; returns the reason if it is refused."""
-        reason = self._refused(self._intake.transform, sample)
-        if sample.fixed and self.settings.sensor_source == "tf":
-            self._place_sensor()
-        return reason
-
-    def push_twist(self, sample: TwistSample) -> Reason | None:
-        """Add a twist, used with `twist_source` topic only; returns the reason if it is refused."""
-        return self._refused(self._intake.twist, sample)
-
-    def push_wrench(self, sample: WrenchSample) -> Reason | None:
-        """Add a load-cell sample; returns the reason if it is refused."""
-        return self._refused(self._intake.wrench, sample)
-
-    def push_surface(self, cloud: Cloud) -> Reason | None:
-        """Add points of the ground, for the poses from `DELAY` after them on; returns the reason if it is refused."""
-        return self._refused(self._intake.cloud, cloud, self._ground)
-
-    def _refused(self, take: Callable[..., None], *sample: object) -> Reason | None:
-        try:
-            take(*sample)
-        except RefusedError as refused:
-            self.counts[refused.reason.value] += 1
-            return refused.reason
-        return None
 
     def measurements(self) -> list[samples.Measurement]:
         """The comparisons that became final since the last call: one for each estimate, in the estimates' order."""

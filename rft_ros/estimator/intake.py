@@ -85,7 +85,18 @@ class Intake:
         self._pose = stamp
         return PoseSample(stamp, world, position, quaternion)
 
-    def twist(self, sample: TwistSample) -> None:
+    def take(self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, ground: Ground) -> None:
+        """Keep a sample that is no pose; a cloud goes to the `ground`."""
+        if isinstance(sample, TwistSample):
+            self._twist(sample)
+        elif isinstance(sample, WrenchSample):
+            self._wrench(sample)
+        elif isinstance(sample, Cloud):
+            self._cloud(sample, ground)
+        elif (reason := self.transforms.push(sample)) is not None:
+            raise RefusedError(reason)  # one with another parent was taken nevertheless
+
+    def _twist(self, sample: TwistSample) -> None:
         """A twist, kept in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
             return  # a replay does not read it either
@@ -97,7 +108,7 @@ class Intake:
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
         self._keep("twist", self.twists, sample)
 
-    def wrench(self, sample: WrenchSample) -> None:
+    def _wrench(self, sample: WrenchSample) -> None:
         """The load cell's reading, kept in the sensor frame."""
         there = self._placed("wrench", sample, self._settings.sensor_frame)
         if there is not None:
@@ -105,7 +116,7 @@ class Intake:
         _check_finite("wrench", *sample.wrench)
         self._keep("wrench", self._comparison.samples, sample)
 
-    def cloud(self, cloud: Cloud, ground: Ground) -> None:
+    def _cloud(self, cloud: Cloud, ground: Ground) -> None:
         """Points of the ground, with the place of their frame in the world unless they are in its axes."""
         since = cloud.stamp - ground.last_cloud
         if ground.map is None:
@@ -118,11 +129,6 @@ class Intake:
         if 0 < since < _CLOUD_PERIOD:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
         ground.add(cloud, camera and (np.array(camera.position), rotation_matrix(camera.quaternion)))
-
-    def transform(self, sample: samples.TransformSample) -> None:
-        """A transform into the tree; one with another parent is taken nevertheless."""
-        if (reason := self.transforms.push(sample)) is not None:
-            raise RefusedError(reason)
 
     def _placed(self, kind: str, sample: samples.Stamped, *expected: str) -> Placement | None:
         """Placement of a sample's frame in the first of the expected frames that fixed transforms link it to.

@@ -21,8 +21,8 @@ def descent(mode):
         if t < virtual_arm.PAUSE:
             continue
         stamp, numbers = round((t + 1.0) * 1e9), state.tolist()
-        estimator.push_wrench(WrenchSample(stamp, "ft_sensor", reading))
-        estimator.push_twist(TwistSample(stamp, "world", tuple(numbers[7:10]), tuple(numbers[10:])))
+        estimator.push(WrenchSample(stamp, "ft_sensor", reading))
+        estimator.push(TwistSample(stamp, "world", tuple(numbers[7:10]), tuple(numbers[10:])))
         answer = estimator.push_pose(PoseSample(stamp, "world", tuple(numbers[:3]), tuple(numbers[3:7])))
         surprised = bool(answer.quality_flags & QualityFlag.SURPRISE)
         rows[stamp] = [estimator.depth(), *answer.predicted[:3], *answer.sigma[:3], surprised]

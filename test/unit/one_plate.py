@@ -1,10 +1,22 @@
 """A tool of one plate, and samples for it: what the estimator's tests push."""
 
 import math
+from collections import Counter
 
 import numpy as np
 
-from rft_ros.estimator import Estimator, LoadCell, Measurement, Model, PoseSample, Settings, TwistSample, WrenchSample
+from rft_ros.estimator import (
+    Estimator,
+    LoadCell,
+    Measurement,
+    Model,
+    PoseSample,
+    Reason,
+    Settings,
+    TransformSample,
+    TwistSample,
+    WrenchSample,
+)
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, treers2021
 from rft_ros.tool import Tool
 
@@ -37,12 +49,11 @@ def estimator(*, load_cell: LoadCell | None = None, model: Model | None = None, 
 
 
 def push(e, *samples):
-    """Push samples; what is said to the last one."""
-    answer = None
+    """Push samples; the answer to the last one, or the reason that it was counted under."""
     for sample in samples:
-        kind = type(sample).__name__.removesuffix("Sample").lower()
-        answer = getattr(e, f"push_{kind}")(sample)
-    return answer
+        before = Counter(e.counts)
+        answer = e.push((sample,) if isinstance(sample, TransformSample) else sample)
+    return answer or next(map(Reason, e.counts - before), None)
 
 
 def measurement(e) -> Measurement:

@@ -33,7 +33,7 @@ def forces(e, clouds=(), *, until=120, late=0):
     for k in range(until):
         stamp = START + 10 * k * MS
         while waiting and waiting[0].stamp + 10 * late * MS <= stamp:
-            assert e.push_surface(waiting.pop(0)) is None
+            assert push(e, waiting.pop(0)) is None
         answer = push(e, twist(stamp), pose(stamp))
         assert isinstance(answer, Estimate)
         found.append(answer.predicted[2])
@@ -67,7 +67,7 @@ def test_a_cloud_in_the_frame_of_a_fixed_camera_is_as_one_in_the_world():
     seen = [*turn.inv().apply(bed - place).T]
     seen[2][7], seen[0][9] = np.inf, np.nan  # a depth camera sends such points, too
     e = on_map()
-    e.push_transform(TransformSample(0, "world", "optical", (*place,), (*turn.as_quat(),), fixed=True))
+    push(e, TransformSample(0, "world", "optical", (*place,), (*turn.as_quat(),), fixed=True))
     found = forces(e, [Cloud(START, "optical", *seen)])
     assert found == pytest.approx(forces(on_map(), [cloud(START, bed[:, 2])]), rel=1e-6)
 
@@ -85,7 +85,7 @@ def test_a_cloud_that_cannot_be_used_is_counted_and_changes_nothing(sent, reason
     e = on_map()
     push(e, TransformSample(START, "world", "moving", (0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)))
     before = forces(e, until=1), e.ground
-    assert e.push_surface(sent) is reason
+    assert push(e, sent) is reason
     assert e.counts[reason.value] == 1
     later = push(e, twist(START + SECOND), pose(START + SECOND))
     assert ([later.predicted[2]], e.ground) == before
@@ -94,8 +94,8 @@ def test_a_cloud_that_cannot_be_used_is_counted_and_changes_nothing(sent, reason
 def test_clouds_out_of_order_too_often_or_without_a_map_are_counted():
     e, without = on_map(), Estimator(Settings(), plate_model())
     for after, reason in ((100, None), (110, Reason.SURFACE_RATE_LIMITED), (90, Reason.SURFACE_OUT_OF_ORDER)):
-        assert e.push_surface(cloud(START + after * MS)) is reason
-    assert without.push_surface(cloud(START)) is Reason.SURFACE_OFF
+        assert push(e, cloud(START + after * MS)) is reason
+    assert push(without, cloud(START)) is Reason.SURFACE_OFF
     assert not without.level_ground()
 
 
@@ -116,10 +116,10 @@ def test_steep_ground_and_a_crest_narrower_than_the_tool_are_flagged(height, fla
 
 def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_those_after_it_nor_those_of_a_new_run():
     e = on_map()
-    assert e.push_surface(cloud(START + 1000 * SECOND, 0.02)) is None
+    assert push(e, cloud(START + 1000 * SECOND, 0.02)) is None
     assert forces(e, [cloud(START + 100 * MS, 0.005)])[-1] == pytest.approx(6.0, rel=0.01)
     assert isinstance(push(e, twist(START - 10 * SECOND), pose(START - 10 * SECOND)), Estimate)
-    assert e.push_surface(cloud(START - 10 * SECOND + MS)) is None
+    assert push(e, cloud(START - 10 * SECOND + MS)) is None
 
 
 def test_a_new_world_frame_leaves_behind_all_that_is_told_in_the_old_axes():

@@ -131,7 +131,7 @@ def test_a_bad_transform_is_refused_with_its_reason_counted_and_named_and_change
     push(e, moving(START, "world", "flange"), fixed("flange", "sensor"))
     before = e.transforms.at("world", "sensor", START, AGE)
     reason, sample = REFUSED[what]
-    assert e.push_transform(sample) is reason
+    assert push(e, sample) is reason
     assert e.counts == {reason.value: 1}
     assert e.transforms.at("world", "sensor", START, AGE) == before
     assert e.unknown_frames()[reason.value].startswith(f"{sample.child[:255]!r}"[:200])
@@ -141,13 +141,13 @@ def test_a_bad_transform_is_refused_with_its_reason_counted_and_named_and_change
 def test_another_parent_is_taken_with_a_warning_as_tf2_does_and_decides_from_its_stamp_on():
     e = estimator(tool_frame="flange")
     for stamp, parent, x in ((START, "world", 0.0), (START + 10 * MS, "camera", 1.0), (START + 20 * MS, "world", 2.0)):
-        e.push_transform(moving(stamp, parent, "flange", (x, 0.0, 0.0)))
-    e.push_transform(fixed("world", "camera", (0.0, 5.0, 0.0)))
+        push(e, moving(stamp, parent, "flange", (x, 0.0, 0.0)))
+    push(e, fixed("world", "camera", (0.0, 5.0, 0.0)))
     assert e.counts == {"tf_two_parents": 2}
     assert e.unknown_frames() == {"tf_two_parents": "'flange' in 'world': before in 'camera'"}
     places = [e.transforms.at("world", "flange", START + k * 5 * MS, AGE).position for k in range(5)]
     assert places == [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 5.0, 0.0), (1.0, 5.0, 0.0), (2.0, 0.0, 0.0)]
-    e.push_transform(fixed("camera", "flange", (3.0, 0.0, 0.0)))  # the mount was measured anew
+    push(e, fixed("camera", "flange", (3.0, 0.0, 0.0)))  # the mount was measured anew
     assert e.transforms.fixed("world", "flange").position == (3.0, 5.0, 0.0)
 
 
@@ -167,7 +167,7 @@ def test_a_missing_frame_is_named_with_the_frames_that_there_are():
     assert (poses, e.counts) == ([], {"tf_frame_unknown": 2})
     there = "there are 'base' in 'world' (fixed), 'flange' in 'base' (fixed)"
     assert e.unknown_frames() == {"tf_frame_unknown": f"no transform names tool_frame 'tool'; {there}"}
-    e.push_transform(fixed("flange", "tool"))
+    push(e, fixed("flange", "tool"))
     assert e.unknown_frames() == {}
 
 
@@ -261,7 +261,7 @@ def test_poses_twists_and_wrenches_in_frames_with_fixed_links_are_transformed_an
     base, cell, flange = Placement((0.3, 0.2, 0.1), q), Placement((0.0, 0.01, 0.02), q), Placement((0.0, 0.0, 0.1), q)
     plain, linked = estimator(), estimator()
     for parent, child, p in (("world", "base", base), ("ft_sensor", "cell", cell), ("tool", "flange", flange)):
-        linked.push_transform(fixed(parent, child, *p))
+        push(linked, fixed(parent, child, *p))
     inner = Placement((0.01, -0.02, -0.01), STILL)
     load = (1.0, 2.0, 3.0, 0.1, 0.2, 0.3)
     placed = base.of(inner)
