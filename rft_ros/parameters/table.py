@@ -72,11 +72,18 @@ PARAMETERS = (
     ),
     Parameter("tolerance", 0.025, "Take the fewest plates within this share of the force. 0.0: all.", "", (0.0, 1.0)),
     Parameter(
-        "learning.mode", "off", "observe: learn the medium; apply: also use it.", choices=("off", "observe", "apply")
+        "learning.mode",
+        "off",
+        "Learn the medium from the load cell. observe: learn and report; apply: predict with what was learned.",
+        choices=("off", "observe", "apply"),
     ),
     Parameter("learning.lag", 0.002, "Path from a load-cell sample to the first prediction with it.", "m", (1e-5, 1.0)),
     Parameter(
-        "feedforward.gain", 0.0, "Publish this times the prediction; -1.0: what cancels it. 0.0: off.", "", (-2.0, 2.0)
+        "feedforward.gain",
+        0.0,
+        "Publish this times the prediction on ~/wrench_feedforward; -1.0: what cancels the grains' force. 0.0: off.",
+        "",
+        (-2.0, 2.0),
     ),
     Parameter(
         "feedforward.frame",
@@ -97,7 +104,9 @@ PARAMETERS = (
     Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
     Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
     Parameter("sensor.quaternion", (*_ZERO3, 1.0), "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"),
-    Parameter("sensor.frame_source", "parameters", "Where its place comes from.", choices=("parameters", "tf")),
+    Parameter(
+        "sensor.frame_source", "parameters", "Source of its place. tf: fixed transforms.", choices=("parameters", "tf")
+    ),
     Parameter("sensor.sign", 1.0, "1.0: the driver reports the force on the tool; -1.0: by the tool.", "", (-1.0, 1.0)),
     Parameter("sensor.bias", (0.0,) * 6, "Reading without load: fx, fy, fz, tx, ty, tz.", "N, N m", (-1e6, 1e6)),
     Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
@@ -111,7 +120,9 @@ PARAMETERS = (
     Parameter(
         "rest_speed", 0.0002, "Slower in grains is rest: no estimate; with memory the last force.", "m/s", (0.0, 1e3)
     ),
-    Parameter("executor", "events", "Of rclpy; events: half the CPU.", choices=("events", "single"), applies="restart"),
+    Parameter(
+        "executor", "events", "rclpy executor; events: half the CPU.", choices=("events", "single"), applies="restart"
+    ),
 )
 """Every parameter, in the order in which they are documented."""
 
