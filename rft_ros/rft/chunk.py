@@ -16,7 +16,7 @@ from rft_ros.rft.plates import BLOCK
 
 __all__ = ["ALONG", "ANGLES", "AREA", "BLOCKS", "E2", "KIND", "KINDS", "LOAD", "NORMAL", "NUMBER", "PLACE", "ROW"]
 __all__ += ["SHARE", "SIZE", "SPEED", "STIFF", "TOTAL", "TRACTION", "UNBLENDED", "VELOCITY"]
-__all__ += ["at", "new_chunk", "put", "quadruple", "triple", "wide_vectors"]
+__all__ += ["at", "new_chunk", "put", "triple", "wide_vectors"]
 
 BLOCKS = 8
 """Blocks of plates in a chunk."""
@@ -86,18 +86,12 @@ def at(row, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def triple(chunk, row, i):  # type: ignore[no-untyped-def]
-    """A vector of plate i, from three rows."""
-    return chunk[at(row, i)], chunk[at(row + ROW, i)], chunk[at(row + 2 * ROW, i)]
+def triple(rows, row, i, length=ROW):  # type: ignore[no-untyped-def]
+    """A vector of plate i, from three rows of this length: of the chunk, or of a block."""
+    return rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)]
 
 
 @inlined
-def quadruple(chunk, row, i):  # type: ignore[no-untyped-def]
-    """Four numbers of plate i, from as many rows."""
-    return chunk[at(row, i)], chunk[at(row + ROW, i)], chunk[at(row + 2 * ROW, i)], chunk[at(row + 3 * ROW, i)]
-
-
-@inlined
-def put(chunk, row, i, vector):  # type: ignore[no-untyped-def]
+def put(rows, row, i, vector, length=ROW):  # type: ignore[no-untyped-def]
     """Store a vector of plate i in three rows."""
-    chunk[at(row, i)], chunk[at(row + ROW, i)], chunk[at(row + 2 * ROW, i)] = vector
+    rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)] = vector

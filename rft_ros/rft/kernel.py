@@ -161,17 +161,15 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):  # type: ignore
     submerged. `refined` and `cut` must be constants, or the loop is not vectorised.
     """
     zx, zy, zz = rise
-    a, b, c = rows[at(first, i)], rows[at(first + BLOCK, i)], rows[at(first + 2 * BLOCK, i)]
+    a, b, c = triple(rows, first, i, BLOCK)
     area = rows[at(first + 6 * BLOCK, i)]
     depth = below - (zx * a + zy * b + zz * c)
     if not refined:
         area = area if depth > 0.0 else 0.0
         return (a, b, c), depth * area, area
     # e0, e1 and -(e0 + e1) are the corners from the centroid
-    corners = first + 7 * BLOCK
-    e0x, e0y, e0z = rows[at(corners, i)], rows[at(corners + BLOCK, i)], rows[at(corners + 2 * BLOCK, i)]
-    corners += 3 * BLOCK
-    e1x, e1y, e1z = rows[at(corners, i)], rows[at(corners + BLOCK, i)], rows[at(corners + 2 * BLOCK, i)]
+    e0x, e0y, e0z = triple(rows, first + 7 * BLOCK, i, BLOCK)
+    e1x, e1y, e1z = triple(rows, first + 10 * BLOCK, i, BLOCK)
     h0 = zx * e0x + zy * e0y + zz * e0z
     h1 = zx * e1x + zy * e1y + zz * e1z
     if cut:
@@ -198,8 +196,7 @@ def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):  # type: igno
     submerged = 0.0
     for j in range(BLOCK):
         (a, b, c), load, area = _centre_and_load(rows, first, j, below, rise, refined, cut)
-        nx, ny, nz = rows[at(first + 3 * BLOCK, j)], rows[at(first + 4 * BLOCK, j)], rows[at(first + 5 * BLOCK, j)]
-        normal = nx, ny, nz = from_frame(axes, nx, ny, nz)
+        normal = nx, ny, nz = from_frame(axes, *triple(rows, first + 3 * BLOCK, j, BLOCK))
         x, y, z = from_frame(axes, a, b, c)
         ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
         lead = ux * nx + uy * ny + uz * nz

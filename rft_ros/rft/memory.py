@@ -63,10 +63,12 @@ SLACK = 10e-6
 """`Memory.slack` [m] for measured poses: five standard deviations of encoders of 2 µm."""
 
 GAPS, LOADED = 1.0, 2.0
-"""Values of `Memory.active`: the block's plates have no more than gaps behind them; they have tractions."""
+"""States of a block: its plates have no more than gaps behind them; they have tractions."""
 
 MOTION, TRACTIONS = 10, 30
-"""Where `Memory.motion`, and `Memory.active` with `Memory.tractions`, begin in `Memory.numbers`."""
+"""Where the motion, and the blocks' states with their plates' tractions, begin in `Memory.numbers`."""
+
+_BEGUN, _SLACK, _POSE = 6, 7, 8  # in the motion
 
 _FADED = 1e-6  # square:  a trailing plate whose y has fallen to this share of abs(t) remembers nothing
 _NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
@@ -79,11 +81,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Memory:
-    """The memory of the plates of one tool, in the order of their blocks; ``Memory(plates)`` is empty.
+    """The memory of the plates of one tool; ``Memory(plates)`` is empty.
 
     `slack` [m]: so far the tool moves before its plates do, and so far it must turn back before they do, for poses with
     noise; a simulator needs none. Of many `bodies` of these plates, state i is of body i.
-    `numbers`: shape [bodies, m], what it remembers: one after the other `stiffness`, `motion`, `active`, `tractions`.
+    `numbers`: shape [bodies, m], what it remembers, one after the other: `stiffness`; from `MOTION` on the last twist
+    that was not zero, scaled to order one, 1 after the first state, slack [m] and the pose that the plates have
+    followed to, position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`, and then by block
+    τ and t [N/m³], world axes, and y², which is negative where there is a gap, g [m] being in τ's first row.
     """
 
     plates: Plates
@@ -93,9 +98,9 @@ class Memory:
     numbers: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        blocks = self.plates.blocks.bounds.shape[1]
+        blocks = self.plates.bounds.shape[1]
         object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + 7 * BLOCK))))
-        self.motion[:, 7] = self.slack
+        self.numbers[:, MOTION + _SLACK] = self.slack
 
     @property
     def stiffness(self) -> Array:
@@ -105,28 +110,6 @@ class Memory:
         abs(t) / λ(d) where the plate yields.
         """
         return self.numbers[:, :MOTION]
-
-    @property
-    def motion(self) -> Array:
-        """The motion so far, shape [bodies, 20].
-
-        The last twist that was not zero, scaled to order one; 1 after the first state; slack [m]; the pose that the
-        plates have followed to: position [m] and rotation matrix.
-        """
-        return self.numbers[:, MOTION:TRACTIONS]
-
-    @property
-    def active(self) -> Array:
-        """By block 0, `GAPS` or `LOADED`, shape [bodies, blocks]."""
-        return self.numbers[:, TRACTIONS : TRACTIONS + self.plates.blocks.bounds.shape[1]]
-
-    @property
-    def tractions(self) -> Array:
-        """By block τ and t [N/m³], world axes, and y², shape [bodies, blocks * 7 * BLOCK].
-
-        y² is negative where there is a gap, g [m] being in the first row.
-        """
-        return self.numbers[:, TRACTIONS + self.plates.blocks.bounds.shape[1] :]
 
 
 @intrinsic
@@ -154,59 +137,61 @@ def _exp_minus(x):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def displacement(motion, state, axes, reach, counts):  # type: ignore[no-untyped-def]
-    """What the tool moved since the pose in `motion`, which follows: whether, origin [m], matrices.
+def _difference(a, b, k):  # type: ignore[no-untyped-def]
+    return a[0] - b[k], a[1] - b[k + 1], a[2] - b[k + 2]
 
-    A point at x from the tool frame's origin moved by origin + matrix x; the first matrix takes x in world axes, the
-    second in tool axes, and gives world and tool axes.
+
+@inlined
+def _times(s, v):  # type: ignore[no-untyped-def]
+    return s * v[0], s * v[1], s * v[2]
+
+
+@inlined
+def displacement(last, state, axes, reach, counts):  # type: ignore[no-untyped-def]
+    """What the tool moved since the pose in `last`, which follows: whether, origin [m], matrices.
+
+    `last`: `Memory.numbers` from `MOTION` on. A point at x from the tool frame's origin moved by origin + matrix x; the
+    first matrix takes x in world axes, the second in tool axes, and gives world and tool axes.
     """
-    slack = motion[7]
-    one = 1.0 if counts & (motion[6] > 0.0) else 0.0
-    px, py, pz = (
-        one * min(max(state[0] - motion[8], -_FAR), _FAR),
-        one * min(max(state[1] - motion[9], -_FAR), _FAR),
-        one * min(max(state[2] - motion[10], -_FAR), _FAR),
-    )
-    a, b, c, d, e, f, g, h, i = axes
-    a, b, c = one * (a - motion[11]), one * (b - motion[12]), one * (c - motion[13])
-    d, e, f = one * (d - motion[14]), one * (e - motion[15]), one * (f - motion[16])
-    g, h, i = one * (g - motion[17]), one * (h - motion[18]), one * (i - motion[19])
-    size = sqrt(px * px + py * py + pz * pz)
-    size += reach * sqrt(0.5 * (a * a + b * b + c * c + d * d + e * e + f * f + g * g + h * h + i * i))
+    one = 1.0 if counts & (last[_BEGUN] > 0.0) else 0.0
+    px, py, pz = _difference(state, last, _POSE)
+    shift = _times(one, (min(max(px, -_FAR), _FAR), min(max(py, -_FAR), _FAR), min(max(pz, -_FAR), _FAR)))
+    x = _times(one, _difference(axes[:3], last, _POSE + 3))  # rows of the change of the rotation matrix
+    y = _times(one, _difference(axes[3:6], last, _POSE + 6))
+    z = _times(one, _difference(axes[6:], last, _POSE + 9))
+    size, spin, slack = 0.0, 0.0, last[_SLACK]
+    for v in shift:
+        size += v * v
+    for v in (*x, *y, *z):
+        spin += v * v
+    size = sqrt(size) + reach * sqrt(0.5 * spin)
     part = 1.0 if slack <= 0.0 else (1.0 - slack / size if size > slack else 0.0)
-    rest = one * (1.0 - part)
-    motion[6] = 1.0
-    for j in range(3):
-        motion[8 + j] = state[j]
-    for j in range(9):
-        motion[11 + j] = axes[j]
-    if rest > 0.0:  # the slack trails behind
-        for j, v in enumerate((px, py, pz, a, b, c, d, e, f, g, h, i)):
-            motion[8 + j] -= rest * v
-    px, py, pz = part * px, part * py, part * pz
-    a, b, c, d, e, f, g, h, i = (
-        part * a,
-        part * b,
-        part * c,
-        part * d,
-        part * e,
-        part * f,
-        part * g,
-        part * h,
-        part * i,
-    )
-    turn = (*from_frame(axes, a, b, c), *from_frame(axes, d, e, f), *from_frame(axes, g, h, i))
-    p, q, r = into_frame(axes, a, d, g), into_frame(axes, b, e, h), into_frame(axes, c, f, i)
+    rest = one * (1.0 - part)  # the slack trails behind
+    last[_BEGUN] = 1.0
+    for j, v in enumerate((state[0], state[1], state[2], *axes)):
+        last[_POSE + j] = v
+    for j, v in enumerate((*shift, *x, *y, *z)):
+        last[_POSE + j] -= rest * v
+    shift, x, y, z = _times(part, shift), _times(part, x), _times(part, y), _times(part, z)
+    p, q, r = into_frame(axes, x[0], y[0], z[0]), into_frame(axes, x[1], y[1], z[1]), into_frame(axes, x[2], y[2], z[2])
+    turn = (*from_frame(axes, *x), *from_frame(axes, *y), *from_frame(axes, *z))
     inner = p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]
-    shift = px, py, pz
-    return size * part > 0.0, (shift, turn), (into_frame(axes, px, py, pz), inner)
+    return size * part > 0.0, (shift, turn), (into_frame(axes, *shift), inner)
+
+
+@inlined
+def _moved(motion, place):  # type: ignore[no-untyped-def]
+    """The displacement of a place by a motion of `displacement`, both in world or in tool axes."""
+    (dx, dy, dz), (xx, xy, xz, yx, yy, yz, zx, zy, zz) = motion
+    x, y, z = place
+    return dx + xx * x + xy * y + xz * z, dy + yx * x + yy * y + yz * z, dz + zx * x + zy * y + zz * z
 
 
 @inlined
 def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[no-untyped-def]
     """A plate's traction after one step, what it remembers then, and the modulus of its fall with motion [N/m⁴].
 
-    `past`: what it remembers, as `Memory.tractions`; `moved`: its displacement [m]; `asked`: the law's traction per
+    `past`: what it remembers, as in `Memory.numbers`; `moved`: its displacement [m]; `asked`: the law's traction per
     depth, 0 if it trails.
     """
     nx, ny, nz = normal
@@ -278,43 +263,27 @@ def _remember(chunk, i0, memory, first, motion, below, slope, length):  # type: 
     depth of the tool frame's origin [m], and the surface's.
     """
     wide_vectors()
-    shift, turn = motion
     for j in range(BLOCK):
         i = at(i0, j)
-        x, y, z = triple(chunk, PLACE, i)
-        ex = shift[0] + turn[0] * x + turn[1] * y + turn[2] * z
-        ey = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
-        ez = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
+        x, y, z = place = triple(chunk, PLACE, i)
+        ex, ey, ez = moved = _moved(motion, place)
         # half a step before
         depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
         share, load = chunk[at(SHARE, i)], chunk[at(LOAD, i)]
-        ax, ay, az = triple(chunk, TRACTION, i)
-        past = (
-            _vector(memory, first, j),
-            _vector(memory, first + 3 * BLOCK, j),
-            memory[at(first + 6 * BLOCK, j)],
-        )
-        asked, moved = (ax * share, ay * share, az * share), (ex, ey, ez)
-        (tx, ty, tz), past, stiff = advance(past, triple(chunk, NORMAL, i), moved, asked, share > 0.0, depth, length)
+        asked = _times(share, triple(chunk, TRACTION, i))
+        kept, yielded = triple(memory, first, j, BLOCK), triple(memory, first + 3 * BLOCK, j, BLOCK)
+        past = kept, yielded, memory[at(first + 6 * BLOCK, j)]
+        traction, past, stiff = advance(past, triple(chunk, NORMAL, i), moved, asked, share > 0.0, depth, length)
         wet = 1.0 if load > 0.0 else 0.0
-        put(chunk, TRACTION, i, (tx * wet, ty * wet, tz * wet))
+        put(chunk, TRACTION, i, _times(wet, traction))
         chunk[at(STIFF, i)] = stiff * max(load, 0.0)
-        (mx, my, mz), (bx, by, bz), limit = past
-        memory[at(first, j)] = mx * wet
-        memory[at(first + BLOCK, j)] = my * wet
-        memory[at(first + 2 * BLOCK, j)] = mz * wet
-        memory[at(first + 3 * BLOCK, j)] = bx * wet
-        memory[at(first + 4 * BLOCK, j)] = by * wet
-        memory[at(first + 5 * BLOCK, j)] = bz * wet
-        memory[at(first + 6 * BLOCK, j)] = limit * wet
+        kept, yielded, limit = past
+        put(memory, first, j, _times(wet, kept), BLOCK)
+        put(memory, first + 3 * BLOCK, j, _times(wet, yielded), BLOCK)
+        memory[at(first + 6 * BLOCK, j)] = wet * limit
 
 
 remember = compiled(_remember, **STEP)
-
-
-@inlined
-def _vector(rows, first, i):  # type: ignore[no-untyped-def]
-    return rows[at(first, i)], rows[at(first + BLOCK, i)], rows[at(first + 2 * BLOCK, i)]
 
 
 @inlined
@@ -323,13 +292,10 @@ def open_gaps(memory, first, rows, form, motion):  # type: ignore[no-untyped-def
 
     `first`, `form`: where it begins in `Memory.numbers` and in `rows`; `motion`: of `displacement`, tool axes.
     """
-    shift, turn = motion
     for i in range(BLOCK):
-        x, y, z = _vector(rows, form, i)
-        nx, ny, nz = _vector(rows, form + 3 * BLOCK, i)
-        dx = shift[0] + turn[0] * x + turn[1] * y + turn[2] * z
-        dy = shift[1] + turn[3] * x + turn[4] * y + turn[5] * z
-        dz = shift[2] + turn[6] * x + turn[7] * y + turn[8] * z
+        place = triple(rows, form, i, BLOCK)
+        nx, ny, nz = triple(rows, form + 3 * BLOCK, i, BLOCK)
+        dx, dy, dz = _moved(motion, place)
         dn = dx * nx + dy * ny + dz * nz
         gap = min(max(memory[at(first, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
         memory[at(first, i)] = gap

@@ -4,13 +4,13 @@ The kernel visits them in blocks of neighbours and skips blocks in which no plat
 body's plates trail, and a tool is seldom fully submerged. Skipping single plates would prevent vectorisation.
 """
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["BLOCK", "INTEGRATIONS", "ROUNDING", "Blocks", "Integration", "Plates"]
+__all__ = ["BLOCK", "INTEGRATIONS", "ROUNDING", "Integration", "Plates"]
 
 BLOCK = 16
 """Plates in a block, of which the kernel asks together whether they are wet and lead."""
@@ -25,49 +25,27 @@ INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Blocks:
-    """Plates in the kernel's order, padded to whole blocks by copies without area.
-
-    `rows`: shape [blocks * (7 or 14) * BLOCK], block by block its rows: those of `Plates.packed`, and for the refined
-    rule two corners relative to the centroid [m] and 1 / (2 sin θ), θ the half angle. `order`: the plate in each place
-    before the padding, shape [n]. `bounds`: shape [20, blocks]: boxes (middle, half of the sides) of the normals, of
-    r x n [m] and of the positions [m]; area [m²]; sine of the greatest half angle.
-    """
-
-    rows: Array
-    order: NDArray[np.int64]
-    bounds: Array
-
-    def __post_init__(self) -> None:
-        for array in (self.rows, self.order, self.bounds):
-            array.flags.writeable = False
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # unpickled arrays are writable, so `__post_init__` must run
-        return Blocks, (self.rows, self.order, self.bounds)
-
-
 @dataclass(frozen=True, slots=True, eq=False, init=False)
 class Plates:
     """Plate elements in the tool frame.
 
-    ``Plates(rows)`` takes rows as in `rows`, selected, merged or weighted by area; shape [7, n] or [14, n]. Raises
-    ValueError for another shape, no plates, values that are not finite, negative areas and zero normals.
+    ``Plates(rows)`` takes rows as in `rows`, selected, merged or weighted by area. Raises ValueError for another shape,
+    no plates, values that are not finite, negative areas and zero normals.
 
-    `packed`: shape [7, n], C-contiguous rows x, y, z [m] of the centroid, outward unit normal nx, ny, nz, area [m²].
+    `rows`: shape [7, n]: x, y, z [m] of the centroid, outward unit normal nx, ny, nz, area [m²]. For the refined rule
+    shape [14, n]: also two corners relative to the centroid [m] and 1 / (2 sin θ), θ the half angle.
     `reach`: greatest distance of any point of a plate from the tool frame's origin [m].
-    `integration`: ``centroid``, the published rule: depth and velocity at the centroid; a plate either leads or not.
-    ``refined``: each plate is a triangle; depth is integrated over its part below the surface, the force acts at its
-    centre of pressure, and the leading share grows continuously over its half angle (`from_triangles`).
-    `blocks`: the same plates in the kernel's order. `form`: what the kernel takes of them.
+    `blocks`: the same in the kernel's order, block by block its rows, padded to whole blocks by copies without area.
+    `order`: the plate in each place before the padding, shape [n].
+    `bounds`: shape [20, blocks]: boxes (middle, half of the sides) of the normals, of r x n [m] and of the positions
+    [m]; area [m²]; sine of the greatest half angle.
     """
 
-    packed: Array
+    rows: Array
     reach: float
-    integration: Integration
-    blocks: Blocks
-    form: tuple[Array, Array, bool, float] = field(repr=False)
+    blocks: Array
+    order: NDArray[np.int64]
+    bounds: Array
 
     def __init__(self, rows: ArrayLike) -> None:
         r = np.array(rows, dtype=np.float64, order="C")
@@ -87,18 +65,36 @@ class Plates:
         if len(r) > 7:
             first, second = r[7:10], r[10:13]
             far = np.sqrt(np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0))
-        reach = float((np.linalg.norm(r[:3], axis=0) + far).max())
-        self._set(np.ascontiguousarray(r[:7]), reach, "centroid" if len(r) == 7 else "refined", _blocks(r, far))
+        self._set(r, float((np.linalg.norm(r[:3], axis=0) + far).max()), *_in_blocks(r, far))
 
-    def _set(self, packed: Array, reach: float, integration: Integration, blocks: Blocks) -> "Plates":
-        packed.flags.writeable = False
-        form = blocks.rows, blocks.bounds, integration == "refined", reach
-        for f, value in zip(fields(self), (packed, reach, integration, blocks, form), strict=True):
+    def _set(self, *values: object) -> None:
+        for f, value in zip(fields(self), values, strict=True):
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
             object.__setattr__(self, f.name, value)
-        return self
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _restored, (self.packed, self.reach, self.integration, self.blocks)
+        return _restored, tuple(getattr(self, f.name) for f in fields(self))
+
+    @property
+    def packed(self) -> Array:
+        """Centroids, normals and areas: the first seven of `rows`."""
+        return self.rows[:7]
+
+    @property
+    def integration(self) -> Integration:
+        """The rule that these plates are for.
+
+        ``centroid``, the published rule: depth and velocity at the centroid; a plate either leads or not. ``refined``:
+        each plate is a triangle; depth is integrated over its part below the surface, the force acts at its centre of
+        pressure, and the leading share grows continuously over its half angle (`from_triangles`).
+        """
+        return "centroid" if len(self.rows) == 7 else "refined"
+
+    @property
+    def form(self) -> tuple[Array, Array, bool, float]:
+        """What the kernel takes: blocks, bounds, whether refined, reach."""
+        return self.blocks, self.bounds, len(self.rows) > 7, self.reach
 
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
@@ -136,26 +132,20 @@ class Plates:
         return self.packed.shape[1]
 
     @property
-    def rows(self) -> Array:
-        """The numbers of each plate, shape [7 or 14, n]; units and axes as in `Blocks.rows`."""
-        by_block = self.blocks.rows.reshape(self.blocks.bounds.shape[1], -1, BLOCK)
-        rows = np.empty((by_block.shape[1], len(self)))
-        rows[:, self.blocks.order] = np.hstack(list(by_block))[:, : len(self)]
-        return rows
-
-    @property
     def area(self) -> float:
         """Total area [m²]."""
         return float(self.packed[6].sum())
 
 
-def _restored(packed: Array, reach: float, integration: Integration, blocks: Blocks) -> Plates:
-    """Unpickled plates; `Plates` itself would normalise the normals again and change their last bits."""
-    return Plates.__new__(Plates)._set(packed, reach, integration, blocks)
+def _restored(*values: object) -> Plates:
+    """Unpickled plates: read-only again, with normals of the same last bits."""
+    plates = object.__new__(Plates)
+    plates._set(*values)
+    return plates
 
 
-def _blocks(rows: Array, far: Array) -> Blocks:
-    """Sort plates, shape [7 or 14, n], units as in `Blocks.rows`, into blocks of similar normals and positions.
+def _in_blocks(rows: Array, far: Array) -> tuple[Array, NDArray[np.int64], Array]:
+    """`Plates.blocks`, `order` and `bounds`: plates of similar normals and positions in each block.
 
     `far`: greatest distance of each plate's points from its centroid [m], shape [n].
     """
@@ -164,11 +154,10 @@ def _blocks(rows: Array, far: Array) -> Blocks:
     size = np.abs(center).max()
     # a tool's length weighs as much as a quarter turn of the normal
     order = _neighbours(np.vstack([rows[3:6], center / size if size > 0.0 else center]))
-    padding = -n % BLOCK
-    packed = np.ascontiguousarray(np.hstack([rows[:, order], np.repeat(rows[:, order[-1:]], padding, axis=1)]))
+    padded = np.append(order, np.repeat(order[-1:], -n % BLOCK))
+    packed, far = np.ascontiguousarray(rows[:, padded]), far[padded]
     packed[6, n:] = 0.0
-    bounds = _bounds(packed, np.concatenate([far[order], np.zeros(padding)]))
-    return Blocks(packed.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel(), order, bounds)
+    return packed.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel(), order, _bounds(packed, far)
 
 
 def _neighbours(features: Array) -> NDArray[np.int64]:

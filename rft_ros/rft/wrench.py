@@ -104,10 +104,7 @@ def wrenches_in_time(
     if memory.__class__ is not Memory:
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
     height, slope = _checked(plates, law, surface_height, slope)
-    if memory.plates is not plates and not (
-        memory.plates.integration == plates.integration
-        and np.array_equal(memory.plates.blocks.rows, plates.blocks.rows)
-    ):
+    if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
     states = numbers("states", states, _STATE_ROW)
     n = len(states)
@@ -156,9 +153,9 @@ def plate_forces(
     """
     height, slope = _checked(plates, law, surface_height, slope)
     states = numbers("state", state, rows=13).reshape(1, 13)
-    forces, ordered = np.zeros((plates.blocks.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
+    forces, ordered = np.zeros((plates.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
     _loop()(plates.form, law.packed, height, slope, states, _NO_MEMORY, forces)
-    ordered[plates.blocks.order] = forces[: len(plates)]
+    ordered[plates.order] = forces[: len(plates)]
     return ordered
 
 

@@ -78,14 +78,14 @@ def without_flat(plates: Plates, state: Array, margin: float = 1e-4) -> Plates:
 
 def moved(plates: Plates, shift: Array) -> Plates:
     """The same plates seen from a tool frame whose origin lies elsewhere [m]."""
-    rows = plates.rows
+    rows = plates.rows.copy()
     rows[:3] -= shift[:, None]
     return Plates(rows)
 
 
 def mirrored(plates: Plates) -> Plates:
     """The plates' image in the plane y = 0."""
-    rows = plates.rows
+    rows = plates.rows.copy()
     rows[[1, 4] if len(rows) == 7 else [1, 4, 8, 11]] *= -1.0
     return Plates(rows)
 

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 from scenes import GENERIC
 
 from rft_ros.rft import Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft.memory import TRACTIONS
 from rft_ros.tool import load_tool
 
 LAW = treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
@@ -170,8 +171,7 @@ def test_plates_that_leave_the_grains_forget():
     first = remembered(down, durations, plates=PLATES["refined"], memory=memory)
     above, pause = along(np.array([0.0]), (0.0, 0.0, 0.01), start=(0.0, 0.0, 0.1))
     remembered(above, pause, plates=PLATES["refined"], memory=memory)
-    assert not memory.tractions.any()
-    assert not memory.active.any()
+    assert not memory.numbers[:, TRACTIONS:].any()
     np.testing.assert_array_equal(remembered(down, durations, plates=PLATES["refined"], memory=memory), first)
 
 

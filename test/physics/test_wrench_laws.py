@@ -86,7 +86,7 @@ def test_the_mirror_image_of_a_scene_has_the_mirror_image_of_its_wrench(rule, la
     """Mirrored in y: forces change sign along y, torques along x and z. Holds for horizontal plates too."""
     rng = np.random.default_rng(seed)
     flip = np.array([1.0, -1.0, 1.0])
-    rows = random_plates(rng, 60, rule).rows
+    rows = random_plates(rng, 60, rule).rows.copy()
     rows[3:6, :20] = np.array([[0.0], [0.0], [-1.0]])
     if rule == "refined":
         rows[[9, 12], :20] = 0.0  # their corners lie level too

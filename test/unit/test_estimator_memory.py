@@ -8,6 +8,7 @@ from one_plate import LEVEL, plate_model, pose, push, twist
 
 from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
 from rft_ros.rft import Memory, checked_states, wrenches_in_time
+from rft_ros.rft.memory import TRACTIONS
 from rft_ros.tool import load_tool
 
 PLATE = load_tool("plate")
@@ -73,7 +74,7 @@ def test_on_withdrawal_the_force_falls_within_millimetres_and_leaving_the_grains
     left = vertical(arm.move(0.01, 0.3)[-1])
     assert abs(left) < 0.15 * pressed  # the upper face has begun to lead
     arm.move(0.05, 1.0)
-    assert not arm.estimator._memory.tractions.any()
+    assert not arm.estimator._memory.numbers[:, TRACTIONS:].any()
 
 
 def test_zeta_is_swapped_without_forgetting_and_a_mesh_is_not():
