@@ -142,4 +142,4 @@ def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
 
 @cache
 def _end(phase: int, quality_flags: int) -> str:
-    return f",{PHASES[phase].value if phase >= 0 else ''},{'+'.join(flag_names(quality_flags))}"
+    return f",{PHASES[phase] if phase >= 0 else ''},{'+'.join(flag_names(quality_flags))}"

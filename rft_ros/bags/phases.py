@@ -1,40 +1,20 @@
 """The phase of every pose: where the tool's lowest point is and how it moves."""
 
-from enum import Enum
-
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.frames import rotation
 
-__all__ = ["PHASES", "Phase", "lowest_points", "phases_of"]
+__all__ = ["PHASES", "lowest_points", "phases_of"]
 
 _Array = NDArray[np.float64]
 _Numbers = NDArray[np.int64]
 
+PHASES = ("approach", "penetration", "ploughing", "dwell", "withdrawal")
+"""The phases, which docs/replay.md defines, by their number in a row."""
+
 _AROUND = 100_000_000  # ns before and after a moment in which its phase must prevail
 _STEEP = 0.1  # least share of the tool's speed that counts as down or up
-
-
-class Phase(str, Enum):
-    """What the tool does; users read the values.
-
-    WITHDRAWAL: its lowest point moves up, below the surface or above it. APPROACH: it is above the surface, in any
-    other motion. PENETRATION: it is below it and moves down. DWELL: below it, slower than `rest_speed`. PLOUGHING:
-    below it, any other motion.
-    """
-
-    APPROACH = "approach"
-    PENETRATION = "penetration"
-    PLOUGHING = "ploughing"
-    DWELL = "dwell"
-    WITHDRAWAL = "withdrawal"
-
-    __str__ = str.__str__
-
-
-PHASES = tuple(Phase)
-"""The phases by their number in a row."""
 
 
 def lowest_points(corners: _Array, states: _Array) -> tuple[_Array, _Array]:
@@ -55,13 +35,13 @@ def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, r
     `sinking`: its downward velocity; `speed` of the tool's fastest plate, `rest_speed` [m/s].
     """
     steep = np.maximum(rest_speed, _STEEP * speed)
-    cases = {
-        Phase.WITHDRAWAL: -sinking >= steep,
-        Phase.APPROACH: depth <= 0.0,
-        Phase.DWELL: speed < rest_speed,
-        Phase.PENETRATION: sinking >= steep,
+    cases = {  # the first that holds
+        "withdrawal": -sinking >= steep,
+        "approach": depth <= 0.0,
+        "dwell": speed < rest_speed,
+        "penetration": sinking >= steep,
     }
-    seen = np.select([*cases.values()], [*map(PHASES.index, cases)], PHASES.index(Phase.PLOUGHING))
+    seen = np.select([*cases.values()], [*map(PHASES.index, cases)], PHASES.index("ploughing"))
     runs = np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps) < 0) + 1)
     return np.concatenate([_prevailing(stamps[run], seen[run]) for run in runs])
 

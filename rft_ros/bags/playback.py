@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.reading import NAMES, Recording
+from rft_ros.bags.reading import NAMES, Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
 from rft_ros.estimator.messages import Role
@@ -16,10 +16,9 @@ from rft_ros.ground import HeightMap
 from rft_ros.parameters import NODE, Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
-__all__ = ["ReplayOptions", "mounted", "play", "push_all", "read_replay_options", "states_of", "topics_of"]
+__all__ = ["ReplayOptions", "mounted", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
 
-_Pushed = tuple[Sample, Estimate | NoEstimate | None]
-
+_Answer = Estimate | NoEstimate | None
 _SECTION = "rft_replay"
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
@@ -29,7 +28,7 @@ class ReplayOptions:
     """Which topics and which part of a bag.
 
     `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: length of the load cell's tare at the beginning [s]; 0 or
-    None: no tare. `start`, `end`: use only this part [s]. Raises InputError for negative times and an empty part.
+    None: no tare. `start`, `end`: use only this part [s]. Raises InputError for times that are none and an empty part.
     """
 
     remap: tuple[str, ...] = ()
@@ -39,8 +38,9 @@ class ReplayOptions:
 
     def __post_init__(self) -> None:
         for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
-            if seconds is not None and not 0.0 <= seconds <= 1e9:
-                raise InputError(f"{name} is {seconds:g} s; it must be from 0 to 1e9 s")
+            number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+            if seconds is not None and not (number and 0.0 <= seconds <= 1e9):
+                raise InputError(f"{name} is {seconds!r}; it must be a number from 0 to 1e9 [s]")
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")
 
@@ -49,14 +49,11 @@ def read_replay_options(file: Path) -> ReplayOptions:
     """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node ignores them."""
     section = node_parameters(file, keys=[_SECTION])
     remap = section.pop("remap", ())
-    if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
-        raise InputError(f"parameter file '{file}': {_SECTION} remap is {remap!r}; it must be a list of strings")
-    for name, value in section.items():
-        if name not in ("tare", "start", "end"):
-            raise InputError(f"parameter file '{file}': {_SECTION} has no '{name}'; it has remap, tare, start, end")
-        if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"parameter file '{file}': {_SECTION} {name} is {value!r}; it must be a number [s]")
     try:
+        if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
+            raise InputError(f"remap is {remap!r}; it must be a list of strings")
+        for name in section.keys() - {"tare", "start", "end"}:
+            raise InputError(f"has no '{name}'; it has remap, tare, start, end")
         return ReplayOptions(remap=tuple(remap), **section)
     except InputError as error:
         raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
@@ -91,20 +88,20 @@ def _resolved(name: str, node: str) -> str:
     return name if name.startswith("/") else f"{node.rpartition('/')[0]}/{name}"
 
 
-def push_all(estimator: Estimator, sample: Sample) -> Iterator[_Pushed]:
+def push_all(estimator: Estimator, sample: Sample) -> Iterator[tuple[Sample, _Answer]]:
     """Push a sample and the poses that follow from it; yield each, with the answer to a pose."""
     yield sample, estimator.push(sample)
     for pose in estimator.poses_after(sample):
         yield pose, estimator.push_pose(pose)
 
 
-def play(recording: Recording, estimator: Estimator, label: str) -> Iterator[_Pushed]:
+def play(recording: Recording, estimator: Estimator, label: str | None = None) -> Iterator[tuple[Sample, _Answer]]:
     """Push every sample of an open recording into the estimator; yield it, with the answer if it is a pose.
 
     With `pose_source` tf the poses follow from the transforms. At the end all measurements are final and messages that
-    cannot be decoded are counted. `label`: of the progress bar.
+    cannot be decoded are counted. `label`: of the progress bar (default: bag name).
     """
-    from_transforms = estimator.settings.pose_source == "tf"
+    label, from_transforms = label or bag_name(recording.bag), estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
             for pushed, answer in push_all(estimator, sample):
@@ -115,6 +112,11 @@ def play(recording: Recording, estimator: Estimator, label: str) -> Iterator[_Pu
     estimator.finish()
     if recording.unreadable:
         estimator.counts[Reason.MESSAGE_UNREADABLE.value] += recording.unreadable
+
+
+def reasons(recording: Recording, estimator: Estimator) -> str:
+    """Why a recording that was played gave so little, for errors."""
+    return "; ".join(filter(None, (recording.damage, *estimator.counted()))) or "no sample was refused"
 
 
 def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:
@@ -145,11 +147,10 @@ def states_of(
     estimator = Estimator(settings_of(values), model)
     stamps, states = [], []
     with Recording(bag, topics_of(values, options.remap), start=options.start, end=options.end) as recording:
-        for _, answer in play(recording, estimator, bag.name):
+        for _, answer in play(recording, estimator):
             if isinstance(answer, Estimate):
                 stamps.append(answer.stamp)
                 states.append(estimator.state.copy())
     if not states:
-        reasons = ", ".join(filter(None, [recording.damage, *estimator.counted()])) or "no poses"
-        raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons})")
+        raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})")
     return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states), estimator.ground

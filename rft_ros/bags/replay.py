@@ -5,7 +5,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from rft_ros.bags.estimates import Run, write_estimates
-from rft_ros.bags.playback import ReplayOptions, play, topics_of
+from rft_ros.bags.playback import ReplayOptions, play, reasons, topics_of
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.summary import Summary, statistics, summary_of
 from rft_ros.bags.writing import check_replaceable
@@ -73,19 +73,19 @@ def replay(
         run = Run(estimator, part)
         others = {name: Run(Estimator(own, model), part) for name, own in _learning_settings(settings).items()}
         with Recording(bag, topics, start=options.start, end=options.end) as recording:
-            for sample, answer in play(recording, estimator, label or bag_name(bag)):
+            for sample, answer in play(recording, estimator, label):
                 if answer is not None:
                     run.add(answer)
                 for other in others.values():
                     if (its := other.estimator.push(sample)) is not None:
                         other.add(its)
         if not recording.counts["pose"]:
-            what, why = f"message on {topics.get('pose')}", list(filter(None, [recording.damage]))
+            what = f"message on {topics.get('pose')}"
             if "tf" in topics:
                 what = f"pose of tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}'"
-                why += [*estimator.counted(), f"frames: {', '.join(estimator.transforms.frames()) or 'none'}"]
-            because = f" ({'; '.join(why)})" if why else ""
-            raise InputError(f"bag '{bag}' has no {what} in the part that is replayed{because}")
+                what += f" from its frames {', '.join(estimator.transforms.frames()) or '(none)'}"
+            why = reasons(recording, estimator)
+            raise InputError(f"bag '{bag}' has no {what} in the part that is replayed ({why})")
         rows = run.rows()
         write_estimates(run, rows, part)
         if estimator.ground is not None:
@@ -129,7 +129,7 @@ def _bias(
     estimator = Estimator(settings, model)
     begin = newest = 0
     with Recording(bag, topics, start=start, end=start + seconds) as recording:
-        for sample, answer in play(recording, estimator, bag_name(bag)):
+        for sample, answer in play(recording, estimator):
             if isinstance(sample, WrenchSample):
                 newest = sample.stamp
             elif answer is not None and not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
@@ -137,6 +137,5 @@ def _bias(
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:
-        reasons = "".join(f", {why}" for why in (recording.damage, *estimator.counted()) if why)
-        where = f"of the first {seconds:g} s, surface_height {settings.surface_height:g} m{reasons}"
-        raise InputError(f"bag '{bag}': {error} ({where})") from None
+        where = f"of the first {seconds:g} s, surface_height {settings.surface_height:g} m"
+        raise InputError(f"bag '{bag}': {error} ({where}; {reasons(recording, estimator)})") from None

@@ -3,23 +3,24 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import AXES, Rows
-from rft_ros.bags.phases import PHASES, Phase
+from rft_ros.bags.phases import PHASES
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import animate, animation_figure
-from rft_ros.report.charts import Panels
 from rft_ros.report.page import Figure, Table, write_page
 
 __all__ = ["decimated", "draw", "replay_charts"]
 
 _Array = NDArray[np.float64]
+_Place = tuple[int, int]  # row and column of a panel, from 1
 
 _BUCKETS = 1500
 _IN_GRAINS = -1e-3  # least depth in charts over depth [m]
@@ -30,6 +31,19 @@ _LEARNED = (
     ("Surface [mm]", 1e3, {3: "surface"}),
     ("Surprise [std. deviations]", 1.0, {8: "surprise"}),
 )
+_NAMES = {  # Okabe and Ito's palette, distinguishable with any kind of colour vision
+    "#333333": ("measured", "turn", "surface", "surprise"),
+    "#D55E00": ("predicted", "vertical"),
+    "#0072B2": ("x", "horizontal", "penetration"),
+    "#E69F00": ("y",),
+    "#009E73": ("z", "withdrawal"),
+    "#56B4E9": ("dwell", "caution"),
+    "#CC79A7": ("ploughing",),
+    "#999999": ("approach",),
+    "#000000": ("no",),
+}
+_COLOURS = {name: colour for colour, names in _NAMES.items() for name in names}
+_BAND = 0.22  # opacity
 
 
 def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None:
@@ -57,14 +71,12 @@ def decimated(rows: Rows) -> Rows:
 
 
 def _tables(summary: Summary) -> Iterator[Table]:
-    yield Table(
-        "Metrics",
+    sentence = (
         "Of the force vector: greatest measured force; RMS and peak of the residual (measured less predicted); RMS over"
         " peak of the same line; median of the relative error where the measured force is over 20 % of the recording's"
-        f" peak. Depth bins are those of {Phase.PENETRATION}. summary.json has every axis.",
-        ("", *METRIC_HEADS),
-        metric_rows(summary),
+        " peak. Depth bins are those of penetration. summary.json has every axis."
     )
+    yield Table("Metrics", sentence, ("", *METRIC_HEADS), metric_rows(summary))
     trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
     counted = [(name, QualityFlag[name.upper()], n) for name, n in summary.quality_flags.items() if n]
     flags = [(name, f"{n:,}", trust(flag).value, sentences(flag)) for name, flag, n in counted]
@@ -93,53 +105,99 @@ def replay_charts(rows: Rows) -> list[Figure]:
     return charts
 
 
+def _panels(rows: int, columns: int = 1, *, height: int = 640) -> Any:
+    """A plotly Figure of panels; those of a column share their x axis. `height` [px]."""
+    from plotly.subplots import make_subplots
+
+    spacing = {"vertical_spacing": 0.04, "horizontal_spacing": 0.09}
+    return make_subplots(rows=rows, cols=columns, shared_xaxes="columns", **spacing).update_layout(
+        template="plotly_white",
+        font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
+        height=height,
+        margin={"l": 70, "r": 20, "t": 80, "b": 55},
+        legend={"orientation": "h", "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
+    )
+
+
+def _label(panels: Any, at: _Place, *, x: str = "", y: str = "") -> None:
+    panels.update_xaxes(title_text=x, row=at[0], col=at[1])
+    panels.update_yaxes(title_text=y, row=at[0], col=at[1])
+
+
+def _draw(panels: Any, at: _Place, name: str, x: _Array, y: _Array, **look: Any) -> None:
+    """Draw a line; those of a name share a legend entry."""
+    look |= {"x": x.astype(np.float32), "y": y.astype(np.float32)}  # finer than a screen, half the bytes
+    look |= {"mode": "lines", "legendgroup": name, "showlegend": all(t.name != name for t in panels.data)}
+    panels.add_scatter(row=at[0], col=at[1], name=name, **look)
+
+
+def _line(panels: Any, at: _Place, name: str, x: _Array, y: _Array, *, colour: str = "", width: float = 1.5) -> None:
+    """A line with gaps at NaN. `colour`: a name of `_NAMES`, else the line's."""
+    look = {"color": _COLOURS[colour or name], "width": width}
+    _draw(panels, at, name, x, y, line=look, connectgaps=False)
+
+
+def _band(panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str) -> None:
+    """A band from y - deviation to y + deviation with gaps at NaN."""
+    from plotly.colors import hex_to_rgb
+
+    rows = np.flatnonzero(~np.isnan(x + y + deviation))
+    outline = [np.empty((2, 0))]
+    for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):  # closed around each unbroken segment
+        there, back = (x[part], y[part] - deviation[part]), (x[part[::-1]], (y + deviation)[part[::-1]])
+        outline += [np.array(there), np.array(back), np.full((2, 1), np.nan)]
+    fill = f"rgba{(*hex_to_rgb(_COLOURS[colour]), _BAND)}"
+    _draw(panels, at, name, *np.hstack(outline), fill="toself", fillcolor=fill, line_width=0, hoverinfo="skip")
+
+
 def _wrench(rows: Rows, x: _Array, over: str, x_label: str) -> Figure:
-    panels = Panels(3, 2, height=760)
+    panels = _panels(3, 2, height=760)
     for k, axis in enumerate(AXES):
         at = k % 3 + 1, k // 3 + 1
         measured, predicted, sigma = (rows[name][:, k] for name in ("compensated", "predicted", "sigma"))
-        panels.band(at, "± standard deviation", x, predicted, sigma, colour="predicted")
+        _band(panels, at, "± standard deviation", x, predicted, sigma, colour="predicted")
         for code, phase in enumerate(PHASES):
             if (chosen := (rows["phase"] == code) & ~np.isnan(measured + x)).any():
                 y = np.where(chosen, measured, math.nan)
-                panels.line(at, f"measured, {phase}", x, y, colour=phase.value, width=2.0)
-        panels.line(at, "predicted", x, predicted)
-        panels.label(at, x=x_label if k % 3 == 2 else "", y=f"{axis} [{'N' if k < 3 else 'N m'}]")
+                _line(panels, at, f"measured, {phase}", x, y, colour=phase, width=2.0)
+        _line(panels, at, "predicted", x, predicted)
+        _label(panels, at, x=x_label if k % 3 == 2 else "", y=f"{axis} [{'N' if k < 3 else 'N m'}]")
     sentence = (
         f"Measured, in the colour of the phase, and predicted, with a band of one standard deviation on each side, over"
         f" {over}. A line breaks where there is no estimate."
     )
-    return Figure(f"wrench_over_{over}", f"Force and torque over {over}", sentence, panels.figure)
+    return Figure(f"wrench_over_{over}", f"Force and torque over {over}", sentence, panels)
 
 
 def _residual(rows: Rows, time: _Array) -> Figure:
-    panels = Panels(2)
+    panels = _panels(2)
     residual = rows["compensated"] - rows["predicted"]
     for k, axis in enumerate("xyzxyz"):
-        panels.line((k // 3 + 1, 1), axis, time, residual[:, k], width=1.2)
-    panels.label((1, 1), y="Force residual [N]")
-    panels.label((2, 1), x=_TIME, y="Torque residual [N m]")
-    return Figure("residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels.figure)
+        _line(panels, (k // 3 + 1, 1), axis, time, residual[:, k], width=1.2)
+    _label(panels, (1, 1), y="Force residual [N]")
+    _label(panels, (2, 1), x=_TIME, y="Torque residual [N m]")
+    return Figure("residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels)
 
 
 def _flags(rows: Rows, time: _Array) -> Figure:
     flags = [flag for flag in QualityFlag if (rows["quality_flags"] & int(flag)).any()]
-    panels = Panels(1, height=200 + 26 * len(flags))
+    panels = _panels(1, height=200 + 26 * len(flags))
     for place, flag in enumerate(flags):
         raised = (rows["quality_flags"] & int(flag)) != 0
         raised[1:] |= raised[:-1]  # up to the next pose
         level = trust(flag).value.lower()
-        y = np.where(raised, float(place), math.nan)
-        panels.line((1, 1), f"trust: {level}", time, y, colour=level, width=9.0)
-    panels.label((1, 1), x=_TIME)
-    panels.figure.update_xaxes(range=[time.min(), time.max()])
+        _line(
+            panels, (1, 1), f"trust: {level}", time, np.where(raised, float(place), math.nan), colour=level, width=9.0
+        )
+    _label(panels, (1, 1), x=_TIME)
+    panels.update_xaxes(range=[time.min(), time.max()])
     ticks = {"tickvals": list(range(len(flags))), "ticktext": [flag_names(flag)[0] for flag in flags]}
-    panels.figure.update_yaxes(**ticks, range=[len(flags) - 0.5, -0.5])
-    return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels.figure)
+    panels.update_yaxes(**ticks, range=[len(flags) - 0.5, -0.5])
+    return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels)
 
 
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
-    panels = Panels(len(_LEARNED), 2)
+    panels = _panels(len(_LEARNED), 2)
     for row, (label, unit, columns) in enumerate(_LEARNED, start=1):
         for column, (x, x_label) in enumerate(((time, _TIME), (depth, _DEPTH)), start=1):
             at = (row, column)
@@ -147,15 +205,15 @@ def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
                 value = unit * rows["learned"][:, number]
                 if number < 4:
                     error = unit * rows["learned"][:, number + 4]
-                    panels.band(at, "± standard error", x, value, error, colour=name)
-                panels.line(at, name, x, value)
-            panels.label(at, x=x_label if row == len(_LEARNED) else "", y=label)
+                    _band(panels, at, "± standard error", x, value, error, colour=name)
+                _line(panels, at, name, x, value)
+            _label(panels, at, x=x_label if row == len(_LEARNED) else "", y=label)
     sentence = (
         "Strength of the vertical and of the horizontal force over the model's, turn of the horizontal force about the"
         " vertical, and height of the surface above surface_height, each with its standard error, and how surprising"
         " the force was."
     )
-    return Figure("learned", "What is learned of the grains", sentence, panels.figure)
+    return Figure("learned", "What is learned of the grains", sentence, panels)
 
 
 def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
@@ -164,17 +222,12 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     rows = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
     if not len(rows):
         return
-    scene = animate(
-        f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}",
-        model.tool,
-        model.law,
-        1e-9 * (rows["stamp"] - begin),
-        rows["state"],
-        surface_height=estimator.settings.surface_height,
-        ground=estimator.ground,
-    )
+    title = f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
+    times, height = 1e-9 * (rows["stamp"] - begin), estimator.settings.surface_height
+    ground = estimator.ground
+    scene = animate(title, model.tool, model.law, times, rows["state"], surface_height=height, ground=ground)
     sentence = (
         "The tool coloured by the predicted traction on its leading faces, in world axes, the surface of the grains at"
         " the end, and the predicted force as a line from the tool's middle. The slider selects a moment in the grains."
     )
-    yield Figure("tool", scene.title, sentence, animation_figure(scene))
+    yield Figure("tool", title, sentence, animation_figure(scene))

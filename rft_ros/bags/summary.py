@@ -8,13 +8,13 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import AXES, Rows
-from rft_ros.bags.phases import PHASES, Phase
+from rft_ros.bags.phases import PHASES
 from rft_ros.errors import InputError
 from rft_ros.estimator import Reason
 from rft_ros.estimator.messages import Role
@@ -22,7 +22,7 @@ from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, trust
 from rft_ros.files import read_yaml
 from rft_ros.parameters import Value, flat
 
-__all__ = ["METRIC_HEADS", "Group", "Limit", "PhaseGroup", "Spread", "Summary"]
+__all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary"]
 __all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]
 
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
@@ -32,27 +32,19 @@ _WRONG = 0.5  # median error over which the set-up is the likely cause
 
 
 @dataclass(frozen=True, slots=True)
-class Spread:
-    """Root mean square, greatest magnitude and mean, [N] or [N m]; None without values."""
-
-    rms: float | None
-    peak: float | None
-    mean: float | None
-
-
-@dataclass(frozen=True, slots=True)
 class Group:
     """Statistics of some estimates; None without values.
 
     `wrench`: by axis in the sensor frame or "force" and "torque", their magnitudes; then "measured" (compensated),
-    "predicted" and "residual" (measured minus predicted; its magnitude is that of the difference).
-    `rms_over_peak`: RMS residual force over the group's greatest measured force. `median_relative_error`: of residual
-    over measured force where this exceeds 20 % of the replay's greatest. `within_sigma`, `within_two_sigma`: share of
-    the measured force's components, in the grains, within one and two standard deviations of the prediction.
+    "predicted" and "residual" (measured minus predicted; its magnitude is that of the difference); then "rms", "peak"
+    (greatest magnitude) and "mean" [N], [N m]. `rms_over_peak`: RMS residual force over the group's greatest measured
+    force. `median_relative_error`: of residual over measured force where this exceeds 20 % of the replay's greatest.
+    `within_sigma`, `within_two_sigma`: share of the measured force's components, in the grains, within one and two
+    standard deviations of the prediction.
     """
 
     estimates: int
-    wrench: dict[str, dict[str, Spread]]
+    wrench: dict[str, dict[str, dict[str, float | None]]]
     rms_over_peak: float | None
     median_relative_error: float | None
     within_sigma: float | None
@@ -114,14 +106,11 @@ class Summary(Group):
         rows = [("force on the tool", *METRIC_HEADS), *metric_rows(self)]
         return text + [f"  {title:<18}" + "".join(f"{cell:>12}" for cell in cells) for title, *cells in rows]
 
-    def content(self) -> dict[str, Any]:
-        """The content of summary.json; the same bag and parameters give the same content."""
-        content = asdict(self)
-        return content | {name: content.pop(name) for name in _WHOLE}  # these last
-
     def json(self) -> str:
-        """The text of summary.json."""
-        return json.dumps(self.content(), indent=2, allow_nan=False) + "\n"
+        """The text of summary.json; the same bag and parameters give the same text."""
+        content = asdict(self)
+        content |= {name: content.pop(name) for name in _WHOLE}  # these last
+        return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
@@ -152,7 +141,7 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
             if (chosen := in_phase & answered & (in_bin == k)).any():
                 by_depth[f"{low:g}-{high:g}mm"] = Group(**_of(rows[chosen], least))
         own = _of(rows[in_phase & answered], least)
-        groups[str(phase)] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
+        groups[phase] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
     return Group(**_of(rows[answered], least)), groups
 
 
@@ -166,7 +155,7 @@ def _of(rows: Rows, least_force: float) -> dict[str, Any]:
     }
     names = (*AXES, "force", "torque")
     wrench = {name: {k: _spread(w[:, column]) for k, w in full.items()} for column, name in enumerate(names)}
-    rms, peak = wrench["force"]["residual"].rms, wrench["force"]["measured"].peak
+    rms, peak = wrench["force"]["residual"]["rms"], wrench["force"]["measured"]["peak"]
     force, residual = (full[kind][:, names.index("force")] for kind in ("measured", "residual"))
     big = force > least_force
     scores = (np.abs(full["residual"][:, :3]) / rows["sigma"][:, :3])[np.any(predicted[:, :3], axis=1)]
@@ -181,11 +170,12 @@ def _of(rows: Rows, least_force: float) -> dict[str, Any]:
     }
 
 
-def _spread(values: NDArray[np.float64]) -> Spread:
+def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
     known = values[~np.isnan(values)]
     if not len(known):
-        return Spread(None, None, None)
-    return Spread(math.sqrt(float(np.mean(known * known))), float(np.abs(known).max()), float(known.mean()))
+        return dict.fromkeys(("rms", "peak", "mean"))
+    rms = math.sqrt(float(np.mean(known * known)))
+    return {"rms": rms, "peak": float(np.abs(known).max()), "mean": float(known.mean())}
 
 
 def _bin_edges(deepest: float) -> NDArray[np.float64]:
@@ -199,10 +189,9 @@ def _bin_edges(deepest: float) -> NDArray[np.float64]:
 
 
 def _warnings(whole: Group, phases: dict[str, PhaseGroup]) -> list[str]:
-    """Sentences on what is wrong with the set-up."""
     found = []
-    air = [phases[Phase.APPROACH].wrench[axis]["measured"].mean or 0.0 for axis in AXES[:3]]
-    peak = whole.wrench["force"]["measured"].peak or 0.0
+    air = [phases["approach"].wrench[axis]["measured"]["mean"] or 0.0 for axis in AXES[:3]]
+    peak = whole.wrench["force"]["measured"]["peak"] or 0.0
     if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):
         advice = "replay with --tare, or calibrate sensor.bias and sensor.mass"
         found.append(f"the load cell reads {load:.3g} N in the air: {advice}")
@@ -220,14 +209,14 @@ def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
     rows = [("whole", *_metrics(summary))]
     for name, phase in summary.phases.items():
         rows += [(name, *_metrics(phase))] if phase.poses else []
-        if name == Phase.PENETRATION:
+        if name == "penetration":
             rows += [(f"  {depths}", *_metrics(group)) for depths, group in phase.depth_bins.items()]
     return rows
 
 
 def _metrics(group: Group) -> tuple[str, ...]:
     force = group.wrench["force"]
-    newtons = (force["measured"].peak, force["residual"].rms, force["residual"].peak)
+    newtons = (force["measured"]["peak"], force["residual"]["rms"], force["residual"]["peak"])
     ratios = (group.rms_over_peak, group.median_relative_error)
     return str(group.estimates), *("-" if v is None else f"{v:.3f}" for v in newtons), *map(_percent, ratios)
 
@@ -236,41 +225,36 @@ def _percent(share: float | None) -> str:
     return "-" if share is None else f"{100.0 * share:.1f} %"
 
 
-class Limit(NamedTuple):
-    """Inclusive limits of a metric, given by its dotted path in summary.json."""
+def read_limits(file: Path) -> dict[str, tuple[float, float]]:
+    """Inclusive limits by dotted path in summary.json, from a YAML mapping of such to ``{min: NUMBER, max: NUMBER}``.
 
-    metric: str
-    min: float = -math.inf
-    max: float = math.inf
-
-
-def read_limits(file: Path) -> list[Limit]:
-    """Read a YAML mapping of metrics to ``{min: NUMBER, max: NUMBER}``, one or both. Raises InputError if malformed."""
+    Raises InputError for a malformed file.
+    """
     tree = read_yaml(file, "limits file")
     if not isinstance(tree, dict) or not tree:
         raise InputError(f"limits file '{file}' holds no metrics; write lines such as 'estimates: {{min: 1000}}'")
-    limits = []
-    for metric, bounds in tree.items():
-        about = f"limits file '{file}': {metric}"
-        if not isinstance(bounds, dict) or not bounds or not bounds.keys() <= {"min", "max"}:
-            raise InputError(f"{about} is {bounds!r}; it must be {{min: NUMBER, max: NUMBER}}")
-        for name, value in bounds.items():
-            if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= sys.float_info.max:
-                raise InputError(f"{about} {name} is {value!r}; it must be a finite number")
-        limits.append(limit := Limit(str(metric), **bounds))
-        if limit.min > limit.max:
-            raise InputError(f"{about} has min {limit.min:g} above max {limit.max:g}")
+    limits = {}
+    for metric, given in tree.items():
+        bounds = given if isinstance(given, dict) and given.keys() <= {"min", "max"} else {}
+        numbers = [v for v in bounds.values() if isinstance(v, int | float) and not isinstance(v, bool)]
+        low, high = bounds.get("min", -math.inf), bounds.get("max", math.inf)
+        finite = all(abs(v) <= sys.float_info.max for v in numbers)
+        if not bounds or len(numbers) < len(bounds) or not finite or low > high:
+            must = (
+                "it must be {min: NUMBER, max: NUMBER}, finite numbers, the first not above the second, or one of them"
+            )
+            raise InputError(f"limits file '{file}': {metric} is {given!r}; {must}")
+        limits[str(metric)] = low, high
     return limits
 
 
-def check(limits: list[Limit], summary: Summary) -> list[tuple[bool, str]]:
+def check(limits: dict[str, tuple[float, float]], summary: Summary) -> list[tuple[bool, str]]:
     """Whether each limit is kept, and a line on it. A missing value, as at a depth that was not reached, fails."""
-    values = {f"reasons.{reason.value}": 0.0 for reason in Reason} | dict(flat(summary.content()))
+    values = {f"reasons.{reason.value}": 0.0 for reason in Reason} | dict(flat(asdict(summary)))
     checks = []
-    for limit in limits:
-        value, kept, number = values.get(limit.metric), False, "no value"
+    for metric, (low, high) in limits.items():
+        value, kept, number = values.get(metric), False, "no value"
         if isinstance(value, int | float):
-            kept, number = limit.min <= value <= limit.max, f"{value:.5g}"
-        bounds = f"(min {limit.min:g}, max {limit.max:g})"
-        checks.append((kept, f"  {'ok    ' if kept else 'FAILED'} {limit.metric}: {number} {bounds}"))
+            kept, number = low <= value <= high, f"{value:.5g}"
+        checks.append((kept, f"  {'ok    ' if kept else 'FAILED'} {metric}: {number} (min {low:g}, max {high:g})"))
     return checks

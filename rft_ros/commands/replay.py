@@ -7,7 +7,7 @@ from pathlib import Path
 from rft_ros.bags.reading import bag_name
 from rft_ros.bags.replay import replay as run
 from rft_ros.bags.replay import replay_model, results
-from rft_ros.bags.summary import Limit, Summary, check, read_limits
+from rft_ros.bags.summary import Summary, check, read_limits
 from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.parameters import named_files
@@ -29,7 +29,7 @@ def replay_options(command: argparse.ArgumentParser) -> None:
 def replay(arguments: argparse.Namespace) -> int:
     """rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay"""
     bags, out = arguments.bag, arguments.output
-    limits = read_limits(arguments.check) if arguments.check else []
+    limits = read_limits(arguments.check) if arguments.check else {}
     values, chosen = options.recording(arguments)
     folders = [out / name for name in folder_names(bags)] if len(bags) > 1 else [out]
     written = [file for folder in folders for file in results(folder)]
@@ -66,7 +66,7 @@ def folder_names(bags: list[Path]) -> list[str]:
     return names
 
 
-def _status(summary: Summary, limits: list[Limit]) -> int:
+def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
     """Exit status: 1 if a limit is exceeded, or the bag has no estimate, which gets an error."""
     checks = check(limits, summary)
     if checks:
