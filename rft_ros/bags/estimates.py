@@ -23,10 +23,7 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 _KINDS = ("predicted", "compensated", "residual", "sigma")
 _OF_WRENCHES = tuple(f"{kind}_{axis}" for kind in _KINDS for axis in AXES)
 COLUMNS = ("t", "depth", "speed", *_OF_WRENCHES, "reason", "generation", "phase", "quality_flags")
-"""Header stamp [s]; depth of the tool's lowest point below the surface [m], negative above it; upper bound on the
-plates' speeds [m/s]; wrenches in the sensor frame [N], [N m], and one standard deviation of the predicted; or the
-reason for no estimate; generation of the model; `Phase`; names of `QualityFlag`s, joined by +. Depth and phase are
-empty where the pose or its velocity is unknown."""
+"""Columns of estimates.csv, which docs/replay.md describes: [s], [m], [m/s], [N], [N m]; empty where unknown."""
 
 _BELIEF = ("vertical_strength", "horizontal_strength", "turn", "surface")
 
@@ -40,21 +37,19 @@ ROW = np.dtype([
     ("learned", "<f8", len(LEARNED_COLUMNS)),
     ("state", "<f8", 13),
 ])  # fmt: skip
-"""A pose: stamp [ns]; number of the `Reason`, -1 for an estimate; number of the `Phase`, -1 for none; combined
+"""A pose: stamp [ns]; number of the `Reason`, -1 for an estimate; number of the phase, -1 for none; combined
 `QualityFlag`s; numbers in the units of `COLUMNS`, NaN where missing; the estimator's state (`rft_ros.rft.STATE`)."""
 
 Rows = NDArray[np.void]
 """Rows of a replay, shape [n], of type `ROW`."""
 
 _REASONS = tuple(Reason)
-_CODES = {reason: code for code, reason in enumerate(Reason)}
-_PLACED = (-1, _CODES[Reason.AT_REST])  # answers at which state and depth are known
+_PLACED = (-1, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
 _HEAD, _WRENCH = struct.Struct("<4q29d"), struct.Struct("<6d")
 _NONE = (math.nan,) * 6
 _NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
 _BLOCK = 512  # rows in memory at a time
-
-_SIX = ",%.9g" * 6
+_NUMBERS = ",%.9g" * (2 + len(_OF_WRENCHES))
 
 
 class Run:
@@ -76,7 +71,7 @@ class Run:
         if isinstance(answer, Estimate):
             codes, speed, wrenches = (-1, -1, answer.quality_flags), answer.speed, answer.predicted + answer.sigma
         else:
-            codes, speed, wrenches = (_CODES[answer.reason], -1, 0), math.nan, _NONE + _NONE
+            codes, speed, wrenches = (_REASONS.index(answer.reason), -1, 0), math.nan, _NONE + _NONE
         depth = e.surface.depth if codes[0] in _PLACED else math.nan
         self._answers.write(_HEAD.pack(answer.stamp, *codes, depth, speed, *wrenches, *_NONE, *learned))
         self._answers.write(e.state.tobytes())
@@ -124,20 +119,16 @@ def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
             for row in zip(*(column.tolist() for column in columns), strict=True):
                 stamp, reason, phase, flags, depth, speed, predicted, compensated, sigma, residual, belief = row
                 time = f"{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}"
+                numbers = _NUMBERS % (depth, speed, *predicted, *compensated, *residual, *sigma)
+                answer = f",{generation}" if reason < 0 else f"{_REASONS[reason].value},"
                 end = _end(phase, flags) + "".join(f",{number:.9g}" for number in belief[: len(learned)])
-                if reason >= 0:
-                    place = "" if math.isnan(depth) else f"{depth:.9g}"
-                    table.write(f"{time},{place}{26 * ','}{_REASONS[reason].value},{end}\n")
-                    continue
-                bag.write_wrench("/rft/wrench_predicted", stamp, frame, predicted)
-                bag.write_wrench("/rft/wrench_sigma", stamp, frame, sigma)
-                measured = 12 * ","
+                table.write(f"{time}{numbers.replace('nan', '')},{answer}{end}\n")
+                if reason < 0:
+                    bag.write_wrench("/rft/wrench_predicted", stamp, frame, predicted)
+                    bag.write_wrench("/rft/wrench_sigma", stamp, frame, sigma)
                 if not math.isnan(compensated[0]):
                     bag.write_wrench("/rft/wrench_compensated", stamp, frame, compensated)
                     bag.write_wrench("/rft/wrench_residual", stamp, frame, residual)
-                    measured = _SIX % (*compensated,) + _SIX % (*residual,)
-                numbers = f"{depth:.9g},{speed:.9g}{_SIX % (*predicted,)}{measured}{_SIX % (*sigma,)}"
-                table.write(f"{time},{numbers},,{generation}{end}\n")
 
 
 @cache

@@ -225,16 +225,14 @@ class Recording:
 
     def _open(self, opened: ExitStack) -> Iterator[_Reader]:
         """The bag by rosbags; if that fails, its files up to the first damaged one, an .mcap up to its damage."""
-        bag, files = self.bag, [self.bag]
+        bag, described = self.bag, (self.bag / "metadata.yaml").exists()
         bag.stat()  # is it there?
-        known = bag.is_file() and bag.suffix in _SUFFIXES
-        if bag.is_dir():
-            described, files = (bag / "metadata.yaml").exists(), [f for f in bag.iterdir() if f.suffix in _SUFFIXES[:2]]
-            files.sort(key=lambda file: (len(file.name), file.name))  # part 10 of a split bag comes after part 9
-            known = described or bool(files)
-        if not known:
-            suffixes = ", ".join(_SUFFIXES)
-            raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {suffixes}")
+        inside, suffixes = (bag.iterdir(), _SUFFIXES[:2]) if bag.is_dir() else ([bag], _SUFFIXES)
+        files = [file for file in inside if file.suffix in suffixes and file.is_file()]
+        files.sort(key=lambda file: (len(file.name), file.name))  # part 10 of a split bag comes after part 9
+        if not (files or described):
+            known = ", ".join(_SUFFIXES)
+            raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {known}")
         if bag.is_dir():
             try:
                 yield _opened(bag, opened)

@@ -7,7 +7,7 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
 from rft_ros.estimator import Wrench
 from rft_ros.estimator.messages import TYPES, wrench_cdr
 
@@ -29,28 +29,17 @@ def check_replaceable(path: Path) -> None:
         raise InputError(f"'{path}' already exists and was not written by rft_ros; not overwritten")
 
 
-class BagWriter:
+class BagWriter(Writer):
     """Writes a rosbag2 folder, for use in a `with` block; the same messages give the same bytes.
 
-    Nothing may be at `path` yet; raises InputError if the bag cannot be written. After an exception in the block, the
-    bag holds what was written before.
+    Nothing may be at `path` yet. After an exception in the block, the bag holds what was written before.
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
+        super().__init__(path, version=9, storage_plugin=StoragePlugin.MCAP)
+        self.custom_data |= _MARK
         self._types = get_typestore(Stores.ROS2_JAZZY)
-        self._connections: dict[str, Connection] = {}
-
-    def __enter__(self) -> "BagWriter":
-        with file_errors(f"bag '{self.path}'", "written"):
-            self._writer = Writer(self.path, version=9, storage_plugin=StoragePlugin.MCAP)
-            self._writer.open()
-        for key, value in _MARK.items():
-            self._writer.set_custom_data(key, value)
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._writer.close()
+        self._of_topic: dict[str, Connection] = {}
 
     def write_wrench(self, topic: str, stamp: int, frame: str, wrench: Wrench) -> None:
         """Write a WrenchStamped; `stamp` [ns] is also its log time."""
@@ -58,6 +47,6 @@ class BagWriter:
 
     def write_raw(self, topic: str, msgtype: str, stamp: int, cdr: bytes) -> None:
         """Write a serialised message (CDR) of any type of ROS 2 Jazzy's common interfaces at log time `stamp` [ns]."""
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(topic, msgtype, typestore=self._types)
-        self._writer.write(self._connections[topic], stamp, cdr)
+        if topic not in self._of_topic:
+            self._of_topic[topic] = self.add_connection(topic, msgtype, typestore=self._types)
+        self.write(self._of_topic[topic], stamp, cdr)
