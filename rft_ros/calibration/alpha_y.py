@@ -129,12 +129,8 @@ def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Treers2021, *, surf
 
     Raises NotIdentifiable if no run is usable.
     """
-    return fit_each(
-        lambda track, rows: _plate_run(track, rows, sensor, law, surface),
-        tracks,
-        lambda track: level_runs(track, surface),
-        none=f"no level run of a plate; {_NEEDED}",
-    )
+    parts = ((track, rows, sensor, law, surface) for track in tracks for rows in level_runs(track, surface))
+    return fit_each(_plate_run, parts, none=f"no level run of a plate; {_NEEDED}")
 
 
 def fit_alpha_y(
@@ -164,11 +160,11 @@ def fit_alpha_y(
         )
     line = np.column_stack([np.ones_like(beta), beta])
     if model == "auto":
-        trial, _ = fit_measurements(line, alpha, errors)
+        trial = fit_measurements(line, alpha, errors)
         sure = count >= 3 and span >= _BETA_SPAN and abs(trial.coefficients[1]) > _SURE * trial.errors[1]
         model = "linear" if sure else "constant"
     design = {"constant": line[:, :1], "linear": line, "table": np.eye(count)[steps]}[model]
-    fit, _ = fit_measurements(design, alpha, errors)
+    fit = fit_measurements(design, alpha, errors)
     values = fit.coefficients
     covariance = fit.covariance + shared_error**2 * np.outer(values, values)
     if model == "table":

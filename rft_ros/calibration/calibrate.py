@@ -59,10 +59,8 @@ def calibrate(
     sensor, recorded = Sensor(settings.load_cell), tracks
     # any tool: the law has none; fits know level ground only
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
-    inertial, law = (
-        model_of({**at_one, "medium.density": density}, tool=tracks[0].tool).law
-        for density in (values["medium.density"], 0.0)
-    )
+    inertial = model_of(at_one, tool=tracks[0].tool).law
+    law = replace(inertial, inertia=0.0)
 
     height, height_error = settings.surface_height, 0.0
     air = height

@@ -4,7 +4,7 @@ Load-cell noise is filtered and grains slip in bursts, so neighbouring samples a
 assume independent samples and come out several times too small.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple, TypeVar
 
@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
-from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
@@ -114,20 +113,14 @@ def fit_series(design: Array, observed: Array) -> Fit:
     return _series_fit(coefficients, design, observed - design @ coefficients)
 
 
-def fit_curve(
-    observed: Array, shape: Callable[[float], Array], *, low: float, high: float, offset: bool = False
-) -> Fit:
-    """Least squares of scale · shape(parameter), plus a constant with `offset`; the parameter between low and high.
+def fit_curve(observed: Array, columns: Callable[[float], Array], *, low: float, high: float) -> Fit:
+    """Least squares of a time series, shape [n], any unit, on `columns` of a parameter from low to high, shape [n, k].
 
-    `observed` and what `shape` returns: a time series, shape [n], any unit. Coefficients: parameter, scale, constant.
+    Coefficients: the parameter, then that of each column.
     """
 
-    def design(parameter: float) -> Array:
-        column = shape(parameter)
-        return np.column_stack([column, np.ones_like(column)] if offset else [column])
-
     def misfit(parameter: float) -> float:
-        x = design(parameter)
+        x = columns(parameter)
         # normal equations are fast and accurate enough for at most two columns
         xx, xy = x.T @ x, x.T @ observed
         return float(-(xy @ np.linalg.pinv(xx) @ xy))
@@ -136,15 +129,15 @@ def fit_curve(
     best = int(np.argmin([misfit(p) for p in grid]))
     bounds = grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)]
     parameter = float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x)
-    x = design(parameter)
+    x = columns(parameter)
     linear = np.linalg.lstsq(x, observed, rcond=None)[0]
     step = 1e-4 * (high - low)
-    slope = linear[0] * (shape(parameter + step) - shape(parameter - step)) / (2.0 * step)
+    slope = (columns(parameter + step) - columns(parameter - step)) @ linear / (2.0 * step)
     return _series_fit(np.append(parameter, linear), np.column_stack([slope, x]), observed - x @ linear)
 
 
-def fit_measurements(design: Array, observed: Array, errors: Array) -> tuple[Fit, float]:
-    """Least squares of independent measurements with standard errors of their own; the fit and R².
+def fit_measurements(design: Array, observed: Array, errors: Array) -> Fit:
+    """Least squares of independent measurements with standard errors of their own.
 
     `observed`, `errors`: shape [m, axes]; `design`: shape [m * axes, k]. The variance of a measurement is the greater
     of its axis' scatter about the fit and its own error squared.
@@ -156,9 +149,7 @@ def fit_measurements(design: Array, observed: Array, errors: Array) -> tuple[Fit
     freedom = max(1.0 - design.shape[1] / len(y), 1.0 / len(y))
     scatter = (residuals.reshape(observed.shape) ** 2).mean(axis=0) / freedom
     variance = np.maximum(scatter, errors**2).ravel()
-    spread = float(((observed - observed.mean(axis=0)) ** 2).sum())
-    r2 = 1.0 - float((residuals**2).sum()) / spread if spread > 0.0 else 1.0
-    return Fit(found, (inverse * variance) @ inverse.T, residuals, inverse), r2
+    return Fit(found, (inverse * variance) @ inverse.T, residuals, inverse)
 
 
 def mean_of(name: str, measurements: Sequence[Measurement], unit: str, goodness: str) -> FittedValue:
@@ -173,20 +164,17 @@ def mean_of(name: str, measurements: Sequence[Measurement], unit: str, goodness:
     return FittedValue(name, (float(np.mean(values)),), (max(own, between),), unit, goodness, each)
 
 
-def fit_each(
-    fit: Callable[[Track, Any], _Result], tracks: Sequence[Track], parts: Callable[[Track], Sequence[Any]], *, none: str
-) -> list[_Result]:
-    """`fit(track, part)` for each part of the tracks in which it is identifiable.
+def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:
+    """`fit(*part)` for each part of the recordings in which it is identifiable.
 
     Raises NotIdentifiable if there is none: with the first one's reason, or with `none` if there are no parts.
     """
     fits, reasons = [], []
-    for track in tracks:
-        for part in parts(track):
-            try:
-                fits.append(fit(track, part))
-            except NotIdentifiable as reason:
-                reasons.append(str(reason))
+    for part in parts:
+        try:
+            fits.append(fit(*part))
+        except NotIdentifiable as reason:
+            reasons.append(reason)
     if not fits:
-        raise NotIdentifiable(reasons[0] if reasons else none)
+        raise reasons[0] if reasons else NotIdentifiable(none)
     return fits

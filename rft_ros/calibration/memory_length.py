@@ -33,32 +33,28 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
     plates, states = track.tool.plates, track.states[since]
     durations = np.diff(track.time[since], prepend=track.time[turn.first])
 
-    def shape(logarithm: float) -> NDArray[np.float64]:
+    def columns(logarithm: float) -> NDArray[np.float64]:
         """Forces as the node predicts them, from an empty memory on."""
         length, memory = float(np.exp(logarithm)), Memory(plates, slack=SLACK)
         forces = wrenches_in_time(
             plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
         )[:, :3]
-        return forces[turn.rows - turn.first].T.ravel()
+        return forces[turn.rows - turn.first].T.reshape(-1, 1)
 
     low, high = np.log(_SHORTEST), np.log(_LONGEST)
-    observed = measured.T.ravel()
-    found = fit_curve(observed, shape, low=low, high=high)
+    found = fit_curve(measured.T.ravel(), columns, low=low, high=high)
     by_zero = found.inverse[0] @ np.repeat([0.0, 0.0, sensor.zero_error], len(measured))
-    length, relative = float(np.exp(found.coefficients[0])), float(np.hypot(found.errors[0], by_zero))
-    if found.coefficients[0] < low + 0.02 * (high - low):
+    logarithm, scale = found.coefficients.tolist()
+    length, relative, misfit = float(np.exp(logarithm)), float(np.hypot(found.errors[0], by_zero)), found.rms / peak
+    if logarithm < low + 0.02 * (high - low):
         raise NotIdentifiable(
             f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
-    fitted = f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %"
-    if relative > _UNSURE:
-        raise NotIdentifiable(f"{fitted}; its error must be at most {100 * _UNSURE:.0f} %")
-    if length > turn.after:
-        raise NotIdentifiable(f"{fitted}; it must be below the {1e3 * turn.after:.3g} mm of path after the turn")
-    misfit = found.rms / peak
-    if misfit > _UNLIKE or found.coefficients[1] <= 0.0:
+    if relative > _UNSURE or length > turn.after or misfit > _UNLIKE or scale <= 0.0:
         raise NotIdentifiable(
-            f"{where}: no λ describes the force after the turn (RMS {100 * misfit:.0f} % of the greatest force)"
+            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %, for {scale:.2g} times the model's"
+            f" force, with an RMS of {100 * misfit:.0f} % of the greatest. It must be below the {1e3 * turn.after:.3g} mm"
+            f" of path after the turn, its error at most {100 * _UNSURE:.0f} % and the RMS {100 * _UNLIKE:.0f} %"
         )
     return Measurement(track.name, length, length * relative, misfit)
 
@@ -69,9 +65,8 @@ def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surf
     `law`: at any ζ. `surface`: height [m].
     """
     turns = fit_each(
-        lambda track, turn: _fit_turn(track, turn, sensor, law, surface),
-        tracks,
-        lambda track: turns_in_grains(track, surface),
+        _fit_turn,
+        ((track, turn, sensor, law, surface) for track in tracks for turn in turns_in_grains(track, surface)),
         none="the tool never turns in the grains, and no recording begins with it at rest there",
     )
     goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns]):.1f} % of the greatest force around turns"

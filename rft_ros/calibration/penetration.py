@@ -58,13 +58,13 @@ def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Meas
     states[:, 7:13] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
     predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
 
-    def shape(surface: float) -> Array:
-        return np.interp(surface - z, depths, predicted)
+    def columns(surface: float) -> Array:
+        return np.column_stack([np.interp(surface - z, depths, predicted), np.ones_like(z)])
 
     used, least, most = np.ones(len(stroke), dtype=np.bool_), low, high
     for _ in range(6):
         z = height[used]
-        found = fit_curve(force[used], shape, low=least, high=most, offset=True)
+        found = fit_curve(force[used], columns, low=least, high=most)
         surface = float(found.coefficients[0])
         least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
         most = min(high, surface + 0.5 * _AIR)
@@ -74,14 +74,11 @@ def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Meas
         used = near
     rise = float(found.coefficients[1] * np.interp(surface - z.min(), depths, predicted))
     in_air = int((z > surface).sum())
-    if in_air < 10 or surface >= high - 1e-6:
+    if in_air < 10 or surface >= high - 1e-6 or not rise > 6.0 * found.rms:
         raise NotIdentifiable(
-            f"{track.name}: {in_air} samples above the surface on the way down; first contact needs 10"
-        )
-    if not rise > 6.0 * found.rms:
-        raise NotIdentifiable(
-            f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: the vertical force rises by"
-            f" {rise:.2f} N with {found.rms:.2f} N of scatter; it must rise by 6 times that"
+            f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: {in_air} samples above it, and the"
+            f" vertical force rises by {rise:.2f} N with {found.rms:.2f} N of scatter; it needs 10 samples, and must"
+            " rise by 6 times the scatter"
         )
     return Measurement(track.name, surface, float(found.errors[0]), found.rms / rise)
 
@@ -92,25 +89,12 @@ def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[Fitt
     Raises NotIdentifiable without a first contact.
     """
     contacts = fit_each(
-        lambda track, stroke: _first_contact(track, stroke, cell, law),
-        tracks,
-        down_strokes,
+        _first_contact,
+        ((track, stroke, cell, law) for track in tracks for stroke in down_strokes(track)),
         none="the tool never goes straight down",
     )
     goodness = f"RMS up to {100 * max(c.misfit for c in contacts):.1f} % of the force's rise"
     return mean_of("surface_height", contacts, "m", goodness), max(c.value for c in contacts)
-
-
-def _cause(forces: Array, alike: float) -> str:
-    """Why measured forces, shape [n, 3], are probably not like those of the model."""
-    x, y, z = forces.mean(axis=0)
-    if np.linalg.norm((x, y, z)) <= 0.5 * np.linalg.norm(forces) / np.sqrt(len(forces)):
-        return "they are mostly noise; check that the load cell measures and that the tool is in the grains"
-    if np.hypot(x, y) > abs(z):
-        return "the force points sideways; check sensor.quaternion"
-    if alike < -_ALIKE:
-        return "the force pulls the sinking tool down; check sensor.sign and sensor.quaternion"
-    return "the force grows otherwise; check surface_height, sensor.bias and mesh.file"
 
 
 def _penetration(
@@ -132,12 +116,10 @@ def _penetration(
         wrenches(track.tool.plates, law, states, surface_height=z, threads=1)[:, :3]
         for z in (surface, surface + surface_error)
     )
-    measured, g = forces[:, 2], modelled[:, 2]
-    if not g @ g > 0.0:
-        raise NotIdentifiable(f"{bag}: the model predicts no vertical force for this penetration; check mesh.file")
+    measured, g, above = forces[:, 2], modelled[:, 2], higher[:, 2]
     fit = fit_series(g[:, None], measured)
     zeta = float(fit.coefficients[0])
-    by_surface = higher[:, 2] @ measured / (higher[:, 2] @ higher[:, 2]) - zeta
+    by_surface = above @ measured / max(float(above @ above), 1e-12) - zeta
     by_zero = fit.inverse.sum() * sensor.zero_error
     error = float(np.linalg.norm((fit.errors[0], by_surface, by_zero)))
     scale = float(np.linalg.norm(forces) * np.linalg.norm(modelled))
@@ -145,7 +127,8 @@ def _penetration(
     if not (zeta > error and alike > _ALIKE):
         raise NotIdentifiable(
             f"{bag}: the fitted ζ is {zeta:.3f} ± {error:.3f}, and measured and modelled force correlate by"
-            f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: {_cause(forces, alike)}"
+            f" {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: check sensor.quaternion,"
+            " sensor.sign, surface_height, sensor.bias and mesh.file, as rft doctor does"
         )
     return depth, Measurement(bag, zeta, error, fit.rms / float(np.abs(measured).max()))
 
@@ -159,9 +142,8 @@ def fit_zeta(
     penetration is usable.
     """
     penetrations = fit_each(
-        lambda track, stroke: _penetration(track, stroke, sensor, law, surface, surface_error),
-        tracks,
-        lambda track: down_strokes(track, below=surface),
+        _penetration,
+        ((t, stroke, sensor, law, surface, surface_error) for t in tracks for stroke in down_strokes(t, below=surface)),
         none="no vertical penetration in the grains",
     )
     found = [measurement for _, measurement in penetrations]

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_measurements, fit_series
+from rft_ros.calibration.fitting import Fit, FittedValue, NotIdentifiable, fit_measurements, fit_series
 from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
@@ -58,10 +59,8 @@ def fit_tool_weight(
     fitted: list[FittedValue] = []
     reasons: dict[str, str] = {}
 
-    forces, r2 = fit_measurements(
-        np.column_stack([constant, cell.sign * gravity.ravel()]), readings[:, :3], errors[:, :3]
-    )
-    mass, error = float(forces.coefficients[3]), float(forces.errors[3])
+    forces = fit_measurements(np.column_stack([constant, cell.sign * gravity.ravel()]), readings[:, :3], errors[:, :3])
+    mass, error, r2 = float(forces.coefficients[3]), float(forces.errors[3]), _explained(forces, readings[:, :3])
     found = f"the fitted mass is {mass:.4f} ± {error:.4f} kg"
     unknown = ""  # why the mass is
     if widest < _WIDEST:
@@ -75,33 +74,28 @@ def fit_tool_weight(
         )
     if unknown:
         reasons["sensor.mass"] = f"{unknown} (kept: {cell.mass:g} kg)"
-        forces, _ = fit_measurements(constant, readings[:, :3] - cell.sign * cell.mass * gravity, errors[:, :3])
+        forces = fit_measurements(constant, readings[:, :3] - cell.sign * cell.mass * gravity, errors[:, :3])
         error = 0.0
     else:
         cell = replace(cell, mass=max(mass, 0.0))
         fitted.append(FittedValue("sensor.mass", (cell.mass,), (error,), "kg", f"R² {r2:.5f}", source))
 
-    why = ""
-    if unknown:
-        why = "mass unknown"
-    elif spreads[1] < _SPREAD:
-        spread = f"directions of gravity spread by {spreads[1]:.3f} in a second direction"
-        why = f"{len(poses)} {spread}; it needs {_SPREAD:g}"
-    elif mass <= max(_SURE * error, _LEAST):
-        why = f"the mass of {mass:.4f} ± {error:.4f} kg is not over {_SURE:g} times its error"
-    if why:
-        reasons["sensor.center_of_mass"] = why
+    if unknown or spreads[1] < _SPREAD or mass <= max(_SURE * error, _LEAST):
+        spread = f"{len(poses)} directions of gravity spread by {spreads[1]:.3f} in a second direction"
+        needs = f"it needs a mass over {_SURE:g} times its error and a spread of {_SPREAD:g}"
+        reasons["sensor.center_of_mass"] = "mass unknown" if unknown else f"{found}, and {spread}; {needs}"
         weight_torques = np.cross(np.array(cell.center_of_mass), cell.sign * cell.mass * gravity)
-        torques, _ = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
+        torques = fit_measurements(constant, readings[:, 3:] - weight_torques, errors[:, 3:])
     else:
         # columns: e_k × gravity, the torque for each component of mass times centre
         levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
-        torques, r2 = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
+        torques = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
         x, y, z = center = torques.coefficients[3:] / mass
         own = np.hypot(torques.errors[3:], center * error) / mass
         cell = replace(cell, center_of_mass=(float(x), float(y), float(z)))
         values = cell.center_of_mass, tuple(own.tolist())
-        fitted.append(FittedValue("sensor.center_of_mass", *values, "m", f"R² {r2:.5f}", source))
+        goodness = f"R² {_explained(torques, readings[:, 3:]):.5f}"
+        fitted.append(FittedValue("sensor.center_of_mass", *values, "m", goodness, source))
 
     fx, fy, fz, tx, ty, tz = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]]).tolist()
     cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
@@ -109,3 +103,9 @@ def fit_tool_weight(
     own = np.concatenate([forces.errors[:3], torques.errors[:3]])
     fitted.insert(0, FittedValue("sensor.bias", cell.bias, tuple(own.tolist()), "N, N m", goodness, source))
     return Sensor(cell, float(np.hypot(own[:3].max(), GRAVITY * error))), fitted, reasons
+
+
+def _explained(fit: Fit, observed: NDArray[np.float64]) -> float:
+    """R²: the share of the variance of measurements, shape [m, axes], that a fit explains."""
+    spread = float(((observed - observed.mean(axis=0)) ** 2).sum())
+    return 1.0 - float((fit.residuals**2).sum()) / spread if spread > 0.0 else 1.0
