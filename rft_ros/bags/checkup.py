@@ -53,8 +53,8 @@ class Finding(NamedTuple):
 class Checkup:
     """Takes a cell's samples in the order of their arrival, and says what is wrong with the set-up.
 
-    `values`: the node's parameters. `named`: the names of those that the user has set. `topics`: the topic of each role
-    that is needed. `tare`: length of a replay's tare [s].
+    `named`: the names of the parameters that the user has set. `topics`: the topic of each role that is needed. `tare`:
+    length of a replay's tare [s].
     """
 
     def __init__(
@@ -77,13 +77,13 @@ class Checkup:
     def push(self, sample: Sample, time: int) -> None:
         """Add a sample that arrived at `time` [ns]."""
         self._began = self._began or time
-        role: Role = "tf"
         if isinstance(sample, Stamped):
-            role, stamps, frame = _ROLES[type(sample)], [sample.stamp], sample.frame
+            heard = [(_ROLES[type(sample)], sample.stamp, sample.frame)]
         else:
-            stamps, frame = [transform.stamp for transform in sample if not transform.fixed], ""
-        if stamps and role in self._heard:
-            self._heard[role].append((time, stamps[-1], frame))
+            heard = [("tf", transform.stamp, "") for transform in sample if not transform.fixed][-1:]
+        for role, stamp, frame in heard:
+            if role in self._heard:
+                self._heard[role].append((time, stamp, frame))
         counts = self._estimator.counts
         for _, answer in push_all(self._estimator, sample):
             if answer is not None:
@@ -117,9 +117,9 @@ class Checkup:
         """`error`: of `_error_of_surface`."""
         height = self._estimator.settings.surface_height
         if error is None:
-            if "surface_height" in self._named:
-                return Finding(True, f"surface_height: {height:g} m")
-            return Finding(False, "surface_height is not set and counts as 0.0: measure it, or run rft calibrate")
+            ok = "surface_height" in self._named
+            advice = "" if ok else " as it is not set: measure it, or run rft calibrate"
+            return Finding(ok, f"surface_height: {height:g} m{advice}")
         metres, allowed = error
         if abs(metres) <= allowed:
             within = f"the measured force begins within {1e3 * allowed:.0f} mm of it"

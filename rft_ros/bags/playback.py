@@ -25,10 +25,9 @@ _BAR_PERIOD = 512  # samples between updates of the progress bar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayOptions:
-    """Which topics and which part of a bag.
+    """Topics, as rules such as ``~/pose:=/tool_pose``; length of the tare at the beginning and part of a bag [s].
 
-    `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: length of the load cell's tare at the beginning [s]; 0 or
-    None: no tare. `start`, `end`: use only this part [s]. Raises InputError for times that are none and an empty part.
+    Raises InputError for times that are none and for an empty part.
     """
 
     remap: tuple[str, ...] = ()
@@ -62,8 +61,7 @@ def read_replay_options(file: Path) -> ReplayOptions:
 def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> dict[Role, str]:
     """Topic of each role that the parameters need: NODE/pose and so on, unless remapped; later remaps win.
 
-    No twist topic if the velocity comes from the poses; no surface topic on a level plane; /tf in place of a pose topic
-    if poses come from transforms. Raises InputError for a remap that cannot be used.
+    Poses from transforms need /tf in place of a topic of their own. Raises InputError for a remap that cannot be used.
     """
     topics = {role: _resolved(name, node) for role, name in NAMES.items()}
     roles = {topic: role for role, topic in topics.items()}
@@ -96,10 +94,10 @@ def push_all(estimator: Estimator, sample: Sample) -> Iterator[tuple[Sample, _An
 
 
 def play(recording: Recording, estimator: Estimator, label: str | None = None) -> Iterator[tuple[Sample, _Answer]]:
-    """Push every sample of an open recording into the estimator; yield it, with the answer if it is a pose.
+    """Push every sample of an open recording, or the poses that follow from it; yield each, with the answer to a pose.
 
-    With `pose_source` tf the poses follow from the transforms. At the end all measurements are final and messages that
-    cannot be decoded are counted. `label`: of the progress bar (default: bag name).
+    At the end all measurements are final and messages that cannot be decoded are counted. `label`: of the progress bar
+    (default: bag name).
     """
     label, from_transforms = label or bag_name(recording.bag), estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
@@ -132,17 +130,17 @@ def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:
             transforms.push(transform)
     if place := transforms.fixed(tool, sensor):
         return {**values, "sensor.position": place.position, "sensor.quaternion": place.quaternion}
-    link = f"link tool_frame '{tool}' and sensor_frame '{sensor}', as sensor.frame_source tf needs"
     has = ", ".join(transforms.frames()) or "none"
+    link = f"link tool_frame '{tool}' and sensor_frame '{sensor}', as sensor.frame_source tf needs"
     raise InputError(f"bag '{bag}': no fixed transforms {link}; it has {has}")
 
 
 def states_of(
     bag: Path, values: Values, model: Model, options: ReplayOptions
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], HeightMap | None]:
-    """Times since the first estimate [s], shape [n], and states, shape [n, 13], of the poses with an estimate.
+    """Times since the first estimate [s], shape [n], states, shape [n, 13], and at the end the ground, if it is a map.
 
-    The last value is the ground at the end, if it is a map. Raises InputError if there are no states.
+    Raises InputError if no pose has an estimate.
     """
     estimator = Estimator(settings_of(values), model)
     stamps, states = [], []

@@ -63,7 +63,7 @@ def _opened(path: Path, opened: ExitStack) -> _Reader:
 def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
     """Write what comes before the damage of an .mcap file to a whole one: messages on `topics`, one on each other.
 
-    Returns whether these are all: the file's profile is another than ROS 2's, or only its index is damaged.
+    Returns whether nothing is missing: the file is only not of ROS 2, or without its index.
     """
     names, channels, every = {0: "unknown type"}, dict[int, tuple[int, str]](), False
     met = set[str]()  # the first message on any topic tells when the bag begins
@@ -108,13 +108,12 @@ def _records(stream: BinaryIO) -> Iterator[McapRecord]:
 class Recording:
     """The samples of one bag, for use in a `with` block and one `for` loop; memory does not grow with the bag.
 
-    `bag`: a rosbag2 folder, or an .mcap, .db3 or ROS 1 .bag file. `topics`: topic of each role; only these are read.
-    `start`, `end`: receive time since the bag's first message on any topic [s]. `optional`: roles whose topic may be
-    missing. Order: receive time (the bag's log time); at equal times surface, wrench, twist, pose, tf; then the file's.
+    `topics`: topic of each role; only these are read. `start`, `end`: receive time since the bag's first message on any
+    topic [s]. `optional`: roles whose topic may be missing. Order: receive time (the bag's log time); at equal times
+    surface, wrench, twist, pose, tf; then the file's.
 
-    Raises InputError for a missing topic, a topic of another type, and a path that is not a bag. A damaged bag is used
-    up to the damage, which `damage` describes; of a file that is not MCAP nothing is used if rosbags cannot open it.
-    Messages that cannot be decoded are left out and counted in `unreadable`.
+    Raises InputError for a missing topic, one of another type, and a path that is not a bag. A damaged bag is used up
+    to the damage, which `damage` describes; messages that cannot be decoded are counted in `unreadable`.
     """
 
     def __init__(

@@ -45,15 +45,10 @@ def replay(
     report: bool = False,
     label: str | None = None,
 ) -> Summary:
-    """Play a bag through the estimator and write the results to the folder `out`.
+    """Play a bag through the estimator and write the results that docs/replay.md describes to the folder `out`.
 
-    `values`: the node's parameters (`read_parameter_file`). `options`: None for the whole bag without tare. `model`:
-    `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name).
-
-    Writes ``estimates/`` (rosbag2, MCAP), ``estimates.csv`` (`COLUMNS`) and ``summary.json``; with a map of the ground
-    ``ground.csv``, the ground at the end; with `report` ``report.html``. Rows and messages are in the order in which
-    the poses arrived; each message has its pose's stamp. The same bag, parameters and versions give the same bytes. An
-    earlier replay in `out` is replaced as a whole, at the end.
+    `model`: `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name). The
+    same bag, parameters and versions give the same bytes; an earlier replay is replaced as a whole, at the end.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
     for a tare that is refused.

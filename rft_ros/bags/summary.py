@@ -66,11 +66,9 @@ class PhaseGroup(Group):
 class Summary(Group):
     """The content of summary.json: the statistics of all estimates and what led to them.
 
-    `messages`: number read for each role. `reasons`: number of samples not used and of estimates without residual, by
-    reason; `unknown_frames`: by such a reason, a sentence on the frame_id. `quality_flags`, `trust`: number of
-    estimates by name of `QualityFlag` and by `Trust`. `duration`: receive time covered [s]. `damage`: what is wrong
-    with the bag. `warnings`: sentences on the set-up. `learning`: as of all estimates, without learning
-    ("off") and by lag; no prediction uses its own load-cell sample.
+    `messages`: number read for each role. `reasons`, `quality_flags`, `trust`: how many samples, poses or estimates
+    have each; `unknown_frames`: by reason, a sentence on the frame_id. `duration`: receive time covered [s].
+    `learning`: the statistics without learning ("off") and by lag; no prediction uses its own load-cell sample.
     """
 
     bag: str

@@ -22,7 +22,7 @@ _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
 
 
 def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float) -> Measurement:
-    """λ of one turn by least squares of the three force components over log λ, with a free scale."""
+    """λ of one turn: least squares of the force's components over log λ, with a free scale."""
     measured = track.grain_forces(sensor.cell)[turn.rows]
     where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
     peak = float(np.linalg.norm(measured, axis=1).max())
@@ -52,9 +52,10 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
         )
     if relative > _UNSURE or length > turn.after or misfit > _UNLIKE or scale <= 0.0:
         raise NotIdentifiable(
-            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %, for {scale:.2g} times the model's"
-            f" force, with an RMS of {100 * misfit:.0f} % of the greatest. It must be below the {1e3 * turn.after:.3g} mm"
-            f" of path after the turn, its error at most {100 * _UNSURE:.0f} % and the RMS {100 * _UNLIKE:.0f} %"
+            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %, with {scale:.2g} times the force"
+            f" of the model and an RMS of {100 * misfit:.0f} % of the greatest. It must be below the"
+            f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _UNSURE:.0f} %, the RMS"
+            f" {100 * _UNLIKE:.0f} %"
         )
     return Measurement(track.name, length, length * relative, misfit)
 
