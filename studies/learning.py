@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
-from rft_ros.estimator.learning import Learning, Surprise
+from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.quality import without_learning
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
@@ -123,19 +123,19 @@ class Learned:
     """Predictions and standard deviations, shape [n, 12]; surprise at each sample, shape [n]; the filter at the end."""
 
     out: Array
-    surprise: NDArray[np.int64]
+    surprise: NDArray[np.str_]
     learning: Learning
 
     def reports(self) -> NDArray[np.int64]:
         """Samples at which a surprise begins."""
-        return np.flatnonzero((self.surprise != 0) & (np.diff(self.surprise, prepend=0) != 0))
+        return np.flatnonzero((self.surprise != "") & (self.surprise != ["", *self.surprise[:-1]]))
 
 
 def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learned:
     """A series through the filter, with its own measured forces [N] or others, shape [n, 3]."""
     learning = Learning(lag=lag, reach=series.reach)
     measured = series.forces if forces is None else forces
-    out, surprise = np.empty((len(series.stamps), 12)), np.zeros(len(series.stamps), dtype=np.int64)
+    out, surprise = np.empty((len(series.stamps), 12)), np.full(len(series.stamps), "", "U6")
     steps = series.steps
     for k, stamp in enumerate(series.stamps.tolist()):
         row, step, passing = series.rows[k], float(steps[k]), bool(series.passing[k])
@@ -405,7 +405,7 @@ def _surprise_row(choice: Choice, dem: list[Series], recordings: list[Series]) -
             result = learned(run, lag=LAGS[0], forces=with_layer(run, at, 2.0))
             near = (run.path > at) & (run.path <= at + 0.003)
             tried += 1
-            found += bool((result.surprise[near] == Surprise.HARDER).any())
+            found += bool((result.surprise[near] == "harder").any())
     block = dem_series(_BLOCK, choice)
     reports = learned(block, lag=LAGS[0]).reports()
     end = f"{1e3 * block.path[reports[0]]:.1f} of {1e3 * block.path[-1]:.1f} mm" if len(reports) else "never"

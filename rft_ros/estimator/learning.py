@@ -6,17 +6,17 @@ rest nothing changes, and speed does not matter.
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.medium_filter import FILTER, absorb, begin, begin_again, copy, correct, grow
 from rft_ros.estimator.samples import ABSURD, Vector
-from rft_ros.estimator.surprise import JUDGE, BeliefIssue, Surprise, feel, judge
+from rft_ros.estimator.surprise import JUDGE, BeliefIssue, feel, judge
 from rft_ros.rft.compilation import compiled, inlined, machine_code
 
-__all__ = ["Belief", "BeliefIssue", "Learning", "Surprise"]
+__all__ = ["Belief", "BeliefIssue", "Learning"]
 
 Array = NDArray[np.float64]
 
@@ -238,20 +238,15 @@ class Learning:
         return float(weights @ mean[:2]), math.sqrt(float(weights @ covariance @ weights))
 
     @property
-    def surprise(self) -> Surprise:
+    def surprise(self) -> Literal["", "harder", "softer"]:
         """Whether the grains at the last measurement were harder or softer than believed."""
-        return Surprise(int(self._surprise[0]))
-
-    @property
-    def surprises(self) -> bool:
-        """Whether there is a `surprise`; at each pose, where making an enum's member takes a microsecond."""
-        return bool(self._surprise[0])
+        return ("", "harder", "softer")[self._surprise[0]]
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
-        kind, percent = self.surprise, 100.0 * self.belief().excess
-        by = f": force {percent:+.0f} %" if percent * kind >= 1.0 else ""  # it is held until the error has settled
-        return f"grains {kind.name.lower()} than learned{by}" if kind else ""
+        percent = 100.0 * self.belief().excess
+        by = f": force {percent:+.0f} %" if percent * self._surprise[0] >= 1.0 else ""  # held until the error settles
+        return f"grains {self.surprise} than learned{by}" if self.surprise else ""
 
     @property
     def disagrees(self) -> bool:

@@ -198,9 +198,7 @@ class QualityMonitor:
         """
         flags, f = 0, QualityFlag  # whose operations take a microsecond, so integers are joined
         if learning is not None:
-            flags = (f.SURPRISE.value if learning.surprises else 0) | (
-                f.DISAGREEMENT.value if learning.disagrees else 0
-            )
+            flags = (f.SURPRISE.value if learning.surprise else 0) | (f.DISAGREEMENT.value if learning.disagrees else 0)
         if not in_grains:
             self._path.clear()
             self._countdown = 0

@@ -1,12 +1,12 @@
 """Whether the grains are as believed, and whether the load cell or the model cannot be right."""
 
 import math
-from enum import Enum, IntEnum
+from enum import Enum
 
 from rft_ros.estimator.medium_filter import dot
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["JUDGE", "BeliefIssue", "Surprise", "feel", "judge"]
+__all__ = ["JUDGE", "BeliefIssue", "feel", "judge"]
 
 _ENTRY = 0.008  # not judged over this path [m] after entering, while δ is being learned
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
@@ -27,7 +27,7 @@ JUDGE = [
     ("score", float),  # means over _SURPRISE_LENGTH: normalised error, error [N], force [N]
     ("excess", float),
     ("size", float),
-    ("surprise", int),
+    ("surprise", int),  # 1: harder than believed, -1: softer
     ("along", float),  # means over _SUM_LENGTH: y·F, F·F, and dot, cross product and square of horizontal parts
     ("square", float),
     ("flat_along", float),
@@ -43,14 +43,6 @@ JUDGE = [
 
 # bits of issues in the order of `BeliefIssue`; _FAULT: the force lies outside of what θ can be and must not teach
 _STUCK, _OPPOSED, _WEAK, _STRONG, _TURNED, _OFFSET, _FAULT = 1, 2, 4, 8, 16, 32, 64
-
-
-class Surprise(IntEnum):
-    """Whether the grains are as believed."""
-
-    SOFTER = -1
-    NONE = 0
-    HARDER = 1
 
 
 class BeliefIssue(str, Enum):

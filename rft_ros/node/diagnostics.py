@@ -78,7 +78,7 @@ class Diagnostics:
         array.status = [self._inputs(now.nanoseconds, bad), self._estimates(new["estimates"], reasons), self._model()]
         if (learning := self._estimator.learning) is not None:
             bad += learning.issues()
-            bad += [f"grains {learning.surprise.name.lower()} than learned"] if learning.surprise else []
+            bad += [f"grains {learning.surprise} than learned"] if learning.surprise else []
             array.status.append(self._medium(learning))
         self._publisher.publish(array)
         self._log_changes(bad)
