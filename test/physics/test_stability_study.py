@@ -7,7 +7,6 @@ import pytest
 import trimesh
 
 from studies.concave_tools import blocked, bowl, concavity, fork, resistance
-from studies.sampling import NOISE, STROKES, differenced, stroke_convergence
 from studies.stability import CASES
 from studies.validity_limits import share_in_wake
 
@@ -43,23 +42,6 @@ def test_a_helix_of_less_pitch_has_more_of_its_force_from_its_own_wake():
     tight, wide = share_in_wake(0.02), share_in_wake(0.08)
     assert 0.25 < tight < 0.45
     assert wide < 0.05
-
-
-@pytest.mark.parametrize("width", [0.1, 0.2])
-def test_the_scatter_of_a_differenced_pose_is_that_of_a_parabolas_end(width):
-    """σ sqrt(192 / (f T³)) for a straight motion."""
-    rate, n = 200.0, 4000
-    states = np.zeros((n, 13))
-    states[:, 6] = 1.0
-    states[:, 2] = -0.01 * np.arange(n) / rate
-    states[:, :3] += np.random.default_rng(0).normal(0.0, NOISE, (n, 3))
-    scatter = (differenced(states, rate, width)[100:, 7:10] - [0.0, 0.0, -0.01]).std()
-    assert scatter == pytest.approx(NOISE * np.sqrt(192.0 / (rate * width**3)), rel=0.15)
-
-
-def test_work_converges_at_second_order_under_the_refined_rule():
-    for name in STROKES:
-        assert 1.8 < stroke_convergence(name, "refined").order < 2.4
 
 
 def test_every_case_is_on_the_page():

@@ -21,7 +21,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rcl_interfaces.msg import Log, ParameterValue
 from rcl_interfaces.msg import Parameter as ParameterMessage
-from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, QoSProfile
@@ -180,10 +180,6 @@ class Harness:
         request = SetParametersAtomically.Request(parameters=parameters(values))
         result = self.call(SetParametersAtomically, "set_parameters_atomically", request).result
         return result.successful, result.reason
-
-    def set_each(self, **values: object) -> list[tuple[bool, str]]:
-        request = SetParameters.Request(parameters=parameters(values))
-        return [(r.successful, r.reason) for r in self.call(SetParameters, "set_parameters", request).results]
 
     def trigger(self, service: str) -> tuple[bool, str]:
         answer = self.call(Trigger, service, Trigger.Request())

@@ -2,18 +2,14 @@
 
 import numpy as np
 import pytest
-import yaml
-from distribution import ROOT
 from recordings import START, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values, write_messages
-from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import ReplayOptions
 from rft_ros.bags.replay import replay
-from rft_ros.cli import main
+from rft_ros.calibration.track import read_track
 from rft_ros.errors import InputError
-from rft_ros.estimator import PoseSample, TransformSample
-from rft_ros.estimator.messages import decoder
+from rft_ros.estimator import TransformSample
 from rft_ros.estimator.transforms import Placement
 
 TOOL = Placement((0.01, -0.02, 0.15), tuple(Rotation.from_euler("xyz", [5, 10, 90], degrees=True).as_quat().tolist()))
@@ -80,33 +76,10 @@ def test_without_transforms_the_sentence_names_frames_and_topic(tmp_path):
         replay(record(tmp_path / "posed", tf=False), tmp_path / "out", values(**FRAMES, pose_source="tf"))
 
 
-def abb_with_transforms(source, path):
-    """The recording with nothing but /tf, /tf_static and the wrench."""
-    decode, cell = decoder("pose", ros1=False), Placement((0.0, 0.0, -0.17), (0.0, 0.0, 0.0, 1.0))
-    fixed = TransformSample(0, "flange", "tool", *TOOL), TransformSample(0, "tool", "robot_frame_tool0", *cell)
-    with AnyReader([source]) as reader:
-        messages = [(reader.start_time, "/tf_static", TF, transforms_cdr(*fixed))]
-        for connection, time, data in reader.messages():
-            if connection.topic == "/ft_sensor/wrench":
-                messages.append((time, connection.topic, connection.msgtype, bytes(data)))
-            elif connection.topic == "/tool_pose" and isinstance(pose := decode(bytes(data)), PoseSample):
-                flange = Placement(pose.position, pose.quaternion).of(TOOL.inverse())
-                moving = TransformSample(pose.stamp, "base_link", "flange", *flange)
-                messages.append((time, "/tf", TF, transforms_cdr(moving)))
-    return write_messages(path, messages)
-
-
-def test_transforms_of_the_abb_arm_calibrate_to_the_same_zeta_as_poses(shared_data, tmp_path):
-    def fitted(bag, params):
-        out = tmp_path / f"{bag.name}.yaml"
-        assert main(["calibrate", str(bag), "--params", str(params), "-o", str(out)]) == 0
-        return yaml.safe_load(out.read_text())["rft_calibration"]["ros__parameters"]["fitted"]
-
-    source, config = shared_data / "abb_plate" / "abb_plate_2", ROOT / "config" / "abb_plate.yaml"
-    tree = yaml.safe_load(config.read_text())
-    tree["/**"]["ros__parameters"] |= {"pose_source": "tf", "sensor": {"frame_source": "tf"}}
-    params = tmp_path / "params.yaml"
-    params.write_text(yaml.safe_dump(tree))
-    posed, transformed = fitted(source, config), fitted(abb_with_transforms(source, tmp_path / "tf"), params)
-    for name, tolerance in (("medium_zeta", 0.005), ("medium_mobilization_length", 0.05)):
-        assert transformed[name]["value"] == pytest.approx(posed[name]["value"], rel=tolerance)
+def test_a_calibration_reads_the_same_motion_and_readings_from_transforms_as_from_poses(tmp_path):
+    given = {**FRAMES, "twist_source": "pose_difference"}
+    posed = read_track(record(tmp_path / "posed", tf=False), values(**given))
+    transformed = read_track(record(tmp_path / "tf", tf=True), values(**given, pose_source="tf"))
+    np.testing.assert_array_equal(transformed.time, posed.time)
+    np.testing.assert_allclose(transformed.states, posed.states, atol=1e-9)
+    np.testing.assert_array_equal(transformed.readings, posed.readings)
