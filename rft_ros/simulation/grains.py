@@ -3,13 +3,14 @@
 import itertools
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.ground import KEPT, HeightMap, Support
-from rft_ros.rft import LEVEL, Law, Memory, checked_states
+from rft_ros.rft import Law, Memory, checked_states
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.wrench import prepared
 from rft_ros.simulation.coupling import ANSWER, calm, stiffness_matrix
@@ -53,8 +54,8 @@ class GrainsBatch:
             if value < 1.0 or value % 1.0:
                 raise ValueError(f"{name} is {value:g}; it must be a whole number of at least 1")
         n, self._threads = int(bodies), int(threads)
-        bed = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
-        self._arguments: dict[str, Any] = {"tool": tool, "law": law, "bodies": n, "threads": self._threads, **bed}
+        bed: Any = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
+        self._new = partial(GrainsBatch, tool, law, bodies=n, threads=threads, **bed)
         self._reach, self._ground, self._support = tool.plates.reach, ground, Support(tool.corners)
         self._surface = number("surface_height", surface_height)
         length = number("mobilization_length", mobilization_length, positive=True)
@@ -75,14 +76,9 @@ class GrainsBatch:
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()
 
-    def __getstate__(self) -> tuple[dict[str, Any], GrainsState]:
+    def __reduce__(self) -> tuple[Any, ...]:
         # threads and views of the arrays can be neither copied nor pickled
-        return self._arguments, self.state()
-
-    def __setstate__(self, kept: tuple[dict[str, Any], GrainsState]) -> None:
-        arguments, state = kept
-        GrainsBatch.__init__(self, **arguments)
-        self.restore(state)
+        return self._new, (), self.state()
 
     def step(self, states: ArrayLike, dt: float) -> Array:
         """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
@@ -111,14 +107,10 @@ class GrainsBatch:
         return self._rows
 
     def _run(self, parts: Iterator[_Part], states: Array) -> None:
-        height, slope = self._surface, LEVEL
         for part, step, durations, rows in parts:
-            these = states[part]
-            if self._ground is not None:
-                kept = self._kept[part.start]
-                surface = self._support.local_surface(self._ground, these[0], level=self._surface, kept=kept)
-                height, slope = surface.height, surface.slope
-            step(these, durations, height, slope, rows)
+            here, kept = states[part], self._kept[part.start]
+            height, slope, *_ = self._support.local_surface(self._ground, here[0], level=self._surface, kept=kept)
+            step(here, durations, height, slope, rows)
 
     @property
     def stiffness(self) -> Array:
@@ -146,6 +138,8 @@ class GrainsBatch:
             raise ValueError("state is of other bodies; restore what state() of grains like these returned")
         for name, array in state.items():
             np.copyto(self._remembered[name], array)
+
+    __setstate__ = restore  # of a copy
 
 
 def _forms(state: GrainsState) -> dict[str, object]:

@@ -60,11 +60,8 @@ class MujocoBody:
         self._held: Any = machine_code(held, step)
         self._put = machine_code(put, (self.wrench, *self._places))
 
-    def __getstate__(self) -> tuple[Any, int]:
-        return self.model, self.body
-
-    def __setstate__(self, kept: tuple[Any, int]) -> None:
-        MujocoBody.__init__(self, *kept)
+    def __reduce__(self) -> tuple[Any, ...]:
+        return MujocoBody, (self.model, self.body)
 
     def _bind(self, data: Any) -> None:
         """Take the arrays of `data`, which stay where they are."""
