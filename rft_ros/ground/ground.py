@@ -1,10 +1,9 @@
 """The ground under a tool: the plane that resists it, the map in force, and the clouds of points that will change it.
 
-A tool that moves sideways shears a wedge of grains ahead of it, about twice as long as the tool is deep, so neither the
-hole that the tool is in nor a single crest decides, but the mean height of that wedge: a plane is fitted to the ground
-over a disc. The disc's radius is the tool's depth, at least half of its width; it lies ahead by its radius or twice the
-depth, the smaller, in horizontal motion, under the tool in vertical motion, and between in between. docs/ground.md
-shows this against simulated grains.
+A tool that moves sideways shears a wedge of grains ahead of it, about twice as long as the tool is deep, and the mean
+height of that wedge decides: a plane is fitted to the ground over a disc. Its radius is the tool's depth, at least half
+of its width; it lies ahead by its radius or twice the depth, the smaller, in horizontal motion, under the tool in
+vertical motion (docs/ground.md).
 """
 
 import math
@@ -86,10 +85,7 @@ def _known(heights, i0, j0, cell, x, y):  # type: ignore[no-untyped-def]
 
 @inlined
 def _fit(heights, i0, j0, cell, level, disc, x, y, radius):  # type: ignore[no-untyped-def]
-    """Least squares of a plane over a disc: height at its centre, slopes, RMS distance.
-
-    Unknown cells do not count; `level` where all are unknown.
-    """
+    """Least squares of a plane over a disc's known cells, else `level`: height at its centre, slopes, RMS distance."""
     s = su = sv = suu = suv = svv = sh = suh = svh = shh = 0.0
     for k in range(disc.shape[0]):
         u, v = disc[k, 0], disc[k, 1]
@@ -120,10 +116,7 @@ def _moved(kept, state, reach):  # type: ignore[no-untyped-def]
 
 @compiled
 def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):  # type: ignore[no-untyped-def]
-    """Find the plane in `kept` after pose and level again if the body has moved; returns the body's depth below it.
-
-    Height at x = y = 0, slopes, roughness.
-    """
+    """Find the plane in `kept` again if the body has moved; returns the body's depth below it."""
     axes = rotation(state[3], state[4], state[5], state[6])
     placed, lowest = np.empty_like(corners), 0  # the corners in world axes
     for k in range(corners.shape[0]):
@@ -167,7 +160,7 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
 
 
 class Support:
-    """Finds the local surface of one tool, `corners` of its convex hull in the tool frame [m], shape [k, 3]."""
+    """Finds the surface at a tool with these `corners` of its convex hull, in the tool frame [m], shape [k, 3]."""
 
     def __init__(self, corners: Array) -> None:
         # the points furthest out in many directions: a fine hull has thousands of corners

@@ -1,9 +1,7 @@
 """A height map: square cells with one height each, from points, from files, and to files."""
 
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +43,7 @@ class ToolBox:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeightMap:
-    """Heights of square cells in the world frame; immutable.
+    """Heights of square cells in the world frame.
 
     `cell`: side of a cell [m]. `corner`: x and y of the first cell, in cells; cell (i, j) of `heights` covers x from
     (corner[0] + i) cell, and y likewise. `heights`: world z [m], shape [n, m], copied; NaN where nothing is known.
@@ -66,12 +64,7 @@ class HeightMap:
             raise ValueError(f"heights has shape {list(heights.shape)}; it must be [n, m], with at least one cell")
         if (np.abs(heights) > _HIGHEST).any():
             raise ValueError(f"heights has values beyond {_HIGHEST:g} m; give NaN where nothing is known")
-        heights.flags.writeable = False
         object.__setattr__(self, "heights", heights)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # an unpickled array is writable, another type to numba, which would compile for it at the first pose
-        return partial(HeightMap, cell=self.cell, corner=self.corner, heights=self.heights), ()
 
     @classmethod
     def unknown(cls, cell: float, corner: tuple[float, float] = (0.0, 0.0)) -> "HeightMap":
@@ -94,11 +87,10 @@ class HeightMap:
         return np.asarray(around[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
 
     def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: ToolBox | None = None) -> "HeightMap":
-        """The map in which each cell that the points hit takes their median height.
+        """A map in which each cell that the points hit takes their median height. Releases the GIL while it computes.
 
-        `x`, `y`, `z` [m], shape [n] each. Points that are not finite, that belong to the `tool`, or that would enlarge
-        the map over `MOST_CELLS` are left out, and cells that differ from the median of the cells around them by over
-        three cells' sides. Releases the GIL while it computes.
+        `x`, `y`, `z` [m], shape [n] each. Left out are points that are not finite, that belong to the `tool`, or that
+        would enlarge the map over `MOST_CELLS`, and cells over three sides from the median of those around them.
         """
         phase = np.append(np.mod(self.corner, 1.0), 0.0)  # of cells that do not begin at multiples of `cell`
         offset = self.cell * phase
@@ -210,11 +202,10 @@ def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
 
 
 def read_height_map(file: Path | str, cell: float) -> HeightMap:
-    """A height map from a CSV file with the columns x, y, h, or an NPZ file with these arrays [m].
+    """A height map with cells of side `cell` [m] from a CSV file with the columns x, y, h, or an NPZ file of these [m].
 
-    They have one shape; or x shape [n], y [m] and h [n, m], NaN where nothing is known. Each cell of side `cell` [m]
-    takes the median of the heights in it; the points of a grid as wide as that lie in the middle of their cells,
-    wherever it begins. Raises InputError, one sentence, for a file that cannot be used or does not fit in `MOST_CELLS`.
+    In an NPZ file they have one shape, or x shape [n], y [m] and h [n, m], NaN where nothing is known. Raises
+    InputError for a file that cannot be used or does not fit in `MOST_CELLS`.
     """
     file, what, cell = Path(file), f"ground.file '{file}'", number("ground.cell", cell, positive=True)
     if file.suffix.lower() == ".npz":
@@ -244,10 +235,7 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:
-    """Write the known cells as CSV, or a grid as NPZ, by the file's suffix; `read_height_map` reads both.
-
-    Raises InputError if it cannot be written.
-    """
+    """Write the known cells as CSV, or a grid as NPZ, by the file's suffix. Raises InputError if it cannot."""
     with whole(file, "height map") as part:
         if file.suffix == ".npz":
             x, y = (

@@ -1,7 +1,5 @@
 """The paper's families of motion: poses in closed form, with their exact derivative as twist.
 
-A family is a dataclass of typed parameters; ``at(times)`` gives states, `sample` times and states.
-
 Lengths in m, speeds in m/s, times in s; angles in degrees (fields with ``_deg``). World axes, z up, surface at z = 0
 unless the caller says otherwise. Positions are those of the tool frame's origin.
 """
@@ -162,9 +160,7 @@ FAMILIES: dict[str, type[Motion]] = {
 
 
 def sample(motion: Motion, count: int) -> tuple[Array, Array]:
-    """Times [s], shape [count], evenly spaced from the start to the end, and states, shape [count, 13]; count >= 2."""
-    if count < 2:
-        raise InputError(f"a motion sampled {count} times has no path; it needs at least 2 samples")
+    """Times [s], shape [count], evenly spaced from the start to the end, and states, shape [count, 13]."""
     times = np.linspace(0.0, motion.duration, count)
     return times, motion.at(times)
 

@@ -94,8 +94,6 @@ def test_a_travel_that_is_not_positive_is_refused_with_field_and_value(family, v
         family(travel=value)
 
 
-def test_samplings_without_motion_are_refused():
-    with pytest.raises(InputError, match="sampled 1 times"):
-        sample(Straight(), 1)
+def test_a_helix_that_does_not_turn_is_refused():
     with pytest.raises(InputError, match="rate_deg_s is 0"):
         Circumnutation(rate_deg_s=0.0)

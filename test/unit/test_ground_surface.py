@@ -1,7 +1,5 @@
 """The height map, its files, and the surface that resists a tool: a plane over the ground ahead of it."""
 
-import pickle
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -90,9 +88,8 @@ def test_some_of_many_points_are_spread_over_the_map():
     assert len(every) == 400
 
 
-def test_no_points_change_nothing_and_a_map_from_another_process_cannot_be_changed_either():
+def test_no_points_change_nothing():
     ground = HeightMap.unknown(CELL)
-    assert not pickle.loads(pickle.dumps(ground)).heights.flags.writeable
     assert ground.with_points(*np.empty((3, 0))) is ground
     assert len(ground.points(at_most=50)) == 0
 
