@@ -25,8 +25,6 @@ on the time step by less than 10 %."""
 
 _MOST = 40  # substeps
 
-_NONE = 0  # mjSTAGE_NONE: of the forward dynamics nothing is skipped
-
 Array = NDArray[np.float64]
 
 
@@ -78,7 +76,7 @@ class MujocoBody:
             self._bind(data)
         self._places[2].fill(0.0)
         mujoco, model = self._mujoco, self.model
-        mujoco.mj_forwardSkip(model, data, _NONE, 1)
+        mujoco.mj_forwardSkip(model, data, 0, 1)  # without the sensors
         mujoco.mj_jacBody(model, data, self._linear, self._angular, self.body)
         mujoco.mj_solveM(model, data, self._solved, self._jacobian)
         if not self._measure(*self._measured):
@@ -103,8 +101,7 @@ class MujocoGrains:
     `scale` in metres per unit; reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains:
     `zeta`, `alpha_y` (a model's name) of the generic medium, or a `law` of your own; `mobilization_length` [m];
     `surface_height` [m] where `ground` knows nothing. One object serves one `MjData`. It starts anew when the data's
-    time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises InputError or
-    ValueError that names the argument that cannot be used.
+    time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises ValueError that names the argument.
     """
 
     def __init__(
@@ -153,9 +150,7 @@ class MujocoGrains:
         return self._body.wrench
 
     def apply(self, data: Any) -> Array:
-        """Write the grains' wrench for the next step to ``data.xfrc_applied[body]``.
-
-        Returns `wrench`, in its units, shape [6].
+        """Write the grains' wrench for the next step to ``data.xfrc_applied[body]``; returns `wrench`, shape [6].
 
         Call it before each `mj_step`, with any integrator. It computes the forward dynamics of `data` without the
         grains. Raises ValueError if they are not finite.

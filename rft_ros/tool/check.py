@@ -43,8 +43,7 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
 
 def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
     """Issues of a mesh in metres. At least one of its facets must have an area."""
-    degenerate = degenerate_facets(mesh)
-    volume = _volume_if_closed(mesh)
+    degenerate, volume = degenerate_facets(mesh), _volume_if_closed(mesh)
     return (*_of_surface(mesh, degenerate, volume), *_of_shape(mesh, degenerate, volume))
 
 

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.files import checked_file, expanded, read_arrays, read_file, whole
+from rft_ros.files import expanded, read_arrays, read_file, whole
 from rft_ros.installation import share_directory
 from rft_ros.rft import Plates
 from rft_ros.rft.arguments import number, numbers
@@ -34,12 +34,9 @@ if TYPE_CHECKING:
 
     from rft_ros.tool.tool import Tool
 
-__all__ = ["MAX_FACETS", "SUFFIX", "is_mesh_path", "locate_mesh", "read_mesh", "read_reduced", "save_reduced"]
+__all__ = ["SUFFIX", "is_mesh_path", "locate_mesh", "read_mesh", "read_reduced", "save_reduced"]
 
 Array = NDArray[np.float64]
-
-MAX_FACETS = 2_000_000
-"""The most facets that a mesh may have."""
 
 SUFFIX = ".npz"
 """Suffix of a reduced tool's file."""
@@ -48,6 +45,7 @@ _FORMAT = "rft_ros reduced tool 1"
 _SCHEMES = "package://", "file://"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
+_MOST_FACETS = 2_000_000
 _FOLDED = math.pi - 1e-3  # rad between the normals of facets that lie on each other
 _SLIVER = 1e-6  # of the largest facet: the area of one that rounding may have turned over
 _FARTHEST = 1e6  # of the farthest vertex: beyond this, rounding deforms the mesh
@@ -101,13 +99,12 @@ def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.
     applied. Facets keep their winding. Raises InputError that names the file, or ValueError `mesh.scale` or
     `mesh.origin`.
     """
-    name, suffix = f"mesh file '{path}'", path.suffix.lower()
-    checked_file(path, "mesh file")  # a folder has no suffix either
+    name, suffix, data = f"mesh file '{path}'", path.suffix.lower(), read_file(path, "mesh file")
     if suffix not in _SUFFIXES:
         raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, SUFFIX))}")
-    loaded = _load(read_file(path, "mesh file"), path)
-    if len(loaded.faces) > MAX_FACETS:
-        raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {MAX_FACETS:,}")
+    loaded = _load(data, path)
+    if len(loaded.faces) > _MOST_FACETS:
+        raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {_MOST_FACETS:,}")
     mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
     if suffix in _POLYGONS and (folds := _folds(mesh)):
         raise InputError(

@@ -10,14 +10,12 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import Plates
 
-__all__ = ["CREASE", "FLAT_HALF_ANGLE", "refined_plates", "welded"]
-
-CREASE = np.deg2rad(50.0)
-"""Facets at a larger angle than this [rad] meet at an edge of the tool, not within a curved surface."""
+__all__ = ["FLAT_HALF_ANGLE", "refined_plates", "welded"]
 
 FLAT_HALF_ANGLE = np.deg2rad(1.0)
 """The smallest half angle [rad] over which a facet begins to lead, and that of a flat face."""
 
+_CREASE = np.deg2rad(50.0)  # facets at a larger angle meet at an edge of the tool, not within a curved surface
 _SPAN = 0.85  # half angle of a curved facet over the mean angle between its normal and those at its corners
 _TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
 """A point is a tip if more than this share of its normal's tilt against the facets is not balanced at their other
@@ -79,7 +77,7 @@ def _corner_normals(points: Array, faces: Indices) -> tuple[Array, Indices, NDAr
     doubled = _doubled_areas(points[faces])
     facet = _unit(doubled)
     left, right = mesh.face_adjacency.T
-    smooth = np.einsum("ij,ij->i", facet[left], facet[right]) > np.cos(CREASE)
+    smooth = np.einsum("ij,ij->i", facet[left], facet[right]) > np.cos(_CREASE)
     pairs, ends = mesh.face_adjacency[smooth], mesh.face_adjacency_edges[smooth]
 
     # corners of smooth neighbours that lie at the same point share a normal
