@@ -9,6 +9,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -21,6 +22,7 @@ from rich.table import Table
 from rft_ros.rft import (
     COLUMNS,
     INTEGRATIONS,
+    LEVEL,
     MEDIA,
     SENSITIVITIES,
     Law,
@@ -30,9 +32,9 @@ from rft_ros.rft import (
     checked_states,
     treers2021,
     wrenches,
-    wrenches_in_time,
 )
 from rft_ros.rft import Table as AlphaYTable
+from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool
 from studies import numpy_rft
 
@@ -146,25 +148,10 @@ def rules(cores: set[int]) -> Table:
             state[0, 2] = height
             calls: list[Callable[[], object]] = []
             for plates in tools.values():
-                memory = Memory(plates)
-                duration, out = np.array([1e-3]), np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
-
-                def forgetful(
-                    plates: Plates = plates, state: Array = state, law: Law = law, out: Array = out
-                ) -> object:
-                    return wrenches(plates, law, state, threads=1, out=out)
-
-                def remembering(
-                    plates: Plates = plates,
-                    state: Array = state,
-                    law: Law = law,
-                    out: Array = out,
-                    memory: Memory = memory,
-                    duration: Array = duration,
-                ) -> object:
-                    return wrenches_in_time(plates, law, state, duration, memory, mobilization_length=3e-3, out=out)
-
-                calls += [forgetful, remembering]
+                out = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
+                for memory in (None, Memory(plates)):
+                    step = prepared(plates, law, memory, 3e-3)
+                    calls.append(partial(step, state, np.array([1e-3]), 0.0, LEVEL, out))
             turns = in_turns(calls)
             for k, (rule, plates) in enumerate(tools.items()):
                 without, with_memory = turns[2 * k : 2 * k + 2]

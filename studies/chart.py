@@ -17,7 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.rft import COLUMNS, INTEGRATIONS, MEDIA, SENSITIVITIES, Law, Plates, wrenches
+from rft_ros.rft import COLUMNS, INTEGRATIONS, LEVEL, MEDIA, SENSITIVITIES, Law, Plates, wrenches
+from rft_ros.rft.wrench import prepared
 from rft_ros.tool.reduce import chosen_plates, merged_plates
 from studies import numpy_rft
 from studies.chart_scenes import Scene, scenes
@@ -113,10 +114,10 @@ def _bodies(scene: Scene) -> Iterator[tuple[Plates, str]]:
 
 
 def _one_by_one(plates: Plates, model: Law, states: Sequence[Array]) -> None:
-    """Evaluate states as a tick does: the public call, one core, one state."""
-    out = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
+    """Evaluate states as a tick does: one core, one state."""
+    step, no_time, out = prepared(plates, model), np.zeros(1), np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
     for state in states:
-        wrenches(plates, model, state, threads=1, out=out)
+        step(state, no_time, 0.0, LEVEL, out)
 
 
 def _by_numpy(plates: Plates, state: Array) -> Array:

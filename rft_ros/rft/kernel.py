@@ -37,7 +37,7 @@ from rft_ros.rft.memory import GAPS, LOADED, MOTION, TRACTIONS, displacement, fo
 from rft_ros.rft.plates import BLOCK, ROUNDING
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
-__all__ = ["EDGE_AREAS", "SUMS"]
+__all__ = ["EDGE_SHARE", "SUMS"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
@@ -387,8 +387,8 @@ SUMS = compiled(_sums, **OPTIONS)
 """The loop over states."""
 
 
-def _edge_areas(packed, reach, surface_height, state):  # type: ignore[no-untyped-def]
-    """Wet areas [m²]: moving nearly parallel to itself; total. `packed`: of `Plates`."""
+def _edge_share(packed, reach, surface_height, state):  # type: ignore[no-untyped-def]
+    """Share of the wet area that moves nearly along itself. `packed`: of `Plates`."""
     edge = wet = 0.0
     axes, twist, _, _ = _motion(state, reach)
     below = surface_height - state[2]
@@ -402,8 +402,8 @@ def _edge_areas(packed, reach, surface_height, state):  # type: ignore[no-untype
         lead = ux * nx + uy * ny + uz * nz
         wet += area
         edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
-    return edge, wet
+    return edge / wet if wet > 0.0 else 0.0
 
 
-EDGE_AREAS = compiled(_edge_areas, **OPTIONS)
+EDGE_SHARE = compiled(_edge_share, **OPTIONS)
 """The loop of `wrench.edge_share`."""

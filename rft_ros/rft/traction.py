@@ -44,8 +44,8 @@ __all__ = [
     "Law",
     "Treers2021",
     "law_named",
-    "not_a_law",
     "orient",
+    "packed_law",
     "traction_per_depth",
     "tractions",
     "treers2021",
@@ -98,9 +98,11 @@ LAWS = ("treers2021", "agarwal2023")
 """Names of the laws: values of the parameter `law`."""
 
 
-def not_a_law(law: object) -> TypeError:
-    """The error for anything else."""
-    return TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
+def packed_law(law: Law) -> PackedLaw:
+    """A law's `packed`. Raises TypeError for anything else."""
+    if not isinstance(law, Law):
+        raise TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
+    return law.packed
 
 
 def treers2021(
@@ -257,10 +259,8 @@ def traction_per_depth(
     direction of the velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the
     released code) or `BLENDED`. Raises TypeError for anything but a law.
     """
-    if not isinstance(law, Law):
-        raise not_a_law(law)
     chunk = np.zeros(SIZE)
     orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
-    _tractions(law.packed, chunk, 1, flatness)
+    _tractions(packed_law(law), chunk, 1, flatness)
     x, y, z = triple(chunk, TRACTION, 0)
     return float(x), float(y), float(z)

@@ -3,26 +3,26 @@
 Force ON the tool BY the grains; world axes, z up; torque about the tool frame's origin.
 """
 
-import itertools
 import os
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import Agarwal2023
-from rft_ros.rft.arguments import FLOAT, number, numbers
+from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
-from rft_ros.rft.kernel import EDGE_AREAS, SUMS
+from rft_ros.rft.kernel import EDGE_SHARE, SUMS
 from rft_ros.rft.memory import TRACTIONS, Memory, remember
 from rft_ros.rft.plates import BLOCK, Plates
-from rft_ros.rft.traction import Law, Treers2021, not_a_law, tractions
+from rft_ros.rft.traction import Law, packed_law, tractions
 
-__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "compile_memory", "compile_tractions", "edge_share", "plate_forces"]
-__all__ += ["prepared", "wrenches", "wrenches_in_time"]
+__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "prepared"]
+__all__ += ["wrenches", "wrenches_in_time"]
 
 Array = NDArray[np.float64]
 
@@ -33,14 +33,12 @@ SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for 
 """Further columns: derivative of the force by the surface height [N/m], the sum of traction per depth times wet area;
 and the sums over plates of r_j f_l [N m], r from the tool frame's origin, which make up the torque."""
 
-_WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
-_CORES = os.cpu_count() or 1
-
-_STATE_ROW = (len(STATE),)
-_WIDTH = len(COLUMNS) + len(SENSITIVITIES)
-
 LEVEL = 0.0, 0.0
 """The slope of a level surface."""
+
+_WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
+_CORES = os.cpu_count() or 1
+_NO_TIME, _NO_MEMORY = np.zeros(1), np.zeros((1, TRACTIONS))
 
 
 def wrenches(
@@ -52,34 +50,31 @@ def wrenches(
     slope: tuple[float, float] = LEVEL,
     threads: int | None = None,
     sensitivities: bool = False,
-    out: Array | None = None,
 ) -> Array:
     """Wrench at each state, Eq. (9), by the integration rule of `plates`.
 
     `states`: shape [n, 13], columns `STATE`; finite, unit quaternions (see `checked_states`). `surface_height`: world z
     of the undisturbed surface [m], at x = y = 0 if it is inclined; `slope`: its dz/dx and dz/dy, depth stays vertical.
-    `threads`: default one, or all cores for large inputs. `out`: array for the result, shape [n, 19], float64,
-    C-contiguous.
+    `threads`: default one, or all cores for large inputs.
     Returns shape [n, 7], columns `COLUMNS`: force on the tool by the grains [N] and torque about the tool frame's
     origin [N m], world axes; submerged area [m²]. With `sensitivities`: shape [n, 19], columns `SENSITIVITIES` added.
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    height, slope = _checked(plates, law, surface_height, slope)
-    states = numbers("states", states, _STATE_ROW)
-    n = len(states)
-    result = _result(out, n, sensitivities)
-    workers = 1 if threads == 1 else _workers(threads, n, len(plates))
+    step, surface = prepared(plates, law), _surface(surface_height, slope)
+    states = numbers("states", states, (len(STATE),))
+    n, result = len(states), _result(states, sensitivities)
+    most = _CORES if threads is None else int(number("threads", threads, least=1.0))
+    workers = min(most, n, 1 + n * len(plates) // _WORTH_A_THREAD)
     if workers <= 1:
-        _loop()(plates.form, law.packed, height, slope, states, _NO_MEMORY, result)
-    else:
-        scene, edges = (plates.form, law.packed, height, slope), np.linspace(0, n, workers + 1).astype(int)
-        with ThreadPoolExecutor(workers) as pool:
-            for job in [
-                pool.submit(_loop(), *scene, states[a:b], _NO_MEMORY, result[a:b]) for a, b in itertools.pairwise(edges)
-            ]:
-                job.result()
-    return result if sensitivities or out is None else result[:, : len(COLUMNS)]
+        step(states, _NO_TIME, *surface, result)
+        return result
+    edges = np.linspace(0, n, workers + 1).astype(int)
+    with ThreadPoolExecutor(workers) as pool:
+        parts = [pool.submit(step, states[a:b], _NO_TIME, *surface, result[a:b]) for a, b in pairwise(edges)]
+    for part in parts:
+        part.result()
+    return result
 
 
 def wrenches_in_time(
@@ -93,7 +88,6 @@ def wrenches_in_time(
     surface_height: float = 0.0,
     slope: tuple[float, float] = LEVEL,
     sensitivities: bool = False,
-    out: Array | None = None,
 ) -> Array:
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
@@ -101,23 +95,18 @@ def wrenches_in_time(
     in place; of many bodies, row i is of body i. `mobilization_length`: λ at the depth `rft_ros.rft.memory.DEPTH` [m],
     positive.
     """
-    if memory.__class__ is not Memory:
+    if not isinstance(memory, Memory):
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
-    height, slope = _checked(plates, law, surface_height, slope)
-    if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
-        raise ValueError("memory belongs to other plates; create one with Memory(plates)")
-    states = numbers("states", states, _STATE_ROW)
-    n = len(states)
-    durations = numbers("durations", durations, rows=n)
-    if not (durations[0] if n == 1 else durations.min(initial=0.0)) >= 0.0:
+    step, surface = prepared(plates, law, memory, mobilization_length), _surface(surface_height, slope)
+    states = numbers("states", states, (len(STATE),))
+    durations = numbers("durations", durations, rows=len(states))
+    if not durations.min(initial=0.0) >= 0.0:
         raise ValueError("durations has a value that is negative or NaN; states must be in chronological order")
-    length = number("mobilization_length", mobilization_length, positive=True)
-    if memory.bodies not in (1, n):
-        raise ValueError(f"memory is of {memory.bodies} bodies; states has {n} rows")
-    past = True, durations, length, memory.numbers
-    result = _result(out, n, sensitivities)
-    _loop()(plates.form, law.packed, height, slope, states, past, result)
-    return result if sensitivities or out is None else result[:, : len(COLUMNS)]
+    if memory.bodies not in (1, len(states)):
+        raise ValueError(f"memory is of {memory.bodies} bodies; states has {len(states)} rows")
+    result = _result(states, sensitivities)
+    step(states, durations, *surface, result)
+    return result
 
 
 def prepared(
@@ -125,16 +114,20 @@ def prepared(
 ) -> Callable[..., None]:
     """`wrenches`, or with a memory `wrenches_in_time`, for steps that must be short: a call checks nothing.
 
-    That saves 4 us. `length`: the mobilization length [m]. `bodies`: those of the memory whose states will be given.
-    Call it with states, durations, surface height [m], slope and out: of the types and shapes that `wrenches_in_time`
-    names, C-contiguous. Raises TypeError for what is no plates or no law, ValueError for a length that is not positive.
+    `length`: the mobilization length [m]. `bodies`: those of the memory whose states will be given. Call it with
+    states, durations, surface height [m], slope and the array for the result, shape [n, 7] or [n, 19]; the others are
+    of the types and shapes that `wrenches_in_time` names, and all are C-contiguous. Raises ValueError or TypeError that
+    names the argument that cannot be used.
     """
-    _checked(plates, law, 0.0, LEVEL)
-    loop, form, packed, length = _loop(), plates.form, law.packed, number("mobilization_length", length, positive=True)
-    remembers, kept = (False, _NO_MEMORY[3]) if memory is None else (True, memory.numbers[bodies])
+    loop, form, packed = _loop(), _checked(plates).form, packed_law(law)
+    remembers, kept, length = False, _NO_MEMORY, number("mobilization_length", length, positive=True)
+    if memory is not None:
+        if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
+            raise ValueError("memory belongs to other plates; create one with Memory(plates)")
+        remembers, kept = True, memory.numbers[bodies]
 
-    def step(states: Array, durations: Array, height: float, slope: tuple[float, float], out: Array) -> None:
-        loop(form, packed, height, slope, states, (remembers, durations, length, kept), out)
+    def step(states: Array, durations: Array, height: float, slope: tuple[float, float], result: Array) -> None:
+        loop(form, packed, height, slope, states, (remembers, durations, length, kept), result)
 
     return step
 
@@ -151,10 +144,10 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    height, slope = _checked(plates, law, surface_height, slope)
-    states = numbers("state", state, rows=13).reshape(1, 13)
+    step, surface = prepared(plates, law), _surface(surface_height, slope)
+    states = numbers("state", state, rows=len(STATE)).reshape(1, -1)
     forces, ordered = np.zeros((plates.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
-    _loop()(plates.form, law.packed, height, slope, states, _NO_MEMORY, forces)
+    step(states, _NO_TIME, *surface, forces)
     ordered[plates.order] = forces[: len(plates)]
     return ordered
 
@@ -164,36 +157,31 @@ def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0)
 
     `state`: shape [13], columns `STATE`; `surface_height` [m]. In 0 to 1, no unit; 0 in the air.
     """
-    if plates.__class__ is not Plates:
-        raise _not_plates(plates)
-    height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
-    edge, wet = EDGE_AREAS(plates.packed, plates.reach, height, one)
-    return edge / wet if wet > 0.0 else 0.0
+    height, one = number("surface_height", surface_height), numbers("state", state, rows=len(STATE))
+    return EDGE_SHARE(_checked(plates).packed, plates.reach, height, one)
 
 
-_LAWS = Treers2021, Agarwal2023
+def _checked(plates: Plates) -> Plates:
+    if not isinstance(plates, Plates):
+        raise TypeError(f"plates is {plates!r}; make them with Plates.from_arrays or Plates.from_triangles")
+    return plates
 
 
-def _checked(
-    plates: Plates, law: Law, surface_height: float, slope: tuple[float, float]
-) -> tuple[float, tuple[float, float]]:
-    """The surface's height and slope as floats."""
-    if plates.__class__ is not Plates:
-        raise _not_plates(plates)
-    if law.__class__ not in _LAWS:
-        raise not_a_law(law)
-    return number("surface_height", surface_height), slope if slope is LEVEL else _incline(slope)
+def _surface(height: float, slope: tuple[float, float]) -> tuple[float, tuple[float, float]]:
+    x, y = (number("slope", part) for part in numbers("slope", slope, rows=2).tolist())
+    return number("surface_height", height), (x, y)
 
 
-_NO_MEMORY = False, np.zeros(1), 1.0, np.zeros((1, TRACTIONS))
+def _result(states: Array, sensitivities: bool) -> Array:
+    return np.empty((len(states), len(COLUMNS) + (len(SENSITIVITIES) if sensitivities else 0)))
 
 
 @cache
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    law = Agarwal2023(1.0, 0.0).packed
-    return machine_code(SUMS, (plates.form, law, 0.0, LEVEL, np.zeros((1, 13)), _NO_MEMORY, np.zeros((1, _WIDTH))))
+    law, past = Agarwal2023(1.0, 0.0).packed, (False, _NO_TIME, 1.0, _NO_MEMORY)
+    return machine_code(SUMS, (plates.form, law, 0.0, LEVEL, np.zeros((1, 13)), past, np.zeros((1, 7))))
 
 
 def compile_tractions() -> None:
@@ -205,34 +193,3 @@ def compile_memory() -> None:
     """Compile the memory's part before the loop, so that `compile_tractions` beside ends before the loop needs it."""
     chunk, place, still = np.zeros(1), np.uint64(0), ((0.0,) * 3, (0.0,) * 9)
     machine_code(remember, (chunk, place, chunk, place, still, 0.0, LEVEL, 1.0))
-
-
-def _incline(slope: tuple[float, float]) -> tuple[float, float]:
-    """The slope as two floats."""
-    try:
-        x, y = slope
-    except (TypeError, ValueError):
-        raise ValueError(f"slope is {slope!r}; it must be two numbers, dz/dx and dz/dy") from None
-    return number("slope[0]", x), number("slope[1]", y)
-
-
-def _not_plates(plates: object) -> TypeError:
-    return TypeError(f"plates is {plates!r}; make them with Plates.from_arrays or Plates.from_triangles")
-
-
-def _workers(threads: int | None, states: int, plates: int) -> int:
-    """The number of threads for this many states and plates."""
-    if threads is not None and number("threads", threads) < 1:
-        raise ValueError(f"threads is {threads}; it must be at least 1")
-    return min(int(threads or _CORES), states, 1 + states * plates // _WORTH_A_THREAD)
-
-
-def _result(out: Array | None, n: int, sensitivities: bool) -> Array:
-    """The array for the result: `out`, checked, or a new one."""
-    if out is None:
-        return np.empty((n, _WIDTH if sensitivities else len(COLUMNS)))
-    shape = n, _WIDTH
-    if out.__class__ is np.ndarray and out.dtype is FLOAT and out.flags.carray and out.shape == shape:
-        return out
-    what = f"{out.dtype} of shape {list(out.shape)}" if isinstance(out, np.ndarray) else repr(out)
-    raise ValueError(f"out is {what}; it must be a writable, C-contiguous array of float64, shape {list(shape)}")

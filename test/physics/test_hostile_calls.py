@@ -96,10 +96,9 @@ def expected(alpha_y, zeta, depth):
     form=st.sampled_from(SAME),
     n=st.integers(1, 3),
     threads=st.sampled_from([None, 1, 2, 64]),
-    own=st.booleans(),
 )
 def test_the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
-    model, zeta, raw, height, form, n, threads, own
+    model, zeta, raw, height, form, n, threads
 ):
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made, zeta=zeta)
@@ -107,8 +106,7 @@ def test_the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
         law = replace(law, stiffness=int(1e6), alpha_y=made)
         zeta = 1
     states = form(np.array([WHOLE] * n, dtype=float))
-    out = np.empty((n, 19)) if own else None
-    rows = wrenches(POINT, law, states, surface_height=height, threads=threads, out=out)
+    rows = wrenches(POINT, law, states, surface_height=height, threads=threads)
     want = expected(alpha_y, float(zeta), 1.0 + float(height))
     assert np.allclose(rows[:, :6], want, rtol=1e-6, atol=1e-3), (rows, want)
     forces = plate_forces(POINT, law, np.asarray(states)[0], surface_height=height)
@@ -133,7 +131,7 @@ def test_memory_answers_by_its_equation_whatever_the_types_and_whatever_came_bef
 
 @many
 @given(
-    name=st.sampled_from(["plates", "law", "states", "height", "durations", "memory", "length", "threads", "out"]),
+    name=st.sampled_from(["plates", "law", "states", "height", "durations", "memory", "length", "threads", "slope"]),
     junk=st.sampled_from(JUNK),
     integration=st.sampled_from(["centroid", "refined"]),
     wide=st.booleans(),
@@ -143,8 +141,8 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     law = rft.treers2021(GENERIC, Constant(0.1))
     memory = Memory(plates)
     use = {"plates": plates, "law": law, "states": [WHOLE], "height": 0.0, "durations": [0.1], "memory": memory}
-    use |= {"length": 0.003, "threads": None, "out": None, name: junk}
-    keywords = {"surface_height": use["height"], "sensitivities": wide, "out": use["out"]}
+    use |= {"length": 0.003, "threads": None, "slope": (0.1, 0), name: junk}
+    keywords = {"surface_height": use["height"], "sensitivities": wide, "slope": use["slope"]}
     one = refused(lambda: wrenches(use["plates"], use["law"], use["states"], threads=use["threads"], **keywords))
     scene = use["plates"], use["law"], use["states"], use["durations"], use["memory"]
     in_time = refused(lambda: wrenches_in_time(*scene, mobilization_length=use["length"], **keywords))
@@ -168,22 +166,18 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     n=st.integers(0, 4),
     rows=st.integers(0, 4),
     columns=st.integers(1, 20),
-    what=st.sampled_from(["out", "states", "durations", "memory"]),
+    what=st.sampled_from(["states", "durations", "memory"]),
 )
 def test_arrays_of_other_shapes_are_refused(n, rows, columns, what):
     law = rft.treers2021(GENERIC, Constant(0.1))
     states = np.array([WHOLE] * n, dtype=float).reshape(n, 13)
-    fits = rows == n
-    if what == "out":
-        out = np.empty((rows, columns))
-        assert refused(lambda: wrenches(POINT, law, states, out=out)) == (not fits or columns != 19)
-    elif what == "states":
+    if what == "states":
         states = np.zeros((rows, columns))
         assert refused(lambda: wrenches(POINT, law, states)) == (columns != 13)
     elif what == "durations":
         times, memory = np.zeros(rows), Memory(POINT)
         call = lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1)  # noqa: E731
-        assert refused(call) == (not fits)
+        assert refused(call) == (rows != n)
     else:
         memory, times = Memory(OTHERS), np.zeros(n)
         assert refused(lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1))

@@ -60,25 +60,5 @@ def test_the_number_of_threads_changes_not_a_bit(threads):
     assert np.unique(alone[:, 0]).size == len(states)
 
 
-def test_the_result_can_be_written_into_the_callers_array(random_body, random_states):
-    out = np.full((len(random_states), 19), np.nan)
-    assert np.shares_memory(wrenches(random_body, CONSTANT, random_states, out=out), out)
-    np.testing.assert_array_equal(out, wrenches(random_body, CONSTANT, random_states, sensitivities=True))
-
-
-def read_only(array):
-    array = array.copy()
-    array.flags.writeable = False
-    return array
-
-
-@pytest.mark.parametrize("laid_out", [np.asfortranarray, lambda out: out.astype("f4"), read_only])
-def test_a_result_array_of_another_layout_or_type_is_refused(laid_out, random_body, random_states):
-    out = laid_out(np.zeros((len(random_states), 19)))
-    with pytest.raises(ValueError, match="C-contiguous array of float64"):
-        wrenches(random_body, CONSTANT, random_states, out=out)
-    assert not out.any()
-
-
 def test_no_states_give_no_rows(random_body):
     assert wrenches(random_body, CONSTANT, np.empty((0, 13))).shape == (0, 7)
