@@ -191,8 +191,8 @@ def _moved(motion, place):  # type: ignore[no-untyped-def]
 def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[no-untyped-def]
     """A plate's traction after one step, what it remembers then, and the modulus of its fall with motion [N/m⁴].
 
-    `past`: what it remembers, as in `Memory.numbers`; `moved`: its displacement [m]; `asked`: the law's traction per
-    depth, 0 if it trails.
+    `past`: τ (below m), the law's t when it last yielded (b), and y² (limit), as in `Memory.numbers`; `moved`: its
+    displacement D [m]; `asked`: the law's t now (a), 0 if it trails.
     """
     nx, ny, nz = normal
     dx, dy, dz = moved

@@ -103,5 +103,5 @@ def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: fl
     while not _SMALLEST <= extent * factor <= _LARGEST:
         factor *= step
     if factor != 1.0:
-        meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale by {factor:g}"
+        meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale (--scale) by {factor:g}"
         yield MeshIssue("size", f"the largest extent is {extent:.3g} m; {meant}")

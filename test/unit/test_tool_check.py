@@ -80,7 +80,7 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         *(
             (
                 trimesh.creation.box((e, e / 2, e / 16)),
-                {"size": f"is {said} m; if 0.051 m is meant, multiply mesh.scale by {by}"},
+                {"size": f"is {said} m; if 0.051 m is meant, multiply mesh.scale (--scale) by {by}"},
             )
             for e, said, by in ((51.0, "51", "0.001"), (51000.0, "5.1e+04", "1e-06"), (5.1e-5, "5.1e-05", "1000"))
         ),
