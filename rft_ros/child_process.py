@@ -1,6 +1,5 @@
 """Python processes that end when the process that started them ends."""
 
-import importlib
 import os
 import subprocess
 import sys
@@ -9,7 +8,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["lower_priority", "run", "start_child"]
+__all__ = ["lower_priority", "start_child", "watch_parent"]
 
 _NICENESS = 10  # a tenth of a busy core, and all of an idle one
 
@@ -21,22 +20,22 @@ def start_child(
 
     The child ends at once when this process ends, however that happens. Ctrl-C in the terminal does not reach it.
     """
-    call = (function.__module__, function.__name__, *arguments)
-    code = f"import sys; sys.path[:] = {sys.path!r}; from rft_ros.child_process import run; run(*{call!r})"
+    module, name = function.__module__, function.__name__
+    code = f"import sys; sys.path[:] = {sys.path!r}; from rft_ros.child_process import watch_parent; watch_parent(); "
+    code += f"from {module} import {name}; {name}(*{arguments!r})"
     return subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, pass_fds=pass_fds, start_new_session=True
     )
 
 
-def run(module: str, function: str, *arguments: str | float) -> None:
-    """In the child: call the function, and watch for the end of the parent."""
-    threading.Thread(target=_end_with_parent, daemon=True).start()
-    getattr(importlib.import_module(module), function)(*arguments)
+def watch_parent() -> None:
+    """In the child: end when the parent ends."""
 
+    def end() -> None:
+        os.read(0, 1)  # nothing is ever written: it returns when the other end of the pipe closes
+        os._exit(1)
 
-def _end_with_parent() -> None:
-    os.read(0, 1)  # nothing is ever written: it returns when the other end of the pipe closes
-    os._exit(1)
+    threading.Thread(target=end, daemon=True).start()
 
 
 def lower_priority() -> None:

@@ -9,7 +9,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import yaml
@@ -109,21 +109,13 @@ def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[A
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings. Refuses aliases, as ROS does, and merges."""
+    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings. Refuses aliases, as ROS does."""
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
-            _refuse(self.peek_event().start_mark, "an alias (*)")  # type: ignore[no-untyped-call]
+            line = self.peek_event().start_mark.line + 1  # type: ignore[no-untyped-call]
+            raise yaml.YAMLError(f"line {line} has an alias (*), which ROS does not read; write its values out")
         return super().compose_node(parent, index)
-
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        for key, _ in node.value:
-            if key.tag == "tag:yaml.org,2002:merge":
-                _refuse(key.start_mark, "a merge (<<)")
-
-
-def _refuse(place: yaml.Mark, what: str) -> NoReturn:
-    raise yaml.YAMLError(f"line {place.line + 1} has {what}, which ROS does not read; write its values out")
 
 
 _Loader.add_implicit_resolver(

@@ -13,7 +13,8 @@ from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.penetration import BEDS_DIFFER
 from rft_ros.calibration.track import Track
 from rft_ros.files import whole
-from rft_ros.parameters import FILES, defaults, flat, node_keys, parameter_tree, path_beside
+from rft_ros.parameters import FILES, defaults, parameter_tree
+from rft_ros.parameters.file import flat, node_keys, path_beside
 
 __all__ = ["SECTION", "alpha_y_table", "rounded", "write_calibrated"]
 

@@ -104,10 +104,6 @@ def demo(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def warm_up_options(_command: argparse.ArgumentParser) -> None:
-    pass
-
-
 def warm_up(_arguments: argparse.Namespace) -> int:
     """rft warm-up"""
     prepare(on_cold_cache=lambda: print("compiling, ten seconds or more ...", flush=True))

@@ -84,26 +84,24 @@ class NodeParameters:
             found.append(p)
         return found
 
-    def _merged(self, parameters: list[RosParameter]) -> tuple[dict[str, Value], frozenset[str]]:
-        changes = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self.values}
-        return {**self.values, **changes}, frozenset(n for n, value in changes.items() if value != self.values[n])
+    def _changes(self, parameters: list[RosParameter]) -> dict[str, Value]:
+        given = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self.values}
+        return {name: value for name, value in given.items() if value != self.values[name]}
 
     def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
         try:
-            merged, changed = self._merged(parameters)
-            if changed:
-                self._validate(merged)
+            if changes := self._changes(parameters):
+                self._validate({**self.values, **changes})
         except ValueError as error:  # an exception here would end the node
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_post_set(self, parameters: list[RosParameter]) -> None:
-        merged, changed = self._merged(parameters)
-        if changed:
-            changes = ", ".join(f"{name} {self.values[name]!r} -> {merged[name]!r}" for name in sorted(changed))
-            self._node.get_logger().info(f"parameters set: {changes}" + (f" ({self._why})" if self._why else ""))
-            self.values = merged
-            self._apply(merged)
+        if changes := self._changes(parameters):
+            said = ", ".join(f"{name} {self.values[name]!r} -> {value!r}" for name, value in sorted(changes.items()))
+            self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
+            self.values = {**self.values, **changes}
+            self._apply(self.values)
 
 
 def parameter_files() -> list[Path]:

@@ -3,13 +3,9 @@
 from rft_ros.parameters.file import (
     FILES,
     NODE,
-    flat,
-    gives,
     named_files,
-    node_keys,
     node_parameters,
     parameter_tree,
-    path_beside,
     read_alpha_y_table,
     read_parameter_file,
     write_parameter_file,
@@ -30,5 +26,5 @@ from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values,
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LearningMode", "LoadCell", "Model", "Settings"]
 __all__ += ["files_of", "load_files", "model_of", "settings_of", "tool_of"]
-__all__ += ["flat", "gives", "named_files", "node_keys", "node_parameters", "parameter_tree", "path_beside"]
+__all__ += ["named_files", "node_parameters", "parameter_tree"]
 __all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

@@ -82,17 +82,10 @@ def test_a_refusal_does_not_quote_the_file(tmp_path, reader):
     assert "hunter2" not in refused(reader, tmp_path / reader)
 
 
-@pytest.mark.parametrize(
-    ("text", "words"),
-    [
-        ("a: &x 1.0\nb: *x\n", "line 2 has an alias"),
-        ("base: &x {a: 1.0}\nb:\n  <<: *x\n", "line 3 has an alias"),
-        ("a: {<<: {b: 1.0}}\n", "line 1 has a merge"),
-    ],
-)
-def test_yaml_that_ros_does_not_read_is_refused(tmp_path, text, words):
+@pytest.mark.parametrize("text", ["a: &x 1.0\nb: *x\n", "base: &x {a: 1.0}\nb: {<<: *x}\n"])
+def test_yaml_that_ros_does_not_read_is_refused(tmp_path, text):
     (tmp_path / "cell.yaml").write_text(text)
-    assert words in refused("cell.yaml", tmp_path / "cell.yaml")
+    assert "line 2 has an alias" in refused("cell.yaml", tmp_path / "cell.yaml")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
