@@ -10,9 +10,9 @@ from statistics import median
 
 import numpy as np
 
-from rft_ros.estimator import Estimate, Estimator, PoseSample, Settings, TwistSample, WrenchSample
+from rft_ros.estimator import Estimate, Estimator, PoseSample, TwistSample, WrenchSample
 from rft_ros.ground import Cloud
-from rft_ros.parameters import LearningMode, defaults, model_of
+from rft_ros.parameters import defaults, model_of, settings_of
 
 CELL = 0.002
 POINTS = 300_000
@@ -28,11 +28,11 @@ def cloud() -> Cloud:
     return Cloud(START + 1, "world", *np.array([x, y, z], dtype=np.float32))
 
 
-def estimator(cell: float, learning: LearningMode, memory: float) -> Estimator:
+def estimator(cell: float, learning: str, memory: float) -> Estimator:
     """With the full ellipsoid."""
     values = {**defaults(), "mesh.file": "ellipsoid", "tolerance": 0.0, "ground.cell": cell}
-    values["medium.mobilization_length"] = memory
-    return Estimator(Settings(learning_mode=learning), model_of(values))
+    values |= {"medium.mobilization_length": memory, "learning.mode": learning}
+    return Estimator(settings_of(values), model_of(values))
 
 
 def tick_times(e: Estimator, first: int, count: int) -> list[float]:
@@ -53,11 +53,7 @@ def tick_times(e: Estimator, first: int, count: int) -> list[float]:
 
 
 def main() -> None:
-    cases: tuple[tuple[str, LearningMode, float], ...] = (
-        ("as published", "off", 0.0),
-        ("memory", "off", 0.003),
-        ("memory, learning", "apply", 0.003),
-    )
+    cases = ("as published", "off", 0.0), ("memory", "off", 0.003), ("memory, learning", "apply", 0.003)
     for name, learning, memory in cases:
         level, mapped = (estimator(cell, learning, memory) for cell in (0.0, CELL))
         for e in (level, mapped):

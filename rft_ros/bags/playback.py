@@ -124,7 +124,7 @@ def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:
     """
     if values["sensor.frame_source"] != "tf":
         return values
-    tool, sensor, transforms = str(values["tool_frame"]), str(values["sensor_frame"]), Transforms()
+    tool, sensor, transforms = values["tool_frame"], values["sensor_frame"], Transforms()
     with Recording(bag, topics_of(values, options.remap)) as recording:
         for transform in recording.fixed:
             transforms.push(transform)

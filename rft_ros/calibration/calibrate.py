@@ -83,7 +83,7 @@ def calibrate(
             sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air)
             result.fitted += fitted
             result.not_identifiable |= reasons
-    zeta, zeta_error = float(str(values["medium.zeta"])), 0.0
+    zeta, zeta_error = values["medium.zeta"], 0.0
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):
             fitted = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
@@ -98,7 +98,7 @@ def calibrate(
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
             runs = plate_runs(tracks, sensor, replace(law, stiffness=law.stiffness * zeta), surface=height)
             shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
-            medium = medium_named(str(values["medium.name"]))
+            medium = medium_named(values["medium.name"])
             fit = fit_alpha_y(runs, medium, shared_error=shared, model=alpha_y)
             result.fitted.append(fit.value)
             result.alpha_y = fit

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rft_ros.bags.playback import mounted
 from rft_ros.bags.reading import bag_name
-from rft_ros.calibration.calibrate import PARTS, Calibration
+from rft_ros.calibration.calibrate import PARTS
 from rft_ros.calibration.calibrate import calibrate as fitted_to
 from rft_ros.calibration.calibrated_file import alpha_y_table, rounded, write_calibrated
 from rft_ros.calibration.track import read_track
@@ -60,21 +60,15 @@ def calibrate(arguments: argparse.Namespace) -> int:
         result = fitted_to(tracks, values, parts=parts, alpha_y=arguments.alpha_y)
     if chosen.tare and "sensor.bias" in result.not_identifiable:
         result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
-    print("\n".join(overview(result)))
+    for f in result.fitted:
+        numbers = ", ".join(f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True))
+        how = "; from ".join(filter(None, (f.goodness, f.source)))
+        print(f"{f.name}: {' '.join(filter(None, (numbers, f.unit)))} ({how})")
+    for name, why in result.not_identifiable.items():
+        print(f"{name}: not identifiable: {why}")
     if not result.fitted:
         print("nothing is identifiable from these bags; no file was written")
         return 1
     for path in write_calibrated(output, arguments.params, result, tracks):
         print(f"-> {path}")
     return 1 if arguments.fit and result.not_identifiable else 0
-
-
-def overview(result: Calibration) -> list[str]:
-    """Lines: each fitted value with standard error and goodness of fit, what is not identifiable and why."""
-    lines = []
-    for f in result.fitted:
-        numbers = ", ".join(f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True))
-        how = "; from ".join(filter(None, (f.goodness, f.source)))
-        lines.append(f"{f.name}: {' '.join(filter(None, (numbers, f.unit)))} ({how})")
-    lines += [f"{name}: not identifiable: {why}" for name, why in result.not_identifiable.items()]
-    return lines

@@ -1,9 +1,7 @@
 """Commands about a tool: check its mesh, reduce its plates, try variants of its design."""
 
 import argparse
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -57,7 +55,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         raise InputError(f"output '{output}' must end in {SUFFIX}, the suffix of reduced tools")
     if arguments.scene is None and (arguments.params or arguments.surface_height is not None):
         raise InputError("--params and --surface-height are for a scene: give --scene, or neither")
-    values: Mapping[str, Any] = options.values_of(arguments)
+    values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
     tool, scale, origin = tool_of(values), values["mesh.scale"], values["mesh.origin"]
     if tool.reduction:

@@ -2,12 +2,12 @@
 
 import math
 import os
-import struct
 import subprocess
 import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ import rclpy
 from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.time import Time
 from rich.box import SIMPLE
@@ -28,8 +28,7 @@ from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter, check_replaceable
 from rft_ros.errors import InputError
-from rft_ros.estimator import Wrench, WrenchSample
-from rft_ros.estimator.messages import decoder, wrench_cdr
+from rft_ros.estimator import Wrench
 from rft_ros.files import whole_folder
 from rft_ros.node import mujoco_arm, virtual_arm
 from rft_ros.node.topics import type_name
@@ -95,24 +94,21 @@ class _Cell:
 
     def __init__(self, parameters: Path, bag: BagWriter) -> None:
         self._bag, self._peer = bag, rclpy.create_node("rft_demo")
-        self.newest, self.recorded = dict[str, bytes](), 0
+        self.newest, self.recorded = dict[str, Any](), 0
         self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}
         for name, kind in {**_OUTPUTS, "stiffness": InertiaStamped}.items():
-            self._subscribe(name, kind)
+            self._peer.create_subscription(kind, f"/rft/{name}", partial(self._take, name), _QOS)
         self._begin = self._stamp = 0
         command = [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "--params-file", str(parameters)]
         self._process = subprocess.Popen(command, start_new_session=True)  # Ctrl-C in the terminal does not reach it
 
-    def _subscribe(self, name: str, kind: type) -> None:
-        def take(data: bytes) -> None:
-            self.newest[name] = data
-            if name in _OUTPUTS:
-                self._record(name, kind, _stamp(data), data)
+    def _take(self, name: str, message: Any) -> None:
+        self.newest[name] = message
+        if name in _OUTPUTS:
+            self._record(name, message)
 
-        self._peer.create_subscription(kind, f"/rft/{name}", take, _QOS, raw=True)
-
-    def _record(self, name: str, kind: type, stamp: int, data: bytes) -> None:
-        self._bag.write_raw(f"/rft/{name}", type_name(kind), stamp, data)
+    def _record(self, name: str, message: Any) -> None:
+        self._bag.write_raw(f"/rft/{name}", type_name(type(message)), _stamp(message), serialize_message(message))
         self.recorded += 1
 
     def wait(self) -> None:
@@ -124,16 +120,16 @@ class _Cell:
     def send(self, t: float, state: NDArray[np.float64], reading: Wrench) -> None:
         """Publish and record a state, shape [13], and a reading of the load cell at a time from the start [s]."""
         self._stamp = self._begin + round(t * 1e9)
-        pose, twist = PoseStamped(), TwistStamped()
-        for message in (pose, twist):
-            message.header.frame_id, message.header.stamp = "world", Time(nanoseconds=self._stamp).to_msg()
+        pose, twist, measured = PoseStamped(), TwistStamped(), WrenchStamped()
         p, q, v, w = pose.pose.position, pose.pose.orientation, twist.twist.linear, twist.twist.angular
         p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z = state.tolist()
-        measured = wrench_cdr("ft_sensor")(self._stamp, reading)
-        messages = {"wrench_measured": measured, "twist": serialize_message(twist), "pose": serialize_message(pose)}
-        for name, data in messages.items():
-            self._publishers[name].publish(data)
-            self._record(name, _INPUTS[name], self._stamp, data)
+        f, m = measured.wrench.force, measured.wrench.torque
+        f.x, f.y, f.z, m.x, m.y, m.z = reading
+        for name, message in {"wrench_measured": measured, "twist": twist, "pose": pose}.items():
+            message.header.frame_id = "ft_sensor" if message is measured else "world"
+            message.header.stamp = Time(nanoseconds=self._stamp).to_msg()
+            self._publishers[name].publish(message)
+            self._record(name, message)
 
     def answer(self) -> tuple[Wrench, InertiaStamped] | None:
         """Prediction and stiffness at the last state that was sent; None if they are lost."""
@@ -143,7 +139,7 @@ class _Cell:
             if time.monotonic() > end:
                 return None
             rclpy.spin_once(self._peer, timeout_sec=0.01)
-        return _wrench(self.newest["wrench_predicted"]), deserialize_message(self.newest["stiffness"], InertiaStamped)
+        return _wrench(self.newest["wrench_predicted"]), self.newest["stiffness"]
 
     def spin(self, end: float) -> None:
         """Take answers until a time of `time.monotonic` [s]. InputError if the node has ended."""
@@ -177,23 +173,21 @@ class _Cell:
         rclpy.try_shutdown()
 
 
-def _stamp(data: bytes) -> int:
-    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
+def _stamp(message: Any) -> int:
+    return int(Time.from_msg(message.header.stamp).nanoseconds)
 
 
-def _wrench(data: bytes) -> Wrench:
-    sample = decoder("wrench", ros1=False)(data)
-    assert isinstance(sample, WrenchSample)
-    return sample.wrench
+def _wrench(message: WrenchStamped) -> Wrench:
+    f, t = message.wrench.force, message.wrench.torque
+    return f.x, f.y, f.z, t.x, t.y, t.z
 
 
-def _table(newest: dict[str, bytes], title: str) -> Table:
+def _table(newest: dict[str, Any], title: str) -> Table:
     table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("", min_width=11)
     for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
         table.add_column(column, justify="right", min_width=6)
     for name in _SHOWN:
-        data = newest.get(f"wrench_{name}")
-        table.add_row(name, *([f"{v:.3f}" for v in _wrench(data)] if data else ["-"] * 6))
+        message = newest.get(f"wrench_{name}")
+        table.add_row(name, *([f"{v:.3f}" for v in _wrench(message)] if message else ["-"] * 6))
     return table

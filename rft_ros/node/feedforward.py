@@ -72,11 +72,9 @@ class FeedForward:
 
     def use(self, values: Values) -> None:
         """Take the parameters."""
-        self._gain = float(values["feedforward.gain"])  # type: ignore[arg-type]
-        self._ramp.limit = values["feedforward.limit"]  # type: ignore[assignment]
-        self._ramp.rise_time = float(values["feedforward.rise_time"])  # type: ignore[arg-type]
-        self._frame = str(values["feedforward.frame"])
-        self._serialise = wrench_cdr(str(values[self._frame]))
+        self._gain, self._frame = values["feedforward.gain"], values["feedforward.frame"]
+        self._ramp.limit, self._ramp.rise_time = values["feedforward.limit"], values["feedforward.rise_time"]
+        self._serialise = wrench_cdr(values[self._frame])
 
     def estimated(self, estimate: Estimate) -> None:
         """Publish what follows from an estimate, at its stamp."""

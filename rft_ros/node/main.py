@@ -1,5 +1,10 @@
-"""``rft_node``: start, warm up, spin until SIGINT or SIGTERM."""
+"""usage: rft_node --ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...
 
+Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2. docs/node.md lists topics,
+services and parameters. Exit status 0 after SIGINT or SIGTERM, 2 for arguments or parameters that cannot be used.
+"""
+
+import gc
 import os
 import signal
 import socket
@@ -16,20 +21,14 @@ if TYPE_CHECKING:
     from rft_ros.node.rft_node import RftNode
     from rft_ros.node.swap import ToolWorker
 
-_HELP = """\
-usage: rft_node --ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...
-
-Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2. docs/node.md lists topics,
-services and parameters. Exit status 0 after SIGINT or SIGTERM, 2 for arguments or parameters that cannot be used."""
-
 _GRACE = 0.4  # s
 
 
 def main() -> int:
-    """Run the node; exit status 0 after SIGINT or SIGTERM, 2 if its arguments or parameters cannot be used."""
+    """Run the node; returns the exit status."""
     stop = _stop_on_signal()
     if {"-h", "--help"} & set(sys.argv[1:]):
-        print(_HELP)
+        print(__doc__)
         return 0
     refusal = _refused_arguments() or _run(stop)
     if refusal:
@@ -78,8 +77,6 @@ def _refused_arguments() -> str:
 
 def _run(stop: threading.Event) -> str:
     """Run the node until it is to stop; returns why it cannot."""
-    import gc
-
     from rft_ros.node.swap import ToolWorker
 
     worker = ToolWorker()  # first: its imports take as long as the node's

@@ -27,7 +27,7 @@ def _descriptor(parameter: Parameter) -> ParameterDescriptor:
         dynamic_typing=True,  # so that `checked` refuses a wrong type, with a clearer sentence than rclpy's
     )
     low, high = parameter.bounds
-    if parameter.type == "double" and low > -float("inf"):
+    if isinstance(parameter.default, float) and low > -float("inf"):
         descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
     return descriptor
 

@@ -60,7 +60,7 @@ class RftNode(Node):
         self._feedforward = FeedForward(self, self.estimator)
         self._feedforward.use(values)
         self._markers = Markers(self, self.estimator)
-        self._serialise = wrench_cdr(str(values["sensor_frame"]))
+        self._serialise = wrench_cdr(values["sensor_frame"])
 
         self._subscribe("wrench", "~/wrench_measured", partial(self._on_input, "wrench"))
         self._twists = self._subscribe("twist", "~/twist", self._on_twist)
@@ -204,7 +204,7 @@ class RftNode(Node):
         self._swap.want(values)
         self._use()
         self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
-        self._serialise = wrench_cdr(str(values["sensor_frame"]))
+        self._serialise = wrench_cdr(values["sensor_frame"])
         self._swap_timer.reset()
 
     def _use(self) -> None:

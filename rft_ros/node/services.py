@@ -60,7 +60,7 @@ class Services:
         if (learned := learning.strength()) is None:
             raise InputError("not saved: nothing was learned yet")
         strength, error = learned
-        zeta = float(values["medium.zeta"]) * strength  # type: ignore[arg-type]
+        zeta = values["medium.zeta"] * strength
         new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
         doubts = [f"doubtful, it was learned while {doubt}" for doubt in learning.doubts()]
         comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *doubts])

@@ -123,12 +123,12 @@ class Swap:
         return self._model(values, self._tables, generation)
 
     def _model(self, values: Values, tables: Mapping[str, Table], generation: int = 0) -> Model:
-        table = tables.get(str(values["alpha_y.table"]))
+        table = tables.get(values["alpha_y.table"])
         return model_of({**values, **self.files}, **self.parts, table=table, generation=generation)
 
     def _tables_of(self, values: Values) -> dict[str, Table]:
         """The table of α_y of these parameters, read again unless it is in force, whose file may be gone."""
-        file = str(values["alpha_y.table"]) if values["alpha_y.model"] == "table" else ""
+        file = values["alpha_y.table"] if values["alpha_y.model"] == "table" else ""
         return {file: self._tables.get(file) or read_alpha_y_table(file)} if file else {}
 
     def check(self, values: Values) -> None:
@@ -137,7 +137,7 @@ class Swap:
         self._checked_tables = self._tables_of(values)
         self._model(values, self._checked_tables)
         if files_of(values)["tool"] != self._files["tool"]:
-            checked_file(locate_mesh(str(values["mesh.file"])), "mesh.file")
+            checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
 
     def _missing(self) -> tuple[dict[str, Values], frozenset[str]]:
         files, code = self._wanted

@@ -18,15 +18,13 @@ from rft_ros.tool import Tool, load_tool
 
 Array = NDArray[np.float64]
 
-RATE = 125.0
-"""Of the poses [Hz]."""
-
 PAUSE = 3.0
 """Time that the arm rests in the air before it moves [s]."""
 
 LAYER = 0.025
 """Depth of the tool's lowest point at which it reaches the hard layer [m]."""
 
+_RATE = 125.0  # Hz, of the poses
 _STRENGTH = np.array([0.6, 0.6, 1.3])  # of the grains over the model's, world axes
 _HARDNESS, _TRANSITION = 2.0, 0.002  # strength of the layer over that of the grains above; its upper edge [m]
 _DESCENT = OscillatingInsertion(start_height=0.020)  # starts with the ellipsoid's lowest point 2 mm above the surface
@@ -45,8 +43,8 @@ def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
     tool, medium = load_tool("ellipsoid"), MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("constant", medium), zeta=0.33)
     frame, random = LoadCellFrame(LOAD_CELL), np.random.default_rng(2021)
-    for k in range(round(seconds * RATE)):
-        t = k / RATE
+    for k in range(round(seconds * _RATE)):
+        t = k / _RATE
         state = _DESCENT.at(max(t - PAUSE, 0.0))[0]
         if t <= PAUSE:
             state[7:] = 0.0

@@ -11,7 +11,6 @@ from rft_ros.parameters.file import (
     write_parameter_file,
 )
 from rft_ros.parameters.settings import (
-    LearningMode,
     LoadCell,
     Model,
     Settings,
@@ -24,7 +23,7 @@ from rft_ros.parameters.settings import (
 from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
-__all__ += ["LearningMode", "LoadCell", "Model", "Settings"]
+__all__ += ["LoadCell", "Model", "Settings"]
 __all__ += ["files_of", "load_files", "model_of", "settings_of", "tool_of"]
 __all__ += ["named_files", "node_parameters", "parameter_tree"]
 __all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

@@ -12,13 +12,9 @@ from rft_ros.parameters.table import Values
 from rft_ros.rft import Law, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["LearningMode", "LoadCell", "Model", "Settings"]
-__all__ += ["files_of", "ground_of", "load_files", "model_of", "settings_of", "tool_of"]
+__all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files", "model_of", "settings_of", "tool_of"]
 
 _Vector = tuple[float, float, float]
-
-LearningMode = Literal["off", "observe", "apply"]
-"""Whether the medium is learned from the load cell, and whether predictions use it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,7 +59,7 @@ class Settings:
     rest_speed: float = 2e-4
     calibrated_depth: float = 0.0
     zeta_error: float = 0.0
-    learning_mode: LearningMode = "off"
+    learning_mode: Literal["off", "observe", "apply"] = "off"
     learning_lag: float = 0.002
 
     def __post_init__(self) -> None:
@@ -92,30 +88,27 @@ class Model:
 
 def settings_of(values: Values) -> Settings:
     """The estimator's settings from checked values."""
-    v: Mapping[str, Any] = values
-    same_name = {field.name: v[field.name] for field in fields(Settings) if field.name in v}
+    same_name = {field.name: values[field.name] for field in fields(Settings) if field.name in values}
     return Settings(
         **same_name,
-        load_cell=LoadCell(**{field.name: v[f"sensor.{field.name}"] for field in fields(LoadCell)}),
-        sensor_source=v["sensor.frame_source"],
-        calibrated_depth=v["medium.calibrated_depth"],
-        zeta_error=v["medium.zeta_error"],
-        learning_mode=v["learning.mode"],
-        learning_lag=v["learning.lag"],
+        load_cell=LoadCell(**{field.name: values[f"sensor.{field.name}"] for field in fields(LoadCell)}),
+        sensor_source=values["sensor.frame_source"],
+        calibrated_depth=values["medium.calibrated_depth"],
+        zeta_error=values["medium.zeta_error"],
+        learning_mode=values["learning.mode"],
+        learning_lag=values["learning.lag"],
     )
 
 
 def tool_of(values: Values) -> Tool:
     """Load the tool from checked values."""
-    v: Mapping[str, Any] = values
-    of_mesh = {"scale": v["mesh.scale"], "origin": v["mesh.origin"]}
-    return load_tool(v["mesh.file"], **of_mesh, integration=v["integration"], tolerance=v["tolerance"])
+    of_mesh = {"scale": values["mesh.scale"], "origin": values["mesh.origin"]}
+    return load_tool(values["mesh.file"], **of_mesh, integration=values["integration"], tolerance=values["tolerance"])
 
 
 def ground_of(values: Values) -> HeightMap | None:
     """Load the ground at the start from checked values; None: a level plane."""
-    v: Mapping[str, Any] = values
-    cell, file = v["ground.cell"], v["ground.file"]
+    cell, file = values["ground.cell"], values["ground.file"]
     if file and not cell:
         raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
     if not cell:
@@ -149,21 +142,20 @@ def model_of(
 
     Raises InputError for what cannot be used.
     """
-    v: Mapping[str, Any] = values
-    medium, alpha_y = medium_named(v["medium.name"]), v["alpha_y.model"]
-    if alpha_y == "table" and not v["alpha_y.table"]:
+    medium, alpha_y = medium_named(values["medium.name"]), values["alpha_y.model"]
+    if alpha_y == "table" and not values["alpha_y.table"]:
         raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
     if alpha_y == "table":
-        table = table or read_alpha_y_table(v["alpha_y.table"])
-    of_law = {name: v[f"medium.{name}"] for name in ("zeta", "surface_friction", "density", "inertia")}
+        table = table or read_alpha_y_table(values["alpha_y.table"])
+    of_law = {name: values[f"medium.{name}"] for name in ("zeta", "surface_friction", "density", "inertia")}
     return Model(
         tool=tool or tool_of(values),
-        law=law_named(v["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),
-        law_name=v["law"],
+        law=law_named(values["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),
+        law_name=values["law"],
         medium=medium.name,
-        zeta=v["medium.zeta"],
+        zeta=values["medium.zeta"],
         alpha_y=alpha_y,
-        mobilization_length=v["medium.mobilization_length"],
+        mobilization_length=values["medium.mobilization_length"],
         ground=ground or ground_of(values),
         generation=generation,
     )

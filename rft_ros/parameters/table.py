@@ -5,7 +5,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
-from typing import Literal
+from typing import Any, Literal
 
 from rft_ros.errors import InputError
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
@@ -16,8 +16,8 @@ __all__ = ["MESH", "PARAMETERS", "Parameter", "Value", "Values", "checked", "def
 Value = str | float | tuple[float, ...]
 """A parameter's value, in the parameter's type."""
 
-Values = Mapping[str, Value]
-"""The values of all parameters, by name."""
+Values = Mapping[str, Any]
+"""The values of all parameters, by name, each a `Value`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,13 +32,6 @@ class Parameter:
     _: KW_ONLY
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
-
-    @property
-    def type(self) -> Literal["string", "double", "double_array"]:
-        """The parameter's ROS type."""
-        if isinstance(self.default, str):
-            return "string"
-        return "double" if isinstance(self.default, float) else "double_array"
 
 
 MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
@@ -131,7 +124,7 @@ _LONGEST, _LONGEST_FRAME = 4096, 256  # characters, of a path and of a frame
 _LARGEST = sys.float_info.max  # also bounds integers too large for a double, at which math.isfinite raises
 
 
-def defaults() -> dict[str, Value]:
+def defaults() -> dict[str, Any]:
     """Every parameter at its default."""
     return {p.name: p.default for p in PARAMETERS}
 

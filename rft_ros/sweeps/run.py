@@ -8,7 +8,7 @@ import csv
 import os
 import signal
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -63,7 +63,7 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
 
     Files are read once for each `fingerprint`, that of the design.
     """
-    values: Mapping[str, Any] = parameters_of({**variant.tool, **variant.medium})
+    values = parameters_of({**variant.tool, **variant.medium})
     model = model_of(values, tool=_tool(tuple(files_of(values)["tool"].items()), fingerprint))
     times, states = _motion(tuple(variant.motion.items()), fingerprint)
     if (np.diff(times) < 0.0).any():
