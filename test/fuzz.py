@@ -39,13 +39,8 @@ ADDRESS_SPACE = 6 * 2**30
 """A damaged length must not make the machine swap [bytes]."""
 
 Random = np.random.Generator
-
-
-Case = tuple[str, list[str], Path]
-"""Kind of input, arguments of `rft`, and the damaged file or folder."""
-
-Finding = tuple[str, int, str]
-"""Kind of input, its number, traceback or reason."""
+Case = tuple[str, list[str], Path]  # kind of input, arguments of `rft`, the damaged file or folder
+Finding = tuple[str, int, str]  # kind of input, its number, traceback or reason
 
 
 def damaged(data: bytes, random: Random) -> bytes:

@@ -122,17 +122,6 @@ def test_the_forces_on_a_turning_body_depend_little_on_the_step():
         assert np.linalg.norm(at_the_end(n) - exact) < share * np.linalg.norm(exact)
 
 
-@pytest.mark.parametrize("integration", INTEGRATIONS)
-def test_at_rest_the_force_holds(integration):
-    plates, memory = PLATES[integration], Memory(PLATES[integration])
-    states, durations = along(np.linspace(0.0, 0.02, 50), (0.004, 0.0, -0.01))
-    last = remembered(states, durations, plates=plates, memory=memory)[-1]
-    at_rest = np.repeat(states[-1:], 1000, axis=0)
-    at_rest[:, 7:] = 0.0
-    held = remembered(at_rest, np.full(1000, 0.01), plates=plates, memory=memory)
-    np.testing.assert_allclose(held, np.repeat(last[None], 1000, axis=0), rtol=1e-12, atol=1e-15)
-
-
 @given(st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS), st.sampled_from(("constant", "linear")))
 @settings(max_examples=30)
 def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, alpha_y):

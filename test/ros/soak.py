@@ -17,30 +17,19 @@ from harness import NodeProcess, own_domain, parameters, stamp_of
 from rcl_interfaces.srv import SetParameters
 
 _POSE_REASONS = ("twist_missing", "twist_stale", "at_rest", "estimate_not_finite")  # and all that begin with pose_
-_CALLS = (
-    ("medium.zeta", 0.5),
-    ("medium.zeta", 1),
-    ("medium.zeta", -1.0),
-    ("medium.zeta", "x"),
-    ("alpha_y.model", "linear"),
-    ("alpha_y.model", "constant"),
-    ("alpha_y.model", "nonsense"),
-    ("mesh.file", "sphere"),
-    ("mesh.file", "plate"),
-    ("mesh.file", "/none.stl"),
-    ("twist_source", "pose_difference"),
-    ("twist_source", "topic"),
-    ("max_input_age", 0.05),
-    ("learning.lag", 0.005),
-    ("learning.lag", 0.0),
-    ("learning.mode", "observe"),
-    ("learning.mode", "apply"),
-    ("medium.zeta_error", 0.1),
-    ("sensor.bias", [1.0, 2.0, 3.0, 0.0, 0.0, 0.0]),
-    ("sensor.bias", [math.nan] * 6),
-    ("sensor.quaternion", [0.0, 0.0, 0.0, 0.0]),
-    ("no.such.parameter", 1.0),
-)
+_CALLS = {
+    "medium.zeta": (0.5, 1, -1.0, "x"),
+    "alpha_y.model": ("linear", "constant", "nonsense"),
+    "mesh.file": ("sphere", "plate", "/none.stl"),
+    "twist_source": ("pose_difference", "topic"),
+    "max_input_age": (0.05,),
+    "learning.lag": (0.005, 0.0),
+    "learning.mode": ("observe", "apply"),
+    "medium.zeta_error": (0.1,),
+    "sensor.bias": ([1.0, 2.0, 3.0, 0.0, 0.0, 0.0], [math.nan] * 6),
+    "sensor.quaternion": ([0.0, 0.0, 0.0, 0.0],),
+    "no.such.parameter": (1.0,),
+}
 
 
 class Soaked(NamedTuple):
@@ -71,6 +60,7 @@ def soak(rft: NodeProcess, *, seconds: float, rate: float) -> Soaked:
     client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
     assert client.wait_for_service(timeout_sec=240.0)
     count, stamp, predicted = round(seconds * rate), time.time_ns(), rft.received["wrench_predicted"]
+    calls = [(name, value) for name, values in _CALLS.items() for value in values]
     pending, memory = [], []
     start = time.monotonic()
     for k in range(count):
@@ -84,7 +74,7 @@ def soak(rft: NodeProcess, *, seconds: float, rate: float) -> Soaked:
             rft.until(lambda behind=behind: predicted and stamp_of(predicted[-1]) >= behind)
         if k % round(rate / 2) == 0:
             memory.append(resident_mb(rft.process.pid))
-            name, value = _CALLS[int(random.integers(len(_CALLS)))]
+            name, value = calls[int(random.integers(len(calls)))]
             pending.append(client.call_async(SetParameters.Request(parameters=parameters({name: value}))))
         if k % 5000 == 0:
             for messages in rft.received.values():

@@ -14,68 +14,44 @@ MESHES, ZETAS, MODELS = ("plate", "sphere"), (1.0, 0.5, 0.25), ("constant", "lin
 MOTION = {"z": -0.03, "linear": (0.006, 0.004, -0.01)}
 
 
-def send_call(client, name, value):
-    return client.call_async(SetParameters.Request(parameters=parameters({name: value})))
-
-
 @pytest.mark.parametrize(("start", "executor"), [("start_process", "events"), ("start_node", "single")])
 def test_every_tick_is_answered_by_one_whole_model(request, start, executor):
     start = request.getfixturevalue(start)
     rft = start("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
     client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
     assert client.wait_for_service(timeout_sec=WAIT)
-    models = {
-        model: predicted_by_the_core(mesh=model[0], zeta=model[1], alpha_y=model[2], **MOTION)
-        for model in itertools.product(MESHES, ZETAS, MODELS)
-    }
-    changes = itertools.cycle(
-        (
-            ("medium.zeta", 0.5),
-            ("alpha_y.model", "linear"),
-            ("medium.zeta", 0.25),
-            ("medium.zeta", 1.0),
-            ("alpha_y.model", "constant"),
-        )
-    )
-    predicted, pending = rft.received["wrench_predicted"], []
-    expected = np.array(list(models.values()))
+    models = [*itertools.product(MESHES, ZETAS, MODELS)]
+    expected = np.array([predicted_by_the_core(mesh=m, zeta=z, alpha_y=a, **MOTION) for m, z, a in models])
+    changes = itertools.cycle([*(("medium.zeta", z) for z in ZETAS), *(("alpha_y.model", a) for a in MODELS)])
+    predicted, pending, first, k = rft.received["wrench_predicted"], [], rft.moment(), 0
 
-    def models_of(messages):
-        """Which of the models give each answer, shape [answers, models]."""
-        answers = np.array([numbers(message) for message in messages])
-        return np.isclose(answers[:, None], expected, rtol=1e-12, atol=1e-15).all(axis=2)
+    def models_of(message):
+        return [models[i] for i in np.flatnonzero(np.isclose(numbers(message), expected, 1e-12, 1e-15).all(axis=1))]
 
-    def mesh_of_the_newest():
-        matching = [m for m, fits in zip(models, models_of(predicted[-1:])[0], strict=True) if fits]
-        return matching[0][0] if matching else None
+    def change(name, value):
+        pending.append(client.call_async(SetParameters.Request(parameters=parameters({name: value}))))
 
-    first, k = rft.moment(), 0
-    # Each mesh stays wanted until it has answered, and 100 ticks longer.
     for mesh in ("plate", "sphere", "plate"):
-        pending.append(send_call(client, "mesh.file", mesh))
-        left = None
-        end = time.monotonic() + WAIT
-        while left is None or left > 0:
+        change("mesh.file", mesh)
+        end, left = time.monotonic() + WAIT, 100  # ticks after its first answer
+        while left > 0:
             assert time.monotonic() < end, f"{mesh} never answered"
             rft.send(first + k * 5_000_000, **MOTION)
             k += 1
             if k % 20 == 0:
-                pending.append(send_call(client, *next(changes)))
+                change(*next(changes))
             rft.spin(0.01)
             rft.until(lambda k=k: len(predicted) >= k - 50)  # so that no queue overflows
-            if left is None and predicted and mesh_of_the_newest() == mesh:
-                left = 100
-            elif left is not None:
-                left -= 1
+            left -= any(m == mesh for message in predicted[-1:] for m, *_ in models_of(message))
     rft.until(lambda: len(predicted) == k)
     assert [stamp_of(m) for m in predicted] == [first + i * 5_000_000 for i in range(k)]
     rft.until(lambda: all(f.done() for f in pending))
     assert all(f.result().results[0].successful for f in pending)
-    fits = models_of(predicted)
-    assert (fits.sum(axis=1) == 1).all(), "an answer that no single model gives"
-    used = [list(models)[k] for k in fits.argmax(axis=1)]
-    assert len(set(used)) >= 6
-    assert {m[0] for m in used} == set(MESHES)
+    answers = [models_of(message) for message in predicted]
+    assert {len(fitting) for fitting in answers} == {1}, "an answer that no single model gives"
+    used = {model for (model,) in answers}
+    assert len(used) >= 6
+    assert {mesh for mesh, *_ in used} == set(MESHES)
 
 
 TRIANGLE = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
