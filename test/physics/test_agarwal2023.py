@@ -120,8 +120,3 @@ def test_both_rules_integrate_it(rule, beta, velocity):
     state = np.array([[0, 0, -1.0, 0, 0, 0, 1, *velocity, 0, 0, 0]])
     expected = np.array(traction_per_depth(AGARWAL, *normal, *velocity)) * plate.area
     np.testing.assert_allclose(wrenches(plate, AGARWAL, state)[0, :3], expected, atol=1e-3 * np.abs(expected).max())
-
-
-def test_a_negative_friction_is_refused():
-    with pytest.raises(ValueError, match=r"medium\.surface_friction is -1"):
-        agarwal2023(surface_friction=-1.0)

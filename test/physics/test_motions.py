@@ -57,21 +57,12 @@ def test_circumnutation_gives_the_85_states_of_the_released_code(shared_data):
     assert states == pytest.approx(rows[:, 1:], abs=1e-14)
 
 
-def plate(beta, psi, phi, **start):
-    return PlateDrag(beta_deg=beta, psi_deg=psi, phi_deg=phi, speed=0.1, **start)
-
-
 @pytest.mark.parametrize(
     ("run", "motion"),
     [
         ("pen_plate_seedA", Straight(speed=0.1)),
-        ("plate_b30_psi30_phi60", plate(30, 30, 60)),
-        ("plate_b60_psi0_phi30", plate(60, 0, 30)),
-        ("plate_b60_psi30_phi30", plate(60, 30, 30)),
-        ("plate_b90_psi0_phi0", plate(90, 0, 0, depth=0.035)),
-        ("plate_b90_psi30_phi0", plate(90, 30, 0, depth=0.035)),
-        ("plate_b90_psi90_phi0", plate(90, 90, 0, depth=0.035)),
-        ("ellipsoid_straight", OscillatingInsertion(amplitude_deg=0.0, speed=0.04)),
+        ("plate_b60_psi30_phi30", PlateDrag(beta_deg=60, psi_deg=30, phi_deg=30, speed=0.1)),
+        ("plate_b90_psi90_phi0", PlateDrag(beta_deg=90, psi_deg=90, phi_deg=0, speed=0.1, depth=0.035)),
         ("ellipsoid_osc9deg_5Hz", OscillatingInsertion(frequency=5.0, speed=0.04)),
         ("root_insert_tilt10", Straight(speed=0.1, tilt_deg=10.0)),
         ("root_helix_P40_tilt10", Circumnutation(pitch=0.04, rate_deg_s=540.0)),

@@ -21,6 +21,7 @@ from rft_ros.rft import MEDIA, Plates, alpha_y_model, treers2021
 from rft_ros.tool import Tool
 
 SECOND = 1_000_000_000
+MS = SECOND // 1000
 START = 100 * SECOND
 LEVEL = (0.0, 0.0, 0.0, 1.0)
 AREA = 4e-4

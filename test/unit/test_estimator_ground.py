@@ -5,14 +5,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_plate import SECOND, START, plate_model, pose, push, twist
+from one_plate import MS, SECOND, START, plate_model, pose, push, twist
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.ground import DELAY, Cloud, HeightMap
 
-MS = SECOND // 1000
 CELL = 0.004
 AXIS = CELL * (np.arange(-30, 30) + 0.5)
 X, Y = (v.ravel() for v in np.meshgrid(AXIS, AXIS, indexing="ij"))

@@ -4,14 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_plate import LEVEL, SECOND, START, about, estimator, measurement, plate_model, pose, push, twist, wrench
+from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, plate_model, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, LoadCell, Reason
 from rft_ros.rft import checked_states, wrenches
 from rft_ros.tool import load_tool
 
-MS = SECOND // 1000
 AGE = 100 * MS  # the default max_input_age
 GRAVITY = 9.80665
 ORIENTATIONS = [tuple(q) for q in Rotation.random(20, random_state=3).as_quat().tolist()]

@@ -5,13 +5,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_plate import LEVEL, SECOND, START, about, estimator, measurement, pose, push, twist, wrench
+from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, pose, push, twist, wrench
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, LoadCell
 from rft_ros.estimator.load_cell import drift
 
-MS = SECOND // 1000
 AIR, GRAINS = (0.0, 0.0, 0.05), (0.0, 0.0, -0.01)
 STILL, MOVING = (0.0, 0.0, 0.0), (0.0, 0.0, -0.02)
 READING = (0.5, -0.25, 1.8, 0.01, 0.02, -0.03)

@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_plate import LEVEL, SECOND, START, estimator, pose, push, twist
+from one_plate import LEVEL, MS, SECOND, START, estimator, pose, push, twist
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Reason
 from rft_ros.estimator.motion import PoseDifference
 
-MS = SECOND // 1000
 speeds = st.floats(-0.5, 0.5)
 rates = st.floats(-3.0, 3.0)
 

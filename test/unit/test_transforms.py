@@ -7,13 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_plate import SECOND, START, estimator, pose, push, twist, wrench
+from one_plate import MS, SECOND, START, estimator, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, LoadCell, Reason, TransformSample
 from rft_ros.estimator.transforms import Placement, Transforms
 
-MS = SECOND // 1000
 AGE = 100 * MS
 numbers = st.floats(-2.0, 2.0)
 places = st.tuples(numbers, numbers, numbers)
