@@ -1,5 +1,6 @@
 import contextlib
 import itertools
+import os
 import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -9,9 +10,10 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ros[ros]'")
 sys.path.insert(0, str(Path(__file__).parent))
 
-from harness import Harness, NodeProcess, own_domain
+from distribution import own_domain
+from harness import Harness, NodeProcess
 
-own_domain()
+os.environ.update(own_domain())
 
 
 @pytest.fixture(scope="session", autouse=True)

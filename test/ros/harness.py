@@ -1,18 +1,14 @@
 """A node `rft` over real DDS, in this process or its own, and a peer that feeds it and collects its answers."""
 
 import ctypes
-import fcntl
 import itertools
-import os
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Callable, Mapping
 from functools import cache
 from pathlib import Path
-from typing import IO
 from unittest import mock
 
 import numpy as np
@@ -37,7 +33,6 @@ OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_res
 NODE = (sys.executable, "-m", "rft_ros.node.main", "--ros-args")
 WAIT = 600.0  # s: other work may keep every core busy, and a first start compiles
 _NUMBERS = itertools.count()
-_LOCKS: list[IO[str]] = []  # held as long as the process lives
 
 
 class InlineWorker:
@@ -324,18 +319,3 @@ def parameters(values: Mapping[str, object]) -> list[ParameterMessage]:
 
 def stamp_of(message: object) -> int:
     return message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-
-
-def own_domain() -> None:
-    """A DDS domain that no other test process of this machine has, on loopback."""
-    for domain in range(10, 100):
-        lock = (Path(tempfile.gettempdir()) / f"rft_ros_domain_{domain}.lock").open("w")
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            lock.close()
-            continue
-        _LOCKS.append(lock)
-        os.environ["ROS_DOMAIN_ID"] = str(domain)
-        break
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 import rclpy
-from harness import NodeProcess, own_domain, parameters, stamp_of
+from distribution import own_domain
+from harness import NodeProcess, parameters, stamp_of
 from rcl_interfaces.srv import SetParameters
 
 _POSE_REASONS = ("twist_missing", "twist_stale", "at_rest", "estimate_not_finite")  # and all that begin with pose_
@@ -127,7 +128,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--learning", choices=("off", "observe", "apply"), default="off", help="learning.mode")
     arguments = parser.parse_args()
-    own_domain()
+    os.environ.update(own_domain())
     rclpy.init()
     with tempfile.TemporaryDirectory() as folder:
         given = ("-p", "mesh.file:=plate", "-p", f"learning.mode:={arguments.learning}")

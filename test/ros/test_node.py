@@ -1,7 +1,5 @@
 """The node as a user meets it: parameters, topics and services over DDS."""
 
-import os
-
 import numpy as np
 import pytest
 from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of
@@ -57,18 +55,12 @@ def test_laws_densities_and_memory_change_without_a_restart(rft):
 
 
 def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without_quoting_it(rft, tmp_path):
-    table, secret, fifo = (tmp_path / name for name in ("alpha_y.csv", "secret.csv", "fifo.csv"))
+    table, secret = tmp_path / "alpha_y.csv", tmp_path / "secret.csv"
     table.write_text("beta,alpha_y\n0,0.2035\n180,0.0\n")
     secret.write_text("beta,alpha_y\nroot:hunter2\n")
-    os.mkfifo(fifo)
     assert "alpha_y.table" in refusal(rft, alpha_y__model="table")
-    for file, why in (
-        (tmp_path / "none.csv", "does not exist; give the path"),
-        ("~no_such_user/table.csv", "does not exist; give the path"),
-        (fifo, "is not a regular file"),
-        ("/dev/zero", "is not a regular file"),
-    ):
-        assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=str(file))
+    for file, why in (("~nobody_1/table.csv", "does not exist; give the path"), ("/dev/zero", "is not a regular file")):
+        assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=file)
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
     assert refusal(rft, alpha_y__table=str(secret)) == f"alpha_y.table '{secret}' line 2 is not numbers"
     assert rft.get("alpha_y.table").string_value == str(table)

@@ -23,14 +23,6 @@ from rft_ros.node.rft_node import RftNode
 S = 1_000_000_000
 
 
-def test_two_nodes_in_two_namespaces_answer_their_own_poses(start_node):
-    one = start_node("-p", "mesh.file:=plate").wait_ready()
-    two = start_node("-p", "mesh.file:=plate", "-p", "medium.zeta:=2.0").wait_ready()
-    np.testing.assert_array_equal(numbers(one.ask(10 * S)), predicted_by_the_core())
-    np.testing.assert_allclose(numbers(two.ask(10 * S)), predicted_by_the_core(zeta=2.0), rtol=1e-15)
-    assert len(one.received["wrench_predicted"]) == len(two.received["wrench_predicted"]) == 1
-
-
 def test_a_driver_that_dies_and_returns_is_taken_up_again(rft):
     rft.ask(rft.moment())
     rft.close_inputs()

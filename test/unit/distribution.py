@@ -1,15 +1,19 @@
 """The project as someone else gets it: a clean copy, its manifest, and its node started there."""
 
 import ast
+import contextlib
+import fcntl
 import os
 import shutil
 import sys
+import tempfile
 import zipfile
 from collections.abc import Iterable
 from email import message_from_bytes
+from functools import cache
 from importlib.metadata import Distribution, distribution
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
 
 import pytest
 
@@ -17,6 +21,7 @@ if TYPE_CHECKING:
     from catkin_pkg.package import Package
 
 ROOT = Path(__file__).resolve().parents[2]
+_LOCKS: list[IO[str]] = []  # held as long as the process lives
 
 _OF_ROS = ("AMENT_", "CMAKE_PREFIX_PATH", "COLCON_", "LD_LIBRARY_PATH", "PYTHONPATH", "RMW_", "ROS_", "_ROS_WHEELS_")
 
@@ -85,9 +90,16 @@ def without_ros() -> dict[str, str]:
     return {k: v for k, v in os.environ.items() if not k.startswith(_OF_ROS)}
 
 
+@cache
 def own_domain() -> dict[str, str]:
-    """Variables for a ROS domain that no other test's node is in."""
-    return {"ROS_DOMAIN_ID": str(10 + os.getpid() % 90), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    """Variables for a ROS domain on loopback that no other test process of this machine is in."""
+    for domain in range(10, 100):
+        lock = (Path(tempfile.gettempdir()) / f"rft_ros_domain_{domain}.lock").open("w")
+        with contextlib.suppress(BlockingIOError):
+            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _LOCKS.append(lock)
+            return {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+    raise AssertionError("all ROS domains are taken")
 
 
 def manifest() -> "tuple[Package, list[str]]":

@@ -94,6 +94,13 @@ def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, co
     return path
 
 
+def write_run(path: Path, time, states, readings, **named) -> Path:
+    """A bag of what a load cell reads, twist and pose at each moment [s]; `named`: `topics` and `frames`."""
+    columns = {"wrench": readings, "twist": states[:, 7:13], "pose": states[:, :7]}
+    stamps = [START + round(t * 1e9) for t in time]
+    return write_ros2(path, [(r, t, t, columns[r][k]) for k, t in enumerate(stamps) for r in columns], **named)
+
+
 def write_messages(path: Path, messages) -> Path:
     """A bag of (log time, topic, type, bytes), in the order of their times."""
     with BagWriter(path) as bag:

@@ -6,7 +6,7 @@ import os
 import numpy as np
 import pytest
 import yaml
-from recordings import START, plunge, write_ros2
+from recordings import plunge, write_ros2, write_run
 from synthetic_track import LOAD_CELL, dragged, grain_wrenches, in_the_air, law, parameters, read_by, unknown
 
 from rft_ros.bags.playback import read_replay_options
@@ -15,15 +15,6 @@ from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.parameters import defaults, model_of, read_parameter_file
 from rft_ros.tool import locate_mesh
-
-
-def write_bag(path, time, states, readings):
-    """Pose, twist and wrench of every moment."""
-
-    columns = {"wrench": readings, "twist": states[:, 7:13], "pose": states[:, :7]}
-    stamps = [START + round(t * 1e9) for t in time]
-    rows = ((role, s, s, tuple(columns[role][k])) for k, s in enumerate(stamps) for role in columns)
-    return write_ros2(path, rows)
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +32,7 @@ def cell(tmp_path_factory):
         scenes[name] = time, states
     for name, (time, states) in scenes.items():
         readings = read_by(LOAD_CELL, states, grains[name], np.random.default_rng(1), noise=(0.1, 0.002))
-        write_bag(folder / name, time, states, readings)
+        write_run(folder / name, time, states, readings)
     given = {n: list(v) if isinstance(v, tuple) else v for n, v in unknown().items() if v != defaults()[n]}
     tree = {
         "/**": {"ros__parameters": given},

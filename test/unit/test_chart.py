@@ -77,20 +77,6 @@ def test_finer_meshes_take_longer_and_approach_the_converged_force(found):
         assert one.error == pytest.approx(other.error, rel=0.2)  # over fewer states
 
 
-def test_the_command_writes_a_picture_and_numbers(found, tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(chart, "scenes", lambda: iter([SMALL]))
-    monkeypatch.setattr(chart, "points", lambda scene: {SMALL.name: found}[scene.name])
-    assert main(["chart", "-o", str(tmp_path / "out")]) == 0
-    assert {f.name for f in (tmp_path / "out").iterdir()} == {f"chart.{kind}" for kind in ("png", "csv", "md")}
-    with (tmp_path / "out" / "chart.csv").open() as file:
-        rows = list(csv.DictReader(file))
-    assert {row["reduction"] for row in rows} == {FULL, MERGED, CHOSEN, NUMPY}
-    assert {"True", "False"} == {row["on_front"] for row in rows}
-    printed = capsys.readouterr().out
-    assert printed.startswith("Accuracy against time")
-    assert f"-> {tmp_path / 'out' / 'chart.png'}" in printed
-
-
 def test_the_chart_of_models_separates_the_choices(tmp_path, monkeypatch):
     monkeypatch.setattr(models, "median_seconds", lambda calls: [1e-3] * len(calls))  # tested above
     assert main(["models", "-o", str(tmp_path)]) == 0

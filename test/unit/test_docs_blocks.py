@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import yaml
 from distribution import ROOT, own_domain, without_ros
-from recordings import POSE, START, WRENCH, write_ros2
+from recordings import POSE, WRENCH, write_run
 from synthetic_track import LOAD_CELL, grain_wrenches, law, read_by
 from synthetic_track import Path as Way
 from test_cli import rft
@@ -162,11 +162,7 @@ def _recording(folder: Path, time: np.ndarray, states: np.ndarray, *, seed: int)
     grains = grain_wrenches(time, states, law(0.9), surface=_SURFACE, length=0.003)
     cell = LoadCell(bias=LOAD_CELL.bias)
     readings = read_by(cell, states, grains, np.random.default_rng(seed), noise=(0.05, 0.002))
-    rows = []
-    for t, state, reading in zip(time, states, readings, strict=True):
-        stamp = START + round(1e9 * t)
-        rows += [("wrench", stamp, stamp, reading), ("pose", stamp, stamp, state[:7])]
-    write_ros2(folder, rows, topics=_TOPICS, frames=_FRAMES)
+    write_run(folder, time, states, readings, topics=_TOPICS, frames=_FRAMES)
 
 
 WITH_CODE = [page for page in PAGES if any(b.language in RUN and b.mark is None for b in blocks(page))]
