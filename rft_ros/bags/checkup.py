@@ -107,8 +107,8 @@ class Checkup:
     def _of_tool(self, rows: Rows) -> Finding:
         tool = self._estimator.model.tool
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
-        if said := [issue.message for issue in tool.issues if issue.kind == "size"]:
-            return Finding(False, f"mesh {tool.name}: {extents} mm: {said[0]}")
+        if said := tool.issues.get("size"):
+            return Finding(False, f"mesh {tool.name}: {extents} mm: {said}")
         deepest = 1e3 * rows["depth"].max(initial=0.0)
         depth = f", at most {deepest:.4g} mm below the surface" if deepest > 0.0 else ""
         return Finding(True, f"mesh {tool.name}: {extents} mm{depth}")

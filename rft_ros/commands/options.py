@@ -81,8 +81,8 @@ def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[
 
 def warn_of(tool: Tool) -> None:
     """Print the issues of a tool's mesh on stderr."""
-    for issue in tool.issues:
-        print(f"warning: {tool.name}: {issue.message}", file=sys.stderr, flush=True)
+    for issue in tool.issues.values():
+        print(f"warning: {tool.name}: {issue}", file=sys.stderr, flush=True)
 
 
 def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:

@@ -1,6 +1,7 @@
 """Commands about a tool: check its mesh, reduce its plates, try variants of its design."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -67,8 +68,8 @@ def reduce(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
         else:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
-    save_reduced(output, tool, plates, reduction, scale=scale, origin=origin)
-    print(f"{tool.name} for {reduction.motions}, {plates.integration}: {reduction} -> {output}")
+    save_reduced(output, replace(tool, plates=plates, reduction=reduction), scale=scale, origin=origin)
+    print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
     place = " ".join(f"{v:g}" for v in origin)
     print(f"its lengths are the mesh's: use it with the same scale, {scale:g}, and origin, {place}")
     return 0

@@ -175,9 +175,8 @@ class QualityMonitor:
 
     def __init__(self, tool: Tool) -> None:
         self._plates, self._path = tool.plates, _Path(tool)
-        kinds = {issue.kind for issue in tool.issues}
-        self._of_tool = QualityFlag.CONCAVE.value if "concave" in kinds else 0
-        self._of_tool |= QualityFlag.MESH.value if kinds - _HARMLESS else 0
+        self._of_tool = QualityFlag.CONCAVE.value if "concave" in tool.issues else 0
+        self._of_tool |= QualityFlag.MESH.value if tool.issues.keys() - _HARMLESS else 0
         self._countdown = self._slow = 0
 
     def flags(

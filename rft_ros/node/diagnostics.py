@@ -149,7 +149,7 @@ class Diagnostics:
             "preparing": self._swap.preparing,
             "last_swap_failure": self._swap.last_failure,
         }
-        problems = self._swap.last_failure or "; ".join(issue.message for issue in model.tool.issues)
+        problems = self._swap.last_failure or "; ".join(model.tool.issues.values())
         return self._status("model", values, problems, "in force")
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:

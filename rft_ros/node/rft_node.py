@@ -116,8 +116,8 @@ class RftNode(Node):
         plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
         law = f"law {m.law_name}, medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
         self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {law}")
-        for issue in m.tool.issues:
-            self.get_logger().warning(f"mesh {m.tool.name}: {issue.message}")
+        for issue in m.tool.issues.values():
+            self.get_logger().warning(f"mesh {m.tool.name}: {issue}")
 
     def end(self) -> None:
         """Leave nothing standing: ramp the feed-forward to zero."""

@@ -1,7 +1,6 @@
 """Issues of a usable mesh: holes, winding, hollows, units; each a sentence with numbers."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -21,17 +20,11 @@ _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a 
 _CONCAVE_SHARE = 0.05  # of the area
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 
-
 _Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
-_Kind = Literal[_Surface, "concave", "size"]
+MeshIssue = Literal[_Surface, "concave", "size"]
+"""The kinds of issues."""
 
-
-@dataclass(frozen=True, slots=True)
-class MeshIssue:
-    """One issue of a mesh: its kind, and a sentence with numbers."""
-
-    kind: _Kind
-    message: str
+_Issues = Iterator[tuple[MeshIssue, str]]
 
 
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
@@ -41,10 +34,10 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1) <= _COLLINEAR * longest**2)
 
 
-def check_mesh(mesh: "trimesh.Trimesh") -> tuple[MeshIssue, ...]:
-    """Issues of a mesh in metres. At least one of its facets must have an area."""
+def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
+    """Issues of a mesh in metres: a sentence by kind. At least one of its facets must have an area."""
     degenerate, volume = degenerate_facets(mesh), _volume_if_closed(mesh)
-    return (*_of_surface(mesh, degenerate, volume), *_of_shape(mesh, degenerate, volume))
+    return dict([*_of_surface(mesh, degenerate, volume), *_of_shape(mesh, degenerate, volume)])
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
@@ -55,31 +48,30 @@ def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if closed else 0.0
 
 
-def _of_surface(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> Iterator[MeshIssue]:
+def _of_surface(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> _Issues:
     """Issues of single facets, of how they join, and of their winding."""
     import trimesh
 
     if degenerate.any():
-        message = f"{degenerate.sum():,} of {len(mesh.faces):,} facets have no area and are dropped"
-        yield MeshIssue("degenerate_facets", message)
+        yield "degenerate_facets", f"{degenerate.sum():,} of {len(mesh.faces):,} facets have no area and are dropped"
 
     joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
     a, b, c = joined.faces.T
     joined.update_faces((a != b) & (b != c) & (c != a))
     if open_edges := int((np.bincount(joined.edges_unique_inverse) == 1).sum()):
-        yield MeshIssue("not_closed", f"the surface is not closed (open edges: {open_edges:,})")
+        yield "not_closed", f"the surface is not closed (open edges: {open_edges:,})"
     if not joined.is_winding_consistent:
-        yield MeshIssue("inconsistent_winding", "the winding is inconsistent: some facets face outward, others inward")
+        yield "inconsistent_winding", "the winding is inconsistent: some facets face outward, others inward"
     elif volume < 0.0:
-        message = f"the surface is inside out (volume {volume * 1e6:.3g} cm³), so trailing facets count as leading"
-        yield MeshIssue("inside_out", message)
+        turned = f"the surface is inside out (volume {volume * 1e6:.3g} cm³)"
+        yield "inside_out", f"{turned}, so trailing facets count as leading"
     first = joined.faces.argmin(axis=1)[:, None]
     same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
     if repeated := len(same_start) - len(np.unique(same_start, axis=0)):
-        yield MeshIssue("duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}")
+        yield "duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}"
 
 
-def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> Iterator[MeshIssue]:
+def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> _Issues:
     """Facets with other parts of the tool in front of them, whose shielding RFT ignores; the size."""
     keep = np.flatnonzero(~degenerate)
     keep = keep[:: 1 + len(keep) // _SAMPLED]
@@ -93,7 +85,7 @@ def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: fl
     beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
     share = float(area[beyond > _HOLLOW * mesh.extents.max()].sum() / area.sum())
     if share > _CONCAVE_SHARE:
-        yield MeshIssue(
+        yield (
             "concave",
             f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it;"
             " if grains fill them, use the convex hull (docs/where-it-fails.md)",
@@ -104,4 +96,4 @@ def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: fl
         factor *= step
     if factor != 1.0:
         meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale (--scale) by {factor:g}"
-        yield MeshIssue("size", f"the largest extent is {extent:.3g} m; {meant}")
+        yield "size", f"the largest extent is {extent:.3g} m; {meant}"

@@ -1,19 +1,17 @@
 """Files of tools: find a mesh, read it and place it in the tool frame; write and read reduced tools.
 
 A reduced tool's file (.npz without pickle) is accepted wherever a mesh file is. Its arrays: `vertices` [n, 3] and
-`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: JSON with the format and
-the `Reduction`. Lengths are in the mesh file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the same
-as for the mesh.
+`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: the format, and how the
+plates were chosen. Lengths are in the mesh file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the
+same as for the mesh.
 """
 
 import io
-import json
 import logging
 import math
 import os
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
@@ -27,7 +25,6 @@ from rft_ros.installation import share_directory
 from rft_ros.rft import Plates
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.tool.check import degenerate_facets
-from rft_ros.tool.reduce import Reduction
 
 if TYPE_CHECKING:
     import trimesh
@@ -41,7 +38,7 @@ Array = NDArray[np.float64]
 SUFFIX = ".npz"
 """Suffix of a reduced tool's file."""
 
-_FORMAT = "rft_ros reduced tool 1"
+_FORMAT = "rft_ros reduced tool 2"
 _SCHEMES = "package://", "file://"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
@@ -183,36 +180,33 @@ def _placed(rows: Array, scale: float, shift: Array) -> Plates:
     return Plates(out)
 
 
-def save_reduced(
-    file: Path, tool: "Tool", plates: Plates, reduction: Reduction, *, scale: float, origin: Sequence[float]
-) -> None:
+def save_reduced(file: Path, tool: "Tool", *, scale: float, origin: Sequence[float]) -> None:
     """Write a reduced tool for `load_tool`; `scale` and `origin` are those that `tool` was loaded with.
 
     The same content gives the same bytes. Raises InputError where the file cannot be written.
     """
     shift = np.array(origin, dtype=np.float64)
-    about = {"format": _FORMAT, "reduction": asdict(reduction)}
     with whole(file) as part, part.open("wb") as stream:
         np.savez(
             stream,
             vertices=tool.vertices / scale + shift,
             faces=tool.faces,
-            plates=_placed(plates.rows, 1.0 / scale, -shift * scale).rows,
-            about=np.array(json.dumps(about)),
+            plates=_placed(tool.plates.rows, 1.0 / scale, -shift * scale).rows,
+            about=np.array([_FORMAT, tool.reduction]),
         )
 
 
-def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple["trimesh.Trimesh", Plates, Reduction]:
+def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple["trimesh.Trimesh", Plates, str]:
     """The full mesh, the plates and the reduction that `save_reduced` wrote, placed as `read_mesh` places a mesh.
 
     Raises as `read_mesh`.
     """
-    vertices, faces, rows, text = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
+    vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
-        about = json.loads(str(text))
-        plates, reduction, vertices = Plates(rows), Reduction(**about["reduction"]), vertices.astype(np.float64)
-        if about["format"] != _FORMAT or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
-            raise ValueError(f"its format is '{about['format']}', or its facets are not of three of its vertices")
+        form, reduction = about.ravel().tolist()
+        plates, vertices = Plates(rows), vertices.astype(np.float64)
+        if form != _FORMAT or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
+            raise ValueError(f"its format is '{form}', or its facets are not of three of its vertices")
         mesh = _in_tool_frame(vertices, faces, file, scale, origin)
         return mesh, _placed(plates.rows, scale, np.asarray(origin, dtype=np.float64)), reduction
     except InputError:

@@ -9,7 +9,6 @@ chose no plates, measure the error. The same tool always gives the same plates.
 
 from bisect import bisect_left
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from itertools import takewhile
 
 import numpy as np
@@ -27,10 +26,7 @@ from rft_ros.rft import (
     wrenches,
 )
 
-__all__ = [
-    *("Reduction", "chosen_plates", "merged_plates"),
-    *("random_motions", "reduced_for_any_motion", "reduced_for_scene"),
-]
+__all__ = ["chosen_plates", "merged_plates", "random_motions", "reduced_for_any_motion", "reduced_for_scene"]
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -56,29 +52,12 @@ _FAINT = 1e-3  # of the strongest plate: weaker ones would get meaningless areas
 _RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable for plates that are alike
 
 
-@dataclass(frozen=True, slots=True)
-class Reduction:
-    """Result of a reduction.
+def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, str]:
+    """The fewest plates within the tolerance, and a sentence on them.
 
-    `facets`: number of plates of the full tool. `plates`: of the reduced tool. `error`: 95th percentile over `motions`,
-    relative to each state's own force (any motion) or to the greatest force (a scene). `tolerance`: of that error.
+    `corners`: of the tool's convex hull [m], shape [k, 3]. `tolerance`: of the error over random motions, at the 95th
+    percentile, relative to each state's own force.
     """
-
-    facets: int
-    plates: int
-    error: float
-    tolerance: float
-    motions: str
-
-    def __str__(self) -> str:
-        """Such as "2,352 facets -> 148 plates, 1.8 % at the 95th percentile"."""
-        if self.plates == self.facets:
-            return f"{self.facets:,} facets, all of them needed for {100.0 * self.tolerance:g} %"
-        return f"{self.facets:,} facets -> {self.plates:,} plates, {100.0 * self.error:.1f} % at the 95th percentile"
-
-
-def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance; `corners`: of the tool's convex hull [m], shape [k, 3]."""
     error_of = _error_over(random_motions(corners, _STATES, seed=1), plates, own_force=True)
 
     def within(count: int) -> bool:
@@ -87,14 +66,14 @@ def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> 
     counts = _COUNTS[_WORTH * len(plates) >= _COUNTS].tolist()
     best = bisect_left(counts, True, key=within)
     few = merged_plates(plates, counts[best]) if best < len(counts) else plates
-    return few, Reduction(len(plates), len(few), error_of(few), tolerance, motions="any motion")
+    return few, _reduction(plates, few, error_of(few), "any motion")
 
 
-def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[Plates, Reduction]:
-    """The fewest plates within the tolerance over a scene's states.
+def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[Plates, str]:
+    """The fewest plates within the tolerance over a scene's states, and a sentence on them.
 
-    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. InputError where there are too few
-    states, or none with a force.
+    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. `tolerance`: as for any motion, but
+    relative to the greatest force. InputError where there are too few states, or none with a force.
     """
     if len(states) < _FEWEST_STATES:
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
@@ -102,8 +81,11 @@ def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[
     error_of = _error_over(_halfway(states, plates.reach)[third], plates, own_force=False)
     candidates = takewhile(lambda few: len(few) <= _WORTH * len(plates), chosen_plates(plates, states[~third]))
     few = next((few for few in candidates if error_of(few) <= tolerance), plates)
-    motions = f"a scene of {len(states):,} states"
-    return few, Reduction(len(plates), len(few), error_of(few), tolerance, motions)
+    return few, _reduction(plates, few, error_of(few), f"a scene of {len(states):,} states")
+
+
+def _reduction(full: Plates, few: Plates, error: float, motions: str) -> str:
+    return f"{len(full):,} facets -> {len(few):,} plates, {100.0 * error:.1f} % at the 95th percentile of {motions}"
 
 
 def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[Plates], float]:

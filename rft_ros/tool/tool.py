@@ -14,7 +14,7 @@ from rft_ros.rft import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
-from rft_ros.tool.reduce import Reduction, reduced_for_any_motion
+from rft_ros.tool.reduce import reduced_for_any_motion
 from rft_ros.tool.refine import refined_plates
 
 if TYPE_CHECKING:
@@ -29,8 +29,8 @@ class Tool:
 
     `name`: the mesh file's stem. `file`: its path. `plates`: the plates whose wrenches are summed. `facets`: one plate
     per face, in the same order; the same object as `plates` unless the tool was reduced. `vertices`: shape [n, 3].
-    `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside. `issues`: of the mesh. `corners`:
-    vertices of the convex hull, shape [k, 3]. `reduction`: how `plates` came from `facets`, if one was requested.
+    `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside. `issues` of the mesh: sentences by
+    kind. `corners`: vertices of the convex hull, shape [k, 3]. `reduction`: how `plates` came from `facets`, or "".
     """
 
     name: str
@@ -39,9 +39,9 @@ class Tool:
     facets: Plates
     vertices: NDArray[np.float64]
     faces: NDArray[np.int64]
-    issues: tuple[MeshIssue, ...]
+    issues: dict[MeshIssue, str]
     corners: NDArray[np.float64]
-    reduction: Reduction | None = None
+    reduction: str = ""
 
     def lowest_point(self, rotation: NDArray[np.float64]) -> float:
         """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3]."""
@@ -93,7 +93,7 @@ def tool_of_mesh(
     corners = np.unique(vertices[np.unique(faces)], axis=0)
     with suppress(QhullError):  # they span no volume
         corners = corners[ConvexHull(corners).vertices]
-    plates, reduction = facets, None
+    plates, reduction = facets, ""
     if tolerance > 0.0:
         plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
     return Tool(name, file, plates, facets, vertices, faces, check_mesh(mesh), corners, reduction)
@@ -124,14 +124,14 @@ def describe_tool(tool: Tool) -> list[str]:
     x, y, z, nx, ny, nz, area = tool.facets.packed
     lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]
     if tool.reduction:
-        lines.append(f"reduced for {tool.reduction.motions}: {tool.reduction}")
+        lines.append(f"reduced: {tool.reduction}")
     for axis, low, high in zip("xyz", used.min(axis=0), used.max(axis=0), strict=True):
         lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
     below = -1e3 * tool.lowest_point(np.eye(3))
     side = "below" if below >= 0.0 else "above"
     lines.append(f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)")
     lines.append(f"area: {tool.facets.area * 1e6:.1f} mm²")
-    if not {"not_closed", "inconsistent_winding"} & {f.kind for f in tool.issues}:
+    if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
         volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
         lines.append(f"volume: {volume * 1e9:.1f} mm³")
-    return lines + [f"warning: {f.message}" for f in tool.issues]
+    return lines + [f"warning: {issue}" for issue in tool.issues.values()]

@@ -1,5 +1,7 @@
 """How few plates the paper's bodies need: errors at the 95th percentile over motions not used for the choice."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -39,7 +41,8 @@ def at_random_times(motion):
 def test_a_scene_of_the_paper_needs_few_facets_for_1_percent_of_its_peak_force(body, name, share, rule):
     tool, motion = body(name, rule), SCENES[name]
     plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.02)[1]), 0.0095)
-    assert len(plates) == reduction.plates <= share * len(tool.facets)
+    assert len(plates) <= share * len(tool.facets)
+    assert f"-> {len(plates):,} plates" in reduction
     for law in (CONSTANT, LINEAR):
         assert percentile_95(tool, plates, law, at_random_times(motion), of_peak=True) < 0.01
 
@@ -49,16 +52,16 @@ def test_the_reported_error_is_measured_between_samples_that_repeat_the_same_pha
     tool, motion = body("ellipsoid-exp", "centroid"), SCENES["ellipsoid-exp"]
     plates, reduction = reduced_for_scene(tool.facets, checked_states(sample_every(motion, 0.1)[1]), 0.01)
     error = percentile_95(tool, plates, LINEAR, at_random_times(motion), of_peak=True)
-    assert reduction.error > 0.7 * error > 0.007
+    reported = float(re.search(r", (.*) % at", reduction)[1]) / 100.0
+    assert reported > 0.7 * error > 0.007
 
 
 @pytest.mark.parametrize(("rule", "most"), [("refined", 200), ("centroid", 560)])
 def test_the_ellipsoid_in_any_motion_needs_few_plates_for_2_5_percent_of_its_own_force(body, rule, most):
     """From a quarter submerged to deep."""
     tool = body("ellipsoid-exp", rule)
-    plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, 0.025)
+    plates, _ = reduced_for_any_motion(tool.facets, tool.corners, 0.025)
     assert len(plates) <= most
-    assert reduction.error <= 0.025
     others = (agarwal2023(), agarwal2023(density=1500.0), treers2021(GENERIC, LINEAR.alpha_y, density=1500.0))
     for law in (CONSTANT, LINEAR, *others):  # plates are chosen with the first two
         assert percentile_95(tool, plates, law, random_motions(tool.corners, 3000, seed=99)) < 0.026, law

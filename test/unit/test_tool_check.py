@@ -29,7 +29,7 @@ def soup(triangles):
 )
 def test_a_good_mesh_or_soup_of_any_usual_size_has_no_issue_and_stays_as_it_is(mesh):
     before = mesh.triangles.copy()
-    assert check_mesh(mesh) == ()
+    assert check_mesh(mesh) == {}
     assert np.array_equal(mesh.triangles, before)
 
 
@@ -87,7 +87,7 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
     ],
 )
 def test_each_issue_is_named_with_numbers_and_no_other(mesh, issues):
-    said = {issue.kind: issue.message for issue in check_mesh(mesh)}
+    said = check_mesh(mesh)
     assert said.keys() == issues.keys()
     for kind, text in issues.items():
         assert text in said[kind]

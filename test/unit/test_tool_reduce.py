@@ -1,5 +1,6 @@
 """A tool no finer than its motions need: the same wrench within the tolerance, and ``rft reduce`` with its file."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +32,8 @@ def test_a_reduced_tool_keeps_the_tolerance_in_motions_that_it_was_not_chosen_by
     full, few = (wrenches(plates, LAW, states)[:, :3] for plates in (tool.facets, tool.plates))
     size, off = np.linalg.norm(full, axis=1), np.linalg.norm(few - full, axis=1)
     assert np.percentile(off[size > 0.0] / size[size > 0.0], 95.0) < 0.055
-    assert tool.reduction.error <= 0.05
-    said = f"{len(tool.facets):,} facets -> {len(tool.plates):,} plates, {100.0 * tool.reduction.error:.1f} %"
-    assert str(tool.reduction) == f"{said} at the 95th percentile"
+    said = f"{len(tool.facets):,} facets -> {len(tool.plates):,} plates, "
+    assert re.fullmatch(rf"{said}(4\.\d|5\.0) % at the 95th percentile of any motion", tool.reduction)
 
 
 def test_a_smaller_tolerance_takes_more_plates_and_zero_all_of_them():
@@ -41,14 +41,14 @@ def test_a_smaller_tolerance_takes_more_plates_and_zero_all_of_them():
     assert counts == sorted(set(counts))
     tool = load_tool("plate", tolerance=0.0)
     assert tool.plates is tool.facets
-    assert tool.reduction is None
+    assert tool.reduction == ""
 
 
 def test_a_tool_that_needs_all_its_facets_keeps_them_and_says_so(tmp_path):
     trimesh.creation.box((20.0, 30.0, 40.0)).export(tmp_path / "box.stl")
     tool = load_tool(str(tmp_path / "box.stl"), tolerance=0.01)
     assert tool.plates is tool.facets
-    assert str(tool.reduction) == "12 facets, all of them needed for 1 %"
+    assert tool.reduction.startswith("12 facets -> 12 plates, 0.0 %")
 
 
 @pytest.mark.parametrize("tolerance", [-0.1, 1.5, float("nan")])
@@ -84,8 +84,7 @@ def test_a_scene_needs_few_plates_and_they_are_facets_with_other_areas():
     tool = load_tool("ellipsoid")
     scene, said = reduced_for_scene(tool.facets, INSERTION, 0.025)
     assert len(scene) < 0.02 * len(tool.facets)
-    assert said.error <= 0.025
-    assert said.motions == "a scene of 240 states"
+    assert said.endswith(" % at the 95th percentile of a scene of 240 states")
     assert (scene.packed[6] > 0.0).all()
     assert {tuple(place) for place in scene.packed[:3].T} <= {tuple(place) for place in tool.facets.packed[:3].T}
 
@@ -144,14 +143,13 @@ def test_scale_and_origin_mean_what_they_mean_for_the_mesh(of_refined):
 def test_the_line_says_what_was_done_and_the_same_command_gives_the_same_bytes(tmp_path, capsys):
     one, two = (reduce(tmp_path, "--tolerance", "0.1", mesh="plate", name=name) for name in ("one.npz", "two.npz"))
     said = capsys.readouterr().out
-    for text in ("plate for any motion, refined: 672 facets -> ", " % at the 95th percentile"):
+    for text in ("plate, refined: 672 facets -> ", " % at the 95th percentile of any motion"):
         assert text in said
     assert Path(one).read_bytes() == Path(two).read_bytes()
     tool = load_tool(one)
-    assert len(tool.plates) == tool.reduction.plates < 60
-    assert 0.0 < tool.reduction.error <= 0.1
+    assert len(tool.plates) < 60
     assert main(["check-mesh", one]) == 0
-    assert "reduced for any motion: 672 facets -> " in capsys.readouterr().out
+    assert f"reduced: 672 facets -> {len(tool.plates)} plates" in capsys.readouterr().out
 
 
 def write_states(file, height=0.0):
@@ -189,7 +187,7 @@ def test_a_recorded_bag_is_a_scene_too(tmp_path):
     bag = ("--scene", str(tmp_path / "bag"), "--params", str(tmp_path / "cell.yaml"))
     tool = load_tool(reduce(tmp_path, *bag, mesh="plate"))
     assert len(tool.plates) < 0.1 * len(tool.facets)
-    assert tool.reduction.motions.startswith("a scene of ")
+    assert " of a scene of " in tool.reduction
 
 
 def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
@@ -218,8 +216,8 @@ def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, opti
     ("change", "message"),
     [
         (lambda c: c.pop("plates"), "plates"),
-        (lambda c: c.update(about=np.array("{}")), "reduction"),
-        (lambda c: c.update(about=np.array("no json")), "Expecting value"),
+        (lambda c: c.update(about=np.array("{}")), "not enough values"),
+        (lambda c: c.update(about=c["about"][::-1]), "its format is '672 facets"),
         (lambda c: c["plates"].__setitem__((0, 0), 1e308), "must be finite"),
         (lambda c: c.update(plates=c["plates"][:5]), "plates have 7 rows, or 14"),
         (lambda c: c.update(vertices=c["vertices"][:, :2]), "its facets are not of three of its vertices"),

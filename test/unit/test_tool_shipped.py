@@ -47,7 +47,7 @@ def test_each_shipped_mesh_is_what_its_script_makes_with_its_documented_dimensio
     assert GENERATE["stl"](name, GENERATE["meshes"]()[name]) == (MESHES / f"{name}.stl").read_bytes()
     low, high, facets, (volume, area) = EXPECTED[name]
     tool = load_tool(str(MESHES / f"{name}.stl"))
-    assert (tool.issues, len(tool.plates)) == ((), facets)
+    assert (tool.issues, len(tool.plates)) == ({}, facets)
     np.testing.assert_allclose(tool.vertices.min(axis=0), np.array(low) / 1e3, atol=1e-8)
     np.testing.assert_allclose(tool.vertices.max(axis=0), np.array(high) / 1e3, atol=1e-8)
     assert tool.plates.area == pytest.approx(area * 1e-6, rel=0.02)
