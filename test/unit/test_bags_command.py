@@ -121,12 +121,10 @@ def test_reasons_and_flags_that_did_not_occur_count_as_zero_and_what_has_no_valu
     ("text", "words"),
     [
         ("", "holds no metrics"),
-        ("- estimates", "holds no metrics"),
         ("estimates: [", "is not YAML"),
         ("estimates: {max: 2026-02-30}", "is not YAML: day is out of range for month"),
         ("estimates: 5", "estimates is 5; it must be {min: NUMBER, max: NUMBER}"),
         ("estimates: {least: 5}", "it must be {min: NUMBER, max: NUMBER}"),
-        ("estimates: {}", "it must be {min: NUMBER, max: NUMBER}"),
         ("estimates: {min: many}", "estimates is {'min': 'many'}; it must be {min: NUMBER"),
         ("estimates: {max: true}", "finite numbers"),
         ("estimates: {max: .nan}", "finite numbers"),
