@@ -104,6 +104,7 @@ def sweep(arguments: argparse.Namespace) -> int:
         raise InputError(f"--workers is {arguments.workers}; it must be at least 1")
     design, out = read_design(arguments.study), arguments.output
     options.refuse_inputs(arguments, out / "results.csv", also=design.files())
-    report = run(design, out, scheduler=arguments.scheduler, workers=arguments.workers)
-    print(report)
-    return 1 if report.failed == report.rows else 0  # every variant failed
+    computed, failed = run(design, out, scheduler=arguments.scheduler, workers=arguments.workers)
+    rows, table = len(design.variants), out / "results.csv"
+    print(f"{rows:,} variants, {computed:,} computed, {failed:,} without numbers -> {table}")
+    return 1 if failed == rows else 0

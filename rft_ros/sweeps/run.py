@@ -16,7 +16,7 @@ from functools import lru_cache
 from itertools import chain
 from multiprocessing import get_context, parent_process
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,7 +31,7 @@ from rft_ros.sweeps.design import Design, Variant, motion_of, parameters_of
 from rft_ros.sweeps.motions import sample
 from rft_ros.tool import Tool
 
-__all__ = ["RESULTS", "Report", "evaluate", "rows_of", "run"]
+__all__ = ["RESULTS", "evaluate", "rows_of", "run"]
 
 Array = NDArray[np.float64]
 
@@ -44,18 +44,6 @@ path of the tool frame's origin [m]; number of plates."""
 
 _CHUNKS, _MOST_ROWS = 32, 100  # enough chunks to share and to continue with; few enough for a scheduler: 1 ms a task
 _PATIENCE = 10.0  # with a scheduler [s]
-
-
-class Report(NamedTuple):
-    """The outcome of a run. `rows`: in the table; `computed`: by this run; `failed`: without numbers."""
-
-    file: Path
-    rows: int
-    computed: int
-    failed: int
-
-    def __str__(self) -> str:
-        return f"{self.rows:,} variants, {self.computed:,} computed, {self.failed:,} without numbers -> {self.file}"
 
 
 def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
@@ -111,11 +99,12 @@ def _cells(variant: Variant) -> dict[str, Any]:
     return {f"{part}.{key}": value for part, entry in variant._asdict().items() for key, value in entry.items()}
 
 
-def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int | None = None) -> Report:
+def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int | None = None) -> tuple[int, int]:
     """Compute the missing rows of a design and write ``results.csv`` to the folder `out`.
 
-    `scheduler`: address of a Dask scheduler, such as tcp://10.0.0.1:8786; without it, `workers` processes here
-    (default: one per core). The table has the same bytes however it was computed. Raises InputError.
+    Returns how many it computed, and how many of all have no numbers. `scheduler`: address of a Dask scheduler, such as
+    tcp://10.0.0.1:8786; without it, `workers` processes here (default: one per core). The table has the same bytes
+    however it was computed. Raises InputError.
     """
     variants, name, fingerprint = design.variants, design.file.stem, design.fingerprint()
     columns = [*dict.fromkeys(name for variant in variants for name in _cells(variant)), *RESULTS, "reason"]
@@ -136,7 +125,7 @@ def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int
                     update(done, f"{name}: {done:,} of {len(variants):,}")
         _write(table, chain([columns], *map(_read, chunks)))
         failed = sum(bool(row[-1]) for row in _read(table)) - 1  # but for the column's name
-    return Report(table, len(variants), computed, failed)
+    return computed, failed
 
 
 @contextmanager

@@ -14,7 +14,7 @@ import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import unquote, urlsplit
+from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,16 +67,14 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
         raise InputError(f"mesh.file is {file!r}; it must be a path or the name of a shipped mesh")
     file = os.fspath(file)
     if file.startswith(_SCHEMES):
-        try:
-            uri = urlsplit(file)
-        except ValueError as error:
-            raise InputError(f"mesh.file '{file}' is not a URI: {reason_of(error)}; write file:///PATH") from None
-        if uri.scheme == "package":
+        scheme, _, place = file.partition("://")
+        host, _, path = place.partition("/")
+        if scheme == "package":
             with file_errors(f"mesh.file '{file}'", "read"):
-                return share_directory(uri.netloc) / unquote(uri.path[1:])
-        if uri.netloc not in ("", "localhost"):
-            raise InputError(f"mesh.file '{file}' is on another machine, '{uri.netloc}'; write file:///PATH")
-        return Path(unquote(uri.path))
+                return share_directory(host) / unquote(path)
+        if host not in ("", "localhost"):
+            raise InputError(f"mesh.file '{file}' is on another machine, '{host}'; write file:///PATH")
+        return Path(unquote(f"/{path}"))
     if not is_mesh_path(file):
         shipped = {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
         if file in shipped:
