@@ -10,8 +10,10 @@ import argparse
 from pathlib import Path
 
 import matplotlib.pyplot as plt
+import mujoco
 import numpy as np
 
+from rft_ros.simulation import MujocoGrains
 from rft_ros.simulation.six_axis_arm import SixAxisArm
 
 SPEED = 0.02  # m/s
@@ -36,7 +38,7 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
 
     arm = SixAxisArm(given.mesh, stiffness=given.stiffness)
-    grains = arm.grains(zeta=0.33, mobilization_length=0.003)
+    grains = MujocoGrains(arm.model, body="tool", zeta=0.33, mobilization_length=0.003)
     times, places, turns, holds = [0.0], [PLACE + 1e-3 * np.array(WAYPOINTS[0][1])], [0.0], []
     for what, where, turn in WAYPOINTS[1:]:
         goal = PLACE + 1e-3 * np.array(where)
@@ -54,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
         half = 0.5 * np.interp(t, times, turns)
         arm.data.ctrl[:] = arm.joints(position, [0.0, 0.0, np.sin(half), np.cos(half)])
         grains.apply(arm.data)
-        arm.step()
+        mujoco.mj_step(arm.model, arm.data)
         rows.append([t, *(arm.data.xpos[arm.body] - PLACE), *grains.wrench])
 
     t, x, _, z, *wrench = np.array(rows).T

@@ -155,12 +155,12 @@ def costs() -> Iterator[tuple[str, str]]:
 
     for tolerance in (0.025, 0.0):
         arm = SixAxisArm("ellipsoid")
-        grains = arm.grains(zeta=0.33, mobilization_length=LENGTH, tolerance=tolerance)
+        grains = MujocoGrains(arm.model, body="tool", zeta=0.33, mobilization_length=LENGTH, tolerance=tolerance)
         arm.start([0.45, 0.0, -0.02])
 
         def stepped(_k: int, arm: SixAxisArm = arm, grains: MujocoGrains = grains) -> None:
             grains.apply(arm.data)
-            arm.step()
+            mujoco.mj_step(arm.model, arm.data)
 
         plates = f"{len(grains.tool.plates):,} plates"
         both, alone = _cpu(1000, stepped), _cpu(1000, lambda _k, arm=arm: mujoco.mj_step(arm.model, arm.data))

@@ -34,7 +34,7 @@ def moments(
 
     `answer`: what the node said of the last moment, or None if that was lost. `rate`: [Hz]; `stay`: [s] at each place.
     """
-    steps = max(1, round(1000.0 / rate))
+    mujoco, steps = import_mujoco(), max(1, round(1000.0 / rate))
     arm = SixAxisArm(timestep=1.0 / (rate * steps))
     body = MujocoBody(arm.model, arm.body)
     paths = np.linalg.norm(np.diff(_STOPS, axis=0), axis=1) / _SPEED
@@ -58,7 +58,7 @@ def moments(
             body.measure(arm.data)
             moved = _displacement(felt_at, body.state[0]) if sums[0] > 0.0 else np.zeros(6)
             body.hold(wrench - matrix @ moved, sums, arm.model.opt.timestep, 0.1)
-            arm.step()
+            mujoco.mj_step(arm.model, arm.data)
 
 
 def _displacement(a: Array, b: Array) -> Array:

@@ -9,7 +9,7 @@ from rft_ros.errors import InputError
 from rft_ros.files import read_file
 from rft_ros.installation import share_directory
 from rft_ros.rft.arguments import number
-from rft_ros.simulation.mujoco_grains import MujocoGrains, import_mujoco
+from rft_ros.simulation.mujoco_grains import import_mujoco
 from rft_ros.tool import locate_mesh
 
 __all__ = ["SixAxisArm"]
@@ -43,10 +43,6 @@ class SixAxisArm:
         self.body = int(self.model.body("tool").id)
         self._joints = np.array(_START)
 
-    def grains(self, **options: Any) -> MujocoGrains:
-        """Grains around the tool; options as for `MujocoGrains`."""
-        return MujocoGrains(self.model, body="tool", **options)
-
     def joints(self, position: ArrayLike, quaternion: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> Array:
         """Joint angles [rad], shape [6], that bring the tool frame to a pose [m], xyzw, near those of the last call.
 
@@ -75,7 +71,3 @@ class SixAxisArm:
         self._mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self.data.ctrl[:] = self.joints(position, quaternion)
         self._mujoco.mj_forward(self.model, self.data)
-
-    def step(self) -> None:
-        """`mj_step`."""
-        self._mujoco.mj_step(self.model, self.data)

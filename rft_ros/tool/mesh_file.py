@@ -23,7 +23,6 @@ from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import expanded, read_arrays, read_file, whole
 from rft_ros.installation import share_directory
 from rft_ros.rft import Plates
-from rft_ros.rft.arguments import number, numbers
 from rft_ros.tool.check import degenerate_facets
 
 if TYPE_CHECKING:
@@ -86,13 +85,12 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
     return expanded(file)
 
 
-def read_mesh(path: Path, *, scale: float, origin: Sequence[float]) -> "trimesh.Trimesh":
+def read_mesh(path: Path, *, scale: float, origin: Array) -> "trimesh.Trimesh":
     """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file. Vertices become (vertices - origin) * scale.
 
     `scale`: metres per mesh unit; units and up-axes declared in the file are ignored. `origin`: where the tool
     frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh with its transforms
-    applied. Facets keep their winding. Raises InputError that names the file, or ValueError `mesh.scale` or
-    `mesh.origin`.
+    applied. Facets keep their winding. Raises InputError that names the file or `mesh.origin`.
     """
     name, suffix, data = f"mesh file '{path}'", path.suffix.lower(), read_file(path, "mesh file")
     if suffix not in _SUFFIXES:
@@ -149,11 +147,10 @@ def _folds(mesh: "trimesh.Trimesh") -> int:
 
 
 def _in_tool_frame(
-    corners: Array, faces: NDArray[np.int64], path: Path, scale: float, origin: Sequence[float]
+    corners: Array, faces: NDArray[np.int64], path: Path, scale: float, shift: Array
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    scale, shift = number("mesh.scale", scale, positive=True), numbers("mesh.origin", origin, rows=3)
     if not np.isfinite(shift).all():
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
     if (abs(shift) > _FARTHEST * np.abs(corners).max()).any():
@@ -194,7 +191,7 @@ def save_reduced(file: Path, tool: "Tool", *, scale: float, origin: Sequence[flo
         )
 
 
-def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple["trimesh.Trimesh", Plates, str]:
+def read_reduced(file: Path, *, scale: float, origin: Array) -> tuple["trimesh.Trimesh", Plates, str]:
     """The full mesh, the plates and the reduction that `save_reduced` wrote, placed as `read_mesh` places a mesh.
 
     Raises as `read_mesh`.
@@ -206,7 +203,7 @@ def read_reduced(file: Path, *, scale: float, origin: Sequence[float]) -> tuple[
         if form != _FORMAT or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
             raise ValueError(f"its format is '{form}', or its facets are not of three of its vertices")
         mesh = _in_tool_frame(vertices, faces, file, scale, origin)
-        return mesh, _placed(plates.rows, scale, np.asarray(origin, dtype=np.float64)), reduction
+        return mesh, _placed(plates.rows, scale, origin), reduction
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:

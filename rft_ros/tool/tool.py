@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
-from rft_ros.rft.arguments import number
+from rft_ros.rft.arguments import number, numbers
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
 from rft_ros.tool.reduce import reduced_for_any_motion
@@ -66,12 +66,13 @@ def load_tool(
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
-    path = locate_mesh(file)
+    path, unit = locate_mesh(file), number("mesh.scale", scale, positive=True)
+    shift = numbers("mesh.origin", origin, rows=3)
     if path.suffix.lower() != SUFFIX:
-        mesh = read_mesh(path, scale=scale, origin=origin)
+        mesh = read_mesh(path, scale=unit, origin=shift)
         rule = integration or "refined"
         return tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=tolerance)
-    mesh, plates, reduction = read_reduced(path, scale=scale, origin=origin)
+    mesh, plates, reduction = read_reduced(path, scale=unit, origin=shift)
     if integration not in (None, plates.integration):
         only = f"holds plates for integration '{plates.integration}' only; ask for it, or reduce the mesh again"
         raise InputError(f"mesh file '{path}' {only}")

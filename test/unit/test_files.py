@@ -15,10 +15,9 @@ from rft_ros.ground import read_height_map
 from rft_ros.parameters import read_alpha_y_table
 from rft_ros.states_file import read_states
 from rft_ros.tool import load_tool
-from rft_ros.tool.mesh_file import read_mesh
 
 READERS = {
-    "mesh.stl": lambda file: read_mesh(file, scale=0.001, origin=(0.0, 0.0, 0.0)),
+    "mesh.stl": lambda file: load_tool(file),
     "mesh.npz": lambda file: load_tool(str(file)),
     "table.csv": lambda file: read_alpha_y_table(str(file)),
     "ground.csv": lambda file: read_height_map(file, 0.01),
