@@ -33,7 +33,7 @@ def plate_tool(*, distance: float = 0.0) -> Tool:
     corners = np.array([[-0.01, -0.01, 0.0], [0.01, -0.01, 0.0], [0.0, 0.03, 0.0]])
     plates, faces = Plates.from_arrays([[0, distance, 0]], [[0, 0, -1]], [AREA]), np.array([[0, 2, 1]])
     return Tool(
-        name="one", file="", plates=plates, facets=plates, vertices=corners, faces=faces, issues=(), corners=corners
+        name="one", file="", plates=plates, facets=plates, vertices=corners, faces=faces, issues={}, corners=corners
     )
 
 
