@@ -9,6 +9,7 @@ from pathlib import Path
 import mcap.writer
 import pytest
 from recordings import FRAMES, POSE, TOPICS, WRENCH, cdr, moments, plunge, write_ros1, write_ros2
+from refusals import refusal
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
@@ -75,11 +76,9 @@ def test_a_bag_cut_in_the_middle_of_a_message_is_used_up_to_there(tmp_path):
 
 
 def refused(path, *words, topics=NAMES):
-    with pytest.raises(InputError) as caught:
-        read(path, topics)
+    said = refusal(read, path, topics)
     for word in (path.name, *words):
-        assert re.search(word, str(caught.value))
-    assert "\n" not in str(caught.value)
+        assert re.search(word, said)
 
 
 def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):

@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, pose, push, twist, wrench
+from refusals import refusal
 
-from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, LoadCell
 from rft_ros.estimator.load_cell import drift
 
@@ -25,9 +25,7 @@ def run(e, seconds, *, start=START, position=AIR, linear=STILL, reading=READING,
 
 
 def refused(e, window=0.5):
-    with pytest.raises(InputError) as refusal:
-        e.tare(window)
-    return str(refusal.value).removeprefix("tare refused: ").removeprefix("within the last 0.5 s ")
+    return refusal(e.tare, window).removeprefix("tare refused: ").removeprefix("within the last 0.5 s ")
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -6,6 +6,7 @@ import re
 
 import numpy as np
 import pytest
+from refusals import refusal
 from test_cli import STATE
 
 from rft_ros.cli import main
@@ -27,31 +28,24 @@ READERS = {
 }
 
 
-def refused(reader, file):
-    with pytest.raises(InputError) as why:
-        READERS[reader](file)
-    assert "\n" not in str(why.value)
-    return str(why.value)
-
-
 @pytest.mark.parametrize("reader", READERS)
 def test_a_device_a_pipe_and_a_folder_are_refused_without_opening_them(tmp_path, reader):
     file = tmp_path / reader
     file.symlink_to("/dev/zero")
-    assert "is not a regular file" in refused(reader, file)
+    assert "is not a regular file" in refusal(READERS[reader], file)
     file.unlink()
     os.mkfifo(file)
-    assert "is not a regular file" in refused(reader, file)
+    assert "is not a regular file" in refusal(READERS[reader], file)
     file.unlink()
     file.mkdir()
-    assert "is a folder" in refused(reader, file)
+    assert "is a folder" in refusal(READERS[reader], file)
 
 
 @pytest.mark.parametrize("reader", READERS)
 def test_a_file_over_the_limit_is_refused_before_it_is_read(tmp_path, reader):
     with (tmp_path / reader).open("wb") as file:
         file.truncate(2**38)
-    assert "the limit is" in refused(reader, tmp_path / reader)
+    assert "the limit is" in refusal(READERS[reader], tmp_path / reader)
 
 
 def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tmp_path):
@@ -60,7 +54,7 @@ def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tm
     assert file.stat().st_size < 2**20
     for reader in ("mesh.npz", "ground.npz"):
         file = file.rename(tmp_path / reader)
-        assert "unpacked has 257 MiB or more; the limit is 256 MiB" in refused(reader, file)
+        assert "unpacked has 257 MiB or more; the limit is 256 MiB" in refusal(READERS[reader], file)
 
 
 @pytest.mark.parametrize("reader", ["mesh.npz", "ground.npz"])
@@ -72,19 +66,19 @@ def test_a_pickle_is_refused_without_advice_to_load_it(tmp_path, reader, in_arra
         np.savez(file, **dict.fromkeys(names, np.array([{}], dtype=object)))
     else:
         file.write_bytes(pickle.dumps({"x": 1.0}))
-    assert re.search("is not a valid NPZ file with the arrays of numbers [a-z, ]*$", refused(reader, file))
+    assert re.search("is not a valid NPZ file with the arrays of numbers [a-z, ]*$", refusal(READERS[reader], file))
 
 
 @pytest.mark.parametrize("reader", ["mesh.stl", "table.csv", "ground.csv"])
 def test_a_refusal_does_not_quote_the_file(tmp_path, reader):
     (tmp_path / reader).write_text("x,y,h\nroot:hunter2:19000,0,99999\nvertex root:hunter2:19000 0 1\n")
-    assert "hunter2" not in refused(reader, tmp_path / reader)
+    assert "hunter2" not in refusal(READERS[reader], tmp_path / reader)
 
 
 @pytest.mark.parametrize("text", ["a: &x 1.0\nb: *x\n", "base: &x {a: 1.0}\nb: {<<: *x}\n"])
 def test_yaml_that_ros_does_not_read_is_refused(tmp_path, text):
     (tmp_path / "cell.yaml").write_text(text)
-    assert "line 2 has an alias" in refused("cell.yaml", tmp_path / "cell.yaml")
+    assert "line 2 has an alias" in refusal(READERS["cell.yaml"], tmp_path / "cell.yaml")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])

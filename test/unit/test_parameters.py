@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell, Settings
@@ -23,33 +24,27 @@ from rft_ros.parameters import (
 from rft_ros.rft import Constant, Linear
 
 
-def refusal(name, value):
-    with pytest.raises(InputError) as refused:
-        checked(name, value)
-    return str(refused.value)
-
-
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
 def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_another_type(parameter):
     name, (low, high) = parameter.name, parameter.bounds
     assert re.fullmatch(r"\S.{15,}\.", parameter.description)
     assert checked(name, parameter.default) == parameter.default == defaults()[name]
     for value in (None, {}, object(), b"x"):
-        assert refusal(name, value).startswith(f"{name} is {value!r}; it must be ")
+        assert refusal(checked, name, value).startswith(f"{name} is {value!r}; it must be ")
     if isinstance(parameter.default, str):
         return
     for value in (math.nan, math.inf, -math.inf, True, "1.0", 10**400):
         sentence = f"{name} is {value!r}; it must be a finite number (such as 1.0)"
         if isinstance(parameter.default, float):
-            assert refusal(name, value) == sentence
+            assert refusal(checked, name, value) == sentence
             continue
         for k in range(len(parameter.default)):
-            assert refusal(name, [value if i == k else v for i, v in enumerate(parameter.default)]) == sentence
+            assert refusal(checked, name, [value if i == k else v for i, v in enumerate(parameter.default)]) == sentence
     if isinstance(parameter.default, float) and name != "sensor.sign":
         for limit, beyond in ((low, -math.inf), (high, math.inf)):
             assert checked(name, limit) == limit
             outside = math.nextafter(limit, beyond)
-            assert refusal(name, outside) == f"{name} is {outside:g}; it must lie between {low:g} and {high:g}"
+            assert refusal(checked, name, outside) == f"{name} is {outside:g}; it must lie between {low:g} and {high:g}"
 
 
 @pytest.mark.parametrize(
@@ -64,14 +59,13 @@ def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_anot
 )
 def test_a_wrong_value_is_refused_with_a_sentence_that_names_parameter_and_value(sentence):
     name, value = re.match(r"(\S+) is (.*?); it must", sentence).groups()
-    assert refusal(name, eval(value)) == sentence
+    assert refusal(checked, name, eval(value)) == sentence
 
 
 def test_a_wrong_name_or_norm_is_refused_and_an_integer_a_norm_near_1_or_an_unquoted_off_is_not():
-    assert refusal("medium.zetta", 1.0) == "there is no parameter 'medium.zetta'; did you mean 'medium.zeta'?"
-    assert refusal("qqq", 1.0) == "there is no parameter 'qqq'"
-    for size in (0, 2):
-        assert refusal("sensor.quaternion", [0, 0, 0, size]) == f"sensor.quaternion has norm {size}; it must be 1"
+    assert refusal(checked, "medium.zetta", 1.0) == "there is no parameter 'medium.zetta'; did you mean 'medium.zeta'?"
+    assert refusal(checked, "qqq", 1.0) == "there is no parameter 'qqq'"
+    assert refusal(checked, "sensor.quaternion", [0, 0, 0, 2]) == "sensor.quaternion has norm 2; it must be 1"
     assert checked("sensor.quaternion", [0.0, 0.0, 0.0, 1.005]) == (0.0, 0.0, 0.0, 1.0)
     assert isinstance(checked("medium.zeta", 2), float)
     assert checked("mesh.origin", [1, 2, 3]) == (1.0, 2.0, 3.0)
@@ -174,14 +168,6 @@ def test_numbers_with_an_exponent_are_numbers_as_they_are_to_ros_and_names_that_
         assert Path(read(node=f"mesh.file: {name}")["mesh.file"]).name == name
 
 
-def assert_refused(read, sentence, text, name="cell.yaml"):
-    with pytest.raises(InputError) as refused:
-        read(text)
-    assert sentence in str(refused.value)
-    assert name in str(refused.value)
-    assert "\n" not in str(refused.value)
-
-
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
@@ -198,14 +184,15 @@ def assert_refused(read, sentence, text, name="cell.yaml"):
     ],
 )
 def test_a_file_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(read, text, sentence):
-    assert_refused(read, sentence, text)
+    said = refusal(read, text)
+    assert sentence in said
+    assert "cell.yaml" in said
 
 
 def test_missing_files_are_named(tmp_path):
-    with pytest.raises(InputError, match=r"parameter file '.*nowhere\.yaml' does not exist; give the path"):
-        read_parameter_file(tmp_path / "nowhere.yaml")
-    with pytest.raises(InputError, match=r"alpha_y\.table '/nowhere\.csv' does not exist"):
-        read_alpha_y_table("/nowhere.csv")
+    file = tmp_path / "nowhere.yaml"
+    assert f"parameter file '{file}' does not exist; give the path" in refusal(read_parameter_file, file)
+    assert "alpha_y.table '/nowhere.csv' does not exist" in refusal(read_alpha_y_table, "/nowhere.csv")
 
 
 @pytest.mark.parametrize(
@@ -247,7 +234,9 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(table, text, sentence):
-    assert_refused(table, sentence, text, name="alpha_y.csv")
+    said = refusal(table, text)
+    assert sentence in said
+    assert "alpha_y.csv" in said
 
 
 @pytest.mark.parametrize("parameter", ["mesh.file", "alpha_y.table", "ground.file"])

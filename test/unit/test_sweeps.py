@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import refusal
 
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
@@ -218,10 +219,8 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(tmp_path, monkeypatch,
     ],
 )
 def test_a_wrong_entry_is_named(tmp_path, change, words):
-    with pytest.raises(InputError) as error:
-        read_design(study(tmp_path, SMALL.replace(*change)))
-    for word in ("study.yaml", *words):
-        assert word in str(error.value)
+    said = refusal(read_design, study(tmp_path, SMALL.replace(*change)))
+    assert all(word in said for word in ("study.yaml", *words)), said
 
 
 def test_a_cluster_gives_the_same_table_and_survives_the_loss_of_a_worker(tmp_path, expected):
