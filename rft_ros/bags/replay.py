@@ -31,7 +31,7 @@ def results(out: Path) -> list[Path]:
 def replay_model(values: Values) -> Model:
     """Load and compile the model that the parameters describe; it serves any number of replays."""
     model = model_of(values)
-    prepare(needed(settings_of(values), ground=model.ground is not None))
+    prepare(needed(values))
     return model
 
 

@@ -1,7 +1,6 @@
 """Commands around the running node: check a cell's set-up, show a virtual one, compile beforehand."""
 
 import argparse
-from contextlib import ExitStack
 from pathlib import Path
 
 from rft_ros.bags.checkup import Checkup, Finding
@@ -12,7 +11,7 @@ from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.installation import program, share_directory
-from rft_ros.parameters import Model, Settings, model_of, node_parameters, read_parameter_file, settings_of
+from rft_ros.parameters import Values, model_of, node_parameters, read_parameter_file
 from rft_ros.progress import busy
 
 
@@ -37,7 +36,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     named = node_parameters(arguments.params, arguments.node)
     with busy("preparing the tool"):
         model = model_of({**values, "tolerance": 0.0})
-    findings = [_compiled(model, settings_of(values))]
+    findings = [_compiled(values)]
     if arguments.bag:
         checkup = Checkup(values, model, named=named, topics=topics, tare=chosen.tare)
         with Recording(arguments.bag, topics, start=chosen.start, end=chosen.end, optional=tuple(topics)) as messages:
@@ -51,9 +50,7 @@ def doctor(arguments: argparse.Namespace) -> int:
         except ImportError as error:
             needs = f"listening needs ROS 2 ({error.name} is missing)"
             raise InputError(f"{needs}: source a ROS 2 setup file, or give --bag") from None
-        with ExitStack() as stack:
-            stack.enter_context(busy(f"listening for {arguments.seconds:g} s"))
-            listener = stack.enter_context(Listener(arguments.node))
+        with busy(f"listening for {arguments.seconds:g} s"), Listener(arguments.node) as listener:
             finding, bias = listener.compare(values, arguments.params)
             checkup = Checkup({**values, "sensor.bias": bias}, model, named=named, topics=topics)
             findings += [finding, *listener.listen(topics, arguments.seconds, checkup.push)]
@@ -62,12 +59,12 @@ def doctor(arguments: argparse.Namespace) -> int:
     return 0 if all(finding.ok for finding in findings) else 1
 
 
-def _compiled(model: Model, settings: Settings) -> Finding:
+def _compiled(values: Values) -> Finding:
     def stop() -> None:
         raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
 
     try:
-        prepare(needed(settings, ground=model.ground is not None), on_cold_cache=stop)
+        prepare(needed(values), on_cold_cache=stop)
     except InputError as error:
         return Finding(False, f"compiled: no; {error}")
     return Finding(True, "compiled: yes")

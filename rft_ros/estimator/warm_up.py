@@ -16,7 +16,7 @@ from rft_ros.estimator.motion import PoseDifference
 from rft_ros.estimator.quality import Withdrawal, without_learning
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.ground import HeightMap, Support
-from rft_ros.parameters import LoadCell, Settings
+from rft_ros.parameters import LoadCell, Values
 from rft_ros.rft import Plates, agarwal2023, edge_share, wrenches
 from rft_ros.rft.wrench import compile_memory, compile_tractions
 
@@ -64,11 +64,11 @@ PARTS = frozenset(_PARTS)
 and the quality flags; of velocities from poses; of learning; of a map of the ground."""
 
 
-def needed(settings: Settings, *, ground: bool) -> frozenset[str]:
-    """The parts that an estimator with these settings needs, with a map of the `ground` or without."""
-    unused = {"velocity"} if settings.twist_source == "topic" else set()
-    unused |= {"learning"} if settings.learning_mode == "off" else set()
-    return PARTS - unused - (set() if ground else {"ground"})
+def needed(values: Values) -> frozenset[str]:
+    """The parts that an estimator with these parameters needs."""
+    unused = {"velocity"} if values["twist_source"] == "topic" else set()
+    unused |= {"learning"} if values["learning.mode"] == "off" else set()
+    return PARTS - unused - (set() if values["ground.cell"] else {"ground"})
 
 
 def prepare(

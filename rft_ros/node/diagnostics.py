@@ -17,7 +17,6 @@ from rft_ros.node.swap import Swap
 DIAGNOSTICS_PERIOD = 1.0
 """Time between two reports [s]."""
 
-_LATENCIES = 1000  # recorded per report, at most
 _QUIET_REPORTS = 3  # a problem that is missing in this many successive reports has ended
 _NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value, Reason.SURFACE_RATE_LIMITED.value}
 """Reasons that are part of normal operation."""
@@ -48,8 +47,7 @@ class Diagnostics:
 
     def answered(self, estimate: Estimate, latency: float) -> None:
         """Record an estimate, and the time from its pose's callback to its publication [s]."""
-        if len(self._latencies) < _LATENCIES:
-            self._latencies.append(latency)
+        self._latencies.append(latency)
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
 

@@ -16,7 +16,7 @@ from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import Sample
 from rft_ros.estimator.messages import UNREADABLE, Role, decoder
 from rft_ros.files import expanded
-from rft_ros.node.topics import INPUTS, MESSAGES, transform_message, type_name
+from rft_ros.node.topics import INPUTS, TYPES, transform_message, type_name
 from rft_ros.parameters import FILES, Value, Values, checked
 
 __all__ = ["Listener"]
@@ -80,7 +80,7 @@ class Listener:
         transforms = transform_message(needed="tf" in topics)
         if transforms:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
-        kinds = {role: MESSAGES.get(role, transforms) for role in wanted}
+        kinds = {role: TYPES.get(role, transforms) for role in wanted}
         for role, topic in wanted.items():
             take = partial(self._take, decoder(role, ros1=False), push)
             self._node.create_subscription(kinds[role], topic, take, INPUTS[role], raw=True)

@@ -51,15 +51,8 @@ def _spliced(marker: Marker, points: Array, rgb: Array) -> bytes:
     count = struct.pack("<I", len(points))
     padding = b"\x00" * (-len(head) % 8)  # the doubles start at a multiple of 8 from byte 4, after a length of 4 bytes
     rgba = np.column_stack([rgb, np.ones(len(rgb))])
-    return (
-        head
-        + count
-        + padding
-        + points.astype("<f8").tobytes()
-        + count
-        + rgba.astype("<f4").tobytes()
-        + template[end + 8 :]
-    )
+    numbers = points.astype("<f8").tobytes(), rgba.astype("<f4").tobytes()
+    return b"".join([head, count, padding, numbers[0], count, numbers[1], template[end + 8 :]])
 
 
 class Markers:

@@ -23,7 +23,7 @@ from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
 from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
-from rft_ros.node.topics import INPUTS, MESSAGES, OUTPUTS, transform_message
+from rft_ros.node.topics import INPUTS, OUTPUTS, TYPES, transform_message
 from rft_ros.parameters import Values
 
 __all__ = ["RftNode"]
@@ -78,8 +78,7 @@ class RftNode(Node):
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
         self.create_timer(FEEDFORWARD_PERIOD, self._feedforward.without_estimate, clock=steady)
         self.create_timer(_MARKER_PERIOD, lambda: self._markers.publish(self._last_measurement), clock=steady)
-        self._swap_timer = self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
-        self._swap_timer.cancel()
+        self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
 
     def _publisher(self, message: type, topic: str) -> Publisher:
         return self.create_publisher(message, topic, OUTPUTS)
@@ -87,7 +86,7 @@ class RftNode(Node):
     def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
         self._decode[role] = decoder(role, ros1=False)
         # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
-        message = MESSAGES.get(role) or transform_message(needed=True)
+        message = TYPES.get(role) or transform_message(needed=True)
         overridable = QoSOverridingOptions.with_default_policies()
         return self.create_subscription(
             message, topic, callback, INPUTS[role], raw=True, qos_overriding_options=overridable
@@ -205,7 +204,6 @@ class RftNode(Node):
         self._use()
         self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
         self._serialise = wrench_cdr(values["sensor_frame"])
-        self._swap_timer.reset()
 
     def _use(self) -> None:
         """Bring into force what is loaded."""
@@ -221,5 +219,3 @@ class RftNode(Node):
         elif succeeded is not None:
             self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
             self._table.set_all(self._swap.files, why="the swap failed")
-        if not self._swap.preparing:
-            self._swap_timer.cancel()

@@ -12,12 +12,9 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Model, Settings
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
-from rft_ros.installation import program
 from rft_ros.parameters import FILES, Values, files_of, load_files, model_of, read_alpha_y_table, settings_of
 from rft_ros.rft import Table
 from rft_ros.tool import locate_mesh
-
-_LONGEST = 600.0  # s; its low priority makes the worker slow beside other work
 
 
 class ToolWorker:
@@ -35,15 +32,12 @@ class ToolWorker:
             self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
 
     def load(self, files: Mapping[str, Values]) -> dict[str, Any]:
-        """Load parts of `files_of`; InputError if they cannot be used, take too long, or are given up."""
+        """Load parts of `files_of`; InputError if they cannot be used, or are given up."""
         try:
             if self.process.poll() is not None:
                 self._connection.close()
                 self._start(low_priority=True)
             self._connection.send(files)
-            if not self._connection.poll(_LONGEST):
-                small = f"give the mesh fewer facets with '{program()} reduce'"
-                raise InputError(f"{_named(files)} took over {_LONGEST:g} s to load; {small}")
             answer: dict[str, Any] | str = self._connection.recv()
         except Exception as error:  # the process ended, or none is to be had, or no descriptor, or a damaged answer
             self.end()
@@ -98,7 +92,7 @@ class Swap:
 
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
         self._worker, self._thread = worker, ThreadPoolExecutor(1)
-        self._files, self._code = self._wanted = _needs(values)
+        self._files, self._code = self._wanted = files_of(values), needed(values)
         prepare(self._code, on_cold_cache=on_cold_cache)
         self.parts = worker.load(self._files)  # after the code, which the worker would compile too
         self.last_failure = ""
@@ -120,10 +114,7 @@ class Swap:
 
     def model(self, values: Values, *, generation: int = 0) -> Model:
         """The model of these parameters with the tool and the ground in force; `check` them first."""
-        return self._model(values, self._tables, generation)
-
-    def _model(self, values: Values, tables: Mapping[str, Table], generation: int = 0) -> Model:
-        table = tables.get(values["alpha_y.table"])
+        table = (self._tables | self._checked_tables).get(values["alpha_y.table"])
         return model_of({**values, **self.files}, **self.parts, table=table, generation=generation)
 
     def _tables_of(self, values: Values) -> dict[str, Table]:
@@ -135,7 +126,7 @@ class Swap:
         """Raise InputError for parameters that cannot come into force; a mesh is not read yet."""
         self.settings(values)
         self._checked_tables = self._tables_of(values)
-        self._model(values, self._checked_tables)
+        self.model(values)
         if files_of(values)["tool"] != self._files["tool"]:
             checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
 
@@ -153,7 +144,7 @@ class Swap:
     def want(self, values: Values) -> None:
         """Load what these parameters, checked last, need and is not in force, in place of what is being loaded."""
         self._tables = self._checked_tables
-        wanted = _needs(values)
+        wanted = files_of(values), needed(values)
         if self._loading and wanted == self._wanted:
             return
         if self._loading and not self._loading.cancel():
@@ -181,8 +172,3 @@ class Swap:
             return False
         self._files, self.last_failure = files, ""
         return True
-
-
-def _needs(values: Values) -> tuple[dict[str, Values], frozenset[str]]:
-    """The files and the machine code of these parameters."""
-    return files_of(values), needed(settings_of(values), ground=bool(values["ground.cell"]))

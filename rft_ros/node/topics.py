@@ -9,28 +9,17 @@ from sensor_msgs.msg import PointCloud2
 from rft_ros.errors import InputError
 from rft_ros.estimator.messages import Role
 
-MESSAGES: dict[Role, Any] = {
-    "pose": PoseStamped,
-    "twist": TwistStamped,
-    "wrench": WrenchStamped,
-    "surface": PointCloud2,
-}
+TYPES: dict[Role, Any] = {"pose": PoseStamped, "twist": TwistStamped, "wrench": WrenchStamped, "surface": PointCloud2}
 """The inputs' message types; that of transforms comes from `transform_message`."""
 
+# Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-"""Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream."""
-
 INPUTS: dict[Role, QoSProfile] = {
-    "pose": _SENSOR_DATA,
-    "twist": _SENSOR_DATA,
-    "wrench": _SENSOR_DATA,
+    **dict.fromkeys(("pose", "twist", "wrench", "tf"), _SENSOR_DATA),
     "surface": QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT),  # a cloud has megabytes
-    "tf": _SENSOR_DATA,
     "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),  # kept for those who come later
 }
-
-OUTPUTS = QoSProfile(depth=200)
-"""Reliable."""
+OUTPUTS = QoSProfile(depth=200)  # reliable
 
 
 def type_name(message: Any) -> str:

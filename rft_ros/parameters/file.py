@@ -93,7 +93,7 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
         except InputError as error:
             raise InputError(f"parameter file '{file}': {error}") from None
     for name in FILES:
-        values[name] = path_beside(file.parent, name, str(values[name]))
+        values[name] = path_beside(file.parent, name, values[name])
     return values
 
 
@@ -103,8 +103,7 @@ FILES = ("mesh.file", "alpha_y.table", "ground.file")
 
 def named_files(values: Values) -> list[Path]:
     """The files that the parameters of `FILES` name."""
-    named = {name: str(values[name]) for name in FILES if values[name]}
-    return [locate_mesh(file) if name == "mesh.file" else Path(file) for name, file in named.items()]
+    return [(locate_mesh if name == "mesh.file" else Path)(values[name]) for name in FILES if values[name]]
 
 
 def path_beside(folder: Path, name: str, path: str) -> str:
@@ -118,16 +117,11 @@ def path_beside(folder: Path, name: str, path: str) -> str:
 
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
-    """Write a new file that `read_parameter_file` and the node read. Raises InputError if it exists.
-
-    A relative path in `FILES` is made absolute.
-    """
+    """Write a file that `read_parameter_file` and the node read; a relative path in `FILES` becomes absolute."""
     plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
     for name in FILES:
         plain[name] = path_beside(Path.cwd(), name, plain[name])
     tree = {"/**": {"ros__parameters": plain}}
-    if file.exists():
-        raise InputError(f"parameter file '{file}' exists; it is not overwritten")
     with whole(file, "parameter file") as part:
         part.write_text(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
 

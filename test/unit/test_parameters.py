@@ -260,11 +260,3 @@ def test_a_file_that_was_written_means_the_same_tool_from_any_folder(tmp_path, m
     assert read_parameter_file(tmp_path / "new" / "saved.yaml") == written
     if not relative:
         assert read(node=f"mesh.file: {mesh}")["mesh.file"] == mesh
-
-
-def test_writing_never_overwrites_a_file(tmp_path):
-    file = tmp_path / "cell.yaml"
-    file.write_text("# mine\n")
-    with pytest.raises(InputError, match=r"parameter file '.*cell\.yaml' exists; it is not overwritten"):
-        write_parameter_file(file, defaults(), comment="from a test")
-    assert file.read_text() == "# mine\n"

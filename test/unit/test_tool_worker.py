@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.node import swap
 from rft_ros.node.swap import Swap, ToolWorker
 from rft_ros.parameters import defaults, files_of
 from rft_ros.tool import load_tool
@@ -53,15 +52,7 @@ def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_p
     assert os.getpriority(os.PRIO_PROCESS, pid) == max(os.getpriority(os.PRIO_PROCESS, 0), 10)
 
 
-def test_a_worker_that_takes_too_long_or_ends_while_it_loads_fails_its_swap_and_is_replaced(worker, monkeypatch):
-    os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for as long as it may
-    with (
-        monkeypatch.context() as patched,
-        pytest.raises(InputError, match=r"took over .* s to load; give the mesh fewer facets"),
-    ):
-        patched.setattr(swap, "_LONGEST", 0.1)
-        loaded(worker, "plate")
-    assert loaded(worker, "plate").name == "plate"
+def test_a_worker_that_ends_while_it_loads_fails_its_swap_and_is_replaced(worker):
     os.kill(worker.process.pid, signal.SIGSTOP)
     with ThreadPoolExecutor(1) as thread:
         loading = thread.submit(loaded, worker, "sphere")
@@ -89,7 +80,7 @@ def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap_once_there_are_
 def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
     values = {**defaults(), "tolerance": 0.0}
     pending = Swap(worker, values, on_cold_cache=lambda: None)
-    os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for as long as it may
+    os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for ever
     for name in ("ellipsoid", "sphere"):
         pending.want({**values, "mesh.file": name})
         assert pending.preparing == f"mesh.file '{name}'"
