@@ -17,12 +17,10 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
-__all__ = ["MAX_BYTES", "checked_file", "expanded", "read_arrays", "read_columns", "read_file", "read_text"]
+__all__ = ["checked_file", "expanded", "read_arrays", "read_columns", "read_file", "read_text"]
 __all__ += ["read_yaml", "refuse_overwriting", "whole", "whole_folder"]
 
-MAX_BYTES = 256 * 2**20
-"""The most bytes that are read of a file, or that the arrays of an NPZ file may have."""
-
+_MAX_BYTES = 256 * 2**20  # that are read of a file, or that the arrays of an NPZ file may have
 _MAX_YAML = 2**20
 
 
@@ -31,7 +29,7 @@ def expanded(file: Path | str) -> Path:
     return Path(os.path.expanduser(file))  # noqa: PTH111 - Path's own raises RuntimeError for an unknown user
 
 
-def checked_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> Path:
+def checked_file(file: Path, what: str, *, limit: int = _MAX_BYTES) -> Path:
     """The path, with ~ as the home folder, of a regular file of at most `limit` bytes, which is not opened.
 
     Raises InputError that calls the file `what`.
@@ -50,7 +48,7 @@ def _check_size(size: int, what: str, limit: int) -> None:
         raise InputError(f"{what} has {size / 2**20:.0f} MiB or more; the limit is {limit / 2**20:.0f} MiB")
 
 
-def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
+def read_file(file: Path, what: str, *, limit: int = _MAX_BYTES) -> bytes:
     """The bytes of a `checked_file`."""
     path = checked_file(file, what, limit=limit)
     with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
@@ -59,7 +57,7 @@ def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
     return data
 
 
-def read_text(file: Path, what: str, *, limit: int = MAX_BYTES) -> str:
+def read_text(file: Path, what: str, *, limit: int = _MAX_BYTES) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
     data = read_file(file, what, limit=limit)
     with file_errors(f"{what} '{file}'", "read"):
@@ -67,11 +65,11 @@ def read_text(file: Path, what: str, *, limit: int = MAX_BYTES) -> str:
 
 
 def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any]]:
-    """Arrays of a `checked_file` in NPZ format, by name, of any shape and unit; no objects, at most `MAX_BYTES`."""
+    """Arrays of a `checked_file` in NPZ format, by name, of any shape and unit; no objects, at most 256 MiB."""
     data = read_file(file, what)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            _check_size(sum(member.file_size for member in archive.infolist()), f"{what} '{file}' unpacked", MAX_BYTES)
+            _check_size(sum(member.file_size for member in archive.infolist()), f"{what} '{file}' unpacked", _MAX_BYTES)
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             return [arrays[name] for name in names]
     except InputError:

@@ -1,6 +1,5 @@
 """Progress of long work: shown on stderr where that is a terminal, nowhere else."""
 
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
@@ -13,8 +12,8 @@ def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:
     from rich.console import Console
     from rich.progress import Progress
 
-    shown = sys.stderr.isatty()
-    with Progress(console=Console(stderr=True), transient=True, redirect_stdout=False, disable=not shown) as progress:
+    console = Console(stderr=True)
+    with Progress(console=console, transient=True, redirect_stdout=False, disable=not console.is_terminal) as progress:
         task = progress.add_task(label, total=total)
         yield lambda completed, label: progress.update(task, completed=completed, description=label)
 

@@ -14,12 +14,9 @@ from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.node.swap import Swap
 
-DIAGNOSTICS_PERIOD = 1.0
-"""Time between two reports [s]."""
-
+DIAGNOSTICS_PERIOD = 1.0  # s, between two reports
 _QUIET_REPORTS = 3  # a problem that is missing in this many successive reports has ended
-_NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value, Reason.SURFACE_RATE_LIMITED.value}
-"""Reasons that are part of normal operation."""
+_NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value, Reason.SURFACE_RATE_LIMITED.value}  # no problems
 
 
 class Diagnostics:

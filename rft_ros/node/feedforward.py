@@ -16,9 +16,7 @@ from rft_ros.parameters import Values
 
 __all__ = ["FeedForward", "Ramp"]
 
-FEEDFORWARD_PERIOD = 0.01
-"""Time between two outputs while there are no estimates [s]."""
-
+FEEDFORWARD_PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6
 _LONGEST_STEP = 2.0 * FEEDFORWARD_PERIOD  # after a pause the output starts no faster than after this
 _LEAST = 1e-9  # N, N m: with a limit of 0 a share of less may round to 0, and the way down would never end

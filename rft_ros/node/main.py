@@ -93,7 +93,7 @@ def _run(stop: threading.Event) -> str:
             while not stop.is_set():
                 executor.spin_once(timeout_sec=0.1)  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
         finally:
-            node.end()
+            node.feedforward.end()
         executor.shutdown()
         node.destroy_node()
     except InputError as error:
@@ -126,7 +126,7 @@ def _started(worker: "ToolWorker") -> "RftNode":
 def _executor(node: "RftNode") -> "Executor":
     from rclpy.executors import SingleThreadedExecutor
 
-    if node.values["executor"] == "events":
+    if node.table.values["executor"] == "events":
         try:
             from rclpy.experimental import EventsExecutor
 

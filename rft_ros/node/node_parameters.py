@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
 from rft_ros.parameters.file import FILES, flat, gives, parameter_tree, path_beside
-from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked
+from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
@@ -42,17 +42,17 @@ class NodeParameters:
     def __init__(self, node: Node, *, validate: Callable[[Values], None], apply: Callable[[Values], None]) -> None:
         self._node, self._validate, self._apply = node, validate, apply
         self._why = ""
-        self.values: Values = {}
-        """The checked values in force; replaced, not changed, when parameters are set."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
-        values: dict[str, Value] = {}
+        values = defaults()
         for p in PARAMETERS:
             # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
-            override = overrides.get(p.name)
-            value = p.default if override is None else checked(p.name, _plain(override.value))
-            values[p.name] = value = _resolved(p.name, str(value)) if p.name in FILES else value
-            node.declare_parameter(p.name, _plain(value), _descriptor(p), ignore_override=True)
-        self.values = values
+            if p.name in overrides:
+                values[p.name] = checked(p.name, _plain(overrides[p.name].value))
+            if p.name in FILES:
+                values[p.name] = _resolved(p.name, values[p.name])
+            node.declare_parameter(p.name, _plain(values[p.name]), _descriptor(p), ignore_override=True)
+        self.values: Values = values
+        """The checked values in force; replaced, not changed, when parameters are set."""
         logger, own_name = node.get_logger(), node.get_fully_qualified_name()
         for file in parameter_files():
             names = [key.partition(".ros__parameters.")[2] for key, _ in flat(parameter_tree(file))]

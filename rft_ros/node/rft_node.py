@@ -42,9 +42,10 @@ class RftNode(Node):
 
     def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
         super().__init__("rft", cli_args=arguments)
-        self._table = NodeParameters(self, validate=self._validate, apply=self._apply)
-        values = self.values
-        self._swap = Swap(worker, values, on_cold_cache=self._announce_compilation)
+        self.table = NodeParameters(self, validate=self._validate, apply=self._apply)
+        values = self.table.values
+        compiling = "compiling, ten seconds or more, first start only; services answer after it"
+        self._swap = Swap(worker, values, on_cold_cache=partial(self.get_logger().info, compiling))
         settings, model = self._swap.settings(values), self._swap.model(values)
         self.estimator = Estimator(settings, model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
@@ -57,8 +58,8 @@ class RftNode(Node):
         self._sigma = self._publisher(WrenchStamped, "~/wrench_sigma")
         self._stiffness = self._publisher(InertiaStamped, "~/stiffness")
         self._learned, self._learned_at = self._publisher(JointState, "~/medium_learned"), 0
-        self._feedforward = FeedForward(self, self.estimator)
-        self._feedforward.use(values)
+        self.feedforward = FeedForward(self, self.estimator)
+        self.feedforward.use(values)
         self._markers = Markers(self, self.estimator)
         self._serialise = wrench_cdr(values["sensor_frame"])
 
@@ -72,11 +73,11 @@ class RftNode(Node):
             self._subscribe("pose", "~/pose", self._on_pose)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
-        Services(self, self.estimator, self._table, status=self._diagnostics.summary)
+        Services(self, self.estimator, self.table, status=self._diagnostics.summary)
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
-        self.create_timer(FEEDFORWARD_PERIOD, self._feedforward.without_estimate, clock=steady)
+        self.create_timer(FEEDFORWARD_PERIOD, self.feedforward.without_estimate, clock=steady)
         self.create_timer(_MARKER_PERIOD, lambda: self._markers.publish(self._last_measurement), clock=steady)
         self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
 
@@ -101,14 +102,6 @@ class RftNode(Node):
         elif self._clouds is None:
             self._clouds = self._subscribe("surface", "~/surface_points", partial(self._on_input, "surface"))
 
-    def _announce_compilation(self) -> None:
-        self.get_logger().info("compiling, ten seconds or more, first start only; services answer after it")
-
-    @property
-    def values(self) -> Values:
-        """The values of all parameters."""
-        return self._table.values
-
     def announce(self, event: str) -> None:
         """Log the model that came into force, with the issues of its mesh; `event`: what the sentence begins with."""
         m = self.estimator.model
@@ -117,10 +110,6 @@ class RftNode(Node):
         self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {law}")
         for issue in m.tool.issues.values():
             self.get_logger().warning(f"mesh {m.tool.name}: {issue}")
-
-    def end(self) -> None:
-        """Leave nothing standing: ramp the feed-forward to zero."""
-        self._feedforward.end()
 
     # --- the tick
 
@@ -162,7 +151,7 @@ class RftNode(Node):
         if isinstance(answer, Estimate):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
             self._publish_stiffness(answer.stamp)
-            self._feedforward.estimated(answer)
+            self.feedforward.estimated(answer)
             self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
             self._publish_learned(answer.stamp)
             self._diagnostics.answered(answer, perf_counter() - start)
@@ -199,7 +188,7 @@ class RftNode(Node):
         self._swap.check(values)
 
     def _apply(self, values: Values) -> None:
-        self._feedforward.use(values)
+        self.feedforward.use(values)
         self._swap.want(values)
         self._use()
         self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
@@ -207,8 +196,8 @@ class RftNode(Node):
 
     def _use(self) -> None:
         """Bring into force what is loaded."""
-        model = self._swap.model(self.values, generation=self.estimator.model.generation + 1)
-        self.estimator.use(settings=self._swap.settings(self.values), model=model)
+        model = self._swap.model(self.table.values, generation=self.estimator.model.generation + 1)
+        self.estimator.use(settings=self._swap.settings(self.table.values), model=model)
         self._subscribe_to_clouds()
 
     def _on_swap_poll(self) -> None:
@@ -218,4 +207,4 @@ class RftNode(Node):
             self.announce("in force")
         elif succeeded is not None:
             self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
-            self._table.set_all(self._swap.files, why="the swap failed")
+            self.table.set_all(self._swap.files, why="the swap failed")

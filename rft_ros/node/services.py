@@ -10,7 +10,7 @@ import numpy as np
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from rft_ros.errors import InputError, file_errors
+from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.learning import Learning
 from rft_ros.ground import write_height_map
@@ -93,9 +93,6 @@ def _save(name: str, write: Callable[[Path], None]) -> str:
     """Write a new file in $ROS_HOME or ~/.ros and return its path; {} in `name` becomes the time."""
     # Not ROS time: simulated time begins at 1970 each time and would repeat names.
     moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
-    folder = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros")
-    with file_errors(f"folder '{folder}'", "written"):
-        folder.mkdir(parents=True, exist_ok=True)
-    file = folder / name.format(moment)
+    file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / name.format(moment)
     write(file)
     return str(file)

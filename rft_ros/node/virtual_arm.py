@@ -18,11 +18,8 @@ from rft_ros.tool import Tool, load_tool
 
 Array = NDArray[np.float64]
 
-PAUSE = 3.0
-"""Time that the arm rests in the air before it moves [s]."""
-
-LAYER = 0.025
-"""Depth of the tool's lowest point at which it reaches the hard layer [m]."""
+PAUSE = 3.0  # s that the arm rests in the air before it moves
+LAYER = 0.025  # m: depth of the tool's lowest point at which it reaches the hard layer
 
 _RATE = 125.0  # Hz, of the poses
 _STRENGTH = np.array([0.6, 0.6, 1.3])  # of the grains over the model's, world axes

@@ -135,6 +135,8 @@ def read_alpha_y_table(file: str) -> Table:
     Lines that begin with #, and a first line of words, are skipped. Raises InputError that names the file and what is
     wrong in it.
     """
+    if not file:
+        raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
     name, rows = f"alpha_y.table '{file}'", list[list[float]]()
     lines = enumerate(read_text(Path(file), "alpha_y.table", limit=_MAX_TABLE).splitlines(), start=1)
     numbered = [(k, line) for k, line in lines if line.strip() and line.lstrip()[0] != "#"]

@@ -143,8 +143,6 @@ def model_of(
     Raises InputError for what cannot be used.
     """
     medium, alpha_y = medium_named(values["medium.name"]), values["alpha_y.model"]
-    if alpha_y == "table" and not values["alpha_y.table"]:
-        raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
     if alpha_y == "table":
         table = table or read_alpha_y_table(values["alpha_y.table"])
     of_law = {name: values[f"medium.{name}"] for name in ("zeta", "surface_friction", "density", "inertia")}
