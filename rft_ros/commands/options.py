@@ -86,10 +86,7 @@ def warn_of(tool: Tool) -> None:
 
 
 def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:
-    """The node's parameters, and how to read the recording: from the parameter file, overridden by options.
-
-    ``--tare 0`` overrides a `tare` of the file by none.
-    """
+    """The node's parameters, and how to read the recording: from the parameter file, overridden by options."""
     file = arguments.params
     values = read_parameter_file(file, getattr(arguments, "node", NODE)) if file else defaults()
     written = read_replay_options(file) if file else ReplayOptions()

@@ -43,11 +43,8 @@ _ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real 
 _MUJOCO = "a six-axis MuJoCo arm presses a plate into grains and drags it. It feels what a real ROS 2 node answers."
 
 
-def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -> bool:
-    """Run the demo and record it to `bag`, which appears when it is whole; whether estimates came.
-
-    `seconds` of the virtual arm's motion; `mujoco`: instead, an arm that feels the node's forces.
-    """
+def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool) -> None:
+    """Record a virtual arm for `seconds`, or with `mujoco` one that feels the node's forces; InputError if it fails."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     if mujoco:
@@ -80,21 +77,17 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool = False) -
             cell.spin(time.monotonic() + 0.5)  # the last answers
         finally:
             cell.end()
-    came = "wrench_residual" in cell.newest
-    found = f"{cell.recorded} messages" if came else "[red]no estimates came[/red]; see the node's messages above"
-    console.print(f"\n{found} -> {bag} (rosbag2, MCAP)", soft_wrap=True)
-    return came
+    console.print(f"\n-> {bag} (rosbag2, MCAP)", soft_wrap=True)
+    if "wrench_residual" not in cell.newest:
+        raise InputError("no estimates came; see the node's messages above")
 
 
 class _Cell:
-    """A node in a process of its own, and the topics between it and an arm, recorded as by `ros2 bag record`.
-
-    `newest`: the newest answer of each topic; `recorded`: the number of messages.
-    """
+    """A node in a process of its own, and the topics between it and an arm, recorded; the newest answer of each."""
 
     def __init__(self, parameters: Path, bag: BagWriter) -> None:
         self._bag, self._peer = bag, rclpy.create_node("rft_demo")
-        self.newest, self.recorded = dict[str, Any](), 0
+        self.newest: dict[str, Any] = {}
         self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}
         for name, kind in {**_OUTPUTS, "stiffness": InertiaStamped}.items():
             self._peer.create_subscription(kind, f"/rft/{name}", partial(self._take, name), _QOS)
@@ -109,7 +102,6 @@ class _Cell:
 
     def _record(self, name: str, message: Any) -> None:
         self._bag.write_raw(f"/rft/{name}", type_name(type(message)), _stamp(message), serialize_message(message))
-        self.recorded += 1
 
     def wait(self) -> None:
         """Until the node answers and listens."""
@@ -146,8 +138,7 @@ class _Cell:
         while (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(self._peer, timeout_sec=left)
         if (status := self._process.poll()) is not None:
-            how = f"was ended by signal {-status}" if status < 0 else f"ended with exit status {status}"
-            raise InputError(f"the node {how} before the demo was over; see its messages above")
+            raise InputError(f"the node ended with status {status} before the demo was over; see its messages above")
 
     def _until(self, condition: Callable[[], bool]) -> None:
         while not condition():

@@ -32,7 +32,6 @@ class Diagnostics:
         self._begin()
 
     def _begin(self) -> None:
-        """Begin a report."""
         self._received: Counter[Role] = Counter()
         self._latencies: list[float] = []
         self._fastest, self._quality_flags = 0.0, 0

@@ -72,10 +72,7 @@ class Listener:
             return None
 
     def listen(self, topics: Mapping[Role, str], seconds: float, push: Callable[[Sample, int], None]) -> list[Finding]:
-        """Give `push` every message of these topics, and /tf_static, for `seconds`, with its arrival [ns].
-
-        Returns findings about publishers' types and QoS.
-        """
+        """Give `push` every message for `seconds`, with its arrival [ns]; findings about publishers' types and QoS."""
         wanted = dict(topics)
         transforms = transform_message(needed="tf" in topics)
         if transforms:

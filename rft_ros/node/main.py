@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rclpy.executors import Executor
 
     from rft_ros.node.rft_node import RftNode
-    from rft_ros.node.swap import ToolWorker
 
 _GRACE = 0.4  # s
 
@@ -81,9 +80,21 @@ def _run(stop: threading.Event) -> str:
 
     worker = ToolWorker()  # first: its imports take as long as the node's
     import rclpy
+    from rclpy.exceptions import ParameterException
+    from rclpy.signals import SignalHandlerOptions
+
+    from rft_ros.node.node_parameters import parameter_files
+    from rft_ros.node.rft_node import RftNode
+    from rft_ros.parameters import parameter_tree
 
     try:
-        node = _started(worker)
+        for file in parameter_files():
+            parameter_tree(file)  # refuses it in the words of a replay; ROS's are longer
+        try:
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
+            node = RftNode(worker)
+        except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
+            return str(error).partition(", at ")[0]
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
         executor = _executor(node)
@@ -102,25 +113,6 @@ def _run(stop: threading.Event) -> str:
         rclpy.try_shutdown()
         worker.end()
     return ""
-
-
-def _started(worker: "ToolWorker") -> "RftNode":
-    """The node. InputError for arguments and parameters that cannot be used."""
-    import rclpy
-    from rclpy.exceptions import ParameterException
-    from rclpy.signals import SignalHandlerOptions
-
-    from rft_ros.node.node_parameters import parameter_files
-    from rft_ros.node.rft_node import RftNode
-    from rft_ros.parameters import parameter_tree
-
-    for file in parameter_files():
-        parameter_tree(file)  # refuses it in the words of a replay; ROS's are longer
-    try:
-        rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
-        return RftNode(worker)
-    except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
-        raise InputError(str(error).partition(", at ")[0]) from error
 
 
 def _executor(node: "RftNode") -> "Executor":

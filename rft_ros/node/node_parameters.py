@@ -18,18 +18,16 @@ from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, check
 
 
 def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    unit = f" [{parameter.unit}]" if parameter.unit else ""
-    descriptor = ParameterDescriptor(
+    unit, (low, high) = f" [{parameter.unit}]" if parameter.unit else "", parameter.bounds
+    bounded = isinstance(parameter.default, float) and low > -float("inf")
+    return ParameterDescriptor(
         name=parameter.name,
         description=parameter.description + unit,
         additional_constraints=f"one of: {', '.join(parameter.choices)}" if parameter.choices else "",
         read_only=parameter.applies == "restart",
         dynamic_typing=True,  # so that `checked` refuses a wrong type, with a clearer sentence than rclpy's
+        floating_point_range=[FloatingPointRange(from_value=low, to_value=high)] if bounded else [],
     )
-    low, high = parameter.bounds
-    if isinstance(parameter.default, float) and low > -float("inf"):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
-    return descriptor
 
 
 class NodeParameters:

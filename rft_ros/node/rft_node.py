@@ -35,10 +35,7 @@ _LEARNED = ["vertical_strength", "horizontal_strength", "turn", "surface", "surp
 
 
 class RftNode(Node):
-    """Feeds poses, twists and wrenches to one estimator and publishes its results.
-
-    `arguments`: ROS arguments of this node, from ``--ros-args`` on, beside those of the process.
-    """
+    """Feeds messages to one estimator and publishes its results. `arguments`: ROS arguments, from ``--ros-args`` on."""
 
     def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
         super().__init__("rft", cli_args=arguments)
@@ -195,7 +192,6 @@ class RftNode(Node):
         self._serialise = wrench_cdr(values["sensor_frame"])
 
     def _use(self) -> None:
-        """Bring into force what is loaded."""
         model = self._swap.model(self.table.values, generation=self.estimator.model.generation + 1)
         self.estimator.use(settings=self._swap.settings(self.table.values), model=model)
         self._subscribe_to_clouds()

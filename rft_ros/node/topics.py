@@ -28,10 +28,7 @@ def type_name(message: Any) -> str:
 
 
 def transform_message(*, needed: bool) -> Any:
-    """The class of TFMessage; None if its package is not installed. Raises InputError then if it is `needed`.
-
-    tf2_ros is not needed: `estimator.transforms` has the tree.
-    """
+    """The class of TFMessage; if its package is not installed None, or InputError where it is `needed`."""
     try:
         from tf2_msgs.msg import TFMessage
     except ImportError:

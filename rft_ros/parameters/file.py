@@ -76,10 +76,7 @@ def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]
 
 
 def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
-    """Every parameter: the file's value for the node, checked, or the default.
-
-    A relative path in `FILES` becomes relative to the file's folder.
-    """
+    """Every parameter: the file's value for the node, checked, or the default; paths as by `path_beside`."""
     values = defaults()
     given = node_parameters(file, node)
     if not given:
@@ -107,10 +104,7 @@ def named_files(values: Values) -> list[Path]:
 
 
 def path_beside(folder: Path, name: str, path: str) -> str:
-    """A relative path in a parameter of `FILES`, counted from a folder.
-
-    Others stay: one from the root or the home folder, none, and for a mesh a shipped name or a URI.
-    """
+    """A relative path in a parameter of `FILES`, counted from a folder; other paths, mesh names and URIs stay."""
     if not path or path.startswith("~") or (name == "mesh.file" and not is_mesh_path(path)):
         return path
     return str(folder / path)

@@ -138,10 +138,7 @@ def model_of(
     ground: HeightMap | None = None,
     generation: int = 0,
 ) -> Model:
-    """The model from checked values; loads the tool, the table of α_y and the ground unless they are given.
-
-    Raises InputError for what cannot be used.
-    """
+    """The model from checked values; loads what is not given. Raises InputError for what cannot be used."""
     medium, alpha_y = medium_named(values["medium.name"]), values["alpha_y.model"]
     if alpha_y == "table":
         table = table or read_alpha_y_table(values["alpha_y.table"])

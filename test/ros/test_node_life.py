@@ -157,5 +157,5 @@ def test_a_demo_that_ends_early_says_why_ends_its_node_and_keeps_the_bag_before_
         assert (demo.returncode, said.splitlines()[-1]) == (130, "rft demo: interrupted")
     else:
         assert demo.returncode == 2
-        ended = "rft demo: the node was ended by signal 9 before the demo was over; see its messages above"
+        ended = "rft demo: the node ended with status -9 before the demo was over; see its messages above"
         assert said.splitlines()[-1] == ended
