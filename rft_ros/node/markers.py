@@ -24,18 +24,6 @@ _SAND, _RISEN, _SUNK = np.array([0.76, 0.7, 0.5]), np.array([0.8, 0.1, 0.1]), np
 _YELLOW, _RED = np.array([0.95, 0.85, 0.1]), np.array([0.8, 0.0, 0.1])
 
 
-def _traction_colours(traction: Array) -> Array:
-    """RGB of facets, shape [n, 3]: light grey without traction, then yellow to red at the greatest."""
-    x = traction[:, None] / max(traction.max(), 1e-12)
-    return np.where(x > 0.0, _YELLOW + x * (_RED - _YELLOW), 0.8)
-
-
-def _moved_colours(moved: Array) -> Array:
-    """RGB of cells, shape [n, 3], by how far they rose: blue at -20 mm, sand colour at 0, red at 20 mm."""
-    x = np.clip(moved / 0.02, -1.0, 1.0)[:, None]
-    return np.asarray(_SAND + np.abs(x) * (np.where(x > 0.0, _RISEN, _SUNK) - _SAND))
-
-
 def _spliced(marker: Marker, points: Array, rgb: Array) -> bytes:
     """The serialised MarkerArray of one marker, with points and opaque colours, shape [n, 3], inserted as bytes.
 
@@ -98,22 +86,26 @@ class Markers:
             tool.facets, self._model.law, self._state, surface_height=plane.height, slope=plane.slope
         )[drawn]
         traction = np.linalg.norm(forces, axis=1) / tool.facets.packed[6, drawn]
+        share = traction[:, None] / max(traction.max(), 1e-12)
+        rgb = np.where(share > 0.0, _YELLOW + share * (_RED - _YELLOW), 0.8)  # light grey without traction
         marker = self._marker(stamp, 0, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0))
         p, q = marker.pose.position, marker.pose.orientation
         p.x, p.y, p.z, q.x, q.y, q.z, q.w = self._state[:7].tolist()
         corners = tool.vertices[tool.faces[drawn]].reshape(-1, 3)
-        self._publisher.publish(_spliced(marker, corners, np.repeat(_traction_colours(traction), 3, axis=0)))
+        self._publisher.publish(_spliced(marker, corners, np.repeat(rgb, 3, axis=0)))
 
     def _publish_ground(self, stamp: int) -> None:
-        """The known cells, at most some thousand, coloured by how far they have moved since the start."""
+        """The known cells, at most some thousand: blue where they sank 20 mm since the start, red where they rose."""
         if (ground := self._ground) is None or (start := self._model.ground) is None:
             return
         if self._drawn is None or self._drawn[0] is not ground:  # finding the cells of the largest maps takes 0.2 s
             self._drawn = ground, ground.points(at_most=_MOST_FACETS)
         cells = self._drawn[1]
-        moved = np.nan_to_num(cells[:, 2] - start.heights_at(cells[:, 0], cells[:, 1]))
+        moved = np.nan_to_num(cells[:, 2] - start.heights_at(cells[:, 0], cells[:, 1]))[:, None]
+        share = np.clip(moved / 0.02, -1.0, 1.0)
+        rgb = _SAND + np.abs(share) * (np.where(share > 0.0, _RISEN, _SUNK) - _SAND)
         marker = self._marker(stamp, 4, Marker.CUBE_LIST, (ground.cell, ground.cell, 1e-4))
-        self._publisher.publish(_spliced(marker, cells, _moved_colours(moved)))
+        self._publisher.publish(_spliced(marker, cells, rgb))
 
     def _surface_around(self, stamp: int) -> Marker:
         side = 10.0 * self._model.tool.plates.reach

@@ -17,16 +17,15 @@ from rft_ros.parameters.file import FILES, flat, gives, parameter_tree, path_bes
 from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults
 
 
-def _descriptor(parameter: Parameter) -> ParameterDescriptor:
-    unit, (low, high) = f" [{parameter.unit}]" if parameter.unit else "", parameter.bounds
-    bounded = isinstance(parameter.default, float) and low > -float("inf")
+def _descriptor(p: Parameter) -> ParameterDescriptor:
+    ranges = [FloatingPointRange(from_value=p.bounds[0], to_value=p.bounds[1])]
     return ParameterDescriptor(
-        name=parameter.name,
-        description=parameter.description + unit,
-        additional_constraints=f"one of: {', '.join(parameter.choices)}" if parameter.choices else "",
-        read_only=parameter.applies == "restart",
+        name=p.name,
+        description=p.description + (f" [{p.unit}]" if p.unit else ""),
+        additional_constraints=f"one of: {', '.join(p.choices)}" if p.choices else "",
+        read_only=p.applies == "restart",
         dynamic_typing=True,  # so that `checked` refuses a wrong type, with a clearer sentence than rclpy's
-        floating_point_range=[FloatingPointRange(from_value=low, to_value=high)] if bounded else [],
+        floating_point_range=ranges if isinstance(p.default, float) else [],
     )
 
 

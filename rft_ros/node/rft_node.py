@@ -5,8 +5,7 @@ from functools import partial
 from time import perf_counter
 
 from geometry_msgs.msg import InertiaStamped, TwistStamped, WrenchStamped
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
