@@ -12,8 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from rft_ros.rft import chunk as row
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.chunk import ALONG, ANGLES, E2, ROW, TRACTION, at, triple, wide_vectors
+from rft_ros.rft.chunk import at, triple, wide_vectors
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.media import Medium
 
@@ -219,12 +220,12 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
             numbers = (given[11], given[12], given[13], given[14])[:count]
             fields = (*numbers, values) if has_values else numbers
             for i in range(n):
-                sin_b, cos_b, sin_g = triple(chunk, ANGLES, i)
-                cos_g = chunk[at(ANGLES + 3 * ROW, i)]
-                along = chunk[at(ALONG, i)] * alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
+                sin_b, cos_b, sin_g = triple(chunk, row.SIN_B, i)
+                cos_g = chunk[at(row.COS_G, i)]
+                along = chunk[at(row.ALONG, i)] * alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
                 # e1 = e2 x E3
-                chunk[at(TRACTION, i)] += along * chunk[at(E2 + ROW, i)]
-                chunk[at(TRACTION + ROW, i)] -= along * chunk[at(E2, i)]
+                chunk[at(row.TRACTION, i)] += along * chunk[at(row.E2_Y, i)]
+                chunk[at(row.TRACTION + row.LENGTH, i)] -= along * chunk[at(row.E2_X, i)]
         else:
             otherwise(kind, given, values, chunk, n)
 

@@ -13,6 +13,8 @@ FLOAT = np.dtype(np.float64)
 
 def number(name: str, value: float, *, positive: bool = False, least: float = -inf) -> float:
     """A finite number as float, of at least `least`, in the unit of `value`. Raises ValueError that names it."""
+    if value.__class__ is float and isfinite(value) and value >= least and (value > 0.0 or not positive):
+        return value
     try:
         x = float("nan" if isinstance(value, str | bytes) else value)
     except (TypeError, ValueError, OverflowError):

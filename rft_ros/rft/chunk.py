@@ -14,28 +14,28 @@ from numba.extending import intrinsic, overload
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.plates import BLOCK
 
-__all__ = ["ALONG", "ANGLES", "AREA", "BLOCKS", "E2", "KIND", "KINDS", "LOAD", "NORMAL", "NUMBER", "PLACE", "ROW"]
-__all__ += ["SHARE", "SIZE", "SPEED", "STIFF", "TOTAL", "TRACTION", "UNBLENDED", "VELOCITY"]
-__all__ += ["at", "new_chunk", "put", "triple", "wide_vectors"]
+__all__ = ["at", "new_chunk", "put", "triple", "wide_vectors"]
 
 BLOCKS = 8
 """Blocks of plates in a chunk."""
 
-ROW = BLOCKS * BLOCK + 8
+LENGTH = BLOCKS * BLOCK + 8
 """Numbers from one row to the next: rows a multiple of 512 bytes apart would compete for lines of the cache."""
 
-PLACE, NORMAL, VELOCITY, SPEED, E2, ANGLES, LOAD, AREA, SHARE, TRACTION, UNBLENDED, ALONG, STIFF, KIND, NUMBER = (
-    ROW * row for row in (0, 3, 6, 9, 10, 12, 16, 17, 18, 19, 22, 25, 26, 27, 28)
+PLACE, NORMAL, VELOCITY, TRACTION, UNBLENDED = (3 * LENGTH * k for k in range(5))
+"""Where the three rows of each vector begin, world axes: centre of load [m], from the tool frame's origin; outward
+normal; direction of the velocity; traction per depth [N/m³]; the same with each plate's own e2."""
+
+SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, STIFF, KIND, NUMBER = (
+    LENGTH * k for k in range(15, 29)
 )
-"""Where the rows of each quantity begin, world axes: centre of load [m], from the tool frame's origin (3 rows);
-outward normal (3); direction of the velocity (3) and scaled speed; x and y of e2 (2); sin β, cos β, sin γ, cos γ (4);
-load [m³] and area [m²] that the traction acts on; leading share; traction per depth [N/m³] (3); the same with each
-plate's own e2 (3); its part along e1 per α_y; its modulus times the load [N/m]; kinds of the next `KINDS` blocks;
-numbers and kinds of the chunk's blocks, with the totals of the state, `TOTAL`, behind them."""
+"""Where the row of each number begins: scaled speed; e2; sine and cosine of β and γ; load [m³] and area [m²] that the
+traction acts on; leading share; the traction's part along e1 per α_y; its modulus times the load [N/m]; kinds of the
+next `KINDS` blocks; numbers and kinds of the chunk's blocks, with the totals of the state, `TOTAL`, behind them."""
 
 KINDS, TOTAL = 128, NUMBER + 2 * BLOCKS
 
-SIZE = ROW * 29
+SIZE = LENGTH * 29
 
 
 @intrinsic
@@ -86,12 +86,12 @@ def at(row, i):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def triple(rows, row, i, length=ROW):  # type: ignore[no-untyped-def]
+def triple(rows, row, i, length=LENGTH):  # type: ignore[no-untyped-def]
     """A vector of plate i, from three rows of this length: of the chunk, or of a block."""
     return rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)]
 
 
 @inlined
-def put(rows, row, i, vector, length=ROW):  # type: ignore[no-untyped-def]
+def put(rows, row, i, vector, length=LENGTH):  # type: ignore[no-untyped-def]
     """Store a vector of plate i in three rows."""
     rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)] = vector

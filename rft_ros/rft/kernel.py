@@ -9,27 +9,8 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
-from rft_ros.rft.chunk import (
-    AREA,
-    BLOCKS,
-    KIND,
-    KINDS,
-    LOAD,
-    NORMAL,
-    NUMBER,
-    PLACE,
-    SHARE,
-    SPEED,
-    STIFF,
-    TOTAL,
-    TRACTION,
-    VELOCITY,
-    at,
-    new_chunk,
-    put,
-    triple,
-    wide_vectors,
-)
+from rft_ros.rft import chunk as row
+from rft_ros.rft.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 from rft_ros.rft.inertia import inertia_force
@@ -121,7 +102,7 @@ def _classify(chunk, bounds, first, last, seen, below, level):  # type: ignore[n
         tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
         kind = _SKIP_WET if wet & trails else kind
-        chunk[at(KIND, b - first)] = _SKIP_DRY if depth + spread <= 0.0 else kind
+        chunk[at(row.KIND, b - first)] = _SKIP_DRY if depth + spread <= 0.0 else kind
 
 
 @inlined
@@ -207,12 +188,12 @@ def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):  # type: igno
             share = min(max(lead * per_speed * rows[at(first + 13 * BLOCK, j)] + 0.5, 0.0), 1.0)
         else:
             share = 1.0 if lead > 0.0 else 0.0
-        put(chunk, PLACE, i, (x, y, z))
+        put(chunk, row.PLACE, i, (x, y, z))
         submerged += area
         loaded = 1.0 if remembers else share
-        chunk[at(LOAD, i)] = load * loaded
-        chunk[at(AREA, i)] = area * loaded
-        chunk[at(SHARE, i)] = share
+        chunk[at(row.LOAD, i)] = load * loaded
+        chunk[at(row.AREA, i)] = area * loaded
+        chunk[at(row.SHARE, i)] = share
     return submerged
 
 
@@ -223,9 +204,9 @@ def _add_sums(chunk, n):  # type: ignore[no-untyped-def]
     fx = fy = fz = hx = hy = hz = 0.0
     xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(n):
-        x, y, z = triple(chunk, PLACE, i)
-        ax, ay, az = triple(chunk, TRACTION, i)
-        load, area = chunk[at(LOAD, i)], chunk[at(AREA, i)]
+        x, y, z = triple(chunk, row.PLACE, i)
+        ax, ay, az = triple(chunk, row.TRACTION, i)
+        load, area = chunk[at(row.LOAD, i)], chunk[at(row.AREA, i)]
         dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
         fy += dy
@@ -244,7 +225,7 @@ def _add_sums(chunk, n):  # type: ignore[no-untyped-def]
         zz += z * dz
     part = fx, fy, fz, yz - zy, zx - xz, xy - yx, 0.0, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
     for c, value in enumerate(part):
-        chunk[at(TOTAL, c)] += value
+        chunk[at(row.TOTAL, c)] += value
 
 
 @inlined
@@ -253,8 +234,8 @@ def _add_stiffness(chunk, n, memory):  # type: ignore[no-untyped-def]
     wide_vectors()
     k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
     for i in range(n):
-        x, y, z = triple(chunk, PLACE, i)
-        stiff = chunk[at(STIFF, i)]
+        x, y, z = triple(chunk, row.PLACE, i)
+        stiff = chunk[at(row.STIFF, i)]
         k += stiff
         kx += stiff * x
         ky += stiff * y
@@ -274,19 +255,19 @@ def _inertia(chunk, n, inertia, squared, remembers):  # type: ignore[no-untyped-
     """Replace the tractions of a chunk by the forces of the grains' inertia, and their loads by one."""
     wide_vectors()
     for i in range(n):
-        area = chunk[at(AREA, i)] * (chunk[at(SHARE, i)] if remembers else 1.0)
-        speed = chunk[at(SPEED, i)]
-        normal, direction = triple(chunk, NORMAL, i), triple(chunk, VELOCITY, i)
-        put(chunk, TRACTION, i, inertia_force(inertia, normal, direction, area, squared * speed * speed))
-        chunk[at(LOAD, i)] = 1.0
-        chunk[at(AREA, i)] = 0.0
+        area = chunk[at(row.AREA, i)] * (chunk[at(row.SHARE, i)] if remembers else 1.0)
+        speed = chunk[at(row.SPEED, i)]
+        normal, direction = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
+        put(chunk, row.TRACTION, i, inertia_force(inertia, normal, direction, area, squared * speed * speed))
+        chunk[at(row.LOAD, i)] = 1.0
+        chunk[at(row.AREA, i)] = 0.0
 
 
 @inlined
 def _add_forces(chunk, i0, b, out):  # type: ignore[no-untyped-def]
     for j in range(BLOCK):
-        ax, ay, az = triple(chunk, TRACTION, at(i0, j))
-        load = chunk[at(LOAD, at(i0, j))]
+        ax, ay, az = triple(chunk, row.TRACTION, at(i0, j))
+        load = chunk[at(row.LOAD, at(i0, j))]
         plate = at(b * np.uint64(BLOCK), j)
         out[plate, 0] += ax * load
         out[plate, 1] += ay * load
@@ -326,33 +307,33 @@ def _sums(form, law, height, slope, states, past, out):  # type: ignore[no-untyp
         seen = _seen_from_tool(axes, twist, reach, rise)
         scene = axes, twist, below, rise
         for c in range(_COLUMNS):
-            chunk[at(TOTAL, c)] = 0.0
+            chunk[at(row.TOTAL, c)] = 0.0
         b, count, flat = np.uint64(0), np.uint64(0), False
         while b <= blocks:
-            place = b & np.uint64(KINDS - 1)
+            place = b & np.uint64(row.KINDS - 1)
             if place == np.uint64(0):
-                _classify(chunk, bounds, b, min(b + np.uint64(KINDS), blocks), seen, below, level)
-            kind = chunk[at(KIND, place)] if b < blocks else _SKIP_DRY
+                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), seen, below, level)
+            kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
             if remembers and kind == _SKIP_WET and memory[at(TRACTIONS, b)] == LOADED:
                 kind = _FADING
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
-            if count == np.uint64(BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
+            if count == np.uint64(row.BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
                 n = count * np.uint64(BLOCK)
                 for j in range(count):
-                    w, i0 = np.uint64(chunk[at(NUMBER, j)]), j * np.uint64(BLOCK)
+                    w, i0 = np.uint64(chunk[at(row.NUMBER, j)]), j * np.uint64(BLOCK)
                     submerged = 0.0
                     if not refined:
                         submerged = _geometry(chunk, i0, rows, w, scene, remembers, False, True)
-                    elif chunk[at(NUMBER + BLOCKS, j)] == _PLAIN:
+                    elif chunk[at(row.NUMBER + row.BLOCKS, j)] == _PLAIN:
                         submerged = _geometry(chunk, i0, rows, w, scene, remembers, True, False)
                     else:
                         submerged = _geometry(chunk, i0, rows, w, scene, remembers, True, True)
-                    chunk[at(TOTAL, 6)] += submerged
+                    chunk[at(row.TOTAL, 6)] += submerged
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness)
                 if remembers:
                     for j in range(count):
-                        w = np.uint64(chunk[at(NUMBER, j)])
+                        w = np.uint64(chunk[at(row.NUMBER, j)])
                         first = remembered + w * np.uint64(7 * BLOCK)
                         remember(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, length)
                         memory[at(TRACTIONS, w)] = GAPS if is_empty(memory, first) else LOADED
@@ -363,14 +344,14 @@ def _sums(form, law, height, slope, states, past, out):  # type: ignore[no-untyp
                     _add_sums(chunk, n)
                     if of_plates:
                         for j in range(count):
-                            _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(NUMBER, j)]), out)
+                            _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(row.NUMBER, j)]), out)
                 count = np.uint64(0)
             if kind >= _PLAIN:
                 flat = kind == _FLAT_OR_CUT
-                chunk[at(NUMBER, count)], chunk[at(NUMBER + BLOCKS, count)] = b, kind
+                chunk[at(row.NUMBER, count)], chunk[at(row.NUMBER + row.BLOCKS, count)] = b, kind
                 count += one
             elif kind == _SKIP_WET:
-                chunk[at(TOTAL, 6)] += bounds[18, b]
+                chunk[at(row.TOTAL, 6)] += bounds[18, b]
                 if moved:
                     open_gaps(memory, remembered + b * np.uint64(7 * BLOCK), rows, b * rule, motion_in_tool)
                     memory[at(TRACTIONS, b)] = GAPS
@@ -380,7 +361,7 @@ def _sums(form, law, height, slope, states, past, out):  # type: ignore[no-untyp
             b += one
         if not of_plates:
             for c in range(out.shape[1]):
-                out[k, c] = chunk[at(TOTAL, c)]
+                out[k, c] = chunk[at(row.TOTAL, c)]
 
 
 SUMS = compiled(_sums, **OPTIONS)

@@ -32,7 +32,8 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rft_ros.rft.chunk import LOAD, NORMAL, PLACE, SHARE, STIFF, TRACTION, at, put, triple, wide_vectors
+from rft_ros.rft import chunk as row
+from rft_ros.rft.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.compilation import STEP, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.plates import BLOCK, Plates
@@ -265,18 +266,18 @@ def _remember(chunk, i0, memory, first, motion, below, slope, length):  # type: 
     wide_vectors()
     for j in range(BLOCK):
         i = at(i0, j)
-        x, y, z = place = triple(chunk, PLACE, i)
+        x, y, z = place = triple(chunk, row.PLACE, i)
         ex, ey, ez = moved = _moved(motion, place)
         # half a step before
         depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
-        share, load = chunk[at(SHARE, i)], chunk[at(LOAD, i)]
-        asked = _times(share, triple(chunk, TRACTION, i))
+        share, load = chunk[at(row.SHARE, i)], chunk[at(row.LOAD, i)]
+        asked = _times(share, triple(chunk, row.TRACTION, i))
         kept, yielded = triple(memory, first, j, BLOCK), triple(memory, first + 3 * BLOCK, j, BLOCK)
         past = kept, yielded, memory[at(first + 6 * BLOCK, j)]
-        traction, past, stiff = advance(past, triple(chunk, NORMAL, i), moved, asked, share > 0.0, depth, length)
+        traction, past, stiff = advance(past, triple(chunk, row.NORMAL, i), moved, asked, share > 0.0, depth, length)
         wet = 1.0 if load > 0.0 else 0.0
-        put(chunk, TRACTION, i, _times(wet, traction))
-        chunk[at(STIFF, i)] = stiff * max(load, 0.0)
+        put(chunk, row.TRACTION, i, _times(wet, traction))
+        chunk[at(row.STIFF, i)] = stiff * max(load, 0.0)
         kept, yielded, limit = past
         put(memory, first, j, _times(wet, kept), BLOCK)
         put(memory, first + 3 * BLOCK, j, _times(wet, yielded), BLOCK)

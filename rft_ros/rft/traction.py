@@ -10,25 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from rft_ros.rft import chunk as row
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import AlphaY, PackedLaw, add_alpha_y, packed_alpha_y
 from rft_ros.rft.arguments import number
-from rft_ros.rft.chunk import (
-    ALONG,
-    ANGLES,
-    E2,
-    NORMAL,
-    ROW,
-    SIZE,
-    SPEED,
-    TRACTION,
-    UNBLENDED,
-    VELOCITY,
-    at,
-    put,
-    triple,
-    wide_vectors,
-)
+from rft_ros.rft.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.compilation import STEP, compiled, inlined
 from rft_ros.rft.inertia import INERTIA, inertial_density
 from rft_ros.rft.media import Medium
@@ -153,13 +139,13 @@ def orient(chunk, i, normal, velocity):  # type: ignore[no-untyped-def]
     speed, length = sqrt(max(squared, _TINY)), sqrt(max(horizontal, _TINY))
     reciprocal = 1.0 / (speed * length)  # one division for both
     per_speed, per_length = reciprocal * length, reciprocal * speed
-    put(chunk, NORMAL, i, normal)
-    put(chunk, VELOCITY, i, (vx * per_speed, vy * per_speed, vz * per_speed))
-    chunk[at(SPEED, i)] = squared * per_speed
-    chunk[at(E2, i)] = nx * per_length
-    chunk[at(E2 + ROW, i)] = ny * per_length
-    chunk[at(ANGLES, i)] = horizontal * per_length
-    chunk[at(ANGLES + ROW, i)] = -nz
+    put(chunk, row.NORMAL, i, normal)
+    put(chunk, row.VELOCITY, i, (vx * per_speed, vy * per_speed, vz * per_speed))
+    chunk[at(row.SPEED, i)] = squared * per_speed
+    chunk[at(row.E2_X, i)] = nx * per_length
+    chunk[at(row.E2_Y, i)] = ny * per_length
+    chunk[at(row.SIN_B, i)] = horizontal * per_length
+    chunk[at(row.COS_B, i)] = -nz
     return per_speed
 
 
@@ -168,8 +154,8 @@ def _turn_flat_plates(chunk, n, level):  # type: ignore[no-untyped-def]
     """Give plates with abs(n·E3) >= `level` the velocity's horizontal direction as e2, where 2D RFT holds."""
     wide_vectors()
     for i in range(n):
-        nx, ny, nz = triple(chunk, NORMAL, i)
-        vx, vy, _ = triple(chunk, VELOCITY, i)
+        nx, ny, nz = triple(chunk, row.NORMAL, i)
+        vx, vy, _ = triple(chunk, row.VELOCITY, i)
         vx += _NUDGE
         vx = 1.0 if vx * vx + vy * vy == 0.0 else vx
         per_length = 1.0 / sqrt(vx * vx + vy * vy)
@@ -179,10 +165,10 @@ def _turn_flat_plates(chunk, n, level):  # type: ignore[no-untyped-def]
         short = 1.0 - (n2 * n2 + nz * nz)
         per_n23 = 1.0 + short * (0.5 + short * (0.375 + short * (0.3125 + short * 0.2734375)))
         flat = abs(nz) >= level
-        chunk[at(E2, i)] = vx if flat else chunk[at(E2, i)]
-        chunk[at(E2 + ROW, i)] = vy if flat else chunk[at(E2 + ROW, i)]
-        chunk[at(ANGLES, i)] = n2 * per_n23 if flat else chunk[at(ANGLES, i)]
-        chunk[at(ANGLES + ROW, i)] = -nz * per_n23 if flat else chunk[at(ANGLES + ROW, i)]
+        chunk[at(row.E2_X, i)] = vx if flat else chunk[at(row.E2_X, i)]
+        chunk[at(row.E2_Y, i)] = vy if flat else chunk[at(row.E2_Y, i)]
+        chunk[at(row.SIN_B, i)] = n2 * per_n23 if flat else chunk[at(row.SIN_B, i)]
+        chunk[at(row.COS_B, i)] = -nz * per_n23 if flat else chunk[at(row.COS_B, i)]
 
 
 @inlined
@@ -212,12 +198,12 @@ def _treers2021(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
         given[1], given[2], given[3], given[4], given[5], given[6], given[7], given[8], given[9], given[10],
     )  # fmt: skip
     for i in range(n):
-        e2, velocity = (chunk[at(E2, i)], chunk[at(E2 + ROW, i)]), triple(chunk, VELOCITY, i)
-        t, along, sin_g, cos_g = _stresses(coefficients, chunk[at(ANGLES, i)], chunk[at(ANGLES + ROW, i)], e2, velocity)
-        put(chunk, TRACTION, i, t)
-        chunk[at(ALONG, i)] = along
-        chunk[at(ANGLES + 2 * ROW, i)] = sin_g
-        chunk[at(ANGLES + 3 * ROW, i)] = cos_g
+        e2, velocity = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]), triple(chunk, row.VELOCITY, i)
+        t, along, sin_g, cos_g = _stresses(coefficients, chunk[at(row.SIN_B, i)], chunk[at(row.COS_B, i)], e2, velocity)
+        put(chunk, row.TRACTION, i, t)
+        chunk[at(row.ALONG, i)] = along
+        chunk[at(row.SIN_G, i)] = sin_g
+        chunk[at(row.COS_G, i)] = cos_g
     add_alpha_y(kind, given, values, chunk, n)
 
 
@@ -227,8 +213,8 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int) -> None:
     kind, given, values = law
     if kind < 0:
         for i in range(n):
-            normal, velocity = triple(chunk, NORMAL, i), triple(chunk, VELOCITY, i)
-            put(chunk, TRACTION, i, agarwal2023_traction(given[1], given[2], normal, velocity))
+            normal, velocity = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
+            put(chunk, row.TRACTION, i, agarwal2023_traction(given[1], given[2], normal, velocity))
         return
     turns, blends = flatness != NEVER_FLAT, flatness == BLENDED
     for turned in range(2 if blends else 1):
@@ -237,14 +223,14 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int) -> None:
         _treers2021(kind, given, values, chunk, n)
         if blends and turned == 0:
             for i in range(n):
-                put(chunk, UNBLENDED, i, triple(chunk, TRACTION, i))
+                put(chunk, row.UNBLENDED, i, triple(chunk, row.TRACTION, i))
     if blends:
         for i in range(n):
-            nx, ny, _ = triple(chunk, NORMAL, i)
+            nx, ny, _ = triple(chunk, row.NORMAL, i)
             share = min(sqrt(nx * nx + ny * ny) * (1.0 / _SIN_BLEND), 1.0)
-            ax, ay, az = triple(chunk, TRACTION, i)
-            bx, by, bz = triple(chunk, UNBLENDED, i)
-            put(chunk, TRACTION, i, (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)))
+            ax, ay, az = triple(chunk, row.TRACTION, i)
+            bx, by, bz = triple(chunk, row.UNBLENDED, i)
+            put(chunk, row.TRACTION, i, (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)))
 
 
 tractions = compiled(_tractions, **STEP)
@@ -259,8 +245,8 @@ def traction_per_depth(
     direction of the velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the
     released code) or `BLENDED`. Raises TypeError for anything but a law.
     """
-    chunk = np.zeros(SIZE)
+    chunk = np.zeros(row.SIZE)
     orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
     _tractions(packed_law(law), chunk, 1, flatness)
-    x, y, z = triple(chunk, TRACTION, 0)
+    x, y, z = triple(chunk, row.TRACTION, 0)
     return float(x), float(y), float(z)

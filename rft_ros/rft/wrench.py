@@ -8,6 +8,7 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,7 +39,9 @@ LEVEL = 0.0, 0.0
 
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
-_NO_TIME, _NO_MEMORY = np.zeros(1), np.zeros((1, TRACTIONS))
+_ROW = (len(STATE),)
+_NOTHING = np.zeros((1, TRACTIONS))
+_NO_MEMORY = False, np.zeros(1), 1.0, _NOTHING
 
 
 def wrenches(
@@ -61,17 +64,16 @@ def wrenches(
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    step, surface = prepared(plates, law), _surface(surface_height, slope)
-    states = numbers("states", states, (len(STATE),))
+    loop, scene = _loop(), _scene(plates, law, surface_height, slope)
+    states = numbers("states", states, _ROW)
     n, result = len(states), _result(states, sensitivities)
-    most = _CORES if threads is None else int(number("threads", threads, least=1.0))
-    workers = min(most, n, 1 + n * len(plates) // _WORTH_A_THREAD)
+    workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        step(states, _NO_TIME, *surface, result)
+        loop(*scene, states, _NO_MEMORY, result)
         return result
     edges = np.linspace(0, n, workers + 1).astype(int)
     with ThreadPoolExecutor(workers) as pool:
-        parts = [pool.submit(step, states[a:b], _NO_TIME, *surface, result[a:b]) for a, b in pairwise(edges)]
+        parts = [pool.submit(loop, *scene, states[a:b], _NO_MEMORY, result[a:b]) for a, b in pairwise(edges)]
     for part in parts:
         part.result()
     return result
@@ -95,17 +97,16 @@ def wrenches_in_time(
     in place; of many bodies, row i is of body i. `mobilization_length`: λ at the depth `rft_ros.rft.memory.DEPTH` [m],
     positive.
     """
-    if not isinstance(memory, Memory):
-        raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
-    step, surface = prepared(plates, law, memory, mobilization_length), _surface(surface_height, slope)
-    states = numbers("states", states, (len(STATE),))
+    scene, kept = _scene(plates, law, surface_height, slope), _remembered(plates, memory)
+    length = number("mobilization_length", mobilization_length, positive=True)
+    states = numbers("states", states, _ROW)
     durations = numbers("durations", durations, rows=len(states))
-    if not durations.min(initial=0.0) >= 0.0:
+    if not (durations[0] if len(durations) == 1 else durations.min(initial=0.0)) >= 0.0:
         raise ValueError("durations has a value that is negative or NaN; states must be in chronological order")
     if memory.bodies not in (1, len(states)):
         raise ValueError(f"memory is of {memory.bodies} bodies; states has {len(states)} rows")
     result = _result(states, sensitivities)
-    step(states, durations, *surface, result)
+    _loop()(*scene, states, (True, durations, length, kept), result)
     return result
 
 
@@ -119,12 +120,9 @@ def prepared(
     of the types and shapes that `wrenches_in_time` names, and all are C-contiguous. Raises ValueError or TypeError that
     names the argument that cannot be used.
     """
-    loop, form, packed = _loop(), _checked(plates).form, packed_law(law)
-    remembers, kept, length = False, _NO_MEMORY, number("mobilization_length", length, positive=True)
-    if memory is not None:
-        if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
-            raise ValueError("memory belongs to other plates; create one with Memory(plates)")
-        remembers, kept = True, memory.numbers[bodies]
+    loop, (form, packed, _, _) = _loop(), _scene(plates, law, 0.0, LEVEL)
+    length = number("mobilization_length", length, positive=True)
+    remembers, kept = memory is not None, _NOTHING if memory is None else _remembered(plates, memory)[bodies]
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], result: Array) -> None:
         loop(form, packed, height, slope, states, (remembers, durations, length, kept), result)
@@ -144,10 +142,9 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    step, surface = prepared(plates, law), _surface(surface_height, slope)
-    states = numbers("state", state, rows=len(STATE)).reshape(1, -1)
+    scene, states = _scene(plates, law, surface_height, slope), numbers("state", state, rows=13).reshape(1, 13)
     forces, ordered = np.zeros((plates.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
-    step(states, _NO_TIME, *surface, forces)
+    _loop()(*scene, states, _NO_MEMORY, forces)
     ordered[plates.order] = forces[: len(plates)]
     return ordered
 
@@ -157,7 +154,7 @@ def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0)
 
     `state`: shape [13], columns `STATE`; `surface_height` [m]. In 0 to 1, no unit; 0 in the air.
     """
-    height, one = number("surface_height", surface_height), numbers("state", state, rows=len(STATE))
+    height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
     return EDGE_SHARE(_checked(plates).packed, plates.reach, height, one)
 
 
@@ -167,9 +164,25 @@ def _checked(plates: Plates) -> Plates:
     return plates
 
 
-def _surface(height: float, slope: tuple[float, float]) -> tuple[float, tuple[float, float]]:
-    x, y = (number("slope", part) for part in numbers("slope", slope, rows=2).tolist())
-    return number("surface_height", height), (x, y)
+def _scene(plates: Plates, law: Law, height: float, slope: tuple[float, float]) -> tuple[Any, ...]:
+    """What the loop takes of these."""
+    if slope is not LEVEL:
+        x, y = (number("slope", part) for part in numbers("slope", slope, rows=2).tolist())
+        slope = x, y
+    return _checked(plates).form, packed_law(law), number("surface_height", height), slope
+
+
+def _remembered(plates: Plates, memory: Memory) -> Array:
+    if not isinstance(memory, Memory):
+        raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
+    if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
+        raise ValueError("memory belongs to other plates; create one with Memory(plates)")
+    return memory.numbers
+
+
+def _workers(threads: int | None, states: int, plates: int) -> int:
+    most = _CORES if threads is None else int(number("threads", threads, least=1.0))
+    return min(most, states, 1 + states * plates // _WORTH_A_THREAD)
 
 
 def _result(states: Array, sensitivities: bool) -> Array:
@@ -180,8 +193,8 @@ def _result(states: Array, sensitivities: bool) -> Array:
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    law, past = Agarwal2023(1.0, 0.0).packed, (False, _NO_TIME, 1.0, _NO_MEMORY)
-    return machine_code(SUMS, (plates.form, law, 0.0, LEVEL, np.zeros((1, 13)), past, np.zeros((1, 7))))
+    scene = _scene(plates, Agarwal2023(1.0, 0.0), 0.0, LEVEL)
+    return machine_code(SUMS, (*scene, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
 
 
 def compile_tractions() -> None:

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, medium_named, treers2021
 from rft_ros.rft.alpha_y import FINEST, add_alpha_y
-from rft_ros.rft.chunk import ALONG, ANGLES, E2, ROW, SIZE, TRACTION
+from rft_ros.rft.chunk import ALONG, COS_B, COS_G, E2_Y, SIN_B, SIN_G, SIZE, TRACTION
 
 attack = st.floats(0.0, 180.0)
 
@@ -24,8 +24,8 @@ UNEVEN = Table.sampled(
 def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
     """What the law adds along e1 where its weight is 1."""
     b, g, chunk = math.radians(beta_deg), math.radians(gamma_deg), np.zeros(SIZE)
-    chunk[ANGLES::ROW][:4] = math.sin(b), math.cos(b), math.sin(g), math.cos(g)
-    chunk[ALONG] = chunk[E2 + ROW] = 1.0
+    chunk[SIN_B], chunk[COS_B], chunk[SIN_G], chunk[COS_G] = math.sin(b), math.cos(b), math.sin(g), math.cos(g)
+    chunk[ALONG] = chunk[E2_Y] = 1.0
     add_alpha_y(*treers2021(MEDIA["generic"], model).packed, chunk, 1)
     return float(chunk[TRACTION])
 
