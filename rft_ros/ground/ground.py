@@ -204,8 +204,7 @@ class Cloud(NamedTuple):
 class Ground:
     """The map in force, `map`, which `level` sets to `start`; None: a level plane.
 
-    `corners` of the tool's convex hull, tool frame [m], shape [k, 3]. `last_cloud`, `newest`: stamps of cloud and pose
-    [ns].
+    `corners`: of the tool's convex hull [m], shape [k, 3]. `last_cloud`, `newest`: stamps of cloud and pose [ns].
     """
 
     def __init__(self, start: HeightMap | None, corners: Array) -> None:
@@ -240,8 +239,7 @@ class Ground:
     def add(self, cloud: Cloud, camera: _Camera = None) -> None:
         """Take a cloud; it waits for the first pose at or after its stamp, which says where the tool was.
 
-        `camera`: position [m], shape [3], and rotation to world, shape [3, 3], of the cloud's frame; None: it is the
-        world's.
+        `camera`: position [m], shape [3], and rotation, shape [3, 3], of the cloud's frame in the world, if another.
         """
         if cloud.stamp < self.last_cloud:
             self._clouds.clear()  # of the run before, or of a stamp in the future
@@ -250,10 +248,7 @@ class Ground:
         self._merge()
 
     def see(self, stamp: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
-        """Take the tool's pose, and bring into force what is due at its stamp [ns].
-
-        Waits for a map that a stalled process has not made.
-        """
+        """Take the tool's pose, and bring into force what is due at its stamp [ns]; waits for a map that is late."""
         if self._start is None:
             return
         self.newest = stamp

@@ -31,8 +31,7 @@ class GrainsBatch:
 
     `tool`: the shape, in the body frame (`load_tool`). `law`: of the grains (`treers2021`, `agarwal2023`); with its
     inertia. `mobilization_length`: λ at 30 mm depth [m]. `surface_height` [m]: where `ground`, a map of the ground's
-    height, knows nothing. `threads`: over bodies; a result does not depend on it. Raises ValueError or TypeError that
-    names the argument that cannot be used.
+    height, knows nothing. `threads`: over bodies; a result does not depend on it. Raises ValueError or TypeError.
     """
 
     def __init__(
@@ -85,8 +84,7 @@ class GrainsBatch:
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`: pose of the body frame and twist of its origin now.
         Torques are about the body frames' origins. The grains remember the poses of the last call. A body that chatters
-        under held wrenches is calmed. Raises ValueError for states that are not finite and for another number of
-        bodies; what the grains remember is then as before.
+        under held wrenches is calmed. Raises ValueError for states that cannot be used, which it forgets.
         """
         given = checked_states(states)
         if len(given) != len(self._rows):

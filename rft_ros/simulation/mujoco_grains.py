@@ -142,7 +142,8 @@ class MujocoGrains:
         self._grains, self._ahead = (GrainsBatch(self.tool, law, bodies=1, **bed) for _ in range(2))
         heights = np.zeros(0) if ground is None else ground.points()[:, 2]
         self._highest, self._stride = heights.max(initial=surface_height), max(_STRIDE * mobilization_length, 1e-30)
-        self._time, self._late = -math.inf, np.zeros(6)
+        self._time = -math.inf
+        self._late: Array | None = None  # of the wrench of the last step's substeps, what acts in the next step
 
     @property
     def wrench(self) -> Array:
@@ -152,8 +153,7 @@ class MujocoGrains:
     def apply(self, data: Any) -> Array:
         """Write the grains' wrench for the next step to ``data.xfrc_applied[body]``; returns `wrench`, shape [6].
 
-        Call it before each `mj_step`, with any integrator. It computes the forward dynamics of `data` without the
-        grains. Raises ValueError if they are not finite.
+        Call it before each `mj_step`, with any integrator. Raises ValueError for data that is not finite.
         """
         body = self._body
         body.measure(data)
@@ -165,12 +165,10 @@ class MujocoGrains:
         row = self._grains.advance(body.state, h)[0]
         path = body.hold(row, self._grains.sums[0], h, reach)
         in_air = row[6] == 0.0 and body.state[0, 2] - self._highest > reach + path
-        late = None
-        if any(self._late.tolist()):  # the twist lags by what acts late, which must not stop the substeps
-            late = self._late.copy()
+        late, self._late = self._late, None
+        if late is not None:  # the twist lags by what acts late, which must not stop the substeps
             lag = h * (0.5 * body.free + body.inverse @ late)
             path = max(path, h * (math.hypot(*lag[:3]) + reach * math.hypot(*lag[3:])))
-            self._late.fill(0.0)
         if path > self._stride and not in_air:
             self._substeps(row, 0.5 * row[:6] if late is None else late, h, math.ceil(min(path / self._stride, _MOST)))
         return self.wrench
@@ -185,36 +183,33 @@ class MujocoGrains:
         body, ahead, h, reach = self._body, self._ahead, dt / n, self.tool.plates.reach
         ahead.restore(self._grains.state())
         state, twist = body.state.copy(), body.twist + dt * (0.5 * body.free + body.inverse @ late)
-        wrench = late
+        wrench, later = late, np.zeros(6)
         for k in range(n):
             held(row, ahead.sums[0], body.inverse, twist, body.free, h, reach, body.wrench, body.after)
             wrench += (n - k - 0.5) / n**2 * body.wrench
-            self._late += (k + 0.5) / n**2 * body.wrench
+            later += (k + 0.5) / n**2 * body.wrench
             twist = body.after.copy()
             move(state[0], twist, h)
             row = ahead.advance(state, h)[0]
         body.feel(wrench)
-
-    @property
-    def stiffness(self) -> Array:
-        """B of `GrainsBatch.stiffness` at the last step, in its units, shape [6, 6]."""
-        return np.asarray(self._grains.stiffness[0])
+        self._late = later if later.any() else None
 
     def reset(self) -> None:
         """A level bed that remembers nothing."""
         self._grains.reset()
-        self._late.fill(0.0)
+        self._late = None
 
     def state(self) -> GrainsState:
         """A copy of what the grains remember; picklable. For rollouts, beside `mj_getState`."""
-        return {**self._grains.state(), "late": self._late.copy()}
+        return {**self._grains.state(), "late": np.zeros(6) if self._late is None else self._late.copy()}
 
     def restore(self, state: GrainsState) -> None:
         """Go back to what `state` returned."""
         if not isinstance(state, dict) or np.shape(state.get("late", ())) != (6,):
             raise ValueError("state is of other grains; restore what state() of grains like these returned")
         self._grains.restore({name: array for name, array in state.items() if name != "late"})
-        self._late[:], self._time = state["late"], -math.inf
+        late = np.array(state["late"], dtype=np.float64)
+        self._late, self._time = late if late.any() else None, -math.inf
 
 
 def _tool_of_body(model: Any, body: int, name: str, tolerance: float) -> Tool:

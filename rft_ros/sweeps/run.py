@@ -102,9 +102,8 @@ def _cells(variant: Variant) -> dict[str, Any]:
 def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int | None = None) -> tuple[int, int]:
     """Compute the missing rows of a design and write ``results.csv`` to the folder `out`.
 
-    Returns how many it computed, and how many of all have no numbers. `scheduler`: address of a Dask scheduler, such as
-    tcp://10.0.0.1:8786; without it, `workers` processes here (default: one per core). The table has the same bytes
-    however it was computed. Raises InputError.
+    Returns how many it computed, and how many of all have no numbers. `scheduler`: address of a Dask scheduler; without
+    it, `workers` processes here (default: one per core). The table has the same bytes either way. Raises InputError.
     """
     variants, name, fingerprint = design.variants, design.file.stem, design.fingerprint()
     columns = [*dict.fromkeys(name for variant in variants for name in _cells(variant)), *RESULTS, "reason"]

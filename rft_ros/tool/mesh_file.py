@@ -1,9 +1,8 @@
 """Files of tools: find a mesh, read it and place it in the tool frame; write and read reduced tools.
 
 A reduced tool's file (.npz without pickle) is accepted wherever a mesh file is. Its arrays: `vertices` [n, 3] and
-`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: the format, and how the
-plates were chosen. Lengths are in the mesh file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the
-same as for the mesh.
+`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: format and reduction.
+Lengths are in the mesh file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the same as for the mesh.
 """
 
 import io
@@ -59,8 +58,7 @@ def is_mesh_path(file: str) -> bool:
 def locate_mesh(file: str | os.PathLike[str]) -> Path:
     """The mesh file that `mesh.file` means: a path, a package://PACKAGE/PATH or file:///PATH URI or a shipped mesh.
 
-    A bare word, without folder or suffix, is always a shipped mesh. `read_mesh` checks that the file exists.
-    Raises InputError for an unknown package or name.
+    A bare word, without folder or suffix, is always a shipped mesh. Raises InputError for an unknown package or name.
     """
     if not isinstance(file, str | os.PathLike) or "\0" in unquote(os.fspath(file)):
         raise InputError(f"mesh.file is {file!r}; it must be a path or the name of a shipped mesh")
@@ -192,10 +190,7 @@ def save_reduced(file: Path, tool: "Tool", *, scale: float, origin: Sequence[flo
 
 
 def read_reduced(file: Path, *, scale: float, origin: Array) -> tuple["trimesh.Trimesh", Plates, str]:
-    """The full mesh, the plates and the reduction that `save_reduced` wrote, placed as `read_mesh` places a mesh.
-
-    Raises as `read_mesh`.
-    """
+    """The full mesh, the plates and the reduction that `save_reduced` wrote, placed, or refused, as by `read_mesh`."""
     vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
         form, reduction = about.ravel().tolist()

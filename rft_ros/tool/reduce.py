@@ -53,10 +53,9 @@ _RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable for
 
 
 def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, str]:
-    """The fewest plates within the tolerance, and a sentence on them.
+    """The fewest plates within the tolerance in random motions, relative to each state's own force, and a sentence.
 
-    `corners`: of the tool's convex hull [m], shape [k, 3]. `tolerance`: of the error over random motions, at the 95th
-    percentile, relative to each state's own force.
+    `corners`: of the tool's convex hull [m], shape [k, 3].
     """
     error_of = _error_over(random_motions(corners, _STATES, seed=1), plates, own_force=True)
 
@@ -70,10 +69,10 @@ def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> 
 
 
 def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[Plates, str]:
-    """The fewest plates within the tolerance over a scene's states, and a sentence on them.
+    """The fewest plates within the tolerance in a scene, relative to its greatest force, and a sentence.
 
-    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. `tolerance`: as for any motion, but
-    relative to the greatest force. InputError where there are too few states, or none with a force.
+    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. InputError where there are too few
+    states, or none with a force.
     """
     if len(states) < _FEWEST_STATES:
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
@@ -91,8 +90,7 @@ def _reduction(full: Plates, few: Plates, error: float, motions: str) -> str:
 def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[Plates], float]:
     """A function that gives the error of fewer plates over these states: by the worse law, at the 95th percentile.
 
-    The larger of two errors: of the force; of the torque over the tool's reach. Relative to each state's own force if
-    `own_force`, else to the greatest force.
+    The larger of two errors: of the force; of the torque over the tool's reach.
     """
 
     def wrenches_of(some: Plates) -> Array:
@@ -249,7 +247,6 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
 
     `corners`: of the tool's convex hull [m], shape [k, 3]. The lowest point is a quarter to twice the tool's height
     below the surface at z = 0. Points of the tool turn about its center at most as fast as the center moves, 1 m/s.
-    The same seed gives the same states.
     """
     from scipy.spatial.transform import Rotation
 
