@@ -149,11 +149,9 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    if not np.isfinite(shift).all():
-        raise InputError(f"mesh.origin is {shift.tolist()}; it must be three finite numbers")
-    if (abs(shift) > _FARTHEST * np.abs(corners).max()).any():
-        far = f"over {_FARTHEST:,.0f} times as far from zero as any vertex of mesh file '{path}'"
-        raise InputError(f"mesh.origin is {shift.tolist()}, {far}; give it in mesh units")
+    if not (abs(shift) <= _FARTHEST * np.nanmax(np.abs(corners), initial=0.0)).all():
+        near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
+        raise InputError(f"mesh.origin is {shift.tolist()}; it must be {near}")
     with np.errstate(over="ignore", invalid="ignore"):
         vertices = (np.asarray(corners, dtype=np.float64) - shift) * scale
     if bad := int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum()):

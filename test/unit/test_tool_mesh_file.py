@@ -106,10 +106,9 @@ def test_scale_and_origin_place_the_vertices(tmp_path):
         ({"origin": "abc"}, "mesh.origin has values of type <U3; they must be real numbers"),
         *(({"origin": v}, f"mesh.origin has shape [{len(v)}]; it must be [3]") for v in ((), (0.0, 0.0))),
         *(
-            ({"origin": (0.0, 0.0, v)}, f"mesh.origin is [0.0, 0.0, {v}]; it must be three finite numbers")
-            for v in (np.nan, np.inf)
+            ({"origin": (0.0, 0.0, v)}, f"mesh.origin is [0.0, 0.0, {v}]; it must be near mesh file")
+            for v in (1e30, np.nan, np.inf)
         ),
-        ({"origin": (0.0, 1e30, 0.0)}, "mesh.origin is [0.0, 1e+30, 0.0], over 1,000,000 times as far from zero as"),
     ],
 )
 def test_a_wrong_scale_or_origin_is_refused(tmp_path, placed, message):
