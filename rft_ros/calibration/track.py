@@ -10,6 +10,7 @@ from scipy.ndimage import correlate1d
 from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
+from rft_ros.bags.phases import lowest_points
 from rft_ros.bags.playback import ReplayOptions, play, topics_of
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
@@ -65,16 +66,14 @@ class Track:
 
     def heights(self) -> Array:
         """World z of the tool's lowest point [m], shape [n]."""
-        up = self.rotations()[:, 2]
         # in parts: the heights of all corners at all moments could fill the memory
-        parts = np.array_split(up, 1 + len(up) * len(self.tool.corners) // 10_000_000)
-        lowest = np.concatenate([(part @ self.tool.corners.T).min(axis=1) for part in parts])
-        return np.asarray(self.states[:, 2] + lowest)
+        parts = np.array_split(self.states, 1 + len(self.states) * len(self.tool.corners) // 10_000_000)
+        return np.concatenate([lowest_points(self.tool.corners, part)[0] for part in parts])
 
     def smooth_states(self) -> Array:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise is not motion."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
-        count = max(1, round(_SMOOTHING / step))
+        count = max(1, round(_SMOOTHING / max(step, 1e-4)))  # stamps may lie closer than any driver's
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
         mean = correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest")
         return np.hstack([self.states[:, :7], mean])

@@ -3,10 +3,10 @@
 import argparse
 from pathlib import Path
 
-from rft_ros.bags.checkup import Checkup, Finding
 from rft_ros.bags.playback import ReplayOptions, topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.bags.replay import replay
+from rft_ros.calibration.checkup import Checkup, Finding
 from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import needed, prepare
@@ -43,7 +43,7 @@ def doctor(arguments: argparse.Namespace) -> int:
             for sample in messages:
                 checkup.push(sample, messages.time)
         if messages.damage:
-            findings.append(Finding(False, f"bag: {messages.damage}"))
+            findings.append((False, f"bag: {messages.damage}"))
     else:
         try:
             from rft_ros.node.listen import Listener
@@ -55,8 +55,8 @@ def doctor(arguments: argparse.Namespace) -> int:
             checkup = Checkup({**values, "sensor.bias": bias}, model, named=named, topics=topics)
             findings += [finding, *listener.listen(topics, arguments.seconds, checkup.push)]
     findings += checkup.findings()
-    print("\n".join(map(str, findings)))
-    return 0 if all(finding.ok for finding in findings) else 1
+    print("\n".join(f"{'OK ' if ok else 'FIX'} {text}" for ok, text in findings))
+    return 0 if all(ok for ok, _ in findings) else 1
 
 
 def _compiled(values: Values) -> Finding:
@@ -66,8 +66,8 @@ def _compiled(values: Values) -> Finding:
     try:
         prepare(needed(values), on_cold_cache=stop)
     except InputError as error:
-        return Finding(False, f"compiled: no; {error}")
-    return Finding(True, "compiled: yes")
+        return False, f"compiled: no; {error}"
+    return True, "compiled: yes"
 
 
 def demo_options(command: argparse.ArgumentParser) -> None:

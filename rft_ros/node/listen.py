@@ -11,7 +11,6 @@ from rclpy.exceptions import NameValidationException
 from rclpy.parameter import parameter_value_to_python
 from rclpy.qos import QoSCompatibility, qos_check_compatible
 
-from rft_ros.bags.checkup import Finding
 from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import Sample
 from rft_ros.estimator.messages import UNREADABLE, Role, decoder
@@ -21,6 +20,7 @@ from rft_ros.parameters import FILES, Value, Values, checked
 
 __all__ = ["Listener"]
 
+_Finding = tuple[bool, str]  # as of `Checkup`
 _DISCOVERY = 6.0  # s: DDS announces a node at the latest after 3 s, on a busy machine later
 _OURS = "rft_doctor"
 
@@ -42,11 +42,11 @@ class Listener:
         if isinstance(error, NameValidationException):
             raise InputError(f"{reason_of(error).rstrip(' ^')}; mend --node or --remap") from None
 
-    def compare(self, values: Values, file: Path) -> tuple[Finding, Value]:
+    def compare(self, values: Values, file: Path) -> tuple[_Finding, Value]:
         """Whether the node runs with the parameters of `file`, `values`; and the bias in force, which a tare sets."""
         if (running := self._running(list(values))) is None:
             advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
-            return Finding(False, f"node: no node {self._name} was found; {advice}"), values["sensor.bias"]
+            return (False, f"node: no node {self._name} was found; {advice}"), values["sensor.bias"]
         bias = running["sensor.bias"]
         differs = [
             f"{name} {running[name]} (file: {values[name]})"
@@ -55,9 +55,9 @@ class Listener:
         ]
         if not differs:
             note = f"; sensor.bias is its own: {bias}" if bias != values["sensor.bias"] else ""
-            return Finding(True, f"node: {self._name} runs with the parameters of {file}{note}"), bias
+            return (True, f"node: {self._name} runs with the parameters of {file}{note}"), bias
         advice = "restart it with the file, whose section must be for its name, or set them"
-        return Finding(False, f"node: {self._name} runs with {', '.join(differs)}; {advice}"), bias
+        return (False, f"node: {self._name} runs with {', '.join(differs)}; {advice}"), bias
 
     def _running(self, names: list[str]) -> Values | None:
         client = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
@@ -71,7 +71,7 @@ class Listener:
         except (InputError, ValueError):  # another kind of node, or no answer
             return None
 
-    def listen(self, topics: Mapping[Role, str], seconds: float, push: Callable[[Sample, int], None]) -> list[Finding]:
+    def listen(self, topics: Mapping[Role, str], seconds: float, push: Callable[[Sample, int], None]) -> list[_Finding]:
         """Give `push` every message for `seconds`, with its arrival [ns]; findings about publishers' types and QoS."""
         wanted = dict(topics)
         transforms = transform_message(needed="tf" in topics)
@@ -93,7 +93,7 @@ class Listener:
             return
         push(sample, self._node.get_clock().now().nanoseconds)
 
-    def _publishers(self, role: Role, topic: str, wanted: str) -> list[Finding]:
+    def _publishers(self, role: Role, topic: str, wanted: str) -> list[_Finding]:
         """Findings about the type and the QoS of a topic's publishers, by those that node and doctor ask for."""
         names = self._name, f"/{_OURS}"
         publishers = self._node.get_publishers_info_by_topic(topic)
@@ -109,8 +109,8 @@ class Listener:
                     pair = f"{publisher.node_name} publishes {topic} so that {subscription.node_name} cannot receive it"
                     faults.append(f"{role}: {pair} ({why.strip()}); change qos_overrides or the publisher")
         if publishers and not faults:
-            return [Finding(True, f"{role}: {len(publishers)} publishers on {topic}, QoS compatible")]
-        return [Finding(False, fault) for fault in faults]
+            return [(True, f"{role}: {len(publishers)} publishers on {topic}, QoS compatible")]
+        return [(False, fault) for fault in faults]
 
 
 def _same(name: str, running: Value, written: Value) -> bool:

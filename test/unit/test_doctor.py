@@ -7,9 +7,9 @@ import yaml
 from cells import MOUNT, PARAMETERS, SURFACE, record
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.checkup import Checkup
 from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
+from rft_ros.calibration.checkup import Checkup
 from rft_ros.cli import main
 from rft_ros.parameters import defaults, model_of
 
@@ -25,14 +25,14 @@ FAULTS = {
     "turned and sign": (f"{WRONG} ... ; check sensor.quaternion", {"sensor.quaternion": TURNED, "sensor.sign": -1.0}),
     "mesh in metres": ("mesh ellipsoid: 0.019 x 0.019 x 0.036 mm: ", {"mesh.scale": 1e-6}),
     "surface too high": (
-        "surface_height: the measured force begins 107 mm below where 0.22 m says; set it to about 0.113",
+        "surface_height: the measured force begins 100 mm below where 0.22 m says; set it to about 0.120",
         {"surface_height": SURFACE + 0.1},
     ),
     "surface too low": (
-        "surface_height: the measured force begins 93 mm above where 0.02 m says; set it to about 0.113",
+        "surface_height: the measured force begins 100 mm above where 0.02 m says; set it to about 0.120",
         {"surface_height": SURFACE - 0.1},
     ),
-    "surface not set": ("surface_height: the measured force begins 113 mm above", {"surface_height": None}),
+    "surface not set": ("surface_height: the measured force begins 120 mm above", {"surface_height": None}),
     "no publisher": ("wrench: nothing on /none; start the load cell's driver", {}, "~/wrench_measured:=/none"),
     "kgf": ("strength: measured over predicted force 0.112; check mesh.scale and", {"medium.zeta": 0.4 * 9.81}),
     "not tared": ("load cell: it reads 2 N in the air;", {"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
@@ -116,7 +116,7 @@ def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, p
         fixed, *others = ((sample, recording.time) for sample in recording)
         for sample, time in [*others[:before], (fixed[0], others[before][1]), *others[before:]]:
             checkup.push(sample, time)
-    wrong = [str(finding) for finding in checkup.findings() if not finding.ok]
+    wrong = [text for ok, text in checkup.findings() if not ok]
     assert bool(wrong) == (before > 75), wrong
 
 

@@ -24,7 +24,7 @@ ALLOWED = {
     "simulation": "files ground tool rft errors installation",
     "report": "files ground tool rft errors",
     "bags": "estimator parameters ground tool rft report errors progress files",
-    "calibration": "files bags estimator parameters tool rft report errors",
+    "calibration": "files bags estimator parameters ground tool rft errors",
     "sweeps": "parameters tool rft states_file installation progress errors files",
     "node": "bags estimator parameters ground simulation sweeps tool rft report files installation child_process"
     " errors",

@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from typing import NamedTuple
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,12 +10,18 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.estimates import Rows, Run
 from rft_ros.bags.playback import push_all
-from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
+from rft_ros.calibration.fitting import NotIdentifiable
+from rft_ros.calibration.penetration import fit_surface
+from rft_ros.calibration.track import Track
+from rft_ros.estimator import Estimator, LoadCell, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role
 from rft_ros.ground import Cloud
 from rft_ros.parameters import Model, Values, settings_of
 
 __all__ = ["Checkup", "Finding"]
+
+Finding = tuple[bool, str]
+"""The answer to one question: whether all is well, and a sentence, which says what to do if not."""
 
 _Array = NDArray[np.float64]
 
@@ -23,8 +29,7 @@ _ENOUGH = 20  # estimates in the grains, or in the air
 _FELT = 0.2  # N: a smaller force decides nothing
 _ALIKE = 0.5  # correlation of the measured and the predicted force along an axis
 _CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
-_BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the grains
-_CONTACT = 0.005, 0.1  # m, and share of the descent: greatest error of surface_height
+_CONTACT = 0.005, 0.1  # m, and share of the depth: greatest error of surface_height
 _STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
 _RARE = 0.01  # share of poses
 _START = 1_000_000_000  # ns in which the first transforms and twists may be missing
@@ -38,16 +43,6 @@ _ADVICE: dict[Role, str] = {
     "surface": "the ground stays as at the start",
 }
 _TURNS = Rotation.create_group("O")  # the 24 turns by multiples of 90 degrees
-
-
-class Finding(NamedTuple):
-    """The answer to one question: whether all is well, and a sentence, which says what to do if not."""
-
-    ok: bool
-    text: str
-
-    def __str__(self) -> str:
-        return f"{'OK ' if self.ok else 'FIX'} {self.text}"
 
 
 class Checkup:
@@ -97,10 +92,10 @@ class Checkup:
         rows = self._run.rows()
         rows = rows[~np.isnan(rows["compensated"][:, 0])]
         mesh = self._of_tool(rows)
-        error = _error_of_surface(rows) if mesh.ok else None
+        error = self._error_of_surface(rows) if mesh[0] and len(rows) else None
         surface = self._of_surface(error)
         found = [mesh, surface, *self._of_inputs(), *self._of_frames(), *self._of_mount()]
-        if len(rows) and mesh.ok and (error is None or surface.ok):  # else the forces are of another depth
+        if len(rows) and mesh[0] and (error is None or surface[0]):  # else the forces are of another depth
             found += self._of_load_cell(rows)
         return [*found, *self._of_reasons()]
 
@@ -108,10 +103,10 @@ class Checkup:
         tool = self._estimator.model.tool
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
         if said := tool.issues.get("size"):
-            return Finding(False, f"mesh {tool.name}: {extents} mm: {said}")
+            return False, f"mesh {tool.name}: {extents} mm: {said}"
         deepest = 1e3 * rows["depth"].max(initial=0.0)
         depth = f", at most {deepest:.4g} mm below the surface" if deepest > 0.0 else ""
-        return Finding(True, f"mesh {tool.name}: {extents} mm{depth}")
+        return True, f"mesh {tool.name}: {extents} mm{depth}"
 
     def _of_surface(self, error: tuple[float, float] | None) -> Finding:
         """`error`: of `_error_of_surface`."""
@@ -119,33 +114,56 @@ class Checkup:
         if error is None:
             ok = "surface_height" in self._named
             advice = "" if ok else " as it is not set: measure it, or run rft calibrate"
-            return Finding(ok, f"surface_height: {height:g} m{advice}")
+            return (ok, f"surface_height: {height:g} m{advice}")
         metres, allowed = error
         if abs(metres) <= allowed:
             within = f"the measured force begins within {1e3 * allowed:.0f} mm of it"
-            return Finding(True, f"surface_height: {height:g} m; {within}")
+            return True, f"surface_height: {height:g} m; {within}"
         side = "above" if metres > 0.0 else "below"
         found = f"the measured force begins {1e3 * abs(metres):.0f} mm {side} where {height:g} m says"
-        return Finding(False, f"surface_height: {found}; set it to about {height + metres:.3f}, or calibrate")
+        return False, f"surface_height: {found}; set it to about {height + metres:.3f}, or calibrate"
+
+    def _error_of_surface(self, rows: Rows) -> tuple[float, float] | None:
+        """How far above the expected surface a way down meets grains, and the allowed error [m]; None: not seen."""
+        s, model, stamps = self._estimator.settings, self._estimator.model, rows["stamp"]
+        place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame) if s.sensor_source == "tf" else None
+        track = Track(
+            name="",
+            begin=int(stamps[0]),
+            time=(stamps - stamps[0]) * 1e-9,
+            states=rows["state"],
+            readings=rows["compensated"],
+            tool=model.tool,
+            rest_speed=s.rest_speed,
+        )
+        cell = LoadCell(quaternion=(place or s.load_cell).quaternion)
+        try:
+            _, contact = fit_surface([track], cell, replace(model.law, inertia=0.0))
+        except NotIdentifiable:
+            return None
+        heights = track.heights()
+        there = int(np.abs(heights - contact).argmin())
+        allowed = _CONTACT[0] + _CONTACT[1] * float(contact - heights.min())
+        return float(contact - heights[there] - rows["depth"][there]), allowed
 
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
         for role, topic in self._topics.items():
             if not (heard := self._heard[role]):
-                yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
+                yield (role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
             times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
             seconds, age = (times[-1] - times[0]) * 1e-9, float(np.median(times - stamps)) * 1e-9
             if unstamped := int((stamps <= 0).sum()):
-                yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
+                yield (False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
             elif abs(age) > limit and role != "surface":
                 off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
-                yield Finding(False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
+                yield (False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
             else:
                 rate = f"{(len(heard) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
                 named = " and ".join(np.unique(frames))
                 frame = f", frame {named}" if named else ""
-                yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old")
+                yield (True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
         for reason, sentence in self._estimator.unknown_frames().items():
@@ -153,9 +171,9 @@ class Checkup:
             if reason.startswith("tf_") and reason != Reason.TF_FRAME_UNKNOWN:
                 mend = "stop or mend one of its publishers"
             if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
-                yield Finding(False, f"frames: {sentence}; {mend}")
+                yield (False, f"frames: {sentence}; {mend}")
         if frames := self._estimator.transforms.frames():
-            yield Finding(True, f"frames: {', '.join(frames)}")
+            yield (True, f"frames: {', '.join(frames)}")
 
     def _of_mount(self) -> Iterator[Finding]:
         """The sensor's place in the parameters and on /tf_static, if both have it."""
@@ -166,11 +184,11 @@ class Checkup:
         turn = (Rotation.from_quat(cell.quaternion).inv() * Rotation.from_quat(place.quaternion)).magnitude()
         moved = float(np.linalg.norm(np.subtract(cell.position, place.position)))
         if turn < np.radians(1.0) and moved < 1e-3:
-            yield Finding(True, "sensor: the parameters and /tf_static agree")
+            yield (True, "sensor: the parameters and /tf_static agree")
             return
         off = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
         there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
-        yield Finding(False, f"sensor: {off} ({there}); set sensor.frame_source: tf, or mend one of the two")
+        yield (False, f"sensor: {off} ({there}); set sensor.frame_source: tf, or mend one of the two")
 
     def _of_load_cell(self, rows: Rows) -> Iterator[Finding]:
         wet, predicted, measured = rows["depth"] > 0.0, rows["predicted"][:, :3], rows["compensated"][:, :3]
@@ -185,18 +203,18 @@ class Checkup:
         elif load > _FELT:
             ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
             said = f"it reads {said}; {advice}"
-        yield Finding(ok, f"load cell: {said}")
+        yield (ok, f"load cell: {said}")
         pushed = wet & (rows["state"][:, 9] <= 0.5 * rows["speed"])
         predicted, measured = predicted[pushed], measured[pushed] - air
         if len(predicted) < _ENOUGH or np.abs(predicted).max() < _FELT or np.abs(measured).max() < 0.1 * _FELT:
-            yield Finding(False, "sign: no push was seen; push the tool down into the grains and run again")
+            yield (False, "sign: no push was seen; push the tool down into the grains and run again")
             return
         yield (direction := self._of_direction(predicted, measured))
-        if direction.ok:
+        if direction[0]:
             ratio = float((predicted * measured).sum() / (predicted**2).sum())
             ok = _STRENGTH[0] <= ratio <= _STRENGTH[1]
             advice = "" if ok else "; check mesh.scale and the driver's unit (N), or fit medium.zeta with rft calibrate"
-            yield Finding(ok, f"strength: measured over predicted force {ratio:.3g}{advice}")
+            yield (ok, f"strength: measured over predicted force {ratio:.3g}{advice}")
 
     def _of_direction(self, predicted: _Array, measured: _Array) -> Finding:
         """By axis; of what reverses or exchanges axes, what fits: another sign, or the cell turned by 90 or 180 deg."""
@@ -212,7 +230,7 @@ class Checkup:
         found, cell = alike(measured), self._estimator.settings.load_cell
         shown = ", ".join(f"{name} {r:.2f}" for name, r in zip(np.array([*"xyz"])[axes], found, strict=True))
         if (found >= _ALIKE).all():
-            return Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
+            return True, f"sign: measured and predicted force agree along each axis (correlation {shown})"
         advice = []
         if (alike(-measured) >= _ALIKE).all():
             advice.append(f"set sensor.sign: {-cell.sign:g}")
@@ -224,7 +242,7 @@ class Checkup:
         advice = advice or ["check sensor.quaternion, sensor.sign, mesh.origin and surface_height"]
         which = "; a drag along x and y tells which" if len(advice) > 1 else ""
         off = f"measured and predicted force do not agree along each axis (correlation {shown})"
-        return Finding(False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}")
+        return False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}"
 
     def _of_reasons(self) -> Iterator[Finding]:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}
@@ -233,39 +251,9 @@ class Checkup:
             told = reason in _EXPECTED or reason.value in named or reason.value.endswith("stamp_zero")
             count = counts[reason.value] - self._at_start[reason.value]
             if not told and count > _RARE * max(self._poses, 1):
-                yield Finding(False, f"{reason}: {count} times at {self._poses} poses; docs/node.md, Reasons, says why")
+                yield (False, f"{reason}: {count} times at {self._poses} poses; docs/node.md, Reasons, says why")
         advice = "" if counts["estimates"] else "; mend what stands above first"
-        yield Finding(not advice, f"estimates: {counts['estimates']} at {self._poses} poses{advice}")
-
-
-def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
-    """How far above the expected surface the measured force begins on the longest way down, and the allowed error [m].
-
-    None if it does not begin.
-    """
-    if not len(rows):
-        return None
-    deepest_later = np.maximum.accumulate(rows["depth"][::-1])[::-1]
-    way = rows[int((deepest_later - rows["depth"]).argmax()) :]
-    way = way[np.diff(np.maximum.accumulate(way["depth"]), prepend=-np.inf) > 0.0]
-    depth, measured = way["depth"], way["compensated"][:, :3]
-    noise = float(np.linalg.norm(np.std(measured[:_ENOUGH], axis=0)))
-    force = np.linalg.norm(measured - np.median(measured[:_ENOUGH], axis=0), axis=1)
-    share = max(_FELT, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
-    begins, expected = (_onset(f, share) for f in (force, np.linalg.norm(way["predicted"][:, :3], axis=1)))
-    if begins is None:
-        return None
-    metres = (0.0 if expected is None else float(depth[expected])) - float(depth[begins])
-    return metres, _CONTACT[0] + _CONTACT[1] * float(depth[-1] - depth[begins])
-
-
-def _onset(force: _Array, share: float) -> int | None:
-    """The row from which on the force exceeds this share of its peak, with the fewest exceptions; None: it does not."""
-    if share >= 0.5:
-        return None
-    loud = np.where(force > share * force.max(), 1, -1)
-    row = int(np.argmax(np.append(loud[::-1].cumsum()[::-1], 0)))
-    return row if _ENOUGH // 2 <= row <= len(force) - _ENOUGH // 2 else None
+        yield (not advice, f"estimates: {counts['estimates']} at {self._poses} poses{advice}")
 
 
 def _listed(numbers: Collection[float]) -> str:
