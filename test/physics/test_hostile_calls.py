@@ -166,7 +166,7 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     n=st.integers(0, 4),
     rows=st.integers(0, 4),
     columns=st.integers(1, 20),
-    what=st.sampled_from(["states", "durations", "memory"]),
+    what=st.sampled_from(["states", "durations"]),
 )
 def test_arrays_of_other_shapes_are_refused(n, rows, columns, what):
     law = rft.treers2021(GENERIC, Constant(0.1))
@@ -174,13 +174,10 @@ def test_arrays_of_other_shapes_are_refused(n, rows, columns, what):
     if what == "states":
         states = np.zeros((rows, columns))
         assert refused(lambda: wrenches(POINT, law, states)) == (columns != 13)
-    elif what == "durations":
+    else:
         times, memory = np.zeros(rows), Memory(POINT)
         call = lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1)  # noqa: E731
         assert refused(call) == (rows != n)
-    else:
-        memory, times = Memory(OTHERS), np.zeros(n)
-        assert refused(lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1))
 
 
 @many

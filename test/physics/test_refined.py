@@ -105,6 +105,7 @@ def triangle_plates(triangles, half_angle=0.02):
 
 @given(st.tuples(corner, corner, corner), st.floats(-0.012, 0.012), st.tuples(unit, unit, unit))
 def test_cutting_a_triangle_in_four_changes_nothing_while_it_moves_without_turning(triangle, height, velocity):
+    """Wherever the surface cuts it: it cuts the parts at other corners, so no case differs from the next."""
     a, b, c = t = np.array(triangle)
     if np.linalg.norm(np.cross(b - a, c - a)) < 1e-8 or np.linalg.norm(velocity) < 1e-3:
         return
@@ -115,21 +116,6 @@ def test_cutting_a_triangle_in_four_changes_nothing_while_it_moves_without_turni
     parts = wrenches(triangle_plates(pieces), LAW, state)[0]
     scale = 1e6 * 2e-4 * 0.02
     np.testing.assert_allclose(parts, whole, rtol=1e-9, atol=1e-12 * scale)
-
-
-@given(st.tuples(corner, corner, corner), st.floats(-0.012, 0.012))
-def test_the_wrench_of_a_single_triangle_is_continuous_in_its_height(triangle, height):
-    """Over steps of 1e-6 m no change beyond twice what the neighbouring steps show."""
-    a, b, c = t = np.array(triangle)
-    if np.linalg.norm(np.cross(b - a, c - a)) < 1e-7:
-        return
-    heights = height + 1e-6 * np.arange(6)
-    states = checked_states([[0, 0, z, 0, 0, 0, 1, 0.003, 0.002, -0.01, 0, 0, 0] for z in heights])
-    result = wrenches(triangle_plates(t[None]), LAW, states)
-    steps = np.abs(np.diff(result[:, :6], axis=0))
-    # a corner that enters the grains does so with zero force, and zero slope
-    largest = np.maximum(steps[:-2], steps[2:])
-    assert (steps[1:-1] <= 2.0 * largest + 1e-12 * np.abs(result[:, :6]).max() + 1e-13).all()
 
 
 def test_a_vertical_plate_is_pressed_at_two_thirds_of_its_depth_wherever_the_surface_cuts_it():
