@@ -5,10 +5,9 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["FLOAT", "number", "numbers"]
+__all__ = ["number", "numbers"]
 
-FLOAT = np.dtype(np.float64)
-"""The type of all numbers in the compiled loops, in native byte order."""
+_FLOAT = np.dtype(np.float64)  # of all numbers in the compiled loops, in native byte order
 
 
 def number(name: str, value: float, *, positive: bool = False, least: float = -inf) -> float:
@@ -31,7 +30,7 @@ def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: in
     `row`: shape of one row; a single row becomes shape [1, *row]. `rows`: the required n. Raises ValueError
     that names the argument.
     """
-    if values.__class__ is np.ndarray and values.dtype is FLOAT and values.flags.carray:
+    if values.__class__ is np.ndarray and values.dtype is _FLOAT and values.flags.carray:
         shape = values.shape
         if shape and shape[1:] == row and (rows is None or shape[0] == rows):
             return values
@@ -41,7 +40,7 @@ def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: in
         raise ValueError(f"{name} has rows of different lengths; it must be an array of numbers") from None
     if given.dtype.kind not in "fiub":
         raise ValueError(f"{name} has values of type {given.dtype}; they must be real numbers")
-    array = np.array(given, dtype=FLOAT, order="C", ndmin=1 + len(row))
+    array = np.array(given, dtype=_FLOAT, order="C", ndmin=1 + len(row))
     if array.shape[1:] != row or (rows is not None and len(array) != rows):
         wanted = ", ".join(str(size) for size in ("n" if rows is None else rows, *row))
         raise ValueError(f"{name} has shape {list(given.shape)}; it must be [{wanted}]")

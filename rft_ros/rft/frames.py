@@ -8,16 +8,8 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft.arguments import numbers
 from rft_ros.rft.compilation import inlined
 
-__all__ = [
-    "STATE",
-    "UNIT_TOLERANCE",
-    "checked_states",
-    "from_frame",
-    "into_frame",
-    "rotation",
-    "rotation_matrix",
-    "unit_quaternion",
-]
+__all__ = ["STATE", "UNIT_TOLERANCE", "checked_states", "rotation_matrix", "unit_quaternion"]
+__all__ += ["from_frame", "into_frame", "rotation"]
 
 STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
 """Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
@@ -26,17 +18,13 @@ UNIT_TOLERANCE = 0.01
 """Largest deviation of a quaternion's norm from 1 that is corrected as rounding."""
 
 
-def _rotation(
-    qx: float, qy: float, qz: float, qw: float
-) -> tuple[float, float, float, float, float, float, float, float, float]:
+@inlined
+def rotation(qx, qy, qz, qw):  # type: ignore[no-untyped-def]
     """Rotation matrix of a unit quaternion, row by row: columns are the frame's axes in the outer frame."""
     xx, yy, zz = 2.0 * qx * qx, 2.0 * qy * qy, 2.0 * qz * qz
     xy, xz, yz = 2.0 * qx * qy, 2.0 * qx * qz, 2.0 * qy * qz
     wx, wy, wz = 2.0 * qw * qx, 2.0 * qw * qy, 2.0 * qw * qz
     return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
-
-
-rotation = inlined(_rotation)
 
 
 @inlined
@@ -56,7 +44,7 @@ def into_frame(axes, x, y, z):  # type: ignore[no-untyped-def]
 def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrix, shape [3, 3], of a unit quaternion xyzw, shape [4]; columns: the frame's axes in outer axes."""
     qx, qy, qz, qw = numbers("quaternion", quaternion, rows=4).tolist()
-    return np.array(_rotation(qx, qy, qz, qw)).reshape(3, 3)
+    return np.array(rotation(qx, qy, qz, qw)).reshape(3, 3)
 
 
 def unit_quaternion(qx: float, qy: float, qz: float, qw: float) -> tuple[float, float, float, float] | None:

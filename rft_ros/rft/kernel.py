@@ -87,7 +87,7 @@ def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
 def _classify(chunk, bounds, first, last, seen, below, level):  # type: ignore[no-untyped-def]
     """Store the kinds of blocks; where the bounds leave two, the one with the longer loop.
 
-    `bounds`: of `Blocks`. `level`: abs(n·E3) from which on a plate may be horizontal.
+    `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
     """
     wide_vectors()
     linear, angular, fastest, up, reach, rise = seen

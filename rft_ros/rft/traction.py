@@ -20,22 +20,8 @@ from rft_ros.rft.inertia import INERTIA, inertial_density
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1_and_f23
 
-__all__ = [
-    "BLENDED",
-    "FLAT",
-    "FLAT_BLEND",
-    "LAWS",
-    "NEVER_FLAT",
-    "SWITCHED",
-    "Law",
-    "Treers2021",
-    "law_named",
-    "orient",
-    "packed_law",
-    "traction_per_depth",
-    "tractions",
-    "treers2021",
-]
+__all__ = ["LAWS", "Law", "Treers2021", "law_named", "traction_per_depth", "treers2021"]
+__all__ += ["BLENDED", "FLAT", "FLAT_BLEND", "NEVER_FLAT", "SWITCHED", "orient", "packed_law", "tractions"]
 
 N_PER_CM3 = 1e6  # 1 N/cm³ in N/m³
 
