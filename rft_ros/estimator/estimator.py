@@ -25,6 +25,7 @@ __all__ = ["Estimator"]
 Array = NDArray[np.float64]
 
 _AXES = ("world_frame", "tool_frame")
+_SLIVER = 0.01  # of a tool's area: plates of a reduced tool reach out of it, and may be wet 6 mm above the ground
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 
@@ -175,6 +176,7 @@ class Estimator:
     def _remember(self, memory: Memory | None) -> None:
         """Evaluate the model in force with this memory."""
         self._memory = memory
+        self._sliver = _SLIVER * self.model.tool.plates.area
         self._step = prepared(self.model.tool.plates, self.model.law, memory, self.model.mobilization_length or 1.0)
 
     def _begin_again(self) -> None:
@@ -284,6 +286,8 @@ class Estimator:
         self._duration[0] = motion.duration
         self._step(motion.state, self._duration, surface.height, surface.slope, self._result)
         row: Array = self._result[0]
+        if 0.0 < row[6] < self._sliver and self.depth() <= 0.0:
+            row[:] = 0.0
         numbers = row.tolist()
         if not math.hypot(*numbers) < samples.ABSURD:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)

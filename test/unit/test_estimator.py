@@ -6,8 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from one_plate import SECOND, START, about, estimator, measurement, plate_model, plate_tool, pose, push, twist, wrench
+from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, LoadCell, Reason
+from rft_ros.estimator import Estimate, LoadCell, PoseSample, Reason
+from rft_ros.tool import load_tool
 
 MS = SECOND // 1000
 AGE = 100 * MS  # the default max_input_age
@@ -234,6 +236,21 @@ def test_rest_is_a_reason_in_the_grains_only(angular):
     assert outside.predicted == (0.0,) * 6
     _, answer = pushed(still, pose(), rest_speed=5e-5)
     assert isinstance(answer, Estimate)
+
+
+def test_a_reduced_tool_is_in_the_grains_when_its_mesh_is():
+    tool = load_tool("plate", tolerance=0.025)
+    turns = Rotation.random(50, random_state=0)
+    lowest = (turns.as_matrix() @ tool.corners.T)[:, 2].min(axis=1)
+    for quaternion, low in zip(turns.as_quat().tolist(), lowest.tolist(), strict=True):
+        for above in (1e-5, 1e-3, -1e-3):
+            rests, place = twist(linear=(0.0, 0.0, -1e-4)), (0.0, 0.0, above - low)
+            sample = PoseSample(START, "world", place, tuple(quaternion))
+            answer = push(estimator(model=replace(plate_model(), tool=tool)), rests, sample)
+            if above > 0.0:
+                assert answer.predicted == (0.0,) * 6
+            else:
+                assert answer.reason is Reason.AT_REST
 
 
 def test_without_motion_there_is_no_force_of_0_in_the_grains_whatever_the_speed_of_rest():
