@@ -87,8 +87,7 @@ def test_what_is_fitted_to_each_trial_and_to_both(calibrated):
 
 @pytest.mark.parametrize("trial", OTHER)
 def test_each_trial_predicts_the_others_penetration_within_12_percent_of_its_peak(held_out, trial):
-    """8.2 % without and 8.1 % with memory in trial 2, 9.3 and 9.1 % in trial 3; with its own ζ, 2.0 to 1.9 and 3.7 to
-    3.5 %. The other's ζ is too low for trial 2, so a force that builds up later is further off."""
+    """8.2 % without and 8.1 % with memory in trial 2, 9.3 and 9.1 % in trial 3; with its own ζ about 2 and 3.6 %."""
     kept, without = (residual(held_out[trial, memory], "penetration") for memory in (True, False))
     assert kept < 0.12
     assert without < 0.12
@@ -97,11 +96,7 @@ def test_each_trial_predicts_the_others_penetration_within_12_percent_of_its_pea
 
 @pytest.mark.parametrize(("trial", "held"), [(2, 0.855), (3, 1.068)])
 def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial, held):
-    """Flat to 0.1 % of the peak, and within 10 % of it with the trial's own ζ and the other's λ: 98 and 93 %.
-
-    With the other's ζ, which differs by 14 %, trial 2 is held at 86 % of its measured peak (measured: 97 to 100 %) and
-    trial 3 at 107 % (measured: 94 to 99 %).
-    """
+    """At 98 and 93 % of the peak with its own ζ (measured: 97 to 100 and 94 to 99 %); the other's differs by 14 %."""
     phase, depth, predicted, _ = held_out[trial, True]
     rest = np.flatnonzero((phase == "dwell") & (depth > 0.045))  # at 50 mm
     assert len(rest) > 800
@@ -114,11 +109,7 @@ def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial,
 
 @pytest.mark.parametrize("trial", OTHER)
 def test_memory_halves_the_residual_of_the_withdrawal_and_the_push_is_gone_after_3_mm(held_out, trial):
-    """RMS over the peak: 21.4 to 7.3 % in trial 2, 22.2 to 8.7 % in trial 3.
-
-    In the law the upper face leads when the plate goes up. Without memory it pulls with 18 % (22 %) of the peak from
-    the first moment; with memory 4 % after 3 mm and 10 % (11 %) after 10 mm. The load cell reads 1 %.
-    """
+    """RMS over the peak: 21.4 to 7.3 % in trial 2, 22.2 to 8.7 % in trial 3. In the law the upper face leads then."""
     kept, without = (residual(held_out[trial, memory], "withdrawal") for memory in (True, False))
     assert kept < 0.5 * without
     phase, depth, predicted, measured = held_out[trial, True]

@@ -26,8 +26,9 @@ from std_srvs.srv import Trigger
 
 from rft_ros.node import main, rft_node
 from rft_ros.parameters import Values, defaults, files_of, load_files, tool_of
-from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
+from rft_ros.rft import checked_states, wrenches
 from rft_ros.tool import Tool
+from studies.paper import law as paper_law
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
 NODE = (sys.executable, "-m", "rft_ros.node.main", "--ros-args")
@@ -180,9 +181,6 @@ class Harness:
         answer = self.call(Trigger, service, Trigger.Request())
         return answer.success, answer.message
 
-    def status(self) -> tuple[bool, str]:
-        return self.trigger("status")
-
     # --- inputs
 
     def moment(self) -> int:
@@ -297,8 +295,7 @@ def predicted_by_the_core(
     linear=(0.0, 0.0, -0.01),
 ) -> np.ndarray:
     """What the node must answer to `Harness.send`'s defaults; the sensor's axes are the world's."""
-    medium = MEDIA["generic"]
-    made = law_named(law, medium, alpha_y_model(alpha_y, medium), zeta=zeta, density=density)
+    made = paper_law(alpha_y, zeta=zeta, name=law, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
     return wrenches(_shipped(*files_of({**defaults(), "mesh.file": mesh})["tool"].items()).plates, made, state)[0, :6]
 

@@ -38,9 +38,6 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
     assert 0.0 < learned[-1].effort[0] < learned[0].effort[0]
     stamps = [stamp_of(m) for m in learned]
     assert all(later - earlier >= STEP for earlier, later in pairwise(stamps))
-    assert {stamp_of(m) for m in rft.received["wrench_sigma"]} == {
-        stamp_of(m) for m in rft.received["wrench_predicted"]
-    }
     rft.until(lambda: any(s.name.endswith(": medium") for d in rft.diagnostics for s in d.status))
     successful, answer = rft.trigger("save_medium")
     assert successful

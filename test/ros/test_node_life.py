@@ -112,7 +112,7 @@ def test_speed_beyond_the_papers_is_a_warning_with_the_number(rft):
 
 def test_the_status_service_says_what_is_in_force(rft, tmp_path):
     def until(condition, poses=False):
-        rft.until(lambda: (poses and rft.send(rft.moment())) or condition(*rft.status()))
+        rft.until(lambda: (poses and rft.send(rft.moment())) or condition(*rft.trigger("status")))
 
     until(lambda good, said: not good and "tool plate in force; no poses come" in said)
     until(lambda good, said: good and said.endswith("tool plate in force"), poses=True)

@@ -68,7 +68,7 @@ def test_code_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_as
     rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "tolerance:=0.0", folder=partly_compiled).wait_ready()
     before = numbers(rft.ask(rft.moment()))
     assert rft.set(**{parameter: value}) == (True, "")
-    assert f"preparing machine code of {part}" in rft.status()[1]
+    assert f"preparing machine code of {part}" in rft.trigger("status")[1]
 
     def in_force():
         rft.send(rft.moment())
@@ -79,7 +79,7 @@ def test_code_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_as
     answers = [numbers(message) for message in rft.received["wrench_predicted"]]
     assert len(answers) > 3
     np.testing.assert_array_equal(answers[:-1], [before] * len(answers[:-1]))
-    assert "preparing" not in rft.status()[1]
+    assert "preparing" not in rft.trigger("status")[1]
     assert rft.set(law="agarwal2023") == (True, "")  # of which all machine code is there
     rft.until(lambda: rft.diagnostic("model")[2]["law"] == "agarwal2023")
 
@@ -102,7 +102,7 @@ def test_each_executor_answers_and_no_child_outlives_it_whatever_ends_it(start_p
     rft = start_process("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
     assert rft.set(medium__zeta=2.0) == (True, "")
-    assert "tool plate in force" in rft.status()[1]
+    assert "tool plate in force" in rft.trigger("status")[1]
     rft.diagnostic("model")
     np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=2.0), rtol=1e-15)
     children = descendants(rft.process.pid)

@@ -64,7 +64,7 @@ def test_zeta_set_together_with_the_mesh_in_force_holds_although_another_mesh_wa
     assert rft.set(mesh__file="plate", medium__zeta=0.33) == (True, "")
     assert rft.get("medium.zeta").double_value == 0.33
     np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.33), rtol=1e-15)
-    assert "preparing" not in rft.status()[1]
+    assert "preparing" not in rft.trigger("status")[1]
     assert rft.set(medium__zeta=1.0)[0]
 
 

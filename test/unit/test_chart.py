@@ -30,13 +30,6 @@ def test_a_scenes_body_is_closed_faces_outwards_and_gets_finer(name):
     assert counts == sorted(set(counts))
 
 
-def test_the_bucket_is_hollow_and_of_more_than_50000_facets():
-    bucket = SCENES["bucket (concave)"]
-    assert len(bucket.mesh(bucket.levels - 1)[1]) > 50_000
-    hull = trimesh.Trimesh(*bucket.mesh(1)).convex_hull
-    assert trimesh.Trimesh(*bucket.mesh(1)).volume < 0.25 * hull.volume
-
-
 def point(time, error, plates=1):
     return Point(
         scene="s", integration="refined", alpha_y="constant", reduction=FULL, plates=plates, time=time, error=error
