@@ -286,9 +286,9 @@ class Estimator:
         self._duration[0] = motion.duration
         self._step(motion.state, self._duration, surface.height, surface.slope, self._result)
         row: Array = self._result[0]
-        if 0.0 < row[6] < self._sliver and self.depth() <= 0.0:
-            row[:] = 0.0
         numbers = row.tolist()
+        if 0.0 < numbers[6] < self._sliver and self.depth() <= 0.0:
+            row[:], numbers = 0.0, [0.0] * len(numbers)
         if not math.hypot(*numbers) < samples.ABSURD:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)
         return row, (numbers[0], numbers[1], numbers[2]), numbers[6]
