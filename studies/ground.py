@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.ground import HeightMap, Support, ToolBox
+from rft_ros.ground import HeightMap, Support
 from rft_ros.rft import Memory, rotation_matrix, wrenches_in_time
 from studies.dem import DATA
 from studies.learning import CHOICES, LAGS, PASSES, Series, dem_model, dem_series, learned, pass_errors, passes_of
@@ -25,7 +25,7 @@ CELL = 0.003
 _TOPS = 0.00025  # m; the highest grain tops lie this far below z = 0 on average (the data's README)
 
 
-def seen_before(number: int, tool: ToolBox | None = None) -> HeightMap:
+def seen_before(number: int, tool: tuple[Array, Array, Array] | None = None) -> HeightMap:
     """The simulated bed before the drag `number`, 1 to 4, without what belongs to the `tool`."""
     file = DATA / "heights" / f"{PASSES}_height_before_drag{number}.csv"
     x, y, h = np.loadtxt(file, delimiter=",", skiprows=1).T
@@ -45,11 +45,8 @@ def four_passes() -> tuple[Series, Series]:
     durations = np.diff(level.stamps, prepend=level.stamps[0]) * 1e-9
     for number, ((first, last), drag) in enumerate(zip(pairwise(ends), drags, strict=True), start=1):
         at = states[drag[0]]  # the plate stands lowered while the map is taken
-        corners = tool.corners
-        box = ToolBox(
-            position=at[:3], rotation=rotation_matrix(at[3:7]), low=corners.min(axis=0), high=corners.max(axis=0)
-        )
-        ground = HeightMap.unknown(CELL) if number == 1 else seen_before(number, box)
+        place = at[:3], rotation_matrix(at[3:7]), tool.corners
+        ground = HeightMap.unknown(CELL) if number == 1 else seen_before(number, place)
         for k in range(first, last):
             surface = support.local_surface(ground, states[k], level=0.0)
             rows[k] = wrenches_in_time(

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.ground.height_map import HeightMap, ToolBox
+from rft_ros.ground.height_map import HeightMap
 from rft_ros.rft import LEVEL, rotation_matrix
 from rft_ros.rft.compilation import compiled, inlined
 from rft_ros.rft.frames import from_frame, rotation
@@ -267,11 +267,10 @@ class Ground:
         while self._clouds and self._clouds[0][0].stamp <= self.newest:
             cloud, camera = self._clouds.popleft()
             _, position, quaternion = next(place for place in self._places if place[0] >= cloud.stamp)
-            low, high = self._corners.min(axis=0), self._corners.max(axis=0)
-            tool = ToolBox(position=np.array(position), rotation=rotation_matrix(quaternion), low=low, high=high)
+            tool = np.array(position), rotation_matrix(quaternion), self._corners
             self._waiting.append((cloud.stamp + DELAY, self._thread.submit(self._with, cloud, camera, tool)))
 
-    def _with(self, cloud: Cloud, camera: _Camera, tool: ToolBox) -> HeightMap:
+    def _with(self, cloud: Cloud, camera: _Camera, tool: tuple[Array, Array, Array]) -> HeightMap:
         x, y, z = cloud.x, cloud.y, cloud.z
         if camera is not None:
             position, axes = camera

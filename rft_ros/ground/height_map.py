@@ -11,10 +11,11 @@ from rft_ros.files import read_arrays, read_columns, whole
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.compilation import compiled, inlined
 
-__all__ = ["MOST_CELLS", "HeightMap", "ToolBox", "read_height_map", "write_height_map"]
+__all__ = ["MOST_CELLS", "HeightMap", "read_height_map", "write_height_map"]
 
 Array = NDArray[np.float64]
 Numbers = NDArray[np.floating]
+_Tool = tuple[Array, Array, Array]  # as for `HeightMap.with_points`
 
 MOST_CELLS = 1 << 21
 """Greatest number of cells of a map: 8 m² of 2 mm cells, 8 MB. Points that would enlarge it further are left out."""
@@ -26,19 +27,6 @@ _REACH = 700.0  # cells; points further from the tool are left out: a stray one 
 _JUMP = 3.0  # cells; grains slide at slopes far below this, so a cell that stands out further is an outlier
 _LEFT_OUT = np.iinfo(np.int64).min
 _COLUMNS = ("x", "y", "h")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class ToolBox:
-    """A tool's bounding box, placed in the world; points in it or within two cells of it are the tool's own.
-
-    `position` [m], shape [3]; `rotation`: tool to world, shape [3, 3]; `low`, `high`: corners in the tool frame [m].
-    """
-
-    position: Array
-    rotation: Array
-    low: Array
-    high: Array
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -86,11 +74,13 @@ class HeightMap:
         n, m = around.shape
         return np.asarray(around[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
 
-    def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: ToolBox | None = None) -> "HeightMap":
+    def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: _Tool | None = None) -> "HeightMap":
         """A map in which each cell that the points hit takes their median height. Releases the GIL while it computes.
 
-        `x`, `y`, `z` [m], shape [n] each. Left out are points that are not finite, that belong to the `tool`, or that
-        would enlarge the map over `MOST_CELLS`, and cells over three sides from the median of those around them.
+        `x`, `y`, `z` [m], shape [n] each. `tool`: position [m], rotation to world, shape [3, 3], and corners in its own
+        frame [m], shape [k, 3]. Left out are points that are not finite, that lie in the corners' box or within two
+        cells of it, or that would enlarge the map over `MOST_CELLS`; and cells over three sides from the median of
+        those around them.
         """
         phase = np.append(np.mod(self.corner, 1.0), 0.0)  # of cells that do not begin at multiples of `cell`
         offset = self.cell * phase
@@ -98,8 +88,9 @@ class HeightMap:
             box, reach = np.zeros((6, 3)), np.inf
             box[4] = np.inf
         else:
-            margin, reach = _MARGIN * self.cell, _REACH * self.cell
-            box = np.vstack([tool.position - offset, tool.rotation.T, tool.low - margin, tool.high + margin])
+            (position, rotation, corners), margin, reach = tool, _MARGIN * self.cell, _REACH * self.cell
+            low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
+            box = np.vstack([position - offset, rotation.T, low, high])
         first = np.floor(self.corner).astype(np.int64)
         old = np.append(first, first if np.isnan(self.heights).all() else first + self.heights.shape)
         p = np.vstack([x, y, z]).astype(np.float64) - offset[:, None]

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from rft_ros.errors import InputError
-from rft_ros.ground import KEPT, MOST_CELLS, HeightMap, Support, ToolBox, read_height_map, write_height_map
+from rft_ros.ground import KEPT, MOST_CELLS, HeightMap, Support, read_height_map, write_height_map
 from rft_ros.tool import load_tool
 
 CELL = 0.002
@@ -26,8 +26,7 @@ def mapped(height, n=150):
 
 
 def box(half=0.01):
-    corner = np.full(3, half)
-    return ToolBox(position=np.zeros(3), rotation=np.eye(3), low=-corner, high=corner)
+    return np.zeros(3), np.eye(3), np.array([[-half] * 3, [half] * 3])
 
 
 @given(st.permutations(list(range(400))))
