@@ -39,11 +39,7 @@ _LINE_ROWS = np.arange(0.0, 91.0, 15.0)  # β [deg] at which a line is written t
 
 
 class PlateRun(NamedTuple):
-    """Steady state of one level run along e1.
-
-    `beta` [deg]: attack angle. Mean `depth` of the plate [m]. `alpha`, `error`: α_y and its standard error, the load
-    cell's zero included [N/cm³].
-    """
+    """Attack angle [deg], mean depth of the plate [m], α_y and its standard error [N/cm³] of one level run along e1."""
 
     beta: float
     depth: float
@@ -52,11 +48,10 @@ class PlateRun(NamedTuple):
 
 
 class AlphaYFit(NamedTuple):
-    """α_y as fitted.
+    """α_y [N/cm³], or intercept and slope [N/cm³/deg], or α_y at each measured β, as fitted; and what the node takes.
 
-    `value` for the record: α_y [N/cm³], or intercept [N/cm³] and slope [N/cm³/deg], or α_y at each measured β. `rows`:
-    β [deg] and α_y [N/cm³] for the node's table; empty where the published `model` agrees within two standard errors at
-    each measured β, so that no table is needed.
+    `rows`: β [deg] and α_y [N/cm³] of the node's table; empty where the published `model` agrees within two standard
+    errors at each measured β.
     """
 
     value: FittedValue
@@ -65,7 +60,7 @@ class AlphaYFit(NamedTuple):
 
 
 def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """Outward unit normal of one face of a plate-like tool, shape [3], and which of its n facets form the faces.
+    """Outward unit normal of one face of a plate, shape [3], and which of its n facets form both.
 
     Raises NotIdentifiable, naming the tool, if two parallel faces do not make up most of its surface.
     """
@@ -84,7 +79,6 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treers2021, surface: float) -> PlateRun:
-    """The steady force of one level run."""
     plates = track.tool.plates
     if plates.integration != "refined":
         plates = refined_plates(track.tool.vertices, track.tool.faces)
@@ -94,19 +88,18 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
     states, rotation = track.smooth_states()[steady], track.rotations()[steady].mean(axis=0)
     center = plates.packed[:3] @ plates.packed[6] / plates.area
     depth = surface - float(states[:, 2].mean() + rotation[2] @ center)
-    if path[-1] < _SHORTEST or depth < _SHALLOWEST or len(steady) < 20:
-        raise NotIdentifiable(
-            f"{track.name}: a level run of {1e3 * path[-1]:.1f} mm, {1e3 * depth:.1f} mm deep, in {len(steady)} steady"
-            f" samples; it needs {1e3 * _SHORTEST:g} mm, {1e3 * _SHALLOWEST:g} mm and 20"
-        )
     normal = rotation @ normal
     if abs(normal[2]) >= FLAT:
         raise NotIdentifiable(f"{track.name}: the plate is horizontal (β = 0) and has no e1; tilt it")
     e2, velocity = normal[:2] / np.hypot(*normal[:2]), states[:, 7:10].mean(axis=0)
     e1, speed = np.array([e2[1], -e2[0], 0.0]), float(np.linalg.norm(velocity))
     psi = float(np.degrees(np.arccos(min(abs(velocity[:2] @ e2) / speed, 1.0))))
-    if psi < _ALONG:
-        raise NotIdentifiable(f"{track.name}: the plate moves at ψ = {psi:.0f}° to its face's normal; {_NEEDED}")
+    if path[-1] < _SHORTEST or depth < _SHALLOWEST or len(steady) < 20 or psi < _ALONG:
+        raise NotIdentifiable(
+            f"{track.name}: a level run of {1e3 * path[-1]:.1f} mm, {1e3 * depth:.1f} mm deep, at ψ = {psi:.0f}°"
+            f" to the face's normal, in {len(steady)} steady samples; it needs {1e3 * _SHORTEST:g} mm,"
+            f" {1e3 * _SHALLOWEST:g} mm, {_ALONG:g}° and 20"
+        )
     # the plate slides along its other edges, which the paper does not count
     edges = ~faces & (velocity @ rotation @ plates.packed[3:6] > _LEADING * speed)
 
@@ -125,10 +118,7 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
 
 
 def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Treers2021, *, surface: float) -> list[PlateRun]:
-    """The steady forces of all level runs. `law`: at the grains' ζ. `surface`: height [m].
-
-    Raises NotIdentifiable if no run is usable.
-    """
+    """The usable level runs, for `law` at the grains' ζ, `surface` in m. Raises NotIdentifiable if there are none."""
     parts = ((track, rows, sensor, law, surface) for track in tracks for rows in level_runs(track, surface))
     return fit_each(_plate_run, parts, none=f"no level run of a plate; {_NEEDED}")
 
@@ -136,10 +126,7 @@ def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Treers2021, *, surf
 def fit_alpha_y(
     runs: Sequence[PlateRun], medium: Medium, *, shared_error: float = 0.0, model: AlphaYModel = "auto"
 ) -> AlphaYFit:
-    """Fit α_y to the runs along e1.
-
-    `shared_error`: relative standard error that all runs share, of ζ and of the surface height. `model`: "auto" is
-    linear if β spans 20° in three or more steps and the slope is significant, else constant.
+    """Fit α_y to the runs along e1; `shared_error`: relative standard error of ζ and the surface, which all runs share.
 
     Raises NotIdentifiable for too few runs or directions, and for an α_y that is not positive.
     """

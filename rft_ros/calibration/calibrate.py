@@ -47,10 +47,9 @@ class Calibration:
 def calibrate(
     tracks: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS, alpha_y: AlphaYModel = "auto"
 ) -> Calibration:
-    """Fit `parts` to the tracks; take what is not fitted from `values`, the node's parameters.
+    """Fit `parts` to the tracks; take what is not fitted, or not identifiable, from `values`, the node's parameters.
 
-    `alpha_y`: the model of α_y. Each fit uses the results of those before it. Raises InputError for a reading over 1e6
-    N or N m.
+    Raises InputError for a reading over 1e6 N or N m.
     """
     for track in tracks:
         if not (largest := float(np.abs(track.readings).max())) <= _LARGEST:

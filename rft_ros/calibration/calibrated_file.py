@@ -43,9 +43,8 @@ def alpha_y_table(file: Path) -> Path:
 def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iterable[Track]) -> list[Path]:
     """Write the calibrated file, and an α_y table beside it if one is needed; return the paths written.
 
-    `source`: the parameter file with all other values. Other nodes' sections and `rft_replay` are kept, except a tare
-    if the bias was fitted; comments and the nesting of names are lost. The same bags and parameters give the same
-    bytes. Raises InputError if a file cannot be written.
+    The rest is that of the parameter file `source`, also for other nodes; comments and the nesting of names are lost.
+    The same bags and parameters give the same bytes. Raises InputError if a file cannot be written.
     """
     tree = parameter_tree(source)
     tree.pop(SECTION, None)

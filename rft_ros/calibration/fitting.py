@@ -1,7 +1,6 @@
-"""Least squares and means with standard errors, also for serially correlated residuals.
+"""Least squares and means with standard errors, also of time series.
 
-Load-cell noise is filtered and grains slip in bursts, so neighbouring samples are correlated. The usual standard errors
-assume independent samples and come out several times too small.
+Load-cell noise is filtered and grains slip in bursts: errors for independent samples would be several times too small.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -40,10 +39,9 @@ class Measurement(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FittedValue:
-    """A fitted quantity: `values` and their standard `errors` in `unit`.
+    """A fitted quantity with its standard errors, named as the parameter that takes it or "alpha_y (MODEL)".
 
-    `name`: the node's parameter that takes the values, or "alpha_y (MODEL)". `goodness`: of the fit, in words and
-    numbers. `source`: what it was fitted to. Raises NotIdentifiable for values that the parameter does not take.
+    Raises NotIdentifiable for values that the parameter does not take.
     """
 
     name: str
@@ -62,9 +60,9 @@ class FittedValue:
 
 
 class Fit(NamedTuple):
-    """Coefficients, shape [k], their covariance, shape [k, k], and the residuals, shape [n], in the data's units.
+    """Coefficients, shape [k], their covariance, and the residuals, shape [n].
 
-    `inverse`: shape [k, n]; times a change of the data, the change of the coefficients.
+    `inverse`, shape [k, n], times a change of the data is the change of the coefficients.
     """
 
     coefficients: Array
@@ -137,10 +135,9 @@ def fit_curve(observed: Array, columns: Callable[[float], Array], *, low: float,
 
 
 def fit_measurements(design: Array, observed: Array, errors: Array) -> Fit:
-    """Least squares of independent measurements with standard errors of their own.
+    """Least squares of independent measurements and their errors, shape [m, axes], on a design, shape [m * axes, k].
 
-    `observed`, `errors`: shape [m, axes]; `design`: shape [m * axes, k]. The variance of a measurement is the greater
-    of its axis' scatter about the fit and its own error squared.
+    The variance of one is the greater of its axis' scatter about the fit and its own error squared.
     """
     y = observed.ravel()
     inverse = np.asarray(np.linalg.pinv(design), dtype=np.float64)
@@ -153,10 +150,7 @@ def fit_measurements(design: Array, observed: Array, errors: Array) -> Fit:
 
 
 def mean_of(name: str, measurements: Sequence[Measurement], unit: str, goodness: str) -> FittedValue:
-    """Mean of repeated measurements; its error is the greater of that from their scatter and that from their own.
-
-    A few repetitions may agree by chance, and a single one does not show how bed and packing vary.
-    """
+    """Mean of repeated measurements; its error is the greater of that from their scatter and of their own."""
     values, n = [m.value for m in measurements], len(measurements)
     own = float(np.linalg.norm([m.error for m in measurements])) / n
     between = float(np.std(values, ddof=1)) / n**0.5 if n > 1 else 0.0
@@ -167,7 +161,7 @@ def mean_of(name: str, measurements: Sequence[Measurement], unit: str, goodness:
 def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:
     """`fit(*part)` for each part of the recordings in which it is identifiable.
 
-    Raises NotIdentifiable if there is none: with the first one's reason, or with `none` if there are no parts.
+    If there is none, raises NotIdentifiable with the first one's reason, or with `none` if there are no parts.
     """
     fits, reasons = [], []
     for part in parts:

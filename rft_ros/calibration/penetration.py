@@ -43,10 +43,7 @@ over a quarter of the peak of a force that grows with depth."""
 
 
 def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Measurement:
-    """Height at which a stroke meets the surface: fit the predicted force over depth with a free scale plus a constant.
-
-    The constant absorbs bias and weight, which do not change in one orientation.
-    """
+    """Height at which a stroke meets the surface: the vertical force fitted with a free scale and bias."""
     up = track.sensor_rotations(cell)[stroke][:, 2]
     force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, :3])
     height = track.heights()[stroke]
@@ -84,10 +81,7 @@ def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Meas
 
 
 def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[FittedValue, float]:
-    """`surface_height`, the mean over first contacts; the highest of them [m]. `law`: at any ζ.
-
-    Raises NotIdentifiable without a first contact.
-    """
+    """`surface_height`, the mean over first contacts, and the highest [m]; raises NotIdentifiable without."""
     contacts = fit_each(
         _first_contact,
         ((track, stroke, cell, law) for track in tracks for stroke in down_strokes(track)),
@@ -100,10 +94,7 @@ def fit_surface(tracks: Sequence[Track], cell: LoadCell, law: Law) -> tuple[Fitt
 def _penetration(
     track: Track, stroke: Rows, sensor: Sensor, law: Law, surface: float, surface_error: float
 ) -> tuple[float, Measurement]:
-    """The depth of a stroke [m], and ζ of its part below the surface.
-
-    ζ has the errors of the surface and of the load cell's zero.
-    """
+    """The depth of a stroke [m], and ζ of its part below the surface, with the errors of surface and load cell."""
     bag, depths = track.name, surface - track.heights()[stroke]
     rows, depth = stroke[depths > 0.0], float(depths.max())
     if len(rows) < 20 or depth < _SHALLOWEST:
@@ -136,10 +127,9 @@ def _penetration(
 def fit_zeta(
     tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float, surface_error: float
 ) -> list[FittedValue]:
-    """`medium.zeta`, the mean over the penetrations, and `medium.calibrated_depth`.
+    """`medium.zeta`, the mean over the penetrations, and `medium.calibrated_depth`; raises NotIdentifiable without.
 
-    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m]. Raises NotIdentifiable if no
-    penetration is usable.
+    `law`: at ζ = 1. `surface`, `surface_error`: its height and standard error [m].
     """
     penetrations = fit_each(
         _penetration,

@@ -37,8 +37,8 @@ def fit_tool_weight(
 ) -> tuple[Sensor, list[FittedValue], dict[str, str]]:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
 
-    Returns the load cell, the fitted values, and by name the reason for each that is not identifiable, which stays as
-    given. Raises NotIdentifiable if the tool never rests in the air, or if the fitted mass is negative.
+    The reasons, by name, are those of values that stay as given. Raises NotIdentifiable if the tool never rests in the
+    air, or if the fitted mass is negative.
     """
     poses = [
         (track.readings[rows], track.gravity_in_sensor(cell)[rows].mean(axis=0))

@@ -11,7 +11,7 @@ from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.phases import lowest_points
-from rft_ros.bags.playback import ReplayOptions, play, topics_of
+from rft_ros.bags.playback import ReplayOptions, play, reasons, topics_of
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
@@ -46,9 +46,8 @@ _BEFORE, _AFTER = 0.003, 0.010
 class Track:
     """One recording: n moments in time order.
 
-    `name` of the bag. `begin`: header stamp of the first moment [ns]. `time`: since then [s], shape [n]. `states`:
-    shape [n, 13], columns `rft_ros.rft.STATE`. `readings`: of the load cell, raw sign, sensor axes [N], [N m], shape
-    [n, 6]. `rest_speed` [m/s]: below it the tool is at rest. `damage` of the bag, as `Recording` has it.
+    `begin`: header stamp of the first moment [ns]; `time`: since then [s], shape [n]. `states`: shape [n, 13].
+    `readings` of the load cell, raw sign, sensor axes [N], [N m], shape [n, 6]. It rests below `rest_speed` [m/s].
     """
 
     name: str
@@ -105,10 +104,9 @@ class Track:
 
 
 def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:
-    """Read a bag's poses, each with the twist and load-cell reading that the estimator uses for it.
+    """Read a bag's poses, each with the twist and load-cell reading that the estimator uses for it; no tare.
 
-    `values`: the node's parameters. `options`: None for the whole bag; the tare is ignored. Raises InputError for a bag
-    with fewer than two poses that have both.
+    Raises InputError for a bag with fewer than two poses that have both.
     """
     options = options or ReplayOptions()
     # the error of a reduced tool would bias every fit; the fits know level ground only
@@ -123,21 +121,15 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     )
     estimator = Estimator(settings, model)
     with Recording(bag, topics, start=options.start, end=options.end) as recording:
-        answers = play(recording, estimator, bag.name)
+        answers = play(recording, estimator)
         states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
-    rows = [
-        (measurement.stamp, state, measurement.compensated)
-        for state, measurement in zip(states, estimator.measurements(), strict=True)
-        if measurement.compensated is not None
-    ]
+    compared = zip(states, estimator.measurements(), strict=True)
+    rows = [(m.stamp, state, m.compensated) for state, m in compared if m.compensated is not None]
     # a bag recorded in a loop steps back in time and repeats stamps
     stamps, first = np.unique(np.array([stamp for stamp, _, _ in rows], dtype=np.int64), return_index=True)
     if len(stamps) < 2:
-        reasons = "".join(f"; {why}" for why in (recording.damage, *estimator.counted()) if why)
-        raise InputError(
-            f"bag '{bag}' has {len(stamps)} poses with a velocity and a load-cell sample"
-            f" (topics {', '.join(topics.values())}{reasons})"
-        )
+        found = f"{len(stamps)} poses with a velocity and a load-cell sample (topics {', '.join(topics.values())}"
+        raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)})")
     return Track(
         name=bag_name(bag),
         begin=int(stamps[0]),
@@ -153,9 +145,8 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
 class Turn(NamedTuple):
     """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 
-    `first`: row from which the memory of the grains is known. `at`: last row in motion before the turn. `rows`: rows in
-    motion, shape [n], from 3 mm of path before the turn to 10 mm after it or to the next one. `after`: path from the
-    turn to the last row [m].
+    `first`: row from which the memory of the grains is known. `at`: last row in motion before it. `rows`: those in
+    motion, from 3 mm of path before to 10 mm after it, or to the next turn. `after`: path to the last row [m].
     """
 
     first: int
@@ -182,10 +173,7 @@ def still_intervals(track: Track) -> list[Rows]:
 
 
 def down_strokes(track: Track, below: float = np.inf) -> list[Rows]:
-    """Rows of straight motion down, at least 20, in the orientation of the deepest point of each movement down.
-
-    `below`: only movements to a point below this height [m].
-    """
+    """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
     heights, rotations, (velocity, _, turning) = track.heights(), track.rotations(), track.motion()
     sinking = -velocity[:, 2]
     straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
@@ -233,10 +221,7 @@ def turns_in_grains(track: Track, surface: float) -> list[Turn]:
 
 
 def _sharp_turns(path: Array, places: Array) -> list[int]:
-    """Index of the sharpest turn in each group of neighbouring places where the path turns by 60° or more.
-
-    `path`: arc length [m], shape [n]. `places` [m], shape [n, 3].
-    """
+    """Index of the sharpest turn in each group of neighbouring places, shape [n, 3], with a turn by 60° or more."""
 
     def at(s: Array) -> Array:
         return np.column_stack([np.interp(s, path, column) for column in places.T])

@@ -86,7 +86,7 @@ ASKEW = Path((0.0, 0.0, -0.05), UPRIGHT).wait(0.5).move((0.026, 0.015, 0.0), 0.0
         (down(40.0), {}, {"alpha_y": "no level run of a plate"}),
         (down(40.0).move((0.04, 0.0, 0.0), 0.01), {}, {"alpha_y": "has no e1"}),
         (SHORT, {}, {"alpha_y": "it needs 10 mm"}),
-        (ASKEW, {}, {"alpha_y": "moves at ψ = 60° to its face's normal"}),
+        (ASKEW, {}, {"alpha_y": "at ψ = 60° to the face's normal"}),
     ],
 )
 def test_a_recording_that_lacks_something_is_told_what_it_lacks(path, given, reasons):
