@@ -11,12 +11,11 @@ from rft_ros.bags.reading import NAMES, Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
 from rft_ros.estimator.messages import Role
-from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import HeightMap
 from rft_ros.parameters import NODE, Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
-__all__ = ["ReplayOptions", "mounted", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
+__all__ = ["ReplayOptions", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
 
 _Answer = Estimate | NoEstimate | None
 _SECTION = "rft_replay"
@@ -115,24 +114,6 @@ def play(recording: Recording, estimator: Estimator, label: str | None = None) -
 def reasons(recording: Recording, estimator: Estimator) -> str:
     """Why a recording that was played gave so little, for errors."""
     return "; ".join(filter(None, (recording.damage, *estimator.counted()))) or "no sample was refused"
-
-
-def mounted(bag: Path, values: Values, options: ReplayOptions) -> Values:
-    """The parameters with the sensor's place from a bag's fixed transforms, if `sensor.frame_source` is tf.
-
-    Raises InputError if they do not link `tool_frame` and `sensor_frame`.
-    """
-    if values["sensor.frame_source"] != "tf":
-        return values
-    tool, sensor, transforms = values["tool_frame"], values["sensor_frame"], Transforms()
-    with Recording(bag, topics_of(values, options.remap)) as recording:
-        for transform in recording.fixed:
-            transforms.push(transform)
-    if place := transforms.fixed(tool, sensor):
-        return {**values, "sensor.position": place.position, "sensor.quaternion": place.quaternion}
-    has = ", ".join(transforms.frames()) or "none"
-    link = f"link tool_frame '{tool}' and sensor_frame '{sensor}', as sensor.frame_source tf needs"
-    raise InputError(f"bag '{bag}': no fixed transforms {link}; it has {has}")
 
 
 def states_of(

@@ -239,9 +239,7 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
         low, high = bounds.get("min", -math.inf), bounds.get("max", math.inf)
         finite = all(abs(v) <= sys.float_info.max for v in numbers)
         if not bounds or len(numbers) < len(bounds) or not finite or low > high:
-            must = (
-                "it must be {min: NUMBER, max: NUMBER}, finite numbers, the first not above the second, or one of them"
-            )
+            must = "it must be {min: NUMBER, max: NUMBER} or one of them, of finite numbers, min not above max"
             raise InputError(f"limits file '{file}': {metric} is {given!r}; {must}")
         limits[str(metric)] = low, high
     return limits

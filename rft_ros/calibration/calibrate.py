@@ -49,13 +49,22 @@ def calibrate(
 ) -> Calibration:
     """Fit `parts` to the tracks; take what is not fitted, or not identifiable, from `values`, the node's parameters.
 
-    Raises InputError for a reading over 1e6 N or N m.
+    Raises InputError for a reading over 1e6 N or N m, and where fixed transforms should tell the load cell's place and
+    do not.
     """
     for track in tracks:
         if not (largest := float(np.abs(track.readings).max())) <= _LARGEST:
             raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; the limit is {_LARGEST:g}")
-    settings, result = settings_of(values), Calibration()
-    sensor, recorded = Sensor(settings.load_cell), tracks
+    settings, result, recorded = settings_of(values), Calibration(), tracks
+    cell = settings.load_cell
+    if settings.sensor_source == "tf":
+        if (mount := tracks[0].mount) is None:
+            link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
+            raise InputError(
+                f"bag '{tracks[0].name}': no fixed transforms link {link}, as sensor.frame_source tf needs"
+            )
+        cell = replace(cell, position=mount.position, quaternion=mount.quaternion)
+    sensor = Sensor(cell)
     # any tool: the law has none; fits know level ground only
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
     inertial = model_of(at_one, tool=tracks[0].tool).law

@@ -16,6 +16,7 @@ from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
+from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.tool import Tool
 
@@ -48,6 +49,7 @@ class Track:
 
     `begin`: header stamp of the first moment [ns]; `time`: since then [s], shape [n]. `states`: shape [n, 13].
     `readings` of the load cell, raw sign, sensor axes [N], [N m], shape [n, 6]. It rests below `rest_speed` [m/s].
+    `mount`: the sensor frame in the tool frame, if fixed transforms link the two.
     """
 
     name: str
@@ -58,6 +60,7 @@ class Track:
     tool: Tool
     rest_speed: float
     damage: str | None = None
+    mount: Placement | None = None
 
     def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
@@ -139,6 +142,7 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         tool=model.tool,
         rest_speed=settings.rest_speed,
         damage=recording.damage,
+        mount=estimator.transforms.fixed(settings.tool_frame, settings.sensor_frame),
     )
 
 

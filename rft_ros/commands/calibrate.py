@@ -4,7 +4,6 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.bags.playback import mounted
 from rft_ros.bags.reading import bag_name
 from rft_ros.calibration.calibrate import PARTS
 from rft_ros.calibration.calibrate import calibrate as fitted_to
@@ -49,7 +48,6 @@ def calibrate(arguments: argparse.Namespace) -> int:
         meshes[bag] = file
     inputs = {*named_files(values), *map(locate_mesh, meshes.values())}
     options.refuse_inputs(arguments, output, alpha_y_table(output), also=inputs)
-    values = mounted(arguments.bags[0], values, chosen)
     tracks = [read_track(bag, {**values, "mesh.file": meshes[name]}, chosen) for bag, name in bags.items()]
     for track in tracks:
         if track.damage:
