@@ -37,15 +37,21 @@ class Linear(NamedTuple):
 class Table(NamedTuple):
     """α_y [N/cm³] on a uniform grid of β and γ, bilinear between nodes, constant beyond the edges; see `sampled`.
 
-    `values`: n_beta rows of n_gamma numbers, at least two of each. The first node lies at `beta`, `gamma` [rad];
-    `beta_nodes` and `gamma_nodes` are nodes per radian.
+    `values`: shape [n_beta, n_gamma], at least [2, 2]. The first node lies at `beta`, `gamma` [rad]; `beta_nodes` and
+    `gamma_nodes` are nodes per radian.
     """
 
     beta: float
     beta_nodes: float
     gamma: float
     gamma_nodes: float
-    values: tuple[tuple[float, ...], ...]
+    values: NDArray[np.float64]
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Table) and self[:4] == other[:4] and np.array_equal(self.values, other.values)
+
+    def __ne__(self, other: object) -> bool:  # that of tuples asks an array for its truth
+        return not self == other
 
     @classmethod
     def sampled(cls, beta: ArrayLike, gamma: ArrayLike, values: ArrayLike) -> "Table":
@@ -67,12 +73,12 @@ class Table(NamedTuple):
             raise ValueError("values has a number that is not finite")
         beta_nodes, v = _uniform(b, v)
         gamma_nodes, v = _uniform(g, v.T)
-        return cls(float(b[0]), beta_nodes, float(g[0]), gamma_nodes, tuple(map(tuple, v.T.tolist())))
+        return cls(float(b[0]), beta_nodes, float(g[0]), gamma_nodes, np.ascontiguousarray(v.T))
 
 
 AlphaY = Constant | Linear | Table
 
-_NO_VALUES = ((0.0, 0.0), (0.0, 0.0))
+_NO_VALUES = np.zeros((2, 2))
 
 PackedLaw = tuple[int, NDArray[np.float64], NDArray[np.float64]]
 """A law for the compiled loop: which, 15 numbers of which the first is the inertia, and the values of a table."""
@@ -176,9 +182,8 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
     """
     if name not in _MODELS:
         raise ValueError(f"alpha_y.model '{name}' is none of {', '.join(ALPHA_Y_MODELS)}")
-    make = _MODELS[name][2]
-    model: AlphaY = make(medium, table)
-    return model
+    _, _, make = _MODELS[name]
+    return make(medium, table)
 
 
 def packed(kind: int, numbers: Mapping[str, float], values: ArrayLike = _NO_VALUES) -> PackedLaw:

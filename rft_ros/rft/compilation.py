@@ -39,8 +39,7 @@ def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
     `numba.njit` would also compile entries from Python and from C for each, which takes three times as long in all;
     numba's own inlining takes longer still.
     """
-    made: Callable[_P, _R] = register_jitable(**STEP)(function)
-    return made
+    return register_jitable(**STEP)(function)
 
 
 def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
@@ -49,11 +48,10 @@ def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
     It may call `inlined` functions of its own package and of `rft_ros.rft`: changes there invalidate the cache.
     `options`: passed to `numba.njit`.
     """
-    made: Any = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
+    made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
     with suppress(OSError, RuntimeError):  # without a writable folder every process compiles
         made._cache = _Cache(made.py_func)
-    result: Callable[_P, _R] = made
-    return result
+    return made
 
 
 def machine_code(function: Any, arguments: tuple[object, ...]) -> Callable[..., None]:
@@ -63,8 +61,7 @@ def machine_code(function: Any, arguments: tuple[object, ...]) -> Callable[..., 
     """
     signature = tuple(numba.typeof(a) for a in arguments)
     function.compile(signature)
-    entry: Callable[..., None] = function.get_overload(signature)
-    return entry
+    return function.get_overload(signature)
 
 
 class _Cache(FunctionCache):
