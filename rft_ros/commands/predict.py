@@ -6,7 +6,7 @@ from pathlib import Path
 from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, model_of, named_files, settings_of
+from rft_ros.parameters import MESH, model_of, named_files
 from rft_ros.progress import busy
 from rft_ros.report.animation import animate, animation_figure
 from rft_ros.report.page import Figure, write_page
@@ -31,7 +31,7 @@ def predict(arguments: argparse.Namespace) -> int:
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     times, states = read_states(arguments.states)
-    model, height = model_of(values), settings_of(values).surface_height
+    model, height = model_of(values), values["surface_height"]
     tool = model.tool
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
@@ -75,7 +75,7 @@ def view(arguments: argparse.Namespace) -> int:
     if of_states:
         values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
-    model, height = model_of(values), settings_of(values).surface_height
+    model, height = model_of(values), values["surface_height"]
     *moving, ground = (*read_states(source), None) if of_states else states_of(source, values, model, chosen)
     tool = model.tool
     title = f"{tool.name}{' (law without memory)' if model.mobilization_length > 0.0 else ''}"

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, model_of, named_files, settings_of, tool_of
+from rft_ros.parameters import MESH, model_of, named_files, tool_of
 from rft_ros.progress import busy
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
@@ -39,8 +39,7 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--tolerance", dest="share", type=options.number, default=0.025, metavar="SHARE", help=allowed)
     scene = "choose plates for these motions only: a states file or a recorded bag (default: any motion)"
     command.add_argument("--scene", type=Path, metavar="STATES.csv|BAG", help=scene)
-    file = "for a recorded bag: the node's parameter file"
-    command.add_argument("--params", type=Path, metavar="FILE.yaml", help=file)
+    options.share(command, "--params")
     height = "world z of the surface in the scene [m] (default: the parameter file's, or 0)"
     command.add_argument("--surface-height", type=options.number, metavar="Z", help=height)
     file = "file to write; accepted wherever a mesh is"
@@ -79,11 +78,9 @@ def _scene(arguments: argparse.Namespace, tool: Tool) -> NDArray[np.float64]:
     """The scene's states, the surface at z = 0."""
     scene, surface = arguments.scene, arguments.surface_height
     values, chosen = options.recording(arguments)
-    if scene.suffix.lower() == ".csv":
-        states = read_states(scene)[1]
-    else:
-        states = states_of(scene, values, model_of(values, tool=tool), chosen)[1]
-    states[:, 2] -= settings_of(values).surface_height if surface is None else surface
+    of_states = scene.suffix.lower() == ".csv"
+    _, states, *_ = read_states(scene) if of_states else states_of(scene, values, model_of(values, tool=tool), chosen)
+    states[:, 2] -= values["surface_height"] if surface is None else surface
     return states
 
 
