@@ -15,11 +15,7 @@ _CHECKOUT = Path(__file__).resolve().parents[1]  # where rft_ros runs from one
 
 
 def program() -> str:
-    """What to type for ``rft``.
-
-    Its name if it is on the PATH; else ``ros2 run``, in a sourced ROS workspace; else the script beside the running
-    Python, as after ``make venv``; else the module.
-    """
+    """What to type for ``rft``: its name if it is on the PATH, else what runs it in the sourced workspace or venv."""
     if shutil.which("rft"):
         return "rft"
     if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / "rft").is_file() for prefix in _ament_prefixes()):

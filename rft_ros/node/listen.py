@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
 
 import rclpy
@@ -15,7 +16,7 @@ from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import Sample
 from rft_ros.estimator.messages import UNREADABLE, Role, decoder
 from rft_ros.files import expanded
-from rft_ros.node.topics import INPUTS, TYPES, transform_message, type_name
+from rft_ros.node.topics import INPUTS, message_class, type_name
 from rft_ros.parameters import FILES, Value, Values, checked
 
 __all__ = ["Listener"]
@@ -74,17 +75,15 @@ class Listener:
     def listen(self, topics: Mapping[Role, str], seconds: float, push: Callable[[Sample, int], None]) -> list[_Finding]:
         """Give `push` every message for `seconds`, with its arrival [ns]; findings about publishers' types and QoS."""
         wanted = dict(topics)
-        transforms = transform_message(needed="tf" in topics)
-        if transforms:
+        if find_spec("tf2_msgs") or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
-        kinds = {role: TYPES.get(role, transforms) for role in wanted}
         for role, topic in wanted.items():
             take = partial(self._take, decoder(role, ros1=False), push)
-            self._node.create_subscription(kinds[role], topic, take, INPUTS[role], raw=True)
+            self._node.create_subscription(message_class(role), topic, take, INPUTS[role], raw=True)
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(self._node, timeout_sec=min(left, 0.1))
-        return [f for role, topic in wanted.items() for f in self._publishers(role, topic, type_name(kinds[role]))]
+        return [f for role, topic in wanted.items() for f in self._publishers(role, topic)]
 
     def _take(self, decode: Callable[[bytes], Sample], push: Callable[[Sample, int], None], data: bytes) -> None:
         try:
@@ -93,7 +92,7 @@ class Listener:
             return
         push(sample, self._node.get_clock().now().nanoseconds)
 
-    def _publishers(self, role: Role, topic: str, wanted: str) -> list[_Finding]:
+    def _publishers(self, role: Role, topic: str) -> list[_Finding]:
         """Findings about the type and the QoS of a topic's publishers, by those that node and doctor ask for."""
         names = self._name, f"/{_OURS}"
         publishers = self._node.get_publishers_info_by_topic(topic)
@@ -101,8 +100,8 @@ class Listener:
         subscriptions = [s for s in others if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in names]
         faults = []
         for publisher in publishers:
-            if publisher.topic_type != wanted:
-                faults.append(f"{role}: {topic} is {publisher.topic_type}; it must be {wanted}")
+            if publisher.topic_type != (kind := type_name(message_class(role))):
+                faults.append(f"{role}: {topic} is {publisher.topic_type}; it must be {kind}")
             for subscription in subscriptions:
                 compatible, why = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
                 if compatible != QoSCompatibility.OK:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
+from importlib.util import find_spec
 from time import perf_counter
 
 from geometry_msgs.msg import InertiaStamped, TwistStamped, WrenchStamped
@@ -22,7 +23,7 @@ from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
 from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
-from rft_ros.node.topics import INPUTS, OUTPUTS, TYPES, transform_message
+from rft_ros.node.topics import INPUTS, OUTPUTS, message_class
 from rft_ros.parameters import Values
 
 __all__ = ["RftNode"]
@@ -61,7 +62,7 @@ class RftNode(Node):
 
         self._subscribe("wrench", "~/wrench_measured", partial(self._on_input, "wrench"))
         self._twists = self._subscribe("twist", "~/twist", self._on_twist)
-        if transform_message(needed="tf" in (values["pose_source"], values["sensor.frame_source"])):
+        if find_spec("tf2_msgs") or "tf" in (values["pose_source"], values["sensor.frame_source"]):
             self._subscribe("tf_static", "/tf_static", partial(self._on_input, "tf_static"))
         if values["pose_source"] == "tf":
             self._subscribe("tf", "/tf", partial(self._on_input, "tf"))
@@ -83,10 +84,9 @@ class RftNode(Node):
     def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
         self._decode[role] = decoder(role, ros1=False)
         # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
-        message = TYPES.get(role) or transform_message(needed=True)
-        overridable = QoSOverridingOptions.with_default_policies()
+        qos, options = INPUTS[role], QoSOverridingOptions.with_default_policies()
         return self.create_subscription(
-            message, topic, callback, INPUTS[role], raw=True, qos_overriding_options=overridable
+            message_class(role), topic, callback, qos, raw=True, qos_overriding_options=options
         )
 
     def _subscribe_to_clouds(self) -> None:
@@ -180,7 +180,8 @@ class RftNode(Node):
     # --- parameters and swaps
 
     def _validate(self, values: Values) -> None:
-        transform_message(needed=values["sensor.frame_source"] == "tf")
+        if values["sensor.frame_source"] == "tf":
+            message_class("tf")
         self._swap.check(values)
 
     def _apply(self, values: Values) -> None:

@@ -1,16 +1,12 @@
-"""Types and QoS of the node's topics."""
+"""Message classes and QoS of the node's topics."""
 
+from importlib import import_module
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import PointCloud2
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.messages import Role
-
-TYPES: dict[Role, Any] = {"pose": PoseStamped, "twist": TwistStamped, "wrench": WrenchStamped, "surface": PointCloud2}
-"""The inputs' message types; that of transforms comes from `transform_message`."""
+from rft_ros.estimator.messages import TYPES, Role
 
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -27,13 +23,11 @@ def type_name(message: Any) -> str:
     return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
 
 
-def transform_message(*, needed: bool) -> Any:
-    """The class of TFMessage; if its package is not installed None, or InputError where it is `needed`."""
+def message_class(role: Role) -> Any:
+    """The class of an input's messages. Raises InputError for transforms if their package is not installed."""
+    package, _, name = TYPES[role].split("/")
     try:
-        from tf2_msgs.msg import TFMessage
+        return getattr(import_module(f"{package}.msg"), name)
     except ImportError:
-        if needed:
-            why = "pose_source tf and sensor.frame_source tf need the package tf2_msgs"
-            raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
-        return None
-    return TFMessage
+        why = f"pose_source tf and sensor.frame_source tf need the package {package}"
+        raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
