@@ -8,7 +8,7 @@ import trimesh
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, Plates, checked_states
-from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion, PlateDrag, Straight, sample
+from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, plate_drag, sample, straight
 from rft_ros.tool.refine import refined_plates
 from rft_ros.tool.tool import centroid_plates
 
@@ -59,7 +59,7 @@ def scenes() -> Iterator[Scene]:
         levels=5,
         reference=6,
         delivered=3,
-        states=sample(OscillatingInsertion(), _COUNT)[1],
+        states=sample(oscillating_insertion(), _COUNT)[1],
     )
     yield Scene(
         name="circumnutating root tip",
@@ -67,7 +67,7 @@ def scenes() -> Iterator[Scene]:
         levels=5,
         reference=5,
         delivered=3,
-        states=sample(Circumnutation(), _COUNT)[1],
+        states=sample(circumnutation(), _COUNT)[1],
     )
     yield Scene(
         name="inclined plate",
@@ -75,7 +75,7 @@ def scenes() -> Iterator[Scene]:
         levels=5,
         reference=6,
         delivered=4,
-        states=sample(PlateDrag(beta_deg=60.0, psi_deg=30.0, phi_deg=30.0, depth=0.0), _COUNT)[1],
+        states=sample(plate_drag(beta_deg=60.0, psi_deg=30.0, phi_deg=30.0, depth=0.0), _COUNT)[1],
     )
     yield Scene(
         name="bucket (concave)",
@@ -84,7 +84,7 @@ def scenes() -> Iterator[Scene]:
         reference=5,
         delivered=4,
         states=sample(
-            Straight(start_height=0.06, travel=0.14, descent_deg=40.0, tilt_deg=50.0, yaw_deg=10.0), _COUNT // 3
+            straight(start_height=0.06, travel=0.14, descent_deg=40.0, tilt_deg=50.0, yaw_deg=10.0), _COUNT // 3
         )[1],
     )
 

@@ -1,11 +1,13 @@
 """A root tip on a helix: forces, and work over the pitch of the helix (paper Fig. 8)."""
 
+from dataclasses import replace
+
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, wrenches
-from rft_ros.sweeps.motions import Circumnutation, Straight, sample
+from rft_ros.sweeps.motions import Motion, circumnutation, sample
 from rft_ros.tool import Tool, load_tool
 from studies.paper import NOT_STATED, law, root_tip
 from studies.result import (
@@ -48,22 +50,21 @@ def step_errors(integration: Integration) -> WorkConvergence:
     The root starts with its tip at the surface: once it is submerged, the power is linear in time and any step exact.
     """
     tool = load_tool("root_tip", origin=(0.0, 0.0, 1.25), integration=integration)
-    return work_convergence(tool.plates, Circumnutation(start_height=_LENGTH), [20 * 2**k for k in range(8)])
+    return work_convergence(tool.plates, circumnutation(start_height=_LENGTH), [20 * 2**k for k in range(8)])
 
 
-def straight_limit(motion: Circumnutation) -> Straight:
+def straight_limit(motion: Motion) -> Motion:
     """The same root pushed straight down: the limit of infinite pitch, because forces do not depend on speed."""
-    m = motion
-    return Straight(start_height=m.start_height, speed=m.speed, travel=m.travel, tilt_deg=m.tilt_deg)
+    return replace(motion, turning=0.0)
 
 
 def study() -> StudyResult:
     """Forces and work over the pitch, and convergence of the work in the time step."""
     tool = root_tip()
     works = {
-        tilt: [work_of(tool.plates, Circumnutation(tilt_deg=tilt, pitch=p), _COUNT) for p in PITCHES] for tilt in TILTS
+        tilt: [work_of(tool.plates, circumnutation(tilt_deg=tilt, pitch=p), _COUNT) for p in PITCHES] for tilt in TILTS
     }
-    limits = {tilt: work_of(tool.plates, straight_limit(Circumnutation(tilt_deg=tilt)), _COUNT) for tilt in TILTS}
+    limits = {tilt: work_of(tool.plates, straight_limit(circumnutation(tilt_deg=tilt)), _COUNT) for tilt in TILTS}
     converging: dict[Integration, WorkConvergence] = {
         "centroid": step_errors("centroid"),
         "refined": step_errors("refined"),
@@ -128,7 +129,7 @@ def _rows_of_tilt(tilt: float, works: list[Work], limit: Work) -> list[tuple[str
 
 def _draw_forces(axes: Axes, tool: Tool, pitch: float) -> None:
     for tilt, style in zip(TILTS, ("-", "--"), strict=True):
-        motion = Circumnutation(tilt_deg=tilt, pitch=pitch)
+        motion = circumnutation(tilt_deg=tilt, pitch=pitch)
         _, states = sample(motion, _COUNT)
         depth = 1e3 * (states[0, 2] - states[:, 2])
         for model, width in (("constant", 1.8), ("linear", 0.8)):

@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
-from rft_ros.sweeps.motions import Straight, sample
+from rft_ros.sweeps.motions import sample, straight
 from rft_ros.tool.refine import refined_plates
 from rft_ros.tool.tool import centroid_plates
 from studies.paper import NOT_STATED, law
@@ -30,7 +30,7 @@ LEVELS = range(6)
 """Subdivisions of an icosahedron: 20, 80, .. 20,480 facets."""
 
 _REFERENCE = 7
-_PLUNGE = Straight(start_height=RADIUS, travel=2.0 * RADIUS, descent_deg=60.0, heading_deg=20.0)
+_PLUNGE = straight(start_height=RADIUS, travel=2.0 * RADIUS, descent_deg=60.0, heading_deg=20.0)
 _STATES = 60
 _LEAST_SECONDS = 0.02
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import Plates
 from rft_ros.rft.velocity_weights import A1, A2, A3, B1, B2, B3, exact_f1, exact_f23
-from rft_ros.sweeps.motions import PlateDrag
+from rft_ros.sweeps.motions import plate_drag
 from studies.paper import ALPHA_Y, BELOW_90, drag_force, law, leading_face, plate
 from studies.result import (
     BLACK,
@@ -42,7 +42,7 @@ _BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "frameon": Fals
 def drag_forces(plates: Plates, alpha_y: str) -> tuple[Array, Array, Array]:
     """F1, F23 and the part of F23 along e2 at every `PSI` [N], positive against the motion."""
     forces = np.array(
-        [drag_force(plates, law(alpha_y), PlateDrag(psi_deg=min(psi, BELOW_90), depth=DEPTH)) for psi in PSI]
+        [drag_force(plates, law(alpha_y), plate_drag(psi_deg=min(psi, BELOW_90), depth=DEPTH)) for psi in PSI]
     )
     return -forces[:, 0], np.hypot(forces[:, 1], forces[:, 2]), -forces[:, 1]
 

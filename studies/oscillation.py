@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import wrenches
-from rft_ros.sweeps.motions import OscillatingInsertion, sample
+from rft_ros.sweeps.motions import oscillating_insertion, sample
 from rft_ros.tool import Tool
 from studies.paper import NOT_STATED, ellipsoid, law
 from studies.result import BLACK, BLUE, GREY, VERMILION, StudyResult, label_axes, new_figure, published_against_ours
@@ -36,7 +36,7 @@ class Stroke:
 
 def stroke(tool: Tool, *, amplitude_deg: float, frequency: float = 0.625, alpha_y: str = "constant") -> Stroke:
     """Push the ellipsoid in from the surface; frequency of the pitch [Hz]."""
-    motion = OscillatingInsertion(amplitude_deg=amplitude_deg, frequency=frequency)
+    motion = oscillating_insertion(amplitude_deg=amplitude_deg, frequency=frequency)
     times, states = sample(motion, _SAMPLES)
     forces = wrenches(tool.plates, law(alpha_y), states)
     return Stroke(

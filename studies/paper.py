@@ -1,10 +1,12 @@
 """The paper's medium, bodies and plate (Treers, Cao, Stuart 2021), as the studies use them."""
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import MEDIA, Law, Plates, alpha_y_model, law_named, wrenches
-from rft_ros.sweeps.motions import PlateDrag
+from rft_ros.sweeps.motions import Motion
 from rft_ros.tool import Tool, load_tool
 
 __all__ = ["ALPHA_Y", "BELOW_90", "NOT_STATED", "ZETA"]
@@ -53,7 +55,7 @@ def root_tip() -> Tool:
 
 
 def leading_face(tool: Tool) -> Plates:
-    """The plates of the side that leads in `PlateDrag` (tool -z), without the edges and the back."""
+    """The plates of the side that leads in `plate_drag` (tool -z), without the edges and the back."""
     rows = tool.plates.rows
     return Plates(rows[:, rows[5] < -0.999])
 
@@ -71,6 +73,6 @@ def in_plate_axes(forces: Array, psi_deg: float) -> Array:
     return np.asarray(forces @ np.array([[sin, cos, 0.0], [-cos, sin, 0.0], [0.0, 0.0, 1.0]]))
 
 
-def drag_force(plates: Plates, law: Law, drag: PlateDrag) -> Array:
+def drag_force(plates: Plates, law: Law, drag: Motion) -> Array:
     """Force along e1, e2, E3 on plates at the start of a drag [N], shape [3]."""
-    return in_plate_axes(wrenches(plates, law, drag.at(0.0))[0, :3], drag.psi_deg)
+    return in_plate_axes(wrenches(plates, law, drag.at(0.0))[0, :3], math.degrees(drag.yaw))

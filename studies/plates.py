@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import Plates, wrenches
-from rft_ros.sweeps.motions import PlateDrag
+from rft_ros.sweeps.motions import plate_drag
 from studies.dem import CALIBRATION, RUNS, DemRun, fitted_zeta, median_error, read_run, smoothed
 from studies.paper import (
     ALPHA_Y,
@@ -68,7 +68,7 @@ def gamma_deg(phi_deg: float, psi_deg: float) -> float:
 
 def stresses(plates: Plates, beta: float, phi: float, alpha_y: str) -> Array:
     """Stress over depth and ζ [N/cm³] along e1, e2 (against the motion) and E3 at every `PSI`, shape [n, 3]."""
-    drags = [PlateDrag(beta_deg=beta, phi_deg=phi, psi_deg=min(psi, BELOW_90), depth=_DEEP) for psi in PSI]
+    drags = [plate_drag(beta_deg=beta, phi_deg=phi, psi_deg=min(psi, BELOW_90), depth=_DEEP) for psi in PSI]
     unit = 1e6 * ZETA * plates.area * face_depths(plates, drags[0].at(0.0))[0]
     return np.array([_TOWARDS * drag_force(plates, law(alpha_y), drag) / unit for drag in drags])
 

@@ -12,7 +12,7 @@ from rft_ros.estimator import PoseSample
 from rft_ros.estimator.motion import PoseDifference
 from rft_ros.parameters import Settings
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
-from rft_ros.sweeps.motions import Circumnutation, Motion, OscillatingInsertion, Straight, sample
+from rft_ros.sweeps.motions import Motion, circumnutation, oscillating_insertion, sample, straight
 from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, shipped
 from studies.result import BLACK, BLUE, GREY, ORANGE, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
@@ -56,9 +56,9 @@ class Error:
 
 def _motions() -> dict[str, tuple[Motion, Plates]]:
     return {
-        "plate, down at 10 mm/s": (Straight(start_height=-0.01, travel=0.03), shipped("plate")["refined"]),
+        "plate, down at 10 mm/s": (straight(start_height=-0.01, travel=0.03), shipped("plate")["refined"]),
         "ellipsoid, 5 mm/s, ±9° at 0.625 Hz": (
-            OscillatingInsertion(start_height=-0.03, travel=0.02),
+            oscillating_insertion(start_height=-0.03, travel=0.02),
             shipped("ellipsoid")["refined"],
         ),
     }
@@ -184,8 +184,8 @@ def window() -> StudyResult:
 
 
 STROKES: dict[str, tuple[str, Motion]] = {
-    "ellipsoid, oscillating, from the surface": ("ellipsoid", OscillatingInsertion(travel=0.032)),
-    "root tip, helix of 40 mm": ("root_tip", Circumnutation()),
+    "ellipsoid, oscillating, from the surface": ("ellipsoid", oscillating_insertion(travel=0.032)),
+    "root tip, helix of 40 mm": ("root_tip", circumnutation()),
 }
 """A shipped mesh and a motion, by name."""
 

@@ -5,7 +5,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import MEDIA, plate_forces
-from rft_ros.sweeps.motions import Circumnutation, sample
+from rft_ros.sweeps.motions import circumnutation, sample
 from studies.paper import ZETA, law, root_tip
 from studies.parameter_sweep import Array
 from studies.result import BLACK, BLUE, GREEN, GREY, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
@@ -65,7 +65,7 @@ def share_in_wake(pitch: float) -> float:
     """Share of a root tip's force from facets in its own wake [1], at the end of a helix 60 mm deep."""
     tool = root_tip()
     plates = tool.plates
-    _, states = sample(Circumnutation(pitch=pitch, travel=0.06), _POSES)
+    _, states = sample(circumnutation(pitch=pitch, travel=0.06), _POSES)
     last = states[-1]
     force = np.linalg.norm(plate_forces(plates, law("constant"), last), axis=1)
     places = Rotation.from_quat(last[3:7]).apply(plates.packed[:3].T.copy()) + last[:3]

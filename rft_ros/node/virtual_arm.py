@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator import LoadCell, Wrench
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.rft import MEDIA, Law, alpha_y_model, rotation_matrix, treers2021, wrenches
-from rft_ros.sweeps.motions import OscillatingInsertion
+from rft_ros.sweeps.motions import oscillating_insertion
 from rft_ros.tool import Tool, load_tool
 
 Array = NDArray[np.float64]
@@ -24,7 +24,7 @@ LAYER = 0.025  # m: depth of the tool's lowest point at which it reaches the har
 _RATE = 125.0  # Hz, of the poses
 _STRENGTH = np.array([0.6, 0.6, 1.3])  # of the grains over the model's, world axes
 _HARDNESS, _TRANSITION = 2.0, 0.002  # strength of the layer over that of the grains above; its upper edge [m]
-_DESCENT = OscillatingInsertion(start_height=0.020)  # starts with the ellipsoid's lowest point 2 mm above the surface
+_DESCENT = oscillating_insertion(start_height=0.020)  # starts with the ellipsoid's lowest point 2 mm above the surface
 _NOISE = (0.02, 0.02, 0.02, 0.0005, 0.0005, 0.0005)  # N, N m, standard deviations
 LOAD_CELL = LoadCell(
     position=(0.0, 0.0, 0.12),

@@ -3,7 +3,7 @@
 import itertools
 import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import fields
+from inspect import signature
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -26,7 +26,8 @@ _MEDIUM |= {name: f"medium.{name}" for name in _OF_MEDIUM}
 PARAMETER_NAMES = _TOOL | _MEDIUM
 """The node's parameter for each short name, as entries of a study and options of the command line have it."""
 
-_MOST = 1_000_000  # variants, values in a range, and samples
+_MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
+_LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
 
 
 class Variant(NamedTuple):
@@ -74,14 +75,17 @@ def parameters_of(entry: Mapping[str, Any]) -> Values:
 
 def motion_of(entry: Mapping[str, Any]) -> tuple[Motion, int]:
     """The motion of a variant without a states file, and how often it is sampled. Raises InputError."""
-    numbers = dict(entry)
-    family, samples = numbers.pop("family", None), numbers.pop("samples", 200)
+    numbers = {"samples": 200, **entry}
+    family = numbers.pop("family", None)
     if not isinstance(family, str) or family not in FAMILIES:
         raise InputError(f"family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file")
-    _check_names(numbers, ("family", "samples", *(field.name for field in fields(FAMILIES[family]))))
-    if not isinstance(samples, int | float) or not 2 <= samples <= _MOST:
-        raise InputError(f"samples is {samples!r}; it must be from 2 to {_MOST:,}")
-    return FAMILIES[family](**numbers), int(samples)
+    _check_names(numbers, ("family", "samples", *signature(FAMILIES[family]).parameters))
+    for name, value in numbers.items():
+        least = _LEAST.get(name, -_MOST)
+        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= _MOST:
+            raise InputError(f"{name} is {value!r}; it must be a number from {least:g} to {_MOST:,}")
+    samples = int(numbers.pop("samples"))
+    return FAMILIES[family](**numbers), samples
 
 
 def _check_names(entry: Mapping[str, Any], known: Collection[str]) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rft_ros.rft import MEDIA, agarwal2023, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion
+from rft_ros.sweeps.motions import circumnutation, oscillating_insertion
 from rft_ros.tool import load_tool
 from rft_ros.tool.reduce import random_motions, reduced_for_any_motion, reduced_for_scene
 from studies.sampling import sample_every
@@ -14,7 +14,7 @@ from studies.sampling import sample_every
 GENERIC = MEDIA["generic"]
 CONSTANT, LINEAR = (treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=0.33) for name in ("constant", "linear"))
 BODIES = {"ellipsoid-exp": (9.6, 9.6, 18.05), "root-tip": (0.0, 0.0, 35.5)}
-SCENES = {"ellipsoid-exp": OscillatingInsertion(), "root-tip": Circumnutation()}
+SCENES = {"ellipsoid-exp": oscillating_insertion(), "root-tip": circumnutation()}
 
 
 @pytest.fixture

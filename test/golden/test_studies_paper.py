@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rft_ros.rft.velocity_weights import exact_f1, exact_f23
-from rft_ros.sweeps.motions import Circumnutation
+from rft_ros.sweeps import motions
 from studies import circumnutation, convergence, horizontal, oscillation, plates
 from studies.__main__ import run_study
 from studies.paper import ALPHA_Y, ellipsoid, leading_face, plate, root_tip
@@ -109,8 +109,8 @@ class TestCircumnutation:
         """Beyond 100 mm the total falls to within 0.5 % of the straight insertion."""
         tool = root_tip()
         pitches = circumnutation.PITCHES
-        works = [work_of(tool.plates, Circumnutation(tilt_deg=tilt, pitch=p), 401) for p in pitches]
-        straight = work_of(tool.plates, circumnutation.straight_limit(Circumnutation(tilt_deg=tilt)), 401)
+        works = [work_of(tool.plates, motions.circumnutation(tilt_deg=tilt, pitch=p), 401) for p in pitches]
+        straight = work_of(tool.plates, circumnutation.straight_limit(motions.circumnutation(tilt_deg=tilt)), 401)
         assert (np.diff([w.vertical for w in (*works, straight)]) > 0.0).all()
         total = np.array([w.total for w in works])
         assert (np.diff(total[pitches <= 0.1]) < 0.0).all()
@@ -119,7 +119,7 @@ class TestCircumnutation:
         assert straight.vertical == pytest.approx(straight.total)
 
     def test_a_long_pitch_is_the_straight_limit(self):
-        motion = Circumnutation(pitch=100.0)
+        motion = motions.circumnutation(pitch=100.0)
         straight = circumnutation.straight_limit(motion)
         turning, straight = (work_of(root_tip().plates, m, 401) for m in (motion, straight))
         assert turning.vertical == pytest.approx(straight.vertical, rel=1e-3)

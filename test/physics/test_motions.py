@@ -6,29 +6,30 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.errors import InputError
 from rft_ros.rft import checked_states
+from rft_ros.sweeps.design import motion_of
 from rft_ros.sweeps.motions import (
     FAMILIES,
-    Circumnutation,
-    OscillatingInsertion,
-    PlateDrag,
-    Straight,
+    circumnutation,
+    oscillating_insertion,
+    plate_drag,
     sample,
+    straight,
 )
 from studies.dem import DATA
 from studies.sampling import sample_every
 
 MOTIONS = [
-    Straight(descent_deg=60.0, heading_deg=25.0, tilt_deg=10.0, yaw_deg=-40.0, start_height=0.02),
-    Straight(descent_deg=-90.0),
-    PlateDrag(psi_deg=30.0, beta_deg=60.0, phi_deg=30.0),
-    OscillatingInsertion(),
-    OscillatingInsertion(frequency=5.0, speed=0.04),
-    Circumnutation(),
-    Circumnutation(tilt_deg=20.0, pitch=0.167, rate_deg_s=-15.0),
+    straight(descent_deg=60.0, heading_deg=25.0, tilt_deg=10.0, yaw_deg=-40.0, start_height=0.02),
+    straight(descent_deg=-90.0),
+    plate_drag(psi_deg=30.0, beta_deg=60.0, phi_deg=30.0),
+    oscillating_insertion(),
+    oscillating_insertion(frequency=5.0, speed=0.04),
+    circumnutation(),
+    circumnutation(tilt_deg=20.0, pitch=0.167, rate_deg_s=-15.0),
 ]
 
 
-@pytest.mark.parametrize("motion", MOTIONS, ids=lambda m: type(m).__name__)
+@pytest.mark.parametrize("motion", MOTIONS)
 def test_the_twist_is_the_derivative_of_the_pose(motion):
     times = np.linspace(0.0, motion.duration, 50)
     h = 1e-5
@@ -39,11 +40,11 @@ def test_the_twist_is_the_derivative_of_the_pose(motion):
     assert checked_states(now) == pytest.approx(now, abs=1e-15)
 
 
-@pytest.mark.parametrize("motion", MOTIONS, ids=lambda m: type(m).__name__)
-def test_samples_run_from_the_start_to_the_end_of_the_travel(motion):
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_samples_run_from_the_start_to_the_end(motion):
     times, states = sample(motion, 7)
     assert (times[0], times[-1]) == (0.0, motion.duration)
-    assert np.linalg.norm(states[-1, :3] - states[0, :3]) == pytest.approx(motion.travel)
+    assert states[-1, :3] - states[0, :3] == pytest.approx(motion.duration * np.array(motion.velocity))
     every_times, every_states = sample_every(motion, step=motion.duration / 6)
     assert every_times == pytest.approx(times)
     assert every_states == pytest.approx(states)
@@ -51,7 +52,7 @@ def test_samples_run_from_the_start_to_the_end_of_the_travel(motion):
 
 def test_circumnutation_gives_the_85_states_of_the_released_code(shared_data):
     rows = np.loadtxt(shared_data / "paper" / "circumnutation_P40_states.csv", delimiter=",", skiprows=1)
-    times, states = sample_every(Circumnutation(tilt_deg=10.0, pitch=0.04), step=0.25)
+    times, states = sample_every(circumnutation(tilt_deg=10.0, pitch=0.04), step=0.25)
     assert len(rows) == len(times) == 85
     assert times == pytest.approx(rows[:, 0], abs=1e-12)
     assert states == pytest.approx(rows[:, 1:], abs=1e-14)
@@ -60,12 +61,12 @@ def test_circumnutation_gives_the_85_states_of_the_released_code(shared_data):
 @pytest.mark.parametrize(
     ("run", "motion"),
     [
-        ("pen_plate_seedA", Straight(speed=0.1)),
-        ("plate_b60_psi30_phi30", PlateDrag(beta_deg=60, psi_deg=30, phi_deg=30, speed=0.1)),
-        ("plate_b90_psi90_phi0", PlateDrag(beta_deg=90, psi_deg=90, phi_deg=0, speed=0.1, depth=0.035)),
-        ("ellipsoid_osc9deg_5Hz", OscillatingInsertion(frequency=5.0, speed=0.04)),
-        ("root_insert_tilt10", Straight(speed=0.1, tilt_deg=10.0)),
-        ("root_helix_P40_tilt10", Circumnutation(pitch=0.04, rate_deg_s=540.0)),
+        ("pen_plate_seedA", straight(speed=0.1)),
+        ("plate_b60_psi30_phi30", plate_drag(beta_deg=60, psi_deg=30, phi_deg=30, speed=0.1)),
+        ("plate_b90_psi90_phi0", plate_drag(beta_deg=90, psi_deg=90, phi_deg=0, speed=0.1, depth=0.035)),
+        ("ellipsoid_osc9deg_5Hz", oscillating_insertion(frequency=5.0, speed=0.04)),
+        ("root_insert_tilt10", straight(speed=0.1, tilt_deg=10.0)),
+        ("root_helix_P40_tilt10", circumnutation(pitch=0.04, rate_deg_s=540.0)),
     ],
 )
 def test_the_families_contain_the_simulated_runs(run, motion):
@@ -78,13 +79,15 @@ def test_the_families_contain_the_simulated_runs(run, motion):
     assert states[:, 3:] == pytest.approx(rows[:, 4:14], abs=1e-6)
 
 
-@pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
+@pytest.mark.parametrize("family", FAMILIES)
 @pytest.mark.parametrize("value", [0.0, -0.01, float("nan"), float("inf")])
-def test_a_travel_that_is_not_positive_is_refused_with_field_and_value(family, value):
-    with pytest.raises(InputError, match=rf"{family.__name__}\.travel is {value}; it must be a number from 1e-09 to"):
-        family(travel=value)
+def test_a_travel_that_is_not_positive_is_refused_and_any_other_is_travelled(family, value):
+    with pytest.raises(InputError, match=f"travel is {value}; it must be a number from 1e-09 to"):
+        motion_of({"family": family, "travel": value})
+    motion, _ = motion_of({"family": family, "travel": 0.02})
+    assert motion.duration * np.linalg.norm(motion.velocity) == pytest.approx(0.02)
 
 
 def test_a_helix_that_does_not_turn_is_refused():
     with pytest.raises(InputError, match="rate_deg_s is 0"):
-        Circumnutation(rate_deg_s=0.0)
+        circumnutation(rate_deg_s=0.0)

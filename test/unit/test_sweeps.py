@@ -19,7 +19,7 @@ from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.sweeps import design
 from rft_ros.sweeps import run as runs
 from rft_ros.sweeps.design import Variant, read_design
-from rft_ros.sweeps.motions import Circumnutation, sample
+from rft_ros.sweeps.motions import circumnutation, sample
 from rft_ros.sweeps.run import evaluate, rows_of, run
 from rft_ros.tool import load_tool, locate_mesh
 
@@ -96,7 +96,7 @@ def test_a_row_holds_what_the_core_gives_for_its_variant(small):
     assert (row["tool.mesh"], row["motion.pitch"], row["medium.zeta"]) == ("root_tip", "0.1", "0.33")
     generic = MEDIA["generic"]
     law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33)
-    times, states = sample(Circumnutation(pitch=0.1), 30)
+    times, states = sample(circumnutation(pitch=0.1), 30)
     expected = wrenches(load_tool("root_tip").plates, law, states)[:, :6]
     assert float(row["mean_fz"]) == pytest.approx(expected[:, 2].mean(), rel=1e-14)  # sums of another order
     assert float(row["peak_force"]) == np.linalg.norm(expected[:, :3], axis=1).max()
@@ -202,12 +202,12 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(tmp_path, monkeypatch,
         (("family: straight", "family: [[straight]]"), ("motions 2", "family is ['straight']")),
         (("pitch: ", "pitsch: "), ("motions 1", "there is no 'pitsch'", "tilt_deg")),
         (("[0.04, 0.1]", "[]"), ("motions 1", "pitch", "empty")),
-        (("[0.04, 0.1]", "[spam]"), ("motions 1", "Circumnutation.pitch is 'spam'; it must be a number from 1e-09 to")),
+        (("[0.04, 0.1]", "[spam]"), ("motions 1", "pitch is 'spam'; it must be a number from 1e-09 to")),
         (("mesh: plate", "mesh: plaet"), ("tools 2", "mesh.file 'plaet' is not a shipped mesh")),
         (("count: 3", "number: 3"), ("motions 2", "travel", "from, to and count")),
         (("count: 3", "count: 1000000000000"), ("motions 2", "travel", "count, of 1 to 1,000,000")),
         (("count: 3", "count: 200000"), ("has 1,200,012 variants; the limit is 1,000,000",)),
-        (("samples: 30", "samples: .inf"), ("motions 1", "samples is inf; it must be from 2 to 1,000,000")),
+        (("samples: 30", "samples: .inf"), ("motions 1", "samples is inf; it must be a number from 2 to 1,000,000")),
         (("mesh: plate", "mesh: 3"), ("tools 2", "mesh", "3")),
         (("mesh: plate, ", ""), ("tools 2", "must have names and values, mesh")),
         (("zeta:", "zetta:"), ("media 1", "zetta")),

@@ -13,7 +13,7 @@ from test_cli import HEADER, refused, rft
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
-from rft_ros.sweeps.motions import Circumnutation, OscillatingInsertion, sample
+from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, sample
 from rft_ros.tool import load_tool
 from rft_ros.tool.reduce import merged_plates, random_motions, reduced_for_scene
 from studies.sampling import sample_every
@@ -21,7 +21,7 @@ from studies.sampling import sample_every
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 RULES = ["centroid", "refined"]
 ORIGIN = ("--origin", "0", "0", "1.25")
-INSERTION = checked_states(sample(OscillatingInsertion(), 240)[1])
+INSERTION = checked_states(sample(oscillating_insertion(), 240)[1])
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -154,7 +154,7 @@ def test_the_line_says_what_was_done_and_the_same_command_gives_the_same_bytes(t
 
 
 def write_states(file, height=0.0):
-    times, states = sample_every(Circumnutation(), 0.25)
+    times, states = sample_every(circumnutation(), 0.25)
     states[:, 2] += height
     np.savetxt(file, np.column_stack([times, states]), delimiter=",", header=HEADER, comments="")
     return str(file)
