@@ -1,6 +1,5 @@
 """Issues of a usable mesh: holes, winding, hollows, units; each a sentence with numbers."""
 
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -24,8 +23,6 @@ _Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicat
 MeshIssue = Literal[_Surface, "concave", "size"]
 """The kinds of issues."""
 
-_Issues = Iterator[tuple[MeshIssue, str]]
-
 
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     """True for facets without area, which have no normal; shape [m]."""
@@ -36,8 +33,38 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
 
 def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
     """Issues of a mesh in metres: a sentence by kind. At least one of its facets must have an area."""
+    import trimesh
+
+    issues: dict[MeshIssue, str] = {}
     degenerate, volume = degenerate_facets(mesh), _volume_if_closed(mesh)
-    return dict([*_of_surface(mesh, degenerate, volume), *_of_shape(mesh, degenerate, volume)])
+    if degenerate.any():
+        dropped = f"{degenerate.sum():,} of {len(mesh.faces):,} facets"
+        issues["degenerate_facets"] = f"{dropped} have no area and are dropped"
+    joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
+    a, b, c = joined.faces.T
+    joined.update_faces((a != b) & (b != c) & (c != a))
+    if open_edges := int((np.bincount(joined.edges_unique_inverse) == 1).sum()):
+        issues["not_closed"] = f"the surface is not closed (open edges: {open_edges:,})"
+    if not joined.is_winding_consistent:
+        issues["inconsistent_winding"] = "the winding is inconsistent: some facets face outward, others inward"
+    elif volume < 0.0:
+        turned = f"the surface is inside out (volume {volume * 1e6:.3g} cm³)"
+        issues["inside_out"] = f"{turned}, so trailing facets count as leading"
+    first = joined.faces.argmin(axis=1)[:, None]
+    same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
+    if repeated := len(same_start) - len(np.unique(same_start, axis=0)):
+        issues["duplicate_facets"] = f"facets that repeat another, so that its force counts again: {repeated:,}"
+    if (share := _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)) > _CONCAVE_SHARE:
+        hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
+        issues["concave"] = f"{hollow}; if grains fill them, use the convex hull (docs/where-it-fails.md)"
+    extent = float(mesh.extents.max())
+    step, factor = (1e-3 if extent > _LARGEST else 1e3), 1.0
+    while not _SMALLEST <= extent * factor <= _LARGEST:
+        factor *= step
+    if factor != 1.0:
+        meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale (--scale) by {factor:g}"
+        issues["size"] = f"the largest extent is {extent:.3g} m; {meant}"
+    return issues
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
@@ -48,52 +75,16 @@ def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if closed else 0.0
 
 
-def _of_surface(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> _Issues:
-    """Issues of single facets, of how they join, and of their winding."""
-    import trimesh
-
-    if degenerate.any():
-        yield "degenerate_facets", f"{degenerate.sum():,} of {len(mesh.faces):,} facets have no area and are dropped"
-
-    joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
-    a, b, c = joined.faces.T
-    joined.update_faces((a != b) & (b != c) & (c != a))
-    if open_edges := int((np.bincount(joined.edges_unique_inverse) == 1).sum()):
-        yield "not_closed", f"the surface is not closed (open edges: {open_edges:,})"
-    if not joined.is_winding_consistent:
-        yield "inconsistent_winding", "the winding is inconsistent: some facets face outward, others inward"
-    elif volume < 0.0:
-        turned = f"the surface is inside out (volume {volume * 1e6:.3g} cm³)"
-        yield "inside_out", f"{turned}, so trailing facets count as leading"
-    first = joined.faces.argmin(axis=1)[:, None]
-    same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
-    if repeated := len(same_start) - len(np.unique(same_start, axis=0)):
-        yield "duplicate_facets", f"facets that repeat another, so that its force counts again: {repeated:,}"
-
-
-def _of_shape(mesh: "trimesh.Trimesh", degenerate: NDArray[np.bool_], volume: float) -> _Issues:
-    """Facets with other parts of the tool in front of them, whose shielding RFT ignores; the size."""
-    keep = np.flatnonzero(~degenerate)
+def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_], outward: float) -> float:
+    """Share of the area that has other parts of the tool in front of it, whose shielding RFT ignores."""
+    keep = np.flatnonzero(used)
     keep = keep[:: 1 + len(keep) // _SAMPLED]
     points = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
     points = points[:: 1 + len(points) // _SAMPLED]
     doubled = np.asarray(mesh.triangles_cross)[keep]
     area = np.linalg.norm(doubled, axis=1)
-    normal = (-1.0 if volume < 0.0 else 1.0) * doubled / area[:, None]  # inside out: reported above
+    normal = outward * doubled / area[:, None]
     # in chunks: clearing 32 MB at once would delay the node, which shares the processor
     farthest = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, 1 + len(normal) // 64)])
     beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
-    share = float(area[beyond > _HOLLOW * mesh.extents.max()].sum() / area.sum())
-    if share > _CONCAVE_SHARE:
-        yield (
-            "concave",
-            f"{100 * share:.0f} % of the surface lies in hollows; the method counts it as if nothing stood before it;"
-            " if grains fill them, use the convex hull (docs/where-it-fails.md)",
-        )
-    extent = float(mesh.extents.max())
-    step, factor = (1e-3 if extent > _LARGEST else 1e3), 1.0
-    while not _SMALLEST <= extent * factor <= _LARGEST:
-        factor *= step
-    if factor != 1.0:
-        meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale (--scale) by {factor:g}"
-        yield "size", f"the largest extent is {extent:.3g} m; {meant}"
+    return float(area[beyond > _HOLLOW * mesh.extents.max()].sum() / area.sum())
