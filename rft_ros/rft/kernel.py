@@ -64,42 +64,36 @@ def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _seen_from_tool(axes, twist, reach, rise):  # type: ignore[no-untyped-def]
-    """Linear and angular velocity in tool axes, a bound on all points' speeds, E3 in tool axes, the reach, `rise`."""
-    linear = into_frame(axes, twist[0], twist[1], twist[2])
-    angular = into_frame(axes, twist[3], twist[4], twist[5])
-    return linear, angular, _length(linear) + _length(angular) * reach, axes[6:], reach, rise
+def _range(bounds, b, box, v):  # type: ignore[no-untyped-def]
+    """The dot product of a vector and the middle of a block's box, and how far that of a point in it can lie from this.
+
+    `box`: 0 of the normals, 6 of r x n, 12 of the positions.
+    """
+    middle = v[0] * bounds[box, b] + v[1] * bounds[box + 1, b] + v[2] * bounds[box + 2, b]
+    return middle, abs(v[0]) * bounds[box + 3, b] + abs(v[1]) * bounds[box + 4, b] + abs(v[2]) * bounds[box + 5, b]
 
 
 @inlined
-def _middle(bounds, b, box, v):  # type: ignore[no-untyped-def]
-    """Dot product of a vector and the middle of a block's box: 0 of the normals, 6 of r x n, 12 of the positions."""
-    return v[0] * bounds[box, b] + v[1] * bounds[box + 1, b] + v[2] * bounds[box + 2, b]
-
-
-@inlined
-def _spread(bounds, b, box, v):  # type: ignore[no-untyped-def]
-    """How far the dot product of a vector and any point in the box can lie from `_middle`."""
-    return abs(v[0]) * bounds[box + 3, b] + abs(v[1]) * bounds[box + 4, b] + abs(v[2]) * bounds[box + 5, b]
-
-
-@inlined
-def _classify(chunk, bounds, first, last, seen, below, level):  # type: ignore[no-untyped-def]
+def _classify(chunk, bounds, first, last, scene, reach, level):  # type: ignore[no-untyped-def]
     """Store the kinds of blocks; where the bounds leave two, the one with the longer loop.
 
     `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
     """
     wide_vectors()
-    linear, angular, fastest, up, reach, rise = seen
+    axes, twist, below, rise = scene
+    linear, angular = into_frame(axes, *twist[:3]), into_frame(axes, *twist[3:])
+    fastest = _length(linear) + _length(angular) * reach
     margin = ROUNDING * (reach + abs(below))
     for b in range(first, last):
-        depth, spread = below - _middle(bounds, b, 12, rise), _spread(bounds, b, 12, rise) + margin
+        height, spread = _range(bounds, b, 12, rise)
+        depth, spread = below - height, spread + margin
         wet = depth - spread > 0.0
         # v·n of a plate is linear · n + angular · (r x n)
-        lead = _middle(bounds, b, 0, linear) + _spread(bounds, b, 0, linear)
-        lead += _middle(bounds, b, 6, angular) + _spread(bounds, b, 6, angular)
-        trails = lead + (bounds[19, b] + ROUNDING) * fastest <= 0.0
-        tilt = abs(_middle(bounds, b, 0, up)) + _spread(bounds, b, 0, up) + ROUNDING
+        along, more_along = _range(bounds, b, 0, linear)
+        around, more_around = _range(bounds, b, 6, angular)
+        trails = along + more_along + around + more_around + (bounds[19, b] + ROUNDING) * fastest <= 0.0
+        upwards, more_upwards = _range(bounds, b, 0, axes[6:])
+        tilt = abs(upwards) + more_upwards + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
         kind = _SKIP_WET if wet & trails else kind
         chunk[at(row.KIND, b - first)] = _SKIP_DRY if depth + spread <= 0.0 else kind
@@ -304,7 +298,6 @@ def _sums(form, law, height, slope, states, past, out):  # type: ignore[no-untyp
                     last[c] = twist[c]
             twist = last[0], last[1], last[2], last[3], last[4], last[5]
             moved, motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
-        seen = _seen_from_tool(axes, twist, reach, rise)
         scene = axes, twist, below, rise
         for c in range(_COLUMNS):
             chunk[at(row.TOTAL, c)] = 0.0
@@ -312,7 +305,7 @@ def _sums(form, law, height, slope, states, past, out):  # type: ignore[no-untyp
         while b <= blocks:
             place = b & np.uint64(row.KINDS - 1)
             if place == np.uint64(0):
-                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), seen, below, level)
+                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level)
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
             if remembers and kind == _SKIP_WET and memory[at(TRACTIONS, b)] == LOADED:
                 kind = _FADING
