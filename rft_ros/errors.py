@@ -24,10 +24,7 @@ def reason_of(error: Exception) -> str:
 
 @contextmanager
 def file_errors(what: str, done: Literal["read", "written"]) -> Iterator[None]:
-    """Raise InputError where a file cannot be used in this block: "`what` cannot be read", or written, and why.
-
-    A file to read that is not there: "`what` does not exist; give the path of one that does".
-    """
+    """Raise InputError where a file cannot be used in this block: "`what` cannot be read", or written, and why."""
     try:
         yield
     except (OSError, UnicodeDecodeError) as error:

@@ -30,10 +30,7 @@ def expanded(file: Path | str) -> Path:
 
 
 def checked_file(file: Path, what: str, *, limit: int = _MAX_BYTES) -> Path:
-    """The path, with ~ as the home folder, of a regular file of at most `limit` bytes, which is not opened.
-
-    Raises InputError that calls the file `what`.
-    """
+    """The path, ~ expanded, of a regular file of at most `limit` bytes, unopened; InputError calls it `what`."""
     with file_errors(f"{what} '{file}'", "read"):
         path = expanded(file)
         status = path.stat()
@@ -82,8 +79,7 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
 def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[Any], list[int]]:
     """Numbers of a `checked_file` in CSV format, shape [n, columns], any unit; and the line of each row, from 1.
 
-    Columns as in `names`; the file's header has them in any order, and may have others. Raises InputError that names
-    the file and what is wrong in it, without quoting numbers.
+    Columns as in `names`; the file's header has them in any order, and may have others. InputError quotes no content.
     """
     lines = read_text(file, what).splitlines()
     header = [name.strip() for name in lines[0].split(",")] if lines else []
@@ -134,8 +130,7 @@ def read_yaml(file: Path, what: str) -> Any:
 def whole(file: Path, what: str = "output") -> Iterator[Path]:
     """A new file beside `file`, which takes its place at the end of the block; after an exception, the old one stays.
 
-    Makes the folder. What is there and is no regular file, such as /dev/stdout, is written directly. Raises InputError
-    where the file cannot be written.
+    Makes the folder. What is no regular file, such as /dev/stdout, is written directly. Raises InputError.
     """
     with file_errors(f"{what} '{file}'", "written"):
         if file.exists() and not file.is_file():
@@ -155,10 +150,7 @@ def whole(file: Path, what: str = "output") -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """A new folder inside `folder`, whose content takes the place of the files and folders `names` at the end.
-
-    After an exception, they stay. Raises InputError where something cannot be written.
-    """
+    """A new folder in `folder`; its content takes the place of `names` there at the end, but after an exception."""
     with file_errors(f"output folder '{folder}'", "written"):
         part = folder / f".{os.getpid()}.part"
         part.mkdir(parents=True)

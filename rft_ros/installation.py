@@ -33,11 +33,9 @@ def release() -> str:
 
 
 def share_directory(package: str) -> Path:
-    """The package's share folder, which holds its meshes, configuration and launch files.
+    """The package's share folder: by AMENT_PREFIX_PATH, as in ROS, else where pip installs data files.
 
-    Searched in this order: the prefixes in AMENT_PREFIX_PATH, as in ROS; the source checkout, if rft_ros runs from one,
-    because an older installation's files may not match the code; the folders where pip installs data files.
-    Raises InputError if the package is in none of them.
+    For rft_ros a source checkout that it runs from comes between: an older installation's files may not match the code.
     """
     user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
     places = [prefix / "share" / package for prefix in _ament_prefixes()]

@@ -11,14 +11,8 @@ import socket
 import sys
 import threading
 import time
-from typing import TYPE_CHECKING
 
 from rft_ros.errors import InputError
-
-if TYPE_CHECKING:
-    from rclpy.executors import Executor
-
-    from rft_ros.node.rft_node import RftNode
 
 _GRACE = 0.4  # s
 
@@ -84,7 +78,7 @@ def _run(stop: threading.Event) -> str:
     from rclpy.signals import SignalHandlerOptions
 
     from rft_ros.node.node_parameters import parameter_files
-    from rft_ros.node.rft_node import RftNode
+    from rft_ros.node.rft_node import RftNode, executor_of
     from rft_ros.parameters import parameter_tree
 
     try:
@@ -97,7 +91,7 @@ def _run(stop: threading.Event) -> str:
             return str(error).partition(", at ")[0]
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
-        executor = _executor(node)
+        executor = executor_of(node)
         executor.add_node(node)
         node.announce("ready")
         try:
@@ -113,19 +107,6 @@ def _run(stop: threading.Event) -> str:
         rclpy.try_shutdown()
         worker.end()
     return ""
-
-
-def _executor(node: "RftNode") -> "Executor":
-    from rclpy.executors import SingleThreadedExecutor
-
-    if node.table.values["executor"] == "events":
-        try:
-            from rclpy.experimental import EventsExecutor
-
-            return EventsExecutor()
-        except ImportError:
-            node.get_logger().warning("this rclpy has no events executor (new in 7.1.4); using the single-threaded one")
-    return SingleThreadedExecutor()
 
 
 if __name__ == "__main__":

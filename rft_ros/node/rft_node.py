@@ -7,6 +7,7 @@ from time import perf_counter
 
 from geometry_msgs.msg import InertiaStamped, TwistStamped, WrenchStamped
 from rclpy.clock import Clock, ClockType
+from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -26,7 +27,7 @@ from rft_ros.node.swap import Swap, ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class
 from rft_ros.parameters import Values
 
-__all__ = ["RftNode"]
+__all__ = ["RftNode", "executor_of"]
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -204,3 +205,15 @@ class RftNode(Node):
         elif succeeded is not None:
             self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
             self.table.set_all(self._swap.files, why="the swap failed")
+
+
+def executor_of(node: RftNode) -> Executor:
+    """The executor that the node's parameters name."""
+    if node.table.values["executor"] == "events":
+        try:
+            from rclpy.experimental import EventsExecutor
+
+            return EventsExecutor()
+        except ImportError:
+            node.get_logger().warning("this rclpy has no events executor (new in 7.1.4); using the single-threaded one")
+    return SingleThreadedExecutor()

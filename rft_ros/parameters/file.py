@@ -126,8 +126,7 @@ _MAX_TABLE = 4 * 2**20  # 180 x 360 pairs have half of it
 def read_alpha_y_table(file: str) -> Table:
     """A table from a CSV file with the columns β [deg], α_y [N/cm³], or β, γ [deg], α_y on a full grid.
 
-    Lines that begin with #, and a first line of words, are skipped. Raises InputError that names the file and what is
-    wrong in it.
+    Lines that begin with #, and a first line of words, are skipped. Raises InputError.
     """
     if not file:
         raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")

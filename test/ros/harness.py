@@ -24,7 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from recordings import cdr
 from std_srvs.srv import Trigger
 
-from rft_ros.node import main, rft_node
+from rft_ros.node import rft_node
 from rft_ros.parameters import Values, defaults, files_of, load_files, tool_of
 from rft_ros.rft import checked_states, wrenches
 from rft_ros.tool import Tool
@@ -61,7 +61,7 @@ class Harness:
         argv = mock.patch.object(sys, "argv", ["rft_node", *arguments])  # where it looks for its parameter files
         with argv, mock.patch.object(rft_node, "DIAGNOSTICS_PERIOD", 0.1):
             self._rft = rft_node.RftNode(InlineWorker(), arguments=["--ros-args", *arguments])
-        self._open(main._executor(self._rft))
+        self._open(rft_node.executor_of(self._rft))
         self.executor.add_node(self._rft)
         self._log: list[str] = []
         latched = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)

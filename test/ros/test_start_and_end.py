@@ -14,7 +14,8 @@ from rclpy.executors import SingleThreadedExecutor
 
 import rft_ros
 from rft_ros.estimator.warm_up import prepare
-from rft_ros.node.main import _executor, _refused_arguments
+from rft_ros.node.main import _refused_arguments
+from rft_ros.node.rft_node import executor_of
 from rft_ros.tool import locate_mesh
 
 PLATE = locate_mesh("plate")
@@ -115,7 +116,7 @@ def test_each_executor_answers_and_no_child_outlives_it_whatever_ends_it(start_p
 
 def test_where_rclpy_has_no_events_executor_the_node_says_so_and_takes_the_single_one(rft, monkeypatch):
     monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
-    single = _executor(rft._rft)
+    single = executor_of(rft._rft)
     assert isinstance(single, SingleThreadedExecutor)
     single.shutdown()
     rft.until(lambda: "no events executor" in rft.said())
