@@ -63,9 +63,7 @@ class HeightMap:
         """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
         known = np.argwhere(~np.isnan(self.heights))
         known = known[:: -(-len(known) // at_most) or 1]
-        return np.column_stack(
-            [self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)].astype(np.float64)]
-        )
+        return np.column_stack([self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)]])
 
     def heights_at(self, x: Array, y: Array) -> Array:
         """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where nothing is known."""
@@ -219,9 +217,7 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
     corner = round(x.min() / cell - 0.5, 6) % 1.0, round(y.min() / cell - 0.5, 6) % 1.0
     n, m = (np.ptp(np.floor(v / cell - first)) + 1.0 for v, first in zip((x, y), corner, strict=True))
     if n * m > MOST_CELLS:
-        raise InputError(
-            f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; it must fit in {MOST_CELLS:,} cells"
-        )
+        raise InputError(f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; the limit is {MOST_CELLS:,}")
     return HeightMap.unknown(cell, corner).with_points(x, y, h)
 
 
@@ -229,10 +225,8 @@ def write_height_map(file: Path, ground: HeightMap) -> None:
     """Write the known cells as CSV, or a grid as NPZ, by the file's suffix. Raises InputError if it cannot."""
     with whole(file, "height map") as part:
         if file.suffix == ".npz":
-            x, y = (
-                ground.cell * (first + 0.5 + np.arange(n))
-                for first, n in zip(ground.corner, ground.heights.shape, strict=True)
-            )
+            axes = zip(ground.corner, ground.heights.shape, strict=True)
+            x, y = (ground.cell * (first + 0.5 + np.arange(n)) for first, n in axes)
             np.savez(part, x=x, y=y, h=ground.heights)
         else:
             np.savetxt(part, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")

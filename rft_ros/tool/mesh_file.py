@@ -76,10 +76,7 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
         shipped = {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
         if file in shipped:
             return shipped[file]
-        raise InputError(
-            f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); "
-            f"give one of these, a path with suffix or a {' or '.join(_SCHEMES)} URI"
-        )
+        raise InputError(f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); a path needs its suffix")
     return expanded(file)
 
 
@@ -98,10 +95,8 @@ def read_mesh(path: Path, *, scale: float, origin: Array) -> "trimesh.Trimesh":
         raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {_MOST_FACETS:,}")
     mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
     if suffix in _POLYGONS and (folds := _folds(mesh)):
-        raise InputError(
-            f"{name} has facets folded onto each other at {folds:,} edges, as readers divide concave polygons;"
-            " export it with triangles only"
-        )
+        folded = f"has facets folded onto each other at {folds:,} edges, as readers divide concave polygons"
+        raise InputError(f"{name} {folded}; export it with triangles only")
     return mesh
 
 

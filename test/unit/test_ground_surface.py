@@ -145,7 +145,7 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
         ("x,y,h\n", "at least one"),
         ("x,y,h\n1,2\n", "line 2 is not 3 numbers"),
         ("x,y,h\n1,2,nan\n", "not finite"),
-        ("x,y,h\n0,0,0\n1e3,1e3,0\n", "must fit in"),
+        ("x,y,h\n0,0,0\n1e3,1e3,0\n", "the limit is 2,097,152"),
         ("x,y,h\n0.0018,0.001,0\n0.0038,3000.001,0\n", "2 x 1500001 cells"),
         ("x,y,h\n0,0,1e7\n", "not below 200000 m"),
     ],
