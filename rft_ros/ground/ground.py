@@ -106,14 +106,6 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):  # type: ignore[no-u
     return level + (sh - gu * su - gv * sv) / s, gu / radius, gv / radius, np.sqrt(rest)
 
 
-@inlined
-def _moved(kept, state, reach):  # type: ignore[no-untyped-def]
-    """Bound on the path of a body's points since the pose in `kept` [m]."""
-    x, y, z = state[0] - kept[0], state[1] - kept[1], state[2] - kept[2]
-    cosine = abs(state[3] * kept[3] + state[4] * kept[4] + state[5] * kept[5] + state[6] * kept[6])
-    return np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))
-
-
 @compiled
 def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):  # type: ignore[no-untyped-def]
     """Find the plane in `kept` again if the body has moved; returns the body's depth below it."""
@@ -123,7 +115,10 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
         placed[k] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
     px, py, pz = state[0], state[1], state[2]
-    if not (_moved(kept, state, reach) <= _MOVED and kept[7] == level):
+    x, y, z = px - kept[0], py - kept[1], pz - kept[2]
+    cosine = abs(state[3] * kept[3] + state[4] * kept[4] + state[5] * kept[5] + state[6] * kept[6])
+    moved = np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))  # any point, at most
+    if not (moved <= _MOVED and kept[7] == level):
         x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
         least = _LEAST_RADIUS * cell
         h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
