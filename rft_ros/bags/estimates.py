@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.phases import PHASES, lowest_points, phases_of
 from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
+from rft_ros.estimator.messages import TYPES, wrench_cdr
 from rft_ros.estimator.quality import flag_names
 
 __all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "ROW", "Rows", "Run", "write_estimates"]
@@ -108,7 +109,7 @@ class Run:
 def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
     """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a run's rows, shape [n]."""
     frame, generation = run.estimator.settings.sensor_frame, run.estimator.model.generation
-    learned = LEARNED_COLUMNS if run.estimator.learning else ()
+    learned, in_frame = LEARNED_COLUMNS if run.estimator.learning else (), wrench_cdr(frame)
     names = ("stamp", "reason", "phase", "quality_flags", "depth", "speed", "predicted", "compensated", "sigma")
     file = folder / "estimates.csv"
     with BagWriter(folder / "estimates") as bag, file.open("w", encoding="utf-8", newline="\n") as table:
@@ -123,12 +124,11 @@ def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
                 answer = f",{generation}" if reason < 0 else f"{_REASONS[reason].value},"
                 end = _end(phase, flags) + "".join(f",{number:.9g}" for number in belief[: len(learned)])
                 table.write(f"{time}{numbers.replace('nan', '')},{answer}{end}\n")
-                if reason < 0:
-                    bag.write_wrench("/rft/wrench_predicted", stamp, frame, predicted)
-                    bag.write_wrench("/rft/wrench_sigma", stamp, frame, sigma)
+                wrenches = {} if reason >= 0 else {"predicted": predicted, "sigma": sigma}
                 if not math.isnan(compensated[0]):
-                    bag.write_wrench("/rft/wrench_compensated", stamp, frame, compensated)
-                    bag.write_wrench("/rft/wrench_residual", stamp, frame, residual)
+                    wrenches |= {"compensated": compensated, "residual": residual}
+                for kind, wrench in wrenches.items():
+                    bag.write_raw(f"/rft/wrench_{kind}", TYPES["wrench"], stamp, in_frame(stamp, wrench))
 
 
 @cache

@@ -1,6 +1,5 @@
 """Replay a recording through the estimator: estimates as a bag and a table, a summary, a report."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -59,8 +58,7 @@ def replay(
     model = model or replay_model(values)
 
     if options.tare:
-        bias = _bias(bag, topics, settings_of(values), model, options.start or 0.0, options.tare)
-        values = {**values, "sensor.bias": bias}
+        values = {**values, "sensor.bias": _bias(bag, topics, settings_of(values), model, options)}
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     check_replaceable(out / "estimates")
@@ -117,10 +115,9 @@ def _learning_settings(settings: Settings) -> dict[str, Settings]:
     return {"off": replace(settings, learning_mode="off"), **learn}
 
 
-def _bias(
-    bag: Path, topics: Mapping[Role, str], settings: Settings, model: Model, start: float, seconds: float
-) -> Wrench:
-    """The estimator's tare over the first `seconds`, beginning at the first pose with a known velocity."""
+def _bias(bag: Path, topics: dict[Role, str], settings: Settings, model: Model, options: ReplayOptions) -> Wrench:
+    """The estimator's tare over the first seconds, beginning at the first pose with a known velocity."""
+    start, seconds = options.start or 0.0, options.tare or 0.0
     estimator = Estimator(settings, model)
     begin = newest = 0
     with Recording(bag, topics, start=start, end=start + seconds) as recording:

@@ -132,13 +132,13 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     answered, depth = rows["reason"] < 0, rows["depth"]
     least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, :3], axis=1), initial=0.0))
     edges = _bin_edges(float(depth[answered].max(initial=0.0)))
+    bins = [f"{low:g}-{high:g}mm" for low, high in itertools.pairwise(1e3 * edges)]
     in_bin = np.where(depth > 0.0, np.digitize(depth, edges[1:-1]), -1)
     groups = {}
     for code, phase in enumerate(PHASES):
-        in_phase, by_depth = rows["phase"] == code, {}
-        for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges)):
-            if (chosen := in_phase & answered & (in_bin == k)).any():
-                by_depth[f"{low:g}-{high:g}mm"] = Group(**_of(rows[chosen], least))
+        in_phase = rows["phase"] == code
+        parts = {name: rows[in_phase & answered & (in_bin == k)] for k, name in enumerate(bins)}
+        by_depth = {name: Group(**_of(part, least)) for name, part in parts.items() if len(part)}
         own = _of(rows[in_phase & answered], least)
         groups[phase] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
     return Group(**_of(rows[answered], least)), groups

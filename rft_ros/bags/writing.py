@@ -8,8 +8,6 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Wrench
-from rft_ros.estimator.messages import TYPES, wrench_cdr
 
 __all__ = ["BagWriter", "check_replaceable"]
 
@@ -40,10 +38,6 @@ class BagWriter(Writer):
         self.custom_data |= _MARK
         self._types = get_typestore(Stores.ROS2_JAZZY)
         self._of_topic: dict[str, Connection] = {}
-
-    def write_wrench(self, topic: str, stamp: int, frame: str, wrench: Wrench) -> None:
-        """Write a WrenchStamped; `stamp` [ns] is also its log time."""
-        self.write_raw(topic, TYPES["wrench"], stamp, wrench_cdr(frame)(stamp, wrench))
 
     def write_raw(self, topic: str, msgtype: str, stamp: int, cdr: bytes) -> None:
         """Write a serialised message (CDR) of any type of ROS 2 Jazzy's common interfaces at log time `stamp` [ns]."""

@@ -117,8 +117,7 @@ class Checkup:
             return (ok, f"surface_height: {height:g} m{advice}")
         metres, allowed = error
         if abs(metres) <= allowed:
-            within = f"the measured force begins within {1e3 * allowed:.0f} mm of it"
-            return True, f"surface_height: {height:g} m; {within}"
+            return True, f"surface_height: {height:g} m; the measured force begins within {1e3 * allowed:.0f} mm of it"
         side = "above" if metres > 0.0 else "below"
         found = f"the measured force begins {1e3 * abs(metres):.0f} mm {side} where {height:g} m says"
         return False, f"surface_height: {found}; set it to about {height + metres:.3f}, or calibrate"
