@@ -19,12 +19,12 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     Raises InputError that names the file, line and column.
     """
     table, lines = read_columns(file, "states file", ("t", *STATE))
-    finite = np.isfinite(table[:, 0])
-    if not finite.all():
-        k = int(np.argmin(finite))
-        raise InputError(f"states file '{file}' line {lines[k]}: t is {table[k, 0]}; it must be a finite number")
+    times = table[:, 0]
     try:
-        return table[:, 0], checked_states(table[:, 1:])
+        if not np.isfinite(times).all():
+            k = int(np.argmin(np.isfinite(times)))
+            raise ValueError(f"row {k}: t is {times[k]}; it must be a finite number")
+        return times, checked_states(table[:, 1:])
     except ValueError as error:
         row, _, reason = str(error).removeprefix("row ").partition(":")  # counted from 0
         raise InputError(f"states file '{file}' line {lines[int(row)]}:{reason}") from None
@@ -45,15 +45,15 @@ def wrenches_along(
     Raises InputError for an order of times that cannot be used, and for a wrench that is not finite.
     """
     plates, length, durations = model.tool.plates, model.mobilization_length, np.diff(times, prepend=times[0])
-    height = surface_height
     if length == 0.0:
-        result = wrenches(plates, model.law, states, surface_height=height, threads=threads)
+        result = wrenches(plates, model.law, states, surface_height=surface_height, threads=threads)
     elif durations.min() < 0.0:
         k = int(np.argmax(durations < 0.0))
         raise InputError(f"{where}: t goes back from {times[k - 1]:g} to {times[k]:g}; memory needs it in order")
     else:
+        memory, height = Memory(plates), surface_height
         result = wrenches_in_time(
-            plates, model.law, states, durations, Memory(plates), mobilization_length=length, surface_height=height
+            plates, model.law, states, durations, memory, mobilization_length=length, surface_height=height
         )
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():

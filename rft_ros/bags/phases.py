@@ -42,13 +42,10 @@ def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, r
         "penetration": sinking >= steep,
     }
     seen = np.select([*cases.values()], [*map(PHASES.index, cases)], PHASES.index("ploughing"))
-    runs = np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps) < 0) + 1)
-    return np.concatenate([_prevailing(stamps[run], seen[run]) for run in runs])
-
-
-def _prevailing(stamps: _Numbers, seen: _Numbers) -> _Numbers:
-    first = np.searchsorted(stamps, stamps - _AROUND)
-    after = np.searchsorted(stamps, stamps + _AROUND, side="right")
-    sums = [np.append(0, np.cumsum(seen == code)) for code in range(len(PHASES))]
-    most: _Numbers = np.argmax([total[after] - total[first] for total in sums], axis=0)
-    return most
+    phases = np.empty(len(stamps), dtype=np.int64)
+    for run in np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps) < 0) + 1):
+        at, was = stamps[run], seen[run]
+        first, after = np.searchsorted(at, at - _AROUND), np.searchsorted(at, at + _AROUND, side="right")
+        sums = [np.append(0, np.cumsum(was == code)) for code in range(len(PHASES))]
+        phases[run] = np.argmax([total[after] - total[first] for total in sums], axis=0)
+    return phases

@@ -15,6 +15,7 @@ from rft_ros.calibration.penetration import fit_surface
 from rft_ros.calibration.track import Track
 from rft_ros.estimator import Estimator, LoadCell, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role
+from rft_ros.estimator.transforms import Placement
 from rft_ros.ground import Cloud
 from rft_ros.parameters import Model, Values, settings_of
 
@@ -66,7 +67,7 @@ class Checkup:
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
         self._run = Run(self._estimator)
         self._heard: dict[Role, list[tuple[int, int, str]]] = {role: [] for role in topics}  # arrival, stamp, frame
-        self._poses = self._began = 0
+        self._began = 0
         self._at_start: Counter[str] = Counter()  # reasons before the first estimate
 
     def push(self, sample: Sample, time: int) -> None:
@@ -82,7 +83,6 @@ class Checkup:
         counts = self._estimator.counts
         for _, answer in push_all(self._estimator, sample):
             if answer is not None:
-                self._poses += 1
                 self._run.add(answer)
                 if counts["estimates"] == 1 and time - self._began <= _START:
                     self._at_start = self._at_start or Counter(counts)
@@ -90,14 +90,14 @@ class Checkup:
     def findings(self) -> list[Finding]:
         """The findings, after the last sample."""
         rows = self._run.rows()
-        rows = rows[~np.isnan(rows["compensated"][:, 0])]
+        poses, rows = len(rows), rows[~np.isnan(rows["compensated"][:, 0])]
         mesh = self._of_tool(rows)
         error = self._error_of_surface(rows) if mesh[0] and len(rows) else None
         surface = self._of_surface(error)
         found = [mesh, surface, *self._of_inputs(), *self._of_frames(), *self._of_mount()]
         if len(rows) and mesh[0] and (error is None or surface[0]):  # else the forces are of another depth
             found += self._of_load_cell(rows)
-        return [*found, *self._of_reasons()]
+        return [*found, *self._of_reasons(poses)]
 
     def _of_tool(self, rows: Rows) -> Finding:
         tool = self._estimator.model.tool
@@ -114,7 +114,7 @@ class Checkup:
         if error is None:
             ok = "surface_height" in self._named
             advice = "" if ok else " as it is not set: measure it, or run rft calibrate"
-            return (ok, f"surface_height: {height:g} m{advice}")
+            return ok, f"surface_height: {height:g} m{advice}"
         metres, allowed = error
         if abs(metres) <= allowed:
             return True, f"surface_height: {height:g} m; the measured force begins within {1e3 * allowed:.0f} mm of it"
@@ -149,20 +149,20 @@ class Checkup:
         limit = self._estimator.settings.max_input_age
         for role, topic in self._topics.items():
             if not (heard := self._heard[role]):
-                yield (role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
+                yield role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}"
                 continue
             times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
             seconds, age = (times[-1] - times[0]) * 1e-9, float(np.median(times - stamps)) * 1e-9
             if unstamped := int((stamps <= 0).sum()):
-                yield (False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
+                yield False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it"
             elif abs(age) > limit and role != "surface":
                 off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
-                yield (False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
+                yield False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks"
             else:
                 rate = f"{(len(heard) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
                 named = " and ".join(np.unique(frames))
                 frame = f", frame {named}" if named else ""
-                yield (True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old")
+                yield True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old"
 
     def _of_frames(self) -> Iterator[Finding]:
         for reason, sentence in self._estimator.unknown_frames().items():
@@ -170,9 +170,9 @@ class Checkup:
             if reason.startswith("tf_") and reason != Reason.TF_FRAME_UNKNOWN:
                 mend = "stop or mend one of its publishers"
             if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
-                yield (False, f"frames: {sentence}; {mend}")
+                yield False, f"frames: {sentence}; {mend}"
         if frames := self._estimator.transforms.frames():
-            yield (True, f"frames: {', '.join(frames)}")
+            yield True, f"frames: {', '.join(frames)}"
 
     def _of_mount(self) -> Iterator[Finding]:
         """The sensor's place in the parameters and on /tf_static, if both have it."""
@@ -180,14 +180,14 @@ class Checkup:
         place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame)
         if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
             return
-        turn = (Rotation.from_quat(cell.quaternion).inv() * Rotation.from_quat(place.quaternion)).magnitude()
-        moved = float(np.linalg.norm(np.subtract(cell.position, place.position)))
+        off = Placement(cell.position, cell.quaternion).inverse().of(place)
+        turn, moved = Rotation.from_quat(off.quaternion).magnitude(), float(np.linalg.norm(off.position))
         if turn < np.radians(1.0) and moved < 1e-3:
             yield (True, "sensor: the parameters and /tf_static agree")
             return
-        off = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
+        differ = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
         there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
-        yield (False, f"sensor: {off} ({there}); set sensor.frame_source: tf, or mend one of the two")
+        yield False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or mend one of the two"
 
     def _of_load_cell(self, rows: Rows) -> Iterator[Finding]:
         wet, predicted, measured = rows["depth"] > 0.0, rows["predicted"][:, :3], rows["compensated"][:, :3]
@@ -202,7 +202,7 @@ class Checkup:
         elif load > _FELT:
             ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
             said = f"it reads {said}; {advice}"
-        yield (ok, f"load cell: {said}")
+        yield ok, f"load cell: {said}"
         pushed = wet & (rows["state"][:, 9] <= 0.5 * rows["speed"])
         predicted, measured = predicted[pushed], measured[pushed] - air
         if len(predicted) < _ENOUGH or np.abs(predicted).max() < _FELT or np.abs(measured).max() < 0.1 * _FELT:
@@ -213,7 +213,7 @@ class Checkup:
             ratio = float((predicted * measured).sum() / (predicted**2).sum())
             ok = _STRENGTH[0] <= ratio <= _STRENGTH[1]
             advice = "" if ok else "; check mesh.scale and the driver's unit (N), or fit medium.zeta with rft calibrate"
-            yield (ok, f"strength: measured over predicted force {ratio:.3g}{advice}")
+            yield ok, f"strength: measured over predicted force {ratio:.3g}{advice}"
 
     def _of_direction(self, predicted: _Array, measured: _Array) -> Finding:
         """By axis; of what reverses or exchanges axes, what fits: another sign, or the cell turned by 90 or 180 deg."""
@@ -243,16 +243,16 @@ class Checkup:
         off = f"measured and predicted force do not agree along each axis (correlation {shown})"
         return False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}"
 
-    def _of_reasons(self) -> Iterator[Finding]:
+    def _of_reasons(self, poses: int) -> Iterator[Finding]:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}
         counts = self._estimator.counts
         for reason in Reason:
             told = reason in _EXPECTED or reason.value in named or reason.value.endswith("stamp_zero")
             count = counts[reason.value] - self._at_start[reason.value]
-            if not told and count > _RARE * max(self._poses, 1):
-                yield (False, f"{reason}: {count} times at {self._poses} poses; docs/node.md, Reasons, says why")
+            if not told and count > _RARE * max(poses, 1):
+                yield False, f"{reason}: {count} times at {poses} poses; docs/node.md, Reasons, says why"
         advice = "" if counts["estimates"] else "; mend what stands above first"
-        yield (not advice, f"estimates: {counts['estimates']} at {self._poses} poses{advice}")
+        yield not advice, f"estimates: {counts['estimates']} at {poses} poses{advice}"
 
 
 def _listed(numbers: Collection[float]) -> str:

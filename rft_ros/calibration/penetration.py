@@ -152,7 +152,5 @@ def difference(found: Sequence[Measurement]) -> str:
     apart = high.value - low.value
     if apart <= max(_NOTEWORTHY * low.value, 3.0 * float(np.hypot(low.error, high.error))):
         return ""
-    return (
-        f"; ζ differs by {100 * apart / low.value:.0f} % between {low.bag} ({low.value:.2f}) and {high.bag}"
-        f" ({high.value:.2f}): tools of different size, and grains that differ, need a ζ of their own"
-    )
+    percent = f"{100 * apart / low.value:.0f} %"
+    return f"; ζ differs by {percent}: tools of different size, and grains that differ, need a ζ of their own"

@@ -133,8 +133,8 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_
     file.write_text(yaml.safe_dump({n: {"ros__parameters": p} for n, p in (("/**", given), ("rft_replay", remap))}))
     assert main(["calibrate", *bags, "--params", str(file), *rules, "-o", str(out)]) == 0
     zeta = record(out)["fitted"]["medium_zeta"]
-    assert (
-        "ζ differs by 44 % between cmu_plate_large_60mm_1 (1.26) and cmu_plate_large_100mm_4 (1.81)" in zeta["goodness"]
-    )
+    assert "ζ differs by 44 %: tools of different size" in zeta["goodness"]
+    assert "60mm_1 1.26" in zeta["source"]
+    assert "100mm_4 1.81" in zeta["source"]
     assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1
