@@ -32,7 +32,7 @@ _OFFSET, _OFFSET_SHARE = 0.2, 0.01  # N, and share of the recording's peak: a me
 _WRONG = 0.5  # median error over which the set-up is the likely cause
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Group:
     """Statistics of some estimates; None without values.
 
@@ -52,10 +52,7 @@ class Group:
     within_two_sigma: float | None
 
 
-_WHOLE = [field.name for field in fields(Group)]
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PhaseGroup(Group):
     """Statistics of a phase. `poses`: with and without estimate. `depth_bins`: by names such as ``5-10mm``."""
 
@@ -63,7 +60,7 @@ class PhaseGroup(Group):
     depth_bins: dict[str, Group]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True)
 class Summary(Group):
     """The content of summary.json: the statistics of all estimates and what led to them.
 
@@ -108,7 +105,7 @@ class Summary(Group):
     def json(self) -> str:
         """The text of summary.json; the same bag and parameters give the same text."""
         content = asdict(self)
-        content |= {name: content.pop(name) for name in _WHOLE}  # these last
+        content |= {field.name: content.pop(field.name) for field in fields(Group)}  # these last
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
@@ -123,8 +120,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()] + _warnings(whole, phases)
-    of_all = {name: getattr(whole, name) for name in _WHOLE}
-    return Summary(quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **of_all, **about)
+    return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)
 
 
 def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
@@ -138,14 +134,14 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     for code, phase in enumerate(PHASES):
         in_phase = rows["phase"] == code
         parts = {name: rows[in_phase & answered & (in_bin == k)] for k, name in enumerate(bins)}
-        by_depth = {name: Group(**_of(part, least)) for name, part in parts.items() if len(part)}
-        own = _of(rows[in_phase & answered], least)
+        by_depth = {name: _group(part, least) for name, part in parts.items() if len(part)}
+        own = vars(_group(rows[in_phase & answered], least))
         groups[phase] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
-    return Group(**_of(rows[answered], least)), groups
+    return _group(rows[answered], least), groups
 
 
-def _of(rows: Rows, least_force: float) -> dict[str, Any]:
-    """The fields of a `Group` of rows with estimates; forces over `least_force` [N] have a relative error."""
+def _group(rows: Rows, least_force: float) -> Group:
+    """Statistics of rows with estimates; forces over `least_force` [N] have a relative error."""
     measured, predicted = rows["compensated"], rows["predicted"]
     kinds = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
     full = {
@@ -159,14 +155,14 @@ def _of(rows: Rows, least_force: float) -> dict[str, Any]:
     big = force > least_force
     scores = (np.abs(full["residual"][:, :3]) / rows["sigma"][:, :3])[np.any(predicted[:, :3], axis=1)]
     scores = scores[~np.isnan(scores)]
-    return {
-        "estimates": len(rows),
-        "wrench": wrench,
-        "rms_over_peak": rms / peak if rms is not None and peak else None,
-        "median_relative_error": float(np.median(residual[big] / force[big])) if big.any() else None,
-        "within_sigma": float(np.mean(scores < 1.0)) if len(scores) else None,
-        "within_two_sigma": float(np.mean(scores < 2.0)) if len(scores) else None,
-    }
+    return Group(
+        estimates=len(rows),
+        wrench=wrench,
+        rms_over_peak=rms / peak if rms is not None and peak else None,
+        median_relative_error=float(np.median(residual[big] / force[big])) if big.any() else None,
+        within_sigma=float(np.mean(scores < 1.0)) if len(scores) else None,
+        within_two_sigma=float(np.mean(scores < 2.0)) if len(scores) else None,
+    )
 
 
 def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
