@@ -47,7 +47,7 @@ bench-replay: venv
 	$(BIN)/python -m bench.replay
 
 soak: venv
-	PYTHONPATH=test/unit $(BIN)/python test/ros/soak.py
+	PYTHONPATH=.:test/unit $(BIN)/python test/ros/soak.py
 
 fuzz: venv
 	PYTHONPATH=test/unit $(BIN)/python test/fuzz.py
