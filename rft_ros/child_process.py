@@ -16,10 +16,7 @@ _NICENESS = 10  # a tenth of a busy core, and all of an idle one
 def start_child(
     function: Callable[..., None], *arguments: str | float, pass_fds: Sequence[int] = ()
 ) -> "subprocess.Popen[bytes]":
-    """Call a function of a module in a new Python process.
-
-    The child ends at once when this process ends, however that happens. Ctrl-C in the terminal does not reach it.
-    """
+    """Call a module's function in a new Python process, which ends when this one does and gets no Ctrl-C."""
     module, name = function.__module__, function.__name__
     code = f"import sys; sys.path[:] = {sys.path!r}; from rft_ros.child_process import watch_parent; watch_parent(); "
     code += f"from {module} import {name}; {name}(*{arguments!r})"

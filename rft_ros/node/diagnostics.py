@@ -130,20 +130,12 @@ class Diagnostics:
         return self._status("estimates", values, problem, f"{new} estimates")
 
     def _model(self) -> DiagnosticStatus:
-        model = self._estimator.model
-        values: dict[str, object] = {
-            "tool": model.tool.name,
-            "facets": len(model.tool.facets),
-            "plates": len(model.tool.plates),
-            "law": model.law_name,
-            "medium": model.medium,
-            "zeta": model.zeta,
-            "alpha_y": model.alpha_y,
-            "generation": model.generation,
-            "preparing": self._swap.preparing,
-            "last_swap_failure": self._swap.last_failure,
-        }
-        problems = self._swap.last_failure or "; ".join(model.tool.issues.values())
+        model, swap = self._estimator.model, self._swap
+        tool = model.tool
+        values: dict[str, object] = {"tool": tool.name, "facets": len(tool.facets), "plates": len(tool.plates)}
+        values |= {"law": model.law_name, "medium": model.medium, "zeta": model.zeta, "alpha_y": model.alpha_y}
+        values |= {"generation": model.generation, "preparing": swap.preparing, "last_swap_failure": swap.last_failure}
+        problems = swap.last_failure or "; ".join(tool.issues.values())
         return self._status("model", values, problems, "in force")
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:

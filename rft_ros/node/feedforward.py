@@ -24,10 +24,7 @@ _END = 0.25  # s: the longest ramp when the node ends
 
 
 class Ramp:
-    """Follows a wrench with bounded size and rate; force and torque keep their directions when they are limited.
-
-    `limit`: of the force [N] and of the torque [N m]. `rise_time`: from zero to the limit [s].
-    """
+    """Follows a wrench; force and torque are bounded by `limit` [N, N m] and in rate: `rise_time` [s] from 0 to it."""
 
     def __init__(self) -> None:
         self.limit, self.rise_time = (0.0, 0.0), 1.0

@@ -32,8 +32,7 @@ def _descriptor(p: Parameter) -> ParameterDescriptor:
 class NodeParameters:
     """The node's values of the parameter table.
 
-    `validate` is called before a change and raises ValueError to refuse it; a refused change has no effect. `apply` is
-    called after a change. Each change is logged with old and new value and, if the node itself made it, the reason.
+    `validate` is called before a change and raises ValueError to refuse it, `apply` after it. Each change is logged.
     """
 
     def __init__(self, node: Node, *, validate: Callable[[Values], None], apply: Callable[[Values], None]) -> None:

@@ -28,14 +28,8 @@ class Services:
         self, node: Node, estimator: Estimator, parameters: NodeParameters, *, status: Callable[[], str]
     ) -> None:
         self._estimator, self._parameters = estimator, parameters
-        answers = {
-            "tare": self._tare,
-            "status": status,
-            "forget": self._forget,
-            "save_medium": self._save_medium,
-            "level_ground": self._level_ground,
-            "save_ground": self._save_ground,
-        }
+        answers = {"tare": self._tare, "status": status, "forget": self._forget, "save_medium": self._save_medium}
+        answers |= {"level_ground": self._level_ground, "save_ground": self._save_ground}
         for name, answer in answers.items():
             node.create_service(Trigger, f"~/{name}", partial(_respond, answer))
 

@@ -32,10 +32,7 @@ def node_keys(tree: Mapping[str, Any], node: str = NODE) -> list[str]:
 
 
 def parameter_tree(file: Path) -> dict[str, Any]:
-    """The content of a parameter file, by node, with names as written, nested or flat.
-
-    Raises InputError for what ROS cannot read either: invalid YAML, no node name, a list of mixed types.
-    """
+    """The content of a parameter file, by node, nested or flat. Raises InputError for what ROS cannot read either."""
     tree = read_yaml(file, "parameter file")
     if not isinstance(tree, dict):
         raise InputError(f"parameter file '{file}' has no node name at its top level, such as '/**'")
