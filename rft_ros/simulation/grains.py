@@ -158,11 +158,9 @@ class Grains:
         [rad/s], world axes. The torque is about the origin. Else as `GrainsBatch.step`.
         """
         given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
-        wrench: Array = self._one.step(np.concatenate([numbers(name, v, rows=n) for name, v, n in given]), dt)[0]
-        return wrench
+        return np.asarray(self._one.step(np.concatenate([numbers(name, v, rows=n) for name, v, n in given]), dt)[0])
 
     @property
     def stiffness(self) -> Array:
         """`GrainsBatch.stiffness` of the one body, in its units, shape [6, 6]."""
-        stiffness: Array = self._one.stiffness[0]
-        return stiffness
+        return np.asarray(self._one.stiffness[0])

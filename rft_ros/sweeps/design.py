@@ -66,11 +66,9 @@ def parameters_of(entry: Mapping[str, Any]) -> Values:
 
     A tool that gives no integration has the rule of its file.
     """
-    values: dict[str, Any] = {**defaults(), "tolerance": 0.0, "integration": None}
-    for key, value in entry.items():
-        name = PARAMETER_NAMES[key]
-        values[name] = checked(name, value)
-    return values
+    given = {PARAMETER_NAMES[key]: value for key, value in entry.items()}
+    checks = {name: checked(name, value) for name, value in given.items()}
+    return {**defaults(), "tolerance": 0.0, "integration": None, **checks}
 
 
 def motion_of(entry: Mapping[str, Any]) -> tuple[Motion, int]:

@@ -38,8 +38,7 @@ def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
     issues: dict[MeshIssue, str] = {}
     degenerate, volume = degenerate_facets(mesh), _volume_if_closed(mesh)
     if degenerate.any():
-        dropped = f"{degenerate.sum():,} of {len(mesh.faces):,} facets"
-        issues["degenerate_facets"] = f"{dropped} have no area and are dropped"
+        issues["degenerate_facets"] = f"{degenerate.sum():,} of {len(mesh.faces):,} facets have no area: dropped"
     joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
     a, b, c = joined.faces.T
     joined.update_faces((a != b) & (b != c) & (c != a))
@@ -48,8 +47,7 @@ def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
     if not joined.is_winding_consistent:
         issues["inconsistent_winding"] = "the winding is inconsistent: some facets face outward, others inward"
     elif volume < 0.0:
-        turned = f"the surface is inside out (volume {volume * 1e6:.3g} cm³)"
-        issues["inside_out"] = f"{turned}, so trailing facets count as leading"
+        issues["inside_out"] = f"the surface is inside out (volume {volume * 1e6:.3g} cm³): trailing facets lead"
     first = joined.faces.argmin(axis=1)[:, None]
     same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
     if repeated := len(same_start) - len(np.unique(same_start, axis=0)):

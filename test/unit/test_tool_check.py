@@ -40,7 +40,7 @@ def turned(faces, facet):
 
 
 WINDING = "the winding is inconsistent"
-INSIDE_OUT = f"inside out (volume -{BALL.volume * 1e6:.3g} cm³), so trailing facets count as leading"
+INSIDE_OUT = f"inside out (volume -{BALL.volume * 1e6:.3g} cm³): trailing facets lead"
 CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
 
 
@@ -59,12 +59,12 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         (soup([SHEET]), {"not_closed": ""}),
         (
             of(BALL.vertices, np.vstack([BALL.faces, [[0, 0, 1], [1, 1, 1]]])),
-            {"degenerate_facets": "2 of 322 facets have no area and are dropped"},
+            {"degenerate_facets": "2 of 322 facets have no area: dropped"},
         ),
         (
             of([[0.1, 0.1, 0.1], [0.2, 0.3, 0.4], [0.4, 0.7, 1.0], [0.0, 0.0, 1.0]], [[0, 1, 2], [0, 1, 3]]),
             {
-                "degenerate_facets": "1 of 2 facets have no area and are dropped",
+                "degenerate_facets": "1 of 2 facets have no area: dropped",
                 "not_closed": "",
                 "inconsistent_winding": "",
             },
