@@ -1,10 +1,12 @@
 """Random bodies and states, laws to try them with, and hypothesis strategies for directions."""
 
 import numpy as np
+import pytest
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft import (
+    INTEGRATIONS,
     MEDIA,
     Integration,
     Plates,
@@ -29,6 +31,8 @@ FLAT = 1.0 - 1e-3
 
 LEVEL = {"centroid": FLAT, "refined": float(np.cos(np.radians(FLAT_BLEND)))}
 """Where each rule begins to take e2 from the velocity, nudged along x."""
+
+RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
 
 seeds = st.integers(0, 2**32 - 1)
 

@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import AGARWAL, GENERIC, directions
+from scenes import AGARWAL, GENERIC, RULES, directions
 
 from rft_ros.rft import (
-    INTEGRATIONS,
     LAWS,
     agarwal2023,
     alpha_y_model,
@@ -111,7 +110,7 @@ def test_the_coefficient_taken_for_x2_x3_squared_is_the_one_by_which_grains_seld
     assert (other > 0.0).mean() > 0.1
 
 
-@pytest.mark.parametrize("rule", INTEGRATIONS)
+@RULES
 @given(beta=st.floats(0.0, math.pi), velocity=directions())
 def test_both_rules_integrate_it(rule, beta, velocity):
     plate, normal = plate_facing(beta, rule), (math.sin(beta), 0.0, -math.cos(beta))

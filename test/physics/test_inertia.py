@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, directions, facing, random_plates, random_scene, seeds
+from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, RULES, directions, facing, random_plates, random_scene, seeds
 
 from rft_ros.rft import (
-    INTEGRATIONS,
     Memory,
     Plates,
     alpha_y_model,
@@ -17,7 +16,6 @@ from rft_ros.rft import (
 )
 from rft_ros.rft.inertia import CONFINEMENT, INERTIA
 
-RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
 DENSITY = 1500.0  # of `INERTIAL`
 
 

@@ -4,12 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import directions
+from scenes import RULES, directions
 
-from rft_ros.rft import INTEGRATIONS, MEDIA, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from studies.force_jumps import greatest_power, plate_facing
-
-RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
 
 ZERO_OF_LINEAR = 0.2035 / 0.0015
 """β at which the paper's linear α_y passes through zero [deg]; at 180° it is -0.0665 N/cm³."""

@@ -11,6 +11,7 @@ from scenes import (
     CONSTANT,
     INERTIAL,
     LINEAR,
+    RULES,
     mirrored,
     moved,
     random_plates,
@@ -19,13 +20,12 @@ from scenes import (
     without_flat,
 )
 
-from rft_ros.rft import INTEGRATIONS, Plates, plate_forces, rotation_matrix, wrenches
+from rft_ros.rft import Plates, plate_forces, rotation_matrix, wrenches
 
 LAWS = pytest.mark.parametrize(
     "law", [CONSTANT, LINEAR, AGARWAL, INERTIAL], ids=["constant", "linear", "agarwal2023", "inertia"]
 )
 RATE_INDEPENDENT = pytest.mark.parametrize("law", [CONSTANT, AGARWAL], ids=["constant", "agarwal2023"])
-RULES = pytest.mark.parametrize("rule", INTEGRATIONS)
 
 
 def scene(seed, rule, plates=60):

@@ -12,7 +12,6 @@ from rft_ros.parameters import defaults
 from rft_ros.rft import MEDIA, SLACK, Constant, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 
-RATE = 100.0
 REST = 2e-4
 """Speed below which a tool is at rest [m/s]."""
 
@@ -34,7 +33,7 @@ def parameters(**given):
 
 
 class Path:
-    """Corners of a path with times; states in between, at 100 Hz."""
+    """Corners of a path with times, and states in between."""
 
     def __init__(self, position, rotation=None):
         self.times, self.positions = [0.0], [np.array(position, dtype=float)]
@@ -56,9 +55,9 @@ class Path:
         self.rotations.append(rotation)
         return self
 
-    def states(self):
+    def states(self, rate=100.0):
         """Time [s], shape [n], and states, shape [n, 13]: velocities are those of the corner's straight leg."""
-        time = np.arange(0.0, self.times[-1], 1.0 / RATE)
+        time = np.arange(0.0, self.times[-1], 1.0 / rate)
         places = np.array(self.positions)
         position = np.column_stack([np.interp(time, self.times, column) for column in places.T])
         turns = Slerp(self.times, Rotation.concatenate(self.rotations))(time)

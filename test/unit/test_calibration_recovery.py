@@ -115,10 +115,9 @@ def test_turns_are_found_where_the_tool_turns_in_the_grains(path, seconds):
     ],
     ids=["reversal", "turn to the side"],
 )
-def test_velocities_from_poses_give_lambda_within_15_percent(path, monkeypatch):
+def test_velocities_from_poses_give_lambda_within_15_percent(path):
     """3 mm; turns at 10 mm/s, the grains computed at 1 kHz and the poses taken at 125 Hz."""
-    monkeypatch.setattr("synthetic_track.RATE", 1000.0)
-    time, states = path.states()
+    time, states = path.states(1000.0)
     grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
     time, states, grains = time[3::8], states[3::8], grains[3::8]
     rng = np.random.default_rng(1)
@@ -196,10 +195,9 @@ def test_penetrations_whose_zeta_differs_are_told(other, told):
 
 
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
-def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second, monkeypatch):
+def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second):
     """At 0.5 m/s it is a fifth of the force; without it the surface rises by 2.7 mm. The second law has no α_y."""
-    monkeypatch.setattr("synthetic_track.RATE", 1000.0)
-    time, states = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.09), 0.5).wait(1.0).states()
+    time, states = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.09), 0.5).wait(1.0).states(1000.0)
     density = {"density": 1500.0}
     grains = agarwal2023(zeta=0.4, **density) if second else treers2021(GENERIC, law().alpha_y, zeta=0.4, **density)
     readings = read_by(LOAD_CELL, states, grain_wrenches(time, states, grains, surface=SURFACE))
