@@ -8,14 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AGARWAL, GENERIC, RULES, directions
 
-from rft_ros.rft import (
-    LAWS,
-    agarwal2023,
-    alpha_y_model,
-    law_named,
-    traction_per_depth,
-    wrenches,
-)
+from rft_ros.rft import LAWS, agarwal2023, alpha_y_model, law_named, traction_per_depth, wrenches
 from rft_ros.rft.agarwal2023 import C1, C2, C3, FLAT_PRESS
 from studies.force_jumps import plate_facing
 

@@ -16,24 +16,12 @@ from studies.force_jumps import (
     yaw_sweeps,
 )
 from studies.paper import ALPHA_Y, law
-from studies.parameter_sweep import (
-    ANGLE_STEP,
-    Sweep,
-    evenly,
-    measured,
-    scene_states,
-    shipped,
-)
+from studies.parameter_sweep import ANGLE_STEP, Sweep, evenly, measured, scene_states, shipped
 
 ALONG, ASKEW, ACROSS = (0.0, -0.3), (35.0, 0.2), (90.0, -0.05)
 """Yaw [deg], and the share of the speed upwards."""
 
-TILTED = {
-    "plate": (ALONG, ASKEW, ACROSS),
-    "abb_plate": (ASKEW,),
-    "ellipsoid": (ASKEW,),
-    "root_tip": (ACROSS,),
-}
+TILTED = {"plate": (ALONG, ASKEW, ACROSS), "abb_plate": (ASKEW,), "ellipsoid": (ASKEW,), "root_tip": (ACROSS,)}
 
 
 def tilt_sweeps():

@@ -6,14 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, RULES, directions, facing, random_plates, random_scene, seeds
 
-from rft_ros.rft import (
-    Memory,
-    Plates,
-    alpha_y_model,
-    treers2021,
-    wrenches,
-    wrenches_in_time,
-)
+from rft_ros.rft import Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
 from rft_ros.rft.inertia import CONFINEMENT, INERTIA
 
 DENSITY = 1500.0  # of `INERTIAL`

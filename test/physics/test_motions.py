@@ -7,14 +7,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.errors import InputError
 from rft_ros.rft import checked_states
 from rft_ros.sweeps.design import motion_of
-from rft_ros.sweeps.motions import (
-    FAMILIES,
-    circumnutation,
-    oscillating_insertion,
-    plate_drag,
-    sample,
-    straight,
-)
+from rft_ros.sweeps.motions import FAMILIES, circumnutation, oscillating_insertion, plate_drag, sample, straight
 from studies.dem import DATA
 from studies.sampling import sample_every
 

@@ -48,12 +48,7 @@ def launched(environment: dict[str, str], *arguments: str) -> "subprocess.Popen[
     command = [sys.executable, "-c", RUN, str(FILE), *arguments]
     # A session of its own: Ctrl-C reaches launch and node together, and launch counts on that.
     return subprocess.Popen(
-        command,
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        start_new_session=True,
+        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
     )
 
 
