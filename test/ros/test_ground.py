@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from harness import numbers
-from recordings import cdr
+from recordings import CLOUD, cdr, cloud_cdr
 from sensor_msgs.msg import PointCloud2
-from test_estimator_messages import KIND, serialised
 from test_live_equals_replay import PARAMETERS, TOPICS, assert_equal, publish, started
 
 from rft_ros.bags.writing import BagWriter
@@ -22,7 +21,7 @@ GROUND = {**PARAMETERS, "ground.cell": CELL}
 def cloud(stamp, height, *, n=60):
     axis = CELL * (np.arange(-n // 2, n // 2) + 0.5)
     x, y = (v.ravel() for v in np.meshgrid(axis, axis))
-    return serialised(np.column_stack([x, y, height + 0.2 * x]), stamp=stamp)
+    return cloud_cdr(np.column_stack([x, y, height + 0.2 * x]), stamp=stamp)
 
 
 def inputs(count=300):
@@ -47,7 +46,7 @@ def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
     messages = [*inputs()]
     with BagWriter(tmp_path / "inputs") as bag:
         for topic, stamp, data in messages:
-            bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, KIND), stamp, data)
+            bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, CLOUD), stamp, data)
     publish(rft, [(topic, data) for topic, _, data in messages], surface_points=surface_publisher(rft))
     assert_equal(rft, tmp_path / "inputs", GROUND, tmp_path)
     ground = read_height_map(tmp_path / "replayed" / "ground.csv", CELL)

@@ -15,17 +15,21 @@ ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
 TF = "tf2_msgs/msg/TFMessage"
+CLOUD = "sensor_msgs/msg/PointCloud2"
 TOPICS = {"pose": ("/rft/pose", POSE), "twist": ("/rft/twist", TWIST), "wrench": ("/rft/wrench_measured", WRENCH)}
 FRAMES = {"pose": "world", "twist": "world", "wrench": "ft_sensor"}
 START = 1_600_000_000_000_000_000
 STEP = 10_000_000
 
 
+def header(store, stamp: int, frame: str):
+    time = store.types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
+    return store.types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **({"seq": 0} if store is ROS1 else {}))
+
+
 def message(store, role: str, stamp: int, values, frame: str | None = None):
     t, kind = store.types, TOPICS[role][1]
-    time = t["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    seq = {"seq": 0} if store is ROS1 else {}
-    head = t["std_msgs/msg/Header"](stamp=time, frame_id=FRAMES[role] if frame is None else frame, **seq)
+    head = header(store, stamp, FRAMES[role] if frame is None else frame)
     names = ("Point", "Quaternion") if role == "pose" else ("Vector3", "Vector3")
     parts = (t[f"geometry_msgs/msg/{n}"](*part) for n, part in zip(names, (values[:3], values[3:]), strict=True))
     return t[kind](head, t[kind.removesuffix("Stamped")](*parts))
@@ -41,12 +45,31 @@ def transforms_cdr(*transforms) -> bytes:
     t = ROS2.types
     found = []
     for transform in transforms:
-        stamp = t["builtin_interfaces/msg/Time"](sec=transform.stamp // 10**9, nanosec=transform.stamp % 10**9)
-        head = t["std_msgs/msg/Header"](stamp=stamp, frame_id=transform.parent)
+        head = header(ROS2, transform.stamp, transform.parent)
         place = t["geometry_msgs/msg/Vector3"](*transform.position)
         pose = t["geometry_msgs/msg/Transform"](place, t["geometry_msgs/msg/Quaternion"](*transform.quaternion))
         found.append(t["geometry_msgs/msg/TransformStamped"](head, transform.child, pose))
     return bytes(ROS2.serialize_cdr(t[TF](found), TF))
+
+
+def cloud_cdr(
+    points, *, ros1=False, dtype="<f4", names="xyz", height=1, padding=3, frame="world", pad_rows=0, stamp=START
+) -> bytes:
+    """A PointCloud2, of ROS 1 if asked for."""
+    store = ROS1 if ros1 else ROS2
+    t = store.types
+    size = np.dtype(dtype).itemsize
+    step, width = padding + points.shape[1] * size, len(points) // height
+    rows = np.zeros((height, width * step + pad_rows), dtype=np.uint8)
+    for k, point in enumerate(points):
+        raw = np.frombuffer(point.astype(dtype).tobytes(), dtype=np.uint8)
+        at = (k % width) * step + padding
+        rows[k // width, at : at + len(raw)] = raw
+    kind = {"f4": 7, "f8": 8, "i4": 5}[dtype[1:]]
+    fields = [t["sensor_msgs/msg/PointField"](n, padding + k * size, kind, 1) for k, n in enumerate(names)]
+    head = header(store, stamp, frame)
+    cloud = t[CLOUD](head, height, width, fields, dtype[0] == ">", step, rows.shape[1], rows.ravel(), True)
+    return bytes(store.serialize_ros1(cloud, CLOUD) if ros1 else store.serialize_cdr(cloud, CLOUD))
 
 
 def moments(count: int = 60):

@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from recordings import STEP, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values, write_messages
-from test_estimator_messages import KIND, serialised
+from recordings import CLOUD, STEP, TF, TOPICS, cdr, cloud_cdr, plunge, rows_of, transforms_cdr, values, write_messages
 
 from rft_ros.bags.replay import replay
 from rft_ros.errors import InputError
@@ -20,7 +19,7 @@ def bag_with_clouds(path, *, tf=False):
     messages = []
     for k, (role, time, stamp, numbers) in enumerate(plunge()):
         if k % 150 == 0:
-            messages.append((time, "/rft/surface_points", KIND, serialised(points, stamp=stamp)))
+            messages.append((time, "/rft/surface_points", CLOUD, cloud_cdr(points, stamp=stamp)))
         if tf and role == "pose":
             place = TransformSample(stamp, "world", "tool", numbers[:3], numbers[3:])
             messages.append((time, "/tf", TF, transforms_cdr(place)))
