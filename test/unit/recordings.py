@@ -58,13 +58,11 @@ def cloud_cdr(
     """A PointCloud2, of ROS 1 if asked for."""
     store = ROS1 if ros1 else ROS2
     t = store.types
-    size = np.dtype(dtype).itemsize
-    step, width = padding + points.shape[1] * size, len(points) // height
-    rows = np.zeros((height, width * step + pad_rows), dtype=np.uint8)
-    for k, point in enumerate(points):
-        raw = np.frombuffer(point.astype(dtype).tobytes(), dtype=np.uint8)
-        at = (k % width) * step + padding
-        rows[k // width, at : at + len(raw)] = raw
+    size, (count, columns) = np.dtype(dtype).itemsize, np.shape(points)
+    step, width = padding + columns * size, count // height
+    packed = np.zeros((count, step), dtype=np.uint8)
+    packed[:, padding:] = np.asarray(points).astype(dtype).view(np.uint8)
+    rows = np.pad(packed.reshape(height, width * step), ((0, 0), (0, pad_rows)))
     kind = {"f4": 7, "f8": 8, "i4": 5}[dtype[1:]]
     fields = [t["sensor_msgs/msg/PointField"](n, padding + k * size, kind, 1) for k, n in enumerate(names)]
     head = header(store, stamp, frame)
