@@ -60,9 +60,7 @@ def calibrate(
     if settings.sensor_source == "tf":
         if (mount := tracks[0].mount) is None:
             link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
-            raise InputError(
-                f"bag '{tracks[0].name}': no fixed transforms link {link}, as sensor.frame_source tf needs"
-            )
+            raise InputError(f"{tracks[0].name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
         cell = replace(cell, position=mount.position, quaternion=mount.quaternion)
     sensor = Sensor(cell)
     # any tool: the law has none; fits know level ground only
@@ -70,8 +68,8 @@ def calibrate(
     inertial = model_of(at_one, tool=tracks[0].tool).law
     law = replace(inertial, inertia=0.0)
 
-    height, height_error = settings.surface_height, 0.0
-    air = height
+    height = air = settings.surface_height
+    height_error = 0.0
     try:  # in any case: what counts as air depends on it
         for _ in range(1 if inertial == law else _ROUNDS):
             surface, highest = fit_surface(tracks, sensor.cell, law)
@@ -83,12 +81,11 @@ def calibrate(
     except NotIdentifiable as reason:
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
-    air += _CLEAR
     tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in recorded]
 
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
-            sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air)
+            sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air + _CLEAR)
             result.fitted += fitted
             result.not_identifiable |= reasons
     zeta, zeta_error = values["medium.zeta"], 0.0
