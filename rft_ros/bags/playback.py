@@ -50,7 +50,7 @@ def read_replay_options(file: Path) -> ReplayOptions:
     try:
         if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
             raise InputError(f"remap is {remap!r}; it must be a list of strings")
-        for name in section.keys() - {"tare", "start", "end"}:
+        for name in sorted(section.keys() - {"tare", "start", "end"}):
             raise InputError(f"has no '{name}'; it has remap, tare, start, end")
         return ReplayOptions(remap=tuple(remap), **section)
     except InputError as error:
