@@ -73,11 +73,9 @@ def test_a_table_in_steps_that_the_grid_divides_is_exact():
         assert at(table, beta) == pytest.approx(float(np.interp(beta, knots, values)), abs=1e-11)
 
 
-def test_an_unknown_model_and_a_missing_table_are_refused_with_a_sentence():
+def test_an_unknown_model_is_refused_with_a_sentence():
     with pytest.raises(ValueError, match=r"alpha_y\.model 'cubic' is none of constant, linear, table"):
         alpha_y_model("cubic", MEDIA["generic"])
-    with pytest.raises(ValueError, match=r"alpha_y\.model 'table' needs alpha_y\.table to name a CSV file"):
-        alpha_y_model("table", MEDIA["generic"])
 
 
 def test_an_unknown_medium_is_refused_with_the_names_there_are():

@@ -66,8 +66,6 @@ def examined(bag, tmp_path, capsys):
         status = main(["doctor", str(tmp_path / "my_cell.yaml"), "--bag", str(bag), *remapped, *arguments])
         said = capsys.readouterr()
         lines = said.out.splitlines() or [said.err.strip()]
-        if status == 2:
-            return lines
         assert all(line.startswith(("OK  ", "FIX ")) for line in lines)
         assert status == (1 if any(line.startswith("FIX") for line in lines) else 0)
         return [line for line in lines if "compiled" not in line]  # that depends on what ran before
