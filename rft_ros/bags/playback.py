@@ -92,13 +92,12 @@ def push_all(estimator: Estimator, sample: Sample) -> Iterator[tuple[Sample, _An
         yield pose, estimator.push_pose(pose)
 
 
-def play(recording: Recording, estimator: Estimator, label: str | None = None) -> Iterator[tuple[Sample, _Answer]]:
+def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, _Answer]]:
     """Push every sample of an open recording, or the poses that follow from it; yield each, with the answer to a pose.
 
-    At the end all measurements are final and messages that cannot be decoded are counted. `label`: of the progress bar
-    (default: bag name).
+    At the end all measurements are final and messages that cannot be decoded are counted.
     """
-    label, from_transforms = label or bag_name(recording.bag), estimator.settings.pose_source == "tf"
+    label, from_transforms = bag_name(recording.bag), estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
             for pushed, answer in push_all(estimator, sample):

@@ -42,12 +42,11 @@ def replay(
     *,
     model: Model | None = None,
     report: bool = False,
-    label: str | None = None,
 ) -> Summary:
     """Play a bag through the estimator and write the results that docs/replay.md describes to the folder `out`.
 
-    `model`: `replay_model(values)`, to share it between replays. `label`: of the progress bar (default: bag name). The
-    same bag, parameters and versions give the same bytes; an earlier replay is replaced as a whole, at the end.
+    `model`: `replay_model(values)`, to share it between replays. The same bag, parameters and versions give the same
+    bytes; an earlier replay is replaced as a whole, at the end.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
     for a tare that is refused.
@@ -66,7 +65,7 @@ def replay(
         run = Run(estimator, part)
         others = {name: Run(Estimator(own, model), part) for name, own in _learning_settings(settings).items()}
         with Recording(bag, topics, start=options.start, end=options.end) as recording:
-            for sample, answer in play(recording, estimator, label):
+            for sample, answer in play(recording, estimator):
                 if answer is not None:
                     run.add(answer)
                 for other in others.values():

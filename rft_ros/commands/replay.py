@@ -39,10 +39,9 @@ def replay(arguments: argparse.Namespace) -> int:
     options.warn_of(model.tool)
 
     status = 0
-    for number, (bag, folder) in enumerate(zip(bags, folders, strict=True), start=1):
-        label = f"{number}/{len(bags)} {folder.name}" if len(bags) > 1 else None
+    for bag, folder in zip(bags, folders, strict=True):
         try:
-            summary = run(bag, folder, values, chosen, model=model, report=not arguments.no_report, label=label)
+            summary = run(bag, folder, values, chosen, model=model, report=not arguments.no_report)
         except InputError as error:
             if len(bags) == 1:
                 raise
