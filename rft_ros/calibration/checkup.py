@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.estimates import Rows, Run
 from rft_ros.bags.playback import push_all
-from rft_ros.calibration.fitting import NotIdentifiable
-from rft_ros.calibration.penetration import fit_surface
-from rft_ros.calibration.track import Track
-from rft_ros.estimator import Estimator, LoadCell, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
+from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.transforms import Placement
 from rft_ros.ground import Cloud
@@ -30,6 +26,7 @@ _ENOUGH = 20  # estimates in the grains, or in the air
 _FELT = 0.2  # N: a smaller force decides nothing
 _ALIKE = 0.5  # correlation of the measured and the predicted force along an axis
 _CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
+_BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the grains
 _CONTACT = 0.005, 0.1  # m, and share of the depth: greatest error of surface_height
 _STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
 _RARE = 0.01  # share of poses
@@ -92,7 +89,7 @@ class Checkup:
         rows = self._run.rows()
         poses, rows = len(rows), rows[~np.isnan(rows["compensated"][:, 0])]
         mesh = self._of_tool(rows)
-        error = self._error_of_surface(rows) if mesh[0] and len(rows) else None
+        error = _error_of_surface(rows) if mesh[0] and len(rows) else None
         surface = self._of_surface(error)
         found = [mesh, surface, *self._of_inputs(), *self._of_frames(), *self._of_mount()]
         if len(rows) and mesh[0] and (error is None or surface[0]):  # else the forces are of another depth
@@ -121,29 +118,6 @@ class Checkup:
         side = "above" if metres > 0.0 else "below"
         found = f"the measured force begins {1e3 * abs(metres):.0f} mm {side} where {height:g} m says"
         return False, f"surface_height: {found}; set it to about {height + metres:.3f}, or calibrate"
-
-    def _error_of_surface(self, rows: Rows) -> tuple[float, float] | None:
-        """How far above the expected surface a way down meets grains, and the allowed error [m]; None: not seen."""
-        s, model, stamps = self._estimator.settings, self._estimator.model, rows["stamp"]
-        place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame) if s.sensor_source == "tf" else None
-        track = Track(
-            name="",
-            begin=int(stamps[0]),
-            time=(stamps - stamps[0]) * 1e-9,
-            states=rows["state"],
-            readings=rows["compensated"],
-            tool=model.tool,
-            rest_speed=s.rest_speed,
-        )
-        cell = LoadCell(quaternion=(place or s.load_cell).quaternion)
-        try:
-            _, contact = fit_surface([track], cell, replace(model.law, inertia=0.0))
-        except NotIdentifiable:
-            return None
-        heights = track.heights()
-        there = int(np.abs(heights - contact).argmin())
-        allowed = _CONTACT[0] + _CONTACT[1] * float(contact - heights.min())
-        return float(contact - heights[there] - rows["depth"][there]), allowed
 
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
@@ -253,6 +227,34 @@ class Checkup:
                 yield False, f"{reason}: {count} times at {poses} poses; docs/node.md, Reasons, says why"
         advice = "" if counts["estimates"] else "; mend what stands above first"
         yield not advice, f"estimates: {counts['estimates']} at {poses} poses{advice}"
+
+
+def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
+    """How far above the expected surface the measured force begins on the longest way down, and the allowed error [m].
+
+    None if it does not begin. By the sizes of forces: a turning tool, a wrong sign or mounting does not hide it.
+    """
+    deepest_later = np.maximum.accumulate(rows["depth"][::-1])[::-1]
+    way = rows[int((deepest_later - rows["depth"]).argmax()) :]
+    way = way[np.diff(np.maximum.accumulate(way["depth"]), prepend=-np.inf) > 0.0]
+    depth, measured = way["depth"], way["compensated"][:, :3]
+    noise = float(np.linalg.norm(np.std(measured[:_ENOUGH], axis=0)))
+    force = np.linalg.norm(measured - np.median(measured[:_ENOUGH], axis=0), axis=1)
+    share = max(_FELT, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
+    begins, expected = (_onset(f, share) for f in (force, np.linalg.norm(way["predicted"][:, :3], axis=1)))
+    if begins is None:
+        return None
+    metres = (0.0 if expected is None else float(depth[expected])) - float(depth[begins])
+    return metres, _CONTACT[0] + _CONTACT[1] * float(depth[-1] - depth[begins])
+
+
+def _onset(force: _Array, share: float) -> int | None:
+    """The row from which on the force exceeds this share of its peak, with the fewest exceptions; None: it does not."""
+    if share >= 0.5:
+        return None
+    loud = np.where(force > share * force.max(), 1, -1)
+    row = int(np.argmax(np.append(loud[::-1].cumsum()[::-1], 0)))
+    return row if _ENOUGH // 2 <= row <= len(force) - _ENOUGH // 2 else None
 
 
 def _listed(numbers: Collection[float]) -> str:

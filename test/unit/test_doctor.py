@@ -2,15 +2,18 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import yaml
-from cells import MOUNT, PARAMETERS, SURFACE, record
+from cells import MOUNT, PARAMETERS, SURFACE, loads, motion, record
+from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.calibration.checkup import Checkup
 from rft_ros.cli import main
+from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
@@ -25,14 +28,14 @@ FAULTS = {
     "turned and sign": (f"{WRONG} ... ; check sensor.quaternion", {"sensor.quaternion": TURNED, "sensor.sign": -1.0}),
     "mesh in metres": ("mesh ellipsoid: 0.019 x 0.019 x 0.036 mm: ", {"mesh.scale": 1e-6}),
     "surface too high": (
-        "surface_height: the measured force begins 100 mm below where 0.22 m says; set it to about 0.120",
+        "surface_height: the measured force begins 107 mm below where 0.22 m says; set it to about 0.113",
         {"surface_height": SURFACE + 0.1},
     ),
     "surface too low": (
-        "surface_height: the measured force begins 100 mm above where 0.02 m says; set it to about 0.120",
+        "surface_height: the measured force begins 93 mm above where 0.02 m says; set it to about 0.113",
         {"surface_height": SURFACE - 0.1},
     ),
-    "surface not set": ("surface_height: the measured force begins 120 mm above", {"surface_height": None}),
+    "surface not set": ("surface_height: the measured force begins 113 mm above", {"surface_height": None}),
     "no publisher": ("wrench: nothing on /none; start the load cell's driver", {}, "~/wrench_measured:=/none"),
     "kgf": ("strength: measured over predicted force 0.112; check mesh.scale and", {"medium.zeta": 0.4 * 9.81}),
     "not tared": ("load cell: it reads 2 N in the air;", {"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
@@ -116,6 +119,28 @@ def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, p
             checkup.push(sample, time)
     wrong = [text for ok, text in checkup.findings() if not ok]
     assert bool(wrong) == (before > 75), wrong
+
+
+@pytest.mark.parametrize("cell", [{"sensor.sign": -1.0}, {"sensor.quaternion": TURNED}], ids=["sign", "turned"])
+def test_a_wrong_load_cell_does_not_hide_the_surface(examined, cell):
+    assert any("surface_height: 0.12 m; the measured force begins within" in line for line in examined(cell))
+    (found, *_) = faults(examined({**cell, "surface_height": None}))
+    assert found.startswith("FIX surface_height: the measured force begins 113 mm above where 0 m says")
+
+
+def test_a_tool_that_pitches_on_its_way_down_shows_the_surface():
+    states, values = motion(100.0), {**defaults(), **PARAMETERS, "surface_height": SURFACE + 0.03}
+    time = 0.01 * np.arange(len(states))
+    states[:, 3:7] = Rotation.from_rotvec(np.outer(0.4 * np.sin(3.0 * time), (0, 1, 0))).as_quat()
+    states[:, 11] = 1.2 * np.cos(3.0 * time)
+    checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics_of(values))
+    for k, (state, load) in enumerate(zip(states.tolist(), loads(states).tolist(), strict=True)):
+        stamp = START + k * STEP
+        checkup.push(WrenchSample(stamp, "ft_sensor", tuple(load)), stamp)
+        checkup.push(TwistSample(stamp, "world", tuple(state[7:10]), tuple(state[10:])), stamp)
+        checkup.push(PoseSample(stamp, "world", tuple(state[:3]), tuple(state[3:7])), stamp)
+    (found,) = (text for ok, text in checkup.findings() if not ok)
+    assert found.startswith("surface_height: the measured force begins 23 mm below where 0.15 m says")
 
 
 def test_the_dump_of_a_namespaced_nodes_parameters_is_read(examined):
