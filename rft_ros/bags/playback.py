@@ -50,8 +50,9 @@ def read_replay_options(file: Path) -> ReplayOptions:
     try:
         if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
             raise InputError(f"remap is {remap!r}; it must be a list of strings")
-        for name in sorted(section.keys() - {"tare", "start", "end"}):
-            raise InputError(f"has no '{name}'; it has remap, tare, start, end")
+        for name, value in section.items():
+            if name not in ("tare", "start", "end") or value is None:
+                raise InputError(f"{name} is {value!r}; it has remap, and the numbers tare, start and end [s]")
         return ReplayOptions(remap=tuple(remap), **section)
     except InputError as error:
         raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
