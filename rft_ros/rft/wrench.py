@@ -123,6 +123,8 @@ def prepared(
     loop, (form, packed, _, _) = _loop(), _scene(plates, law, 0.0, LEVEL)
     length = number("mobilization_length", length, positive=True)
     remembers, kept = memory is not None, _NOTHING if memory is None else _remembered(plates, memory)[bodies]
+    if not kept.size or not kept.flags.c_contiguous:
+        raise ValueError(f"bodies is {bodies}; it must be of one body or more, one after the other, of the memory's")
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], result: Array) -> None:
         loop(form, packed, height, slope, states, (remembers, durations, length, kept), result)

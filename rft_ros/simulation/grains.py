@@ -54,7 +54,7 @@ class GrainsBatch:
                 raise ValueError(f"{name} is {value:g}; it must be a whole number of at least 1")
         n, self._threads = int(bodies), int(threads)
         bed: Any = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
-        self._new = partial(GrainsBatch, tool, law, bodies=n, threads=threads, **bed)
+        self._new = partial(type(self), tool, law, bodies=n, threads=threads, **bed)
         self._reach, self._ground, self._support = tool.plates.reach, ground, Support(tool.corners)
         self._surface = number("surface_height", surface_height)
         length = number("mobilization_length", mobilization_length, positive=True)
@@ -84,7 +84,7 @@ class GrainsBatch:
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`: pose of the body frame and twist of its origin now.
         Torques are about the body frames' origins. The grains remember the poses of the last call. A body that chatters
-        under held wrenches is calmed. Raises ValueError for states that cannot be used, which it forgets.
+        under held wrenches is calmed. Raises ValueError, and forgets nothing, for states that cannot be used.
         """
         given = checked_states(states)
         if len(given) != len(self._rows):

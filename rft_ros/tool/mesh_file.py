@@ -144,7 +144,8 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    if not (abs(shift) <= _FARTHEST * np.nanmax(np.abs(corners), initial=0.0)).all():
+    farthest = _FARTHEST * np.abs(corners).max()  # NaN where a vertex is, which is told below
+    if not np.isfinite(shift).all() or (abs(shift) > farthest).any():
         near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be {near}")
     with np.errstate(over="ignore", invalid="ignore"):
@@ -186,14 +187,12 @@ def read_reduced(file: Path, *, scale: float, origin: Array) -> tuple["trimesh.T
     """The full mesh, the plates and the reduction that `save_reduced` wrote, placed, or refused, as by `read_mesh`."""
     vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
-        form, reduction = about.ravel().tolist()
-        plates, vertices = Plates(rows), vertices.astype(np.float64)
-        if form != _FORMAT or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
-            raise ValueError(f"its format is '{form}', or its facets are not of three of its vertices")
-        mesh = _in_tool_frame(vertices, faces, file, scale, origin)
-        return mesh, _placed(plates.rows, scale, origin), reduction
+        about, plates, vertices = about.tolist(), Plates(rows), vertices.astype(np.float64)
+        if about[:1] != [_FORMAT] or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
+            raise ValueError("it is of another version, or its facets are not of three of its vertices")
+        return _in_tool_frame(vertices, faces, file, scale, origin), _placed(plates.rows, scale, origin), about[1]
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:
-        why = reason_of(error)
-        raise InputError(f"mesh file '{file}' is not a reduced tool written by rft reduce: {why}") from None
+        why = f"is not a reduced tool of this rft reduce: {reason_of(error)}; reduce the mesh again"
+        raise InputError(f"mesh file '{file}' {why}") from None

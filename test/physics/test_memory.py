@@ -10,6 +10,7 @@ from scenes import GENERIC
 
 from rft_ros.rft import Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
 from rft_ros.rft.memory import TRACTIONS
+from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool
 
 LAW = treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
@@ -191,7 +192,10 @@ def test_a_speed_near_the_largest_double_leaves_a_usable_memory():
     assert np.isfinite(remembered(states, durations, memory=memory)).all()
 
 
-def test_a_memory_of_other_plates_is_refused():
+def test_a_memory_of_other_plates_or_of_no_body_is_refused():
+    for bodies in (slice(3, 4), slice(1, 1), slice(None, None, 2)):
+        with pytest.raises(ValueError, match="bodies is slice"):
+            prepared(PLATES["centroid"], LAW, Memory(PLATES["centroid"], bodies=3), bodies=bodies)
     states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="memory belongs to other plates"):
         remembered(states, durations, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])

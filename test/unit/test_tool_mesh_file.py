@@ -163,6 +163,8 @@ def test_vertices_that_are_not_numbers_are_counted(tmp_path, suffix, value):
     triangles[3, 1, 2] = triangles[5, 0, 0] = value
     path = written(tmp_path, triangles, suffix)
     assert refused(path) == f"mesh file '{path}' has 2 of {triangles.size // 3} vertices that are NaN or infinite"
+    nowhere = written(tmp_path, np.full_like(triangles, value), suffix)
+    assert refused(nowhere, origin=(0.0, 0.0, 1.0)).endswith("vertices that are NaN or infinite")
 
 
 def test_vertices_whose_areas_overflow_are_refused(tmp_path):
