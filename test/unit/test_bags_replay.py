@@ -192,7 +192,13 @@ def test_options_come_from_the_parameter_file(tmp_path):
     file.write_text("rft_replay:\n  ros__parameters:\n    remap: ['~/pose:=/p']\n    tare: 2\n    end: 3.5\n")
     options = read_replay_options(file)
     assert (options.remap, options.tare, options.start, options.end) == (("~/pose:=/p",), 2, None, 3.5)
-    wrong = {"remap: 7": "remap", "tear: 2.0": "no 'tear'", "tare: soon": "tare", "tare: -1": r"p\.yaml.+tare is -1;"}
+    wrong = {
+        "remap: 7": "remap",
+        "tear: 2.0": "tear is 2.0; it has",
+        "tare:": "None",
+        "tare: soon": "tare",
+        "tare: -1": r"p\.yaml.+tare is -1;",
+    }
     for text, words in wrong.items():
         file.write_text(f"rft_replay:\n  ros__parameters:\n    {text}\n")
         with pytest.raises(InputError, match=words):
