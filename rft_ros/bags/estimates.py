@@ -68,7 +68,7 @@ class Run:
         if e.learning:
             belief = e.learning.belief()
             learned = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
-            self.issues.update(map(str, e.learning.issues()))
+            self.issues.update(e.learning.issues())
         if isinstance(answer, Estimate):
             codes, speed, wrenches = (-1, -1, answer.quality_flags), answer.speed, answer.predicted + answer.sigma
         else:

@@ -1,7 +1,7 @@
 """The estimator: stamped samples in; for each pose an estimate or a named reason out. It uses no clock and no ROS."""
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from dataclasses import replace
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator import samples
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Prediction, Tare
+from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, is_withdrawn, without_learning
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
@@ -50,20 +50,16 @@ class Estimator:
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
         self._ground = Ground(model.ground, model.tool.corners)
         self._pose: PoseSample | None = None  # the last that was taken
-        self._surface: LocalSurface | None = None  # at the last pose that was evaluated
-        self._state, self._duration = np.zeros((1, len(STATE))), np.zeros(1)
-        self._result = np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
-        self._tare = Tare()
+        self.surface = LocalSurface(settings.surface_height)
+        """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
+        self._poses: deque[tuple[PoseSample, str]] = deque(maxlen=HISTORY)  # each with why a tare there would be wrong
+        self._duration, self._result = np.zeros(1), np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
+        self.state: Array = np.zeros(len(STATE))
+        """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
         self._begin()
         self.use(settings=settings)
 
     # --- queries
-
-    @property
-    def state(self) -> Array:
-        """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
-        row: Array = self._state[0]
-        return row
 
     @property
     def stiffness(self) -> Array:
@@ -79,11 +75,6 @@ class Estimator:
         up = np.array([-sx, -sy, 1.0])
         lowest = (self.model.tool.corners @ (up @ rotation_matrix(self._pose.quaternion))).min()
         return float(height - up @ self._pose.position - lowest)
-
-    @property
-    def surface(self) -> LocalSurface:
-        """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
-        return self._surface or LocalSurface(self.settings.surface_height)
 
     @property
     def ground(self) -> HeightMap | None:
@@ -121,28 +112,26 @@ class Estimator:
         s, m = settings or old, model or old_model
         number("surface_height", s.surface_height)
         self.settings, self.model = s, m
-        self._surface = None
-        new_tool, new_axes = m.tool is not old_model.tool, any(getattr(s, n) != getattr(old, n) for n in _AXES)
+        self.surface = LocalSurface(s.surface_height)
+        new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
+        new_axes = any(getattr(s, name) != getattr(old, name) for name in _AXES)
         if settings is not None:
             self._intake.use(s)
             self._kinematics.use(s)
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
             s = self.settings
-        new_ground = m.ground is not old_model.ground
         if new_ground:
             self._ground = Ground(m.ground, m.tool.corners)
         elif new_tool:
             self._ground.use(m.tool.corners)
-        if new_tool:
-            self._kinematics.reach = m.tool.plates.reach
-            self._begin()
-        elif (m.mobilization_length > 0.0) != (self._memory is not None):
-            self._remember(_memory(m))
-        elif model is not None:
-            self._remember(self._memory)
+        self._kinematics.reach = m.tool.plates.reach
         if new_axes:
             self._begin_again()
+        elif new_tool:
+            self._begin()
+        else:
+            self._remember(self._memory if (self._memory is None) == (m.mobilization_length == 0.0) else _memory(m))
 
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             error, on = s.zeta_error or _UNKNOWN_ZETA_ERROR, s.learning_mode != "off"
@@ -184,8 +173,8 @@ class Estimator:
         self._begin()
         self._kinematics.begin_again()
         self._ground.begin_again()
-        self._surface = None
-        self._tare = Tare()
+        self.surface = LocalSurface(self.settings.surface_height)
+        self._poses.clear()
         if self.learning is not None:
             self.learning.leave()
 
@@ -223,9 +212,9 @@ class Estimator:
         the grains or had an unknown velocity, or if there are too few load-cell samples.
         """
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
-        mean = self._tare.mean(self._comparison.samples, window, rest_speed=rest, reach=reach)
+        mean = mean_in_air(self._comparison.samples, self._poses, window, rest_speed=rest, reach=reach)
         cell = self._cell or LoadCellFrame(self.settings.load_cell)
-        _, offset, _ = cell.into_sensor(self._state[0, 3:7], np.zeros(12))
+        _, offset, _ = cell.into_sensor(self.state[3:7], np.zeros(12))
         fx, fy, fz, tx, ty, tz = (mean - cell.sign * np.array(offset) + self.settings.load_cell.bias).tolist()
         return fx, fy, fz, tx, ty, tz
 
@@ -238,7 +227,7 @@ class Estimator:
         except RefusedError as refused:
             self.counts[refused.reason.value] += 1
             if refused.reason in UNKNOWN_VELOCITY:
-                self._tare.watch(sample, f"the tool's velocity was unknown ({refused.reason})")
+                self._poses.append((sample, f"the tool's velocity was unknown ({refused.reason})"))
             return samples.NoEstimate(sample.stamp, refused.reason)
         self.counts["estimates"] += 1
         return answer
@@ -248,15 +237,16 @@ class Estimator:
         if (cell := self._cell) is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)
-        self._surface = surface = self._ground.under(motion.state[0], self.settings.surface_height)
+        state = motion.state[0]
+        self.surface = surface = self._ground.under(state, self.settings.surface_height)
         row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
-        self._tare.watch(pose, "the tool was in the grains" if in_grains else "")
+        self._poses.append((pose, "the tool was in the grains" if in_grains else ""))
         answer = self._corrected(motion, row, force, in_grains)
-        self._state = motion.state
+        self.state = state
         if in_grains and motion.rests and self._memory is None:  # learning has followed it nevertheless
             raise RefusedError(Reason.AT_REST)
-        wrench, offset, sigma = cell.into_sensor(motion.state[0, 3:7], answer)
+        wrench, offset, sigma = cell.into_sensor(state[3:7], answer)
         # before the flags: a reading that has come already is learned here, and may be a surprise
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         flags = self._quality.flags(
@@ -299,7 +289,7 @@ class Estimator:
         # a tool that pauses on its way up goes on to be withdrawn
         rises = self._withdrawal.path > 0.0 if holds else in_grains and is_withdrawn(up, motion.speed, force)
         if self.learning is None:
-            answer = without_learning(row, zeta_error=self.settings.zeta_error, reach=self._kinematics.reach)
+            answer = without_learning(row, self.settings.zeta_error, self._kinematics.reach)
         else:
             fast = math.hypot(*motion.velocity) > inertial_speed(self.model.law)
             apply = self.settings.learning_mode == "apply"
@@ -307,10 +297,10 @@ class Estimator:
             answer = self.learning.predict(stamp, row, step=path, passing=rises or fast, apply=apply)
         return self._withdrawal.widened(answer, motion.path, rises=rises, holds=holds)
 
-    def _learn(self, predicted: Prediction, force: samples.Vector | None, repeated: bool) -> None:
-        """Take a final comparison: the compensated force in sensor axes, or None."""
+    def _learn(self, predicted: Prediction, force: samples.Vector, repeated: bool) -> None:
+        """Take a final comparison: the compensated force in sensor axes."""
         if self.learning is not None:
-            world = None if force is None else predicted.cell.into_world(predicted.pose, force)
+            world = predicted.cell.into_world(predicted.pose, force)
             self.learning.learn(predicted.pose.stamp, world, repeated=repeated, in_air=predicted.in_air)
 
 

@@ -5,18 +5,17 @@ rest nothing changes, and speed does not matter.
 """
 
 import math
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.medium_filter import FILTER, absorb, begin, begin_again, copy, correct, grow
 from rft_ros.estimator.samples import ABSURD, Vector
-from rft_ros.estimator.surprise import JUDGE, BeliefIssue, feel, judge
+from rft_ros.estimator.surprise import ISSUES, JUDGE, feel, judge
 from rft_ros.rft.compilation import compiled, inlined, machine_code
 
-__all__ = ["Belief", "BeliefIssue", "Learning"]
+__all__ = ["Belief", "Learning"]
 
 Array = NDArray[np.float64]
 
@@ -46,7 +45,7 @@ _STATE = np.dtype(
         *FILTER,
         *JUDGE,
         ("first", int),  # the first record that was not taken; number n, without end, is at n modulo their count
-        ("open", int),  # the first record whose measurement is not final
+        ("open", int),  # the first record whose measurement may still come
         ("end", int),
         ("travel", float),
         ("path", float),
@@ -57,8 +56,7 @@ _STATE = np.dtype(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Belief:
+class Belief(NamedTuple):
     """What is believed of the grains after every sample that lies `lag` behind.
 
     Strengths of the vertical and the horizontal force over the model's; `turn` [rad] of the horizontal force about the
@@ -125,20 +123,19 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
 
 
 @compiled
-def _learn(states, records, y, stamp, usable, repeated, in_air):  # type: ignore[no-untyped-def]
+def _learn(states, records, y, stamp, repeated, in_air):  # type: ignore[no-untyped-def]
     """Give the record of a stamp its measurement, and judge it."""
     state = states[0]
-    if in_air and usable:
+    if in_air:
         feel(state, y)
     while state.open < state.end and records[state.open % _RECORDS].stamp < stamp:
         state.open += 1
     record = records[state.open % _RECORDS]
     if state.open < state.end and record.stamp == stamp:
         state.open += 1
-        if usable:
-            judge(state, record, y, min(record.path - state.judged, _STEP_MOST), repeated)
-            for i in range(3):
-                record.y[i] = y[i]
+        judge(state, record, y, min(record.path - state.judged, _STEP_MOST), repeated)
+        for i in range(3):
+            record.y[i] = y[i]
 
 
 class Learning:
@@ -157,7 +154,7 @@ class Learning:
         self._row, self._y, out = np.zeros(19), np.zeros(3), np.zeros(12)
         arrays = self._states, self._records
         self._predict = machine_code(_predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
-        self._learn: Any = machine_code(_learn, (*arrays, self._y, 0, True, False, False))
+        self._learn: Any = machine_code(_learn, (*arrays, self._y, 0, False, False))
         self.forget()
 
     def forget(self) -> None:
@@ -198,15 +195,14 @@ class Learning:
         )  # fmt: skip
         return out
 
-    def learn(self, stamp: int, force: Array | Vector | None, *, repeated: bool = False, in_air: bool = False) -> None:
-        """Take the compensated force [N] at a pose, world axes, shape [3]; None if there is none.
+    def learn(self, stamp: int, force: Array | Vector, *, repeated: bool = False, in_air: bool = False) -> None:
+        """Take the compensated force [N] at a pose, world axes, shape [3]; one that is not finite does not count.
 
         `repeated`: the load cell's raw reading equals the one before, bit by bit. `in_air`: the tool touched nothing.
         """
-        usable = force is not None and math.hypot(*force) < ABSURD
-        if usable:
+        if math.hypot(*force) < ABSURD:
             self._y[:] = force
-        self._learn(self._states, self._records, self._y, int(stamp), usable, bool(repeated), bool(in_air))
+            self._learn(self._states, self._records, self._y, int(stamp), bool(repeated), bool(in_air))
 
     @property
     def theta(self) -> Array:
@@ -253,10 +249,10 @@ class Learning:
         """Whether there are `issues`."""
         return bool(self._issues[0])
 
-    def issues(self) -> list[BeliefIssue]:
-        """Why the load cell or the model cannot be right."""
-        return [issue for k, issue in enumerate(BeliefIssue) if self._state["issues"] >> k & 1]
+    def issues(self) -> list[str]:
+        """Why the load cell or the model cannot be right, of `ISSUES`."""
+        return [sentence for issue, sentence in ISSUES.items() if self._state["issues"] & issue]
 
-    def doubts(self) -> list[BeliefIssue]:
+    def doubts(self) -> list[str]:
         """The issues under which something was measured in the grains since the calibration."""
-        return [issue for k, issue in enumerate(BeliefIssue) if self._state["doubts"] >> k & 1]
+        return [sentence for issue, sentence in ISSUES.items() if self._state["doubts"] & issue]

@@ -15,7 +15,7 @@ from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled, machine_code
 from rft_ros.rft.frames import into_frame, rotation
 
-__all__ = ["GRAVITY", "Comparison", "LoadCellFrame", "Prediction", "Tare", "drift"]
+__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction", "drift", "mean_in_air"]
 
 Array = NDArray[np.float64]
 
@@ -104,11 +104,11 @@ class Comparison:
     The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns].
     Without a sample after the stamp, the last one before it counts; that is decided once another input carries a stamp
     later by 1 s, or by `max_age` if that is longer. `samples`: the load cell's, by stamp, which the intake adds.
-    `counts` gets the reasons; `learn` each prediction, the compensated force in sensor axes [N] or None, and whether
+    `counts` gets the reasons; `learn` each measured prediction, the compensated force in sensor axes [N], and whether
     the raw reading repeats the one before.
     """
 
-    def __init__(self, counts: Counter[str], learn: Callable[[Prediction, Vector | None, bool], None]) -> None:
+    def __init__(self, counts: Counter[str], learn: Callable[[Prediction, Vector, bool], None]) -> None:
         self.samples: deque[WrenchSample] = deque(maxlen=HISTORY)
         self._counts, self._learn = counts, learn
         self._pending: deque[Prediction] = deque()
@@ -144,7 +144,6 @@ class Comparison:
         if before is None or stamp - before.stamp > self.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason.value] += 1
-            self._learn(prediction, None, False)
             return Measurement(stamp, None, None, reason)
         # written out by component: loops take twice as long
         ax, ay, az, dx, dy, dz = before.wrench
@@ -175,40 +174,37 @@ def drift(time: Array, places: Array, reach: float) -> float:
     return float((ways / steps[:, 0]).max())
 
 
-class Tare:
-    """Where the tool was at the last poses, and what it did there for which a tare would be wrong."""
+def mean_in_air(
+    samples: deque[WrenchSample],
+    poses: deque[tuple[PoseSample, str]],
+    window: float,
+    *,
+    rest_speed: float,
+    reach: float,
+) -> Array:
+    """Mean of the raw samples over the last `window` [s], shape [6]; InputError says why a tare would be wrong now.
 
-    def __init__(self) -> None:
-        self._poses: deque[tuple[PoseSample, str]] = deque(maxlen=HISTORY)
-
-    def watch(self, pose: PoseSample, wrong: str = "") -> None:
-        """Note a pose, and why a tare there would be `wrong`; empty if the tool was in the air."""
-        self._poses.append((pose, wrong))
-
-    def mean(self, samples: deque[WrenchSample], window: float, *, rest_speed: float, reach: float) -> Array:
-        """Mean of the raw samples over the last `window` [s], shape [6]; InputError says why a tare would be wrong now.
-
-        The tool must not drift faster than `rest_speed` [m/s]; `reach` of its plates [m].
-        """
-        if not self._poses:
-            raise InputError("tare refused: no pose with a known velocity has come yet")
-        start = (samples or [self._poses[-1][0]])[-1].stamp - round(window * 1e9)
-        refused = f"tare refused: within the last {window:g} s"
-        recent = [(pose, wrong) for pose, wrong in self._poses if pose.stamp > start]
-        for _, wrong in reversed(recent):
-            if wrong:
-                raise InputError(f"{refused} {wrong}")
-        if len(recent) < 2:
-            raise InputError(f"{refused} no pose has shown the tool at rest")
-        time = np.array([pose.stamp - start for pose, _ in recent]) * 1e-9
-        speed = drift(time, np.array([(*pose.position, *pose.quaternion) for pose, _ in recent]), reach)
-        if speed >= rest_speed:
-            raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
-        if len(self._poses) == HISTORY:
-            start = max(start, recent[0][0].stamp)
-        used = [s.wrench for s in samples if s.stamp > start]
-        if (n := len(used)) < _FEWEST_FOR_TARE:
-            needed = f"it needs {_FEWEST_FOR_TARE}"
-            raise InputError(f"tare refused: {n} load-cell samples in the last {window:g} s; {needed}")
-        mean: Array = np.mean(used, axis=0)
-        return mean
+    `poses`: the last, at most `HISTORY`, each with why a tare there would be wrong, empty if the tool was in the air.
+    The tool must not drift faster than `rest_speed` [m/s]; `reach` of its plates [m].
+    """
+    if not poses:
+        raise InputError("tare refused: no pose with a known velocity has come yet")
+    start = (samples or [poses[-1][0]])[-1].stamp - round(window * 1e9)
+    refused = f"tare refused: within the last {window:g} s"
+    recent = [(pose, wrong) for pose, wrong in poses if pose.stamp > start]
+    for _, wrong in reversed(recent):
+        if wrong:
+            raise InputError(f"{refused} {wrong}")
+    if len(recent) < 2:
+        raise InputError(f"{refused} no pose has shown the tool at rest")
+    time = np.array([pose.stamp - start for pose, _ in recent]) * 1e-9
+    speed = drift(time, np.array([(*pose.position, *pose.quaternion) for pose, _ in recent]), reach)
+    if speed >= rest_speed:
+        raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
+    if len(poses) == HISTORY:
+        start = max(start, recent[0][0].stamp)
+    used = [s.wrench for s in samples if s.stamp > start]
+    if len(used) < _FEWEST_FOR_TARE:
+        raise InputError(f"{refused} {len(used)} load-cell samples came; it needs {_FEWEST_FOR_TARE}")
+    mean: Array = np.mean(used, axis=0)
+    return mean

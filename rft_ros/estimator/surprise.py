@@ -1,12 +1,11 @@
 """Whether the grains are as believed, and whether the load cell or the model cannot be right."""
 
 import math
-from enum import Enum
 
 from rft_ros.estimator.medium_filter import dot
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["JUDGE", "BeliefIssue", "feel", "judge"]
+__all__ = ["ISSUES", "JUDGE", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "feel", "judge"]
 
 _ENTRY = 0.008  # not judged over this path [m] after entering, while δ is being learned
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
@@ -36,26 +35,22 @@ JUDGE = [
     ("repeated", float),  # path of the reading that repeats
     ("air", float, 3),  # mean reading in the air [N]
     ("air_samples", float),
-    ("issues", int),  # bits in the order of `BeliefIssue`
+    ("issues", int),  # a bitwise or of keys of `ISSUES`
     ("doubts", int),  # issues under which was learned
 ]
 """Fields of a state that the functions below use."""
 
-# bits of issues in the order of `BeliefIssue`; _FAULT: the force lies outside of what θ can be and must not teach
-_STUCK, _OPPOSED, _WEAK, _STRONG, _TURNED, _OFFSET, _FAULT = 1, 2, 4, 8, 16, 32, 64
-
-
-class BeliefIssue(str, Enum):
-    """Why the load cell or the model cannot be right, whatever the grains; the value is a sentence."""
-
-    STUCK = "the load cell repeats the same reading while the tool moves: check its driver"
-    OPPOSED = "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh"
-    WEAK = "the measured force is below a fifth of the model's: check medium.zeta, surface_height and the mesh"
-    STRONG = "the measured force is over five times the model's: check medium.zeta, mesh.scale and surface_height"
-    TURNED = "the measured force is turned by over 45 degrees from the model's: check sensor.quaternion and the frames"
-    OFFSET = "the load cell reads a force in the air: call ~/tare there, or check sensor.bias and sensor.mass"
-
-    __str__ = str.__str__
+STUCK, OPPOSED, WEAK, STRONG, TURNED, OFFSET = 1, 2, 4, 8, 16, 32
+_FAULT = 64  # the force lies outside of what θ can be, and must not teach
+ISSUES = {
+    STUCK: "the load cell repeats the same reading while the tool moves: check its driver",
+    OPPOSED: "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh",
+    WEAK: "the measured force is below a fifth of the model's: check medium.zeta, surface_height and the mesh",
+    STRONG: "the measured force is over five times the model's: check medium.zeta, mesh.scale and surface_height",
+    TURNED: "the measured force is turned by over 45 degrees from the model's: check sensor.quaternion and the frames",
+    OFFSET: "the load cell reads a force in the air: call ~/tare there, or check sensor.bias and sensor.mass",
+}
+"""Why the load cell or the model cannot be right, whatever the grains."""
 
 
 @inlined
@@ -64,7 +59,7 @@ def feel(state, y):  # type: ignore[no-untyped-def]
     state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
     for i in range(3):
         state.air[i] += (y[i] - state.air[i]) / state.air_samples
-    state.issues = state.issues & ~_OFFSET | _offset_issue(state)
+    state.issues = state.issues & ~OFFSET | _offset_issue(state)
 
 
 @inlined
@@ -75,7 +70,7 @@ def _offset(state):  # type: ignore[no-untyped-def]
 
 @inlined
 def _offset_issue(state):  # type: ignore[no-untyped-def]
-    return _OFFSET if _offset(state) > max(_FELT, 0.1 * math.sqrt(state.square)) else 0
+    return OFFSET if _offset(state) > max(_FELT, 0.1 * math.sqrt(state.square)) else 0
 
 
 @inlined
@@ -114,19 +109,19 @@ def _find_issues(state):  # type: ignore[no-untyped-def]
     """Set the issues. The model is judged from `_ENTRY` after the tool entered and after its force was felt."""
     square, issues = state.square, _offset_issue(state)
     if state.repeated > _STUCK_LENGTH:
-        issues |= _STUCK
+        issues |= STUCK
     if state.along < -(_OPPOSING**2):
         issues |= _FAULT
     if square > 0.0 and state.judged - max(state.entered, state.felt) >= _ENTRY:
         if state.along < 0.0:
-            issues |= _OPPOSED | _FAULT
+            issues |= OPPOSED | _FAULT
         elif state.along < 0.2 * square:
-            issues |= _WEAK | (_FAULT if state.along < 0.1 * square else 0)
+            issues |= WEAK | (_FAULT if state.along < 0.1 * square else 0)
         elif state.along > 5.0 * square:
-            issues |= _STRONG
+            issues |= STRONG
         sideways = state.flat_square > 0.05 * square
         if state.along >= 0.0 and sideways and abs(state.flat_cross) > state.flat_along:
-            issues |= _TURNED | _FAULT
+            issues |= TURNED | _FAULT
     state.issues = issues
     state.doubts |= issues
 

@@ -1,7 +1,6 @@
 """/diagnostics at 1 Hz: inputs, estimates, model and what was learned, each OK, WARN or ERROR (REP 107)."""
 
 from collections import Counter
-from dataclasses import asdict
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -139,6 +138,6 @@ class Diagnostics:
         return self._status("model", values, problems, "in force")
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:
-        issues = "; ".join(map(str, learning.issues()))
-        values: dict[str, object] = {**asdict(learning.belief()), "issues": issues}
+        issues = "; ".join(learning.issues())
+        values: dict[str, object] = {**learning.belief()._asdict(), "issues": issues}
         return self._status("medium", values, issues or learning.surprise_sentence(), "as learned")

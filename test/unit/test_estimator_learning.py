@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, push, twist, wrench
 
 from rft_ros.estimator import LoadCell, TransformSample
-from rft_ros.estimator.learning import BeliefIssue
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
+from rft_ros.estimator.surprise import ISSUES, OFFSET, STUCK, WEAK
 from rft_ros.ground import HeightMap
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
@@ -66,7 +66,7 @@ def test_a_load_cell_dead_from_the_start_is_named_and_leaves_the_model_as_it_is(
         issues.update(press.learning.issues())
     learned, told = (np.array([a.predicted[2] for a in p.answers]) for p in (press, fixed))
     true = np.array(fixed.forces)
-    assert (BeliefIssue.WEAK if noise else BeliefIssue.STUCK) in issues
+    assert (ISSUES[WEAK] if noise else ISSUES[STUCK]) in issues
     assert np.sqrt(np.mean((learned - true) ** 2)) < 2.0 * np.sqrt(np.mean((told - true) ** 2))
     assert learned[-1] == pytest.approx(told[-1], rel=0.05)
 
@@ -98,10 +98,10 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
     push(press.estimator, TransformSample(0, "tool", "ft_sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), True))
     press.depth = -0.01
     press.push(100, offset=2.4)
-    assert press.learning.issues() == [BeliefIssue.OFFSET]
+    assert press.learning.issues() == [ISSUES[OFFSET]]
     press.push(200, offset=2.4)
-    assert "tare" in BeliefIssue.OFFSET
-    assert press.learning.doubts() == [BeliefIssue.OFFSET]
+    assert "tare" in ISSUES[OFFSET]
+    assert press.learning.doubts() == [ISSUES[OFFSET]]
     assert trust(press.answers[-1].quality_flags) is Trust.CAUTION
     assert press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
     assert press.learning.strength()[0] == pytest.approx(1.0, abs=0.4)
