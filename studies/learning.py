@@ -320,7 +320,7 @@ def coverage(series: Series, out: Array) -> Array:
 
 def unlearned(series: Series) -> Array:
     """The model's wrench and its standard deviations without learning, shape [n, 12]."""
-    return np.array([without_learning(row, zeta_error=series.zeta_error, reach=series.reach) for row in series.rows])
+    return np.array([without_learning(row, series.zeta_error, series.reach) for row in series.rows])
 
 
 def with_layer(series: Series, at: float, factor: float) -> Array:

@@ -26,24 +26,11 @@ _PLATE = Plates.from_arrays([[0.0, 0.0, -1.0]], [[0.0, 0.0, -1.0]], [1.0])
 _STATE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
 
 
-def _forces() -> None:
-    wrenches(_PLATE, agarwal2023(), _STATE)
-
-
-def _velocity() -> None:
-    difference = PoseDifference()
-    difference.span(window=1.0, max_age=1.0)
-    for k in range(1, 6):
-        difference.push(PoseSample(k * 10_000_000, "world", (0.0, 0.0, -0.001 * k), (0.0, 0.0, 0.0, 1.0)))
-
-
 def _answers() -> None:
     edge_share(_PLATE, _STATE)
     LoadCellFrame(LoadCell()).into_sensor(_STATE[3:7], np.zeros(12))
-    without_learning(np.zeros(7), zeta_error=0.0, reach=0.0)
-    withdrawal = Withdrawal()
-    for path in (0.0, 1.0):
-        withdrawal.widened(np.zeros(12), path, rises=path > 0.0, holds=False)
+    without_learning(np.zeros(7), 0.0, 0.0)
+    Withdrawal().widened(np.zeros(12), 0.0, rises=True, holds=False)
 
 
 def _ground() -> None:
@@ -53,9 +40,9 @@ def _ground() -> None:
 
 
 _PARTS: dict[str, Callable[[], object]] = {
-    "forces": _forces,
+    "forces": lambda: wrenches(_PLATE, agarwal2023(), _STATE),
     "answers": _answers,
-    "velocity": _velocity,
+    "velocity": lambda: PoseDifference().push(PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))),
     "learning": Learning,
     "ground": _ground,
 }
