@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
-from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.phases import lowest_points
@@ -178,6 +177,8 @@ def still_intervals(track: Track) -> list[Rows]:
 
 def down_strokes(track: Track, below: float = np.inf) -> list[Rows]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
+    from scipy.signal import find_peaks  # takes 0.5 s, which rft doctor, demo and warm-up need not wait
+
     heights, rotations, (velocity, _, turning) = track.heights(), track.rotations(), track.motion()
     sinking = -velocity[:, 2]
     straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)

@@ -46,14 +46,14 @@ def doctor(arguments: argparse.Namespace) -> int:
             findings.append((False, f"bag: {messages.damage}"))
     else:
         try:
-            from rft_ros.node.listen import Listener
+            from rft_ros.node.listen import listener
         except ImportError as error:
             needs = f"listening needs ROS 2 ({error.name} is missing)"
             raise InputError(f"{needs}: source a ROS 2 setup file, or give --bag") from None
-        with busy(f"listening for {arguments.seconds:g} s"), Listener(arguments.node) as listener:
-            finding, bias = listener.compare(values, arguments.params)
+        with busy(f"listening for {arguments.seconds:g} s"), listener(arguments.node) as ros:
+            finding, bias = ros.compare(values, arguments.params)
             checkup = Checkup({**values, "sensor.bias": bias}, model, named=named, topics=topics)
-            findings += [finding, *listener.listen(topics, arguments.seconds, checkup.push)]
+            findings += [finding, *ros.listen(topics, arguments.seconds, checkup.push)]
     findings += checkup.findings()
     print("\n".join(f"{'OK ' if ok else 'FIX'} {text}" for ok, text in findings))
     return 0 if all(ok for ok, _ in findings) else 1

@@ -33,6 +33,7 @@ from rft_ros.files import whole_folder
 from rft_ros.node import mujoco_arm, virtual_arm
 from rft_ros.node.topics import type_name
 from rft_ros.node.virtual_arm import PAUSE
+from rft_ros.simulation.mujoco_grains import import_mujoco
 
 _QOS = QoSProfile(depth=500)
 _INPUTS = {"pose": PoseStamped, "twist": TwistStamped, "wrench_measured": WrenchStamped}
@@ -48,7 +49,7 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool) -> None:
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     if mujoco:
-        mujoco_arm.import_mujoco()  # says what to install
+        import_mujoco()  # says what to install
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     check_replaceable(bag)
     console = Console(highlight=False)
@@ -61,8 +62,8 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool) -> None:
             console.print("waiting for the node, which may have to compile first ...")
             cell.wait()
             moments = mujoco_arm.moments(cell.answer) if mujoco else virtual_arm.moments(seconds)
-            start, tare_at, shown = time.monotonic(), PAUSE / 2.0, -1.0
-            with Live(console=console, refresh_per_second=8) as live:
+            start, tare_at = time.monotonic(), PAUSE / 2.0
+            with Live(console=console, refresh_per_second=8, get_renderable=cell.table) as live:
                 for t, state, reading in moments:
                     start = max(start, time.monotonic() - t)
                     cell.spin(start + t)
@@ -71,9 +72,6 @@ def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool) -> None:
                         answer = cell.call("tare")
                         live.console.print(f"t = {t:4.1f} s  tare: {answer.message}", soft_wrap=True)
                         tare_at = math.inf if answer.success else t + 0.3  # a busy machine may have delayed a twist
-                    if t > shown + 0.1:
-                        shown = t
-                        live.update(_table(cell.newest, f"t = {t:4.1f} s   (on the tool, sensor frame)"))
             cell.spin(time.monotonic() + 0.5)  # the last answers
         finally:
             cell.end()
@@ -107,7 +105,7 @@ class _Cell:
         """Until the node answers and listens."""
         self.call("status")
         self._until(lambda: min(p.get_subscription_count() for p in self._publishers.values()) > 0)
-        self._begin = self._peer.get_clock().now().nanoseconds
+        self._begin = self._stamp = self._peer.get_clock().now().nanoseconds
 
     def send(self, t: float, state: NDArray[np.float64], reading: Wrench) -> None:
         """Publish and record a state, shape [13], and a reading of the load cell at a time from the start [s]."""
@@ -153,6 +151,18 @@ class _Cell:
         self._peer.destroy_client(client)
         return future.result()
 
+    def table(self) -> Table:
+        """The newest wrenches."""
+        title = f"t = {1e-9 * (self._stamp - self._begin):4.1f} s   (on the tool, sensor frame)"
+        table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
+        table.add_column("", min_width=11)
+        for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
+            table.add_column(column, justify="right", min_width=6)
+        for name in _SHOWN:
+            message = self.newest.get(f"wrench_{name}")
+            table.add_row(name, *([f"{v:.3f}" for v in _wrench(message)] if message else ["-"] * 6))
+        return table
+
     def end(self) -> None:
         """End the node, by SIGTERM or after 10 s by SIGKILL, and ROS."""
         self._process.terminate()
@@ -171,14 +181,3 @@ def _stamp(message: Any) -> int:
 def _wrench(message: WrenchStamped) -> Wrench:
     f, t = message.wrench.force, message.wrench.torque
     return f.x, f.y, f.z, t.x, t.y, t.z
-
-
-def _table(newest: dict[str, Any], title: str) -> Table:
-    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
-    table.add_column("", min_width=11)
-    for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
-        table.add_column(column, justify="right", min_width=6)
-    for name in _SHOWN:
-        message = newest.get(f"wrench_{name}")
-        table.add_row(name, *([f"{v:.3f}" for v in _wrench(message)] if message else ["-"] * 6))
-    return table

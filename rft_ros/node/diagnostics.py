@@ -64,11 +64,10 @@ class Diagnostics:
         now = self._node.get_clock().now()
         counts = Counter(self._estimator.counts)
         new, self._reported = counts - self._reported, counts
-        reasons = {reason: n for reason, n in new.items() if reason != "estimates"}
-        bad = sorted(reasons.keys() - _NORMAL)
+        bad = sorted(new.keys() - _NORMAL - {"estimates"})
         array = DiagnosticArray()
         array.header.stamp = now.to_msg()
-        array.status = [self._inputs(now.nanoseconds, bad), self._estimates(new["estimates"], reasons), self._model()]
+        array.status = [self._inputs(now.nanoseconds, bad), self._estimates(new["estimates"]), self._model()]
         if (learning := self._estimator.learning) is not None:
             bad += learning.issues()
             bad += [f"grains {learning.surprise} than learned"] if learning.surprise else []
@@ -112,11 +111,10 @@ class Diagnostics:
             problems, level = ["no poses", *problems], DiagnosticStatus.ERROR
         return self._status("inputs", values, ", ".join(problems), "inputs arrive", level)
 
-    def _estimates(self, new: int, reasons: dict[str, int]) -> DiagnosticStatus:
+    def _estimates(self, new: int) -> DiagnosticStatus:
         flags = self._quality_flags
         values: dict[str, object] = {
             "estimates": self._estimator.counts["estimates"],
-            "last_reason": max(reasons, key=lambda r: reasons[r], default=""),
             "fastest_m_s": self._fastest,
             "depth_m": self._estimator.depth(),
             "trust": (trust(flags) if new else Trust.NO).value,

@@ -14,8 +14,6 @@ from rft_ros.estimator.transforms import Placement
 from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
 
-__all__ = ["FeedForward", "Ramp"]
-
 FEEDFORWARD_PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6
 _LONGEST_STEP = 2.0 * FEEDFORWARD_PERIOD  # after a pause the output starts no faster than after this
@@ -59,11 +57,12 @@ class FeedForward:
     no trust, for any pose without an estimate within `max_input_age`, with the gain at 0, and when the node ends.
     """
 
-    def __init__(self, node: Node, estimator: Estimator) -> None:
+    def __init__(self, node: Node, estimator: Estimator, values: Values) -> None:
         self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", OUTPUTS)
         self._clock, self._estimator, self._ramp = node.get_clock(), estimator, Ramp()
         self._moved = self._estimated = -math.inf
-        self._gain, self._active = 0.0, False
+        self._active = False
+        self.use(values)
 
     def use(self, values: Values) -> None:
         """Take the parameters."""
@@ -101,7 +100,7 @@ class FeedForward:
         if self._frame == "world_frame":
             x, y, z, w = self._estimator.state[3:7].tolist()
             wrench = Placement((0.0, 0.0, 0.0), (x, y, z, w)).wrench(wrench)
-        return tuple(self._gain * c for c in wrench)  # type: ignore[return-value]
+        return tuple(self._gain * c for c in wrench)
 
     def _publish(self, target: Wrench, stamp: int) -> None:
         before, self._moved = self._moved, time.monotonic()

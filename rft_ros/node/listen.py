@@ -1,7 +1,8 @@
 """Look at a running node, its inputs and who publishes them, as `rft doctor` does."""
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -19,29 +20,28 @@ from rft_ros.files import expanded
 from rft_ros.node.topics import INPUTS, message_class, type_name
 from rft_ros.parameters import FILES, Value, Values, checked
 
-__all__ = ["Listener"]
-
 _Finding = tuple[bool, str]  # as of `Checkup`
 _DISCOVERY = 6.0  # s: DDS announces a node at the latest after 3 s, on a busy machine later
 _OURS = "rft_doctor"
 
 
+@contextmanager
+def listener(name: str) -> Iterator["Listener"]:
+    """A listener beside the node `name`. Raises InputError where it, or a topic in the block, is no name of ROS."""
+    rclpy.init(args=[])  # the command line's --remap is not ROS's
+    try:
+        yield Listener(name)
+    except NameValidationException as error:
+        raise InputError(f"{reason_of(error).rstrip(' ^')}; mend --node or --remap") from None
+    finally:
+        rclpy.try_shutdown()
+
+
 class Listener:
-    """A ROS node beside `name`, for use in a `with` block."""
+    """A ROS node beside `name`."""
 
     def __init__(self, name: str) -> None:
-        self._name = name
-
-    def __enter__(self) -> "Listener":
-        rclpy.init(args=[])  # the command line's --remap is not ROS's
-        self._node = rclpy.create_node(_OURS)
-        return self
-
-    def __exit__(self, _kind: object, error: BaseException | None, _trace: object) -> None:
-        self._node.destroy_node()
-        rclpy.try_shutdown()
-        if isinstance(error, NameValidationException):
-            raise InputError(f"{reason_of(error).rstrip(' ^')}; mend --node or --remap") from None
+        self._name, self._node = name, rclpy.create_node(_OURS)
 
     def compare(self, values: Values, file: Path) -> tuple[_Finding, Value]:
         """Whether the node runs with the parameters of `file`, `values`; and the bias in force, which a tare sets."""

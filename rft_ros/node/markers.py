@@ -10,7 +10,7 @@ from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rft_ros.estimator import Estimate, Estimator, Measurement
+from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.ground import HeightMap
 from rft_ros.rft import plate_forces, rotation_matrix
 
@@ -50,6 +50,8 @@ class Markers:
         self._estimator = estimator
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
         self._answer: Estimate | None = None
+        self.measured: Wrench | None = None
+        """The last measurement."""
         self._drawn: tuple[HeightMap, Array] | None = None
         self._state = estimator.state.copy()
 
@@ -60,7 +62,7 @@ class Markers:
         self._state[:] = e.state
         self._model, self._settings, self._surface, self._ground = e.model, e.settings, e.surface, e.ground
 
-    def publish(self, measurement: Measurement | None) -> None:
+    def publish(self) -> None:
         """Draw the last estimate and measurement, if there is a subscriber and the estimate is new."""
         answer = self._answer
         if answer is None or not self._publisher.get_subscription_count():
@@ -69,8 +71,7 @@ class Markers:
         self._publish_tool(answer.stamp)
         to_world = rotation_matrix(self._state[3:7]) @ rotation_matrix(self._settings.load_cell.quaternion)
         markers = [self._surface_around(answer.stamp)]
-        measured = measurement.compensated if measurement else None
-        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, measured, _MEASURED)):
+        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, self.measured, _MEASURED)):
             if wrench is not None:
                 arrow = self._marker(answer.stamp, number, Marker.ARROW, (0.003, 0.006, 0.008), (*colour, 1.0))
                 tip = self._state[:3] + _METRES_PER_NEWTON * (to_world @ np.array(wrench[:3]))

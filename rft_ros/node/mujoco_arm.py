@@ -18,8 +18,6 @@ from rft_ros.simulation.coupling import stiffness_matrix
 from rft_ros.simulation.mujoco_grains import MujocoBody, import_mujoco
 from rft_ros.simulation.six_axis_arm import SixAxisArm
 
-__all__ = ["import_mujoco", "moments"]
-
 Array = NDArray[np.float64]
 
 _SENSOR = np.array([0.0, 0.0, 0.12])  # place of the load cell in the tool frame [m]; its axes are the tool's

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.parameters.file import FILES, flat, gives, parameter_tree, path_beside
+from rft_ros.parameters.file import FILES, flat, parameter_tree, path_beside
 from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults
 
 
@@ -111,5 +111,7 @@ def _plain(value: Any) -> Any:
 
 def _resolved(name: str, path: str) -> str:
     """The path in a parameter of `FILES`; one that a parameter file names is made absolute, from that file's folder."""
-    files = reversed(parameter_files() if path else [])  # ROS takes the last file's value
-    return next((path_beside(file.absolute().parent, name, path) for file in files if gives(file, name, path)), path)
+    for file in reversed(parameter_files()):  # ROS takes the last file's value
+        if any(key.endswith(f"ros__parameters.{name}") and v == path for key, v in flat(parameter_tree(file))):
+            return path_beside(file.absolute().parent, name, path)
+    return path

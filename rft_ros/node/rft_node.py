@@ -9,13 +9,12 @@ from geometry_msgs.msg import InertiaStamped, TwistStamped, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
-from rft_ros.estimator import Estimate, Estimator, Measurement, PoseSample, Reason, Sample, Stamped
+from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.messages import UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
@@ -26,8 +25,6 @@ from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class
 from rft_ros.parameters import Values
-
-__all__ = ["RftNode", "executor_of"]
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -47,17 +44,16 @@ class RftNode(Node):
         settings, model = self._swap.settings(values), self._swap.model(values)
         self.estimator = Estimator(settings, model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
-        self._last_measurement: Measurement | None = None
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}
 
-        self._predicted = self._publisher(WrenchStamped, "~/wrench_predicted")
-        self._compensated = self._publisher(WrenchStamped, "~/wrench_compensated")
-        self._residual = self._publisher(WrenchStamped, "~/wrench_residual")
-        self._sigma = self._publisher(WrenchStamped, "~/wrench_sigma")
-        self._stiffness = self._publisher(InertiaStamped, "~/stiffness")
-        self._learned, self._learned_at = self._publisher(JointState, "~/medium_learned"), 0
-        self.feedforward = FeedForward(self, self.estimator)
-        self.feedforward.use(values)
+        publisher = partial(self.create_publisher, qos_profile=OUTPUTS)
+        self._predicted = publisher(WrenchStamped, "~/wrench_predicted")
+        self._compensated = publisher(WrenchStamped, "~/wrench_compensated")
+        self._residual = publisher(WrenchStamped, "~/wrench_residual")
+        self._sigma = publisher(WrenchStamped, "~/wrench_sigma")
+        self._stiffness = publisher(InertiaStamped, "~/stiffness")
+        self._learned, self._learned_at = publisher(JointState, "~/medium_learned"), 0
+        self.feedforward = FeedForward(self, self.estimator, values)
         self._markers = Markers(self, self.estimator)
         self._serialise = wrench_cdr(values["sensor_frame"])
 
@@ -76,11 +72,8 @@ class RftNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
         self.create_timer(FEEDFORWARD_PERIOD, self.feedforward.without_estimate, clock=steady)
-        self.create_timer(_MARKER_PERIOD, lambda: self._markers.publish(self._last_measurement), clock=steady)
+        self.create_timer(_MARKER_PERIOD, self._markers.publish, clock=steady)
         self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
-
-    def _publisher(self, message: type, topic: str) -> Publisher:
-        return self.create_publisher(message, topic, OUTPUTS)
 
     def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
         self._decode[role] = decoder(role, ros1=False)
@@ -176,7 +169,7 @@ class RftNode(Node):
             if measurement.compensated is not None and measurement.residual is not None:
                 self._compensated.publish(self._serialise(measurement.stamp, measurement.compensated))
                 self._residual.publish(self._serialise(measurement.stamp, measurement.residual))
-            self._last_measurement = measurement
+            self._markers.measured = measurement.compensated
 
     # --- parameters and swaps
 

@@ -10,8 +10,6 @@ from geometry_msgs.msg import InertiaStamped
 from numpy.typing import NDArray
 from rclpy.time import Time
 
-__all__ = ["stiffness_message", "stiffness_sums"]
-
 _Array = NDArray[np.float64]
 
 

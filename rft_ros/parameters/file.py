@@ -13,7 +13,7 @@ from rft_ros.parameters.table import Value, Values, checked, defaults
 from rft_ros.rft import Table
 from rft_ros.tool import is_mesh_path, locate_mesh
 
-__all__ = ["FILES", "NODE", "flat", "gives", "named_files", "node_keys", "node_parameters", "parameter_tree"]
+__all__ = ["FILES", "NODE", "flat", "named_files", "node_keys", "node_parameters", "parameter_tree"]
 __all__ += ["path_beside", "read_alpha_y_table", "read_parameter_file", "write_parameter_file"]
 
 NODE = "/rft"
@@ -56,11 +56,6 @@ def node_parameters(file: Path, node: str = NODE, *, keys: Iterable[str] | None 
             raise InputError(f"parameter file '{file}': '{key}' has no 'ros__parameters'")
         found.update(flat(section["ros__parameters"]))
     return found
-
-
-def gives(file: Path, name: str, value: Value) -> bool:
-    """Whether a parameter file gives a parameter of any node, in any namespace, this value."""
-    return any(key.endswith(f"ros__parameters.{name}") and v == value for key, v in flat(parameter_tree(file)))
 
 
 def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

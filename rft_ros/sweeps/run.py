@@ -20,7 +20,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import trapezoid
 
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import whole
@@ -51,6 +50,8 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
 
     Files are read once for each `fingerprint`, that of the design.
     """
+    from scipy.integrate import trapezoid  # takes 0.3 s, which commands about one tool need not wait
+
     values = parameters_of({**variant.tool, **variant.medium})
     model = model_of(values, tool=_tool(tuple(files_of(values)["tool"].items()), fingerprint))
     times, states = _motion(tuple(variant.motion.items()), fingerprint)
