@@ -52,10 +52,10 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
         )
     if relative > _UNSURE or length > turn.after or misfit > _UNLIKE or scale <= 0.0:
         raise NotIdentifiable(
-            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %, with {scale:.2g} times the force"
-            f" of the model and an RMS of {100 * misfit:.0f} % of the greatest. It must be below the"
-            f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _UNSURE:.0f} %, the RMS"
-            f" {100 * _UNLIKE:.0f} %"
+            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %, the force {scale:.2g} times the"
+            f" model's, its RMS residual {100 * misfit:.0f} % of the greatest; λ must be below the"
+            f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _UNSURE:.0f} %, the factor"
+            f" over 0, and the residual at most {100 * _UNLIKE:.0f} %"
         )
     return Measurement(track.name, length, length * relative, misfit)
 

@@ -73,9 +73,9 @@ def _first_contact(track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Meas
     in_air = int((z > surface).sum())
     if in_air < 10 or surface >= high - 1e-6 or not rise > 6.0 * found.rms:
         raise NotIdentifiable(
-            f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: {in_air} samples above it, and the"
-            f" vertical force rises by {rise:.2f} N with {found.rms:.2f} N of scatter; it needs 10 samples, and must"
-            " rise by 6 times the scatter"
+            f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: {in_air} samples in the air, and a"
+            f" vertical force that rises by {rise:.2f} N with {found.rms:.2f} N of scatter; it needs 10 samples, and a"
+            " rise of 6 times the scatter"
         )
     return Measurement(track.name, surface, float(found.errors[0]), found.rms / rise)
 

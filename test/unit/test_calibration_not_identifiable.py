@@ -56,7 +56,7 @@ PULLED = {"force": along(2, lambda z: 1e3 * np.minimum(z, 0.0)), "parts": ("zeta
 UNRELATED_FORCE = {"force": along(0, lambda z: 30.0 * np.sin(900.0 * z) * (z < 0.0)), "parts": ("mobilization",)}
 CHECK = {"medium.zeta": "check sensor.quaternion, sensor.sign, surface_height"}
 TOO_HIGH = {"values": known(surface_height=0.1), "parts": ("sensor", "zeta")}
-UNRELATED = "It must be below the 10 mm of path after the turn, its error at most 50 %"
+UNRELATED = "λ must be below the 10 mm of path after the turn, its error at most 50 %"
 WRONG_SIGN = "the fitted mass is -0.4.*sensor.sign or sensor.quaternion is wrong"
 TOO_HEAVY = "sensor.mass is 4.*; it must lie between 0 and 1000"
 AND_UP = down(40.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01)
@@ -73,7 +73,7 @@ ASKEW = Path((0.0, 0.0, -0.05), UPRIGHT).wait(0.5).move((0.026, 0.015, 0.0), 0.0
         (down(40.0).wait(1.0), mounted("x"), CHECK),
         (down(40.0).wait(1.0), mounted("y"), CHECK),
         (down(40.0).wait(1.0), TOO_HIGH, CHECK),
-        (down(-20.0), {}, {"surface_height": "must rise by 6 times", "medium.zeta": "no vertical penetration"}),
+        (down(-20.0), {}, {"surface_height": "a rise of 6 times", "medium.zeta": "no vertical penetration"}),
         (Path((0.0, 0.0, 0.05)).move((0.03, 0.0, 0.0), 0.01), {}, {"surface_height": "never goes straight down"}),
         (MOVING, {"values": unknown()}, {"sensor.bias": "never rests"}),
         (down(30.0), {"values": unknown()}, {"sensor.mass": "turns by 0.0°", "sensor.center_of_mass": "mass unknown"}),
