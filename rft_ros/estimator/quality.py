@@ -25,37 +25,28 @@ __all__ += ["flag_names", "inertial_speed", "is_withdrawn", "sentences", "trust"
 class QualityFlag(IntFlag):
     """Known causes of error that apply to an estimate; `docs/where-it-fails.md` shows most of them."""
 
+    sentence: str
+
+    def __new__(cls, value: int, sentence: str = "") -> "QualityFlag":
+        """A flag and what it says of an estimate."""
+        flag = int.__new__(cls, value)
+        flag._value_, flag.sentence = value, sentence
+        return flag
+
     NONE = 0
-    FAST = 1
-    INERTIAL = 2
-    NEAR_REST = 4
-    WAKE = 8
-    CONCAVE = 16
-    WITHDRAWAL = 32
-    KNIFE_EDGE = 64
-    DEEP = 128
-    SURPRISE = 256
-    STEEP = 512
-    UNEVEN = 1024
-    DISAGREEMENT = 2048
-    MESH = 4096
-
-
-_SENTENCES = {
-    QualityFlag.FAST: "faster than the model was checked (0.025 m/s; with medium.density 1 m/s)",
-    QualityFlag.INERTIAL: "so fast that inertia matters (0.2 m/s; with medium.density unchecked over 1 m/s)",
-    QualityFlag.NEAR_REST: "so slow that noise decides the direction",
-    QualityFlag.WAKE: "in its own wake, where grains are looser",
-    QualityFlag.CONCAVE: "a hollow tool, whose shadowed facets count in full",
-    QualityFlag.WITHDRAWAL: "rising, where grains let go sooner than the law says",
-    QualityFlag.KNIFE_EDGE: "faces moving along themselves, where a degree changes much of the force",
-    QualityFlag.DEEP: "deeper than the calibration",
-    QualityFlag.SURPRISE: "grains harder or softer than learned",
-    QualityFlag.STEEP: "ground tilted by over 15 degrees",
-    QualityFlag.UNEVEN: "ground uneven over the width of the tool",
-    QualityFlag.DISAGREEMENT: "load cell and model disagree beyond what grains explain",
-    QualityFlag.MESH: "a mesh with faults, which count in the force",
-}
+    FAST = 1, "faster than the model was checked (0.025 m/s; with medium.density 1 m/s)"
+    INERTIAL = 2, "so fast that inertia matters (0.2 m/s; with medium.density unchecked over 1 m/s)"
+    NEAR_REST = 4, "so slow that noise decides the direction"
+    WAKE = 8, "in its own wake, where grains are looser"
+    CONCAVE = 16, "a hollow tool, whose shadowed facets count in full"
+    WITHDRAWAL = 32, "rising, where grains let go sooner than the law says"
+    KNIFE_EDGE = 64, "faces moving along themselves, where a degree changes much of the force"
+    DEEP = 128, "deeper than the calibration"
+    SURPRISE = 256, "grains harder or softer than learned"
+    STEEP = 512, "ground tilted by over 15 degrees"
+    UNEVEN = 1024, "ground uneven over the width of the tool"
+    DISAGREEMENT = 2048, "load cell and model disagree beyond what grains explain"
+    MESH = 4096, "a mesh with faults, which count in the force"
 
 
 class Trust(str, Enum):
@@ -75,12 +66,12 @@ def trust(quality_flags: int) -> Trust:
 
 def flag_names(quality_flags: int) -> list[str]:
     """The names of the flags in outputs: ``fast``, ``wake``."""
-    return [str(flag.name).lower() for flag in _SENTENCES if quality_flags & flag]
+    return [str(flag.name).lower() for flag in QualityFlag if quality_flags & flag]
 
 
 def sentences(quality_flags: int) -> str:
     """A description of each flag, joined by semicolons."""
-    return "; ".join(text for flag, text in _SENTENCES.items() if quality_flags & flag)
+    return "; ".join(flag.sentence for flag in QualityFlag if quality_flags & flag)
 
 
 # relative standard deviations without learning, (L6) of docs/learning.md
