@@ -131,7 +131,7 @@ class Estimator:
         elif new_tool:
             self._begin()
         else:
-            self._remember(self._memory if (self._memory is None) == (m.mobilization_length == 0.0) else _memory(m))
+            self._remember(anew=(m.mobilization_length > 0.0) == (self._memory is None))
 
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             error, on = s.zeta_error or _UNKNOWN_ZETA_ERROR, s.learning_mode != "off"
@@ -158,15 +158,17 @@ class Estimator:
 
     def _begin(self) -> None:
         """Begin with a tool that has no path behind it."""
-        self._remember(_memory(self.model))
+        self._remember(anew=True)
         self._withdrawal = Withdrawal()
         self._quality = QualityMonitor(self.model.tool)
 
-    def _remember(self, memory: Memory | None) -> None:
-        """Evaluate the model in force with this memory."""
-        self._memory = memory
-        self._sliver = _SLIVER * self.model.tool.plates.area
-        self._step = prepared(self.model.tool.plates, self.model.law, memory, self.model.mobilization_length or 1.0)
+    def _remember(self, *, anew: bool) -> None:
+        """Evaluate the model in force, with its memory so far or `anew`."""
+        plates, law, length = self.model.tool.plates, self.model.law, self.model.mobilization_length
+        if anew:
+            self._memory = Memory(plates, slack=SLACK) if length > 0.0 else None
+        self._sliver = _SLIVER * plates.area
+        self._step = prepared(plates, law, self._memory, length or 1.0)
 
     def _begin_again(self) -> None:
         """Begin a new run or in new axes: no path or memory, the ground at the start; the grains' strength stays."""
@@ -302,7 +304,3 @@ class Estimator:
         if self.learning is not None:
             world = predicted.cell.into_world(predicted.pose, force)
             self.learning.learn(predicted.pose.stamp, world, repeated=repeated, in_air=predicted.in_air)
-
-
-def _memory(model: Model) -> Memory | None:
-    return Memory(model.tool.plates, slack=SLACK) if model.mobilization_length > 0.0 else None
