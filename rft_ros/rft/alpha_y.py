@@ -186,13 +186,13 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
     return make(medium, table)
 
 
-def packed(kind: int, numbers: Mapping[str, float], values: ArrayLike = _NO_VALUES) -> PackedLaw:
+def packed(kind: int, fields: Mapping[str, float], values: ArrayLike = _NO_VALUES) -> PackedLaw:
     """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
 
     Raises ValueError or TypeError for what is not finite, or is no table.
     """
-    given, table = np.zeros(15), np.array(values, dtype=np.float64)
-    given[: len(numbers)] = [number(f"{name} of the law", value) for name, value in numbers.items()]
+    given, table = np.zeros(15), np.array(numbers("alpha_y.values of the law", values, np.shape(values)[1:]))
+    given[: len(fields)] = [number(f"{name} of the law", value) for name, value in fields.items()]
     if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
         raise ValueError(f"a table of shape {table.shape} is not finite, or not [2, 2] or larger: use Table.sampled")
     given.flags.writeable = table.flags.writeable = False

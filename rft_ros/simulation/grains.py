@@ -20,7 +20,7 @@ __all__ = ["Grains", "GrainsBatch", "GrainsState"]
 
 Array = NDArray[np.float64]
 
-_Part = tuple[slice, Callable[..., None], Array, Array]  # bodies, their step, its durations and results
+_Part = tuple[slice, Callable[..., None]]  # bodies, and their step
 
 GrainsState = dict[str, NDArray[Any]]
 """What grains remember of their bodies, by name."""
@@ -67,10 +67,8 @@ class GrainsBatch:
         # Threads take parts as they get ready. With a map each body has a surface of its own, so it is a part.
         parts = n if ground is not None else 1 if threads == 1 else min(n, 2 * self._threads)
         edges = np.linspace(0, n, parts + 1).astype(int)
-        self._parts: list[_Part] = []
-        for a, b in itertools.pairwise(edges):
-            step = prepared(tool.plates, law, memory, length, bodies=slice(a, b))
-            self._parts.append((slice(a, b), step, self._durations[a:b], self._rows[a:b]))
+        slices = [slice(a, b) for a, b in itertools.pairwise(edges)]
+        self._parts: list[_Part] = [(s, prepared(tool.plates, law, memory, length, bodies=s)) for s in slices]
         self._pool = ThreadPoolExecutor(self._threads)
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()
@@ -105,10 +103,10 @@ class GrainsBatch:
         return self._rows
 
     def _run(self, parts: Iterator[_Part], states: Array) -> None:
-        for part, step, durations, rows in parts:
+        for part, step in parts:
             here, kept = states[part], self._kept[part.start]
             height, slope, *_ = self._support.local_surface(self._ground, here[0], level=self._surface, kept=kept)
-            step(here, durations, height, slope, rows)
+            step(here, self._durations[part], height, slope, self._rows[part])
 
     @property
     def stiffness(self) -> Array:

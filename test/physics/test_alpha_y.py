@@ -83,6 +83,8 @@ def test_an_unknown_medium_is_refused_with_the_names_there_are():
         medium_named("mars")
 
 
-def test_an_array_in_place_of_a_number_is_refused():
+def test_an_array_in_place_of_a_number_and_words_in_place_of_numbers_are_refused():
+    with pytest.raises(ValueError, match=r"alpha_y\.values of the law has values of type <U1"):
+        treers2021(MEDIA["generic"], UNEVEN._replace(values=np.array([["1", "2"], ["3", "4"]])))
     with pytest.raises(ValueError, match=r"alpha_y\.value of the law is array"):
         treers2021(MEDIA["generic"], Constant(np.array([5.0, 6.0])))

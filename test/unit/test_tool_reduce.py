@@ -194,8 +194,6 @@ def test_a_recorded_bag_is_a_scene_too(tmp_path):
 def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
     with pytest.raises(InputError, match="holds plates for integration 'refined' only; ask for it"):
         load_tool(of_refined, integration="centroid")
-    with pytest.raises(ValueError, match=r"^mesh\.scale is '1'; it must be a positive number"):
-        load_tool(of_refined, scale="1")
     kept = load_tool(of_refined, integration="refined", tolerance=0.025)
     assert kept.reduction == load_tool(of_refined).reduction
     refused(rft("reduce", of_refined, "-o", "again.npz", cwd=tmp_path), "is already a reduced tool")
