@@ -14,10 +14,7 @@ __all__ = ["read_states", "wrenches_along", "write_wrenches"]
 
 
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times [s], shape [n], and checked states, shape [n, 13], of a CSV with the columns t, px .. wz in any order.
-
-    Raises InputError that names the file, line and column.
-    """
+    """Times [s], shape [n], and checked states, shape [n, 13], of a CSV with the columns t, px .. wz. InputError."""
     table, lines = read_columns(file, "states file", ("t", *STATE))
     times = table[:, 0]
     try:

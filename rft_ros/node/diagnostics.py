@@ -136,6 +136,5 @@ class Diagnostics:
         return self._status("model", values, problems, "in force")
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:
-        issues = "; ".join(learning.issues())
-        values: dict[str, object] = {**learning.belief()._asdict(), "issues": issues}
-        return self._status("medium", values, issues or learning.surprise_sentence(), "as learned")
+        problem = "; ".join(learning.issues()) or learning.surprise_sentence()
+        return self._status("medium", learning.belief()._asdict(), problem, "as learned")

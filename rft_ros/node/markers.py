@@ -50,8 +50,7 @@ class Markers:
         self._estimator = estimator
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
         self._answer: Estimate | None = None
-        self.measured: Wrench | None = None
-        """The last measurement."""
+        self.measured: Wrench | None = None  # the last one, compensated; None if it could not be
         self._drawn: tuple[HeightMap, Array] | None = None
         self._state = estimator.state.copy()
 

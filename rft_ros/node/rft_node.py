@@ -41,8 +41,7 @@ class RftNode(Node):
         values = self.table.values
         compiling = "compiling, ten seconds or more, first start only; services answer after it"
         self._swap = Swap(worker, values, on_cold_cache=partial(self.get_logger().info, compiling))
-        settings, model = self._swap.settings(values), self._swap.model(values)
-        self.estimator = Estimator(settings, model)
+        self.estimator = Estimator(self._swap.settings(values), self._swap.model(values))
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}
 

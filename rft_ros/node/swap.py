@@ -18,10 +18,7 @@ from rft_ros.tool import locate_mesh
 
 
 class ToolWorker:
-    """A process that loads one model's files at a time, started early so that none wait for its imports.
-
-    The process has a low priority after the first files, which the node waits for. It is replaced if it ends.
-    """
+    """A process that loads one model's files at a time, started early for its imports and replaced if it ends."""
 
     def __init__(self) -> None:
         self._start(low_priority=False)
@@ -55,7 +52,7 @@ class ToolWorker:
 
 
 def _serve(descriptor: int, low_priority: int) -> None:
-    """In the process: answer requests until the node closes the connection; after the first one at low priority."""
+    """In the process: answer requests until the node closes the connection; the node waits for the first one only."""
     connection = Connection(descriptor)
     if low_priority:
         lower_priority()
