@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import ReplayOptions
 from rft_ros.bags.replay import replay
+from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.track import read_track
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
@@ -76,10 +77,17 @@ def test_without_transforms_the_sentence_names_frames_and_topic(tmp_path):
         replay(record(tmp_path / "posed", tf=False), tmp_path / "out", values(**FRAMES, pose_source="tf"))
 
 
-def test_a_calibration_reads_the_same_motion_and_readings_from_transforms_as_from_poses(tmp_path):
+def test_a_calibration_reads_the_same_motion_readings_and_mount_from_transforms(tmp_path):
     given = {**FRAMES, "twist_source": "pose_difference"}
     posed = read_track(record(tmp_path / "posed", tf=False), values(**given))
     transformed = read_track(record(tmp_path / "tf", tf=True), values(**given, pose_source="tf"))
     np.testing.assert_array_equal(transformed.time, posed.time)
     np.testing.assert_allclose(transformed.states, posed.states, atol=1e-9)
     np.testing.assert_array_equal(transformed.readings, posed.readings)
+    given |= {"sensor__sign": -1.0}  # the plunge's cell is not turned as `CELL`
+    told = values(**given, sensor__position=CELL.position, sensor__quaternion=CELL.quaternion)
+    from_tf = values(**given, pose_source="tf", sensor__frame_source="tf")
+    expected, found = (calibrate(*one, parts=("zeta",)) for one in (([posed], told), ([transformed], from_tf)))
+    assert found.fitted[0].values == pytest.approx(expected.fitted[0].values, rel=1e-6)
+    with pytest.raises(InputError, match="posed: no fixed transforms link tool_frame 'tool' and sensor_frame 'ft_sen"):
+        calibrate([posed], from_tf)
