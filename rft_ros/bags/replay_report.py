@@ -185,10 +185,8 @@ def _flags(rows: Rows, time: _Array) -> Figure:
     for place, flag in enumerate(flags):
         raised = (rows["quality_flags"] & int(flag)) != 0
         raised[1:] |= raised[:-1]  # up to the next pose
-        level = trust(flag).value.lower()
-        _line(
-            panels, (1, 1), f"trust: {level}", time, np.where(raised, float(place), math.nan), colour=level, width=9.0
-        )
+        level, y = trust(flag).value.lower(), np.where(raised, float(place), math.nan)
+        _line(panels, (1, 1), f"trust: {level}", time, y, colour=level, width=9.0)
     _label(panels, (1, 1), x=_TIME)
     panels.update_xaxes(range=[time.min(), time.max()])
     ticks = {"tickvals": list(range(len(flags))), "ticktext": [flag_names(flag)[0] for flag in flags]}
@@ -223,8 +221,8 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     if not len(rows):
         return
     title = f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
-    times, height = 1e-9 * (rows["stamp"] - begin), estimator.settings.surface_height
-    ground = estimator.ground
+    times, ground = 1e-9 * (rows["stamp"] - begin), estimator.ground
+    height = estimator.settings.surface_height
     scene = animate(title, model.tool, model.law, times, rows["state"], surface_height=height, ground=ground)
     sentence = (
         "The tool coloured by the predicted traction on its leading faces, in world axes, the surface of the grains at"

@@ -106,7 +106,6 @@ class Checkup:
         return True, f"mesh {tool.name}: {extents} mm{depth}"
 
     def _of_surface(self, error: tuple[float, float] | None) -> Finding:
-        """`error`: of `_error_of_surface`."""
         height = self._estimator.settings.surface_height
         if error is None:
             ok = "surface_height" in self._named
