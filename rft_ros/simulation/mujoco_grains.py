@@ -101,7 +101,7 @@ class MujocoGrains:
     `scale` in metres per unit; reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains:
     `zeta`, `alpha_y` (a model's name) of the generic medium, or a `law` of your own; `mobilization_length` [m];
     `surface_height` [m] where `ground` knows nothing. One object serves one `MjData`. It starts anew when the data's
-    time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises ValueError that names the argument.
+    time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises ValueError or TypeError.
     """
 
     def __init__(
