@@ -47,8 +47,7 @@ _PARTS: dict[str, Callable[[], object]] = {
     "ground": _ground,
 }
 PARTS = frozenset(_PARTS)
-"""The parts of the machine code, each compiled by a process of its own: of every law, rule and model; of the load cell
-and the quality flags; of velocities from poses; of learning; of a map of the ground."""
+"""The parts of the machine code, each compiled by a process of its own."""
 
 
 def needed(values: Values) -> frozenset[str]:
@@ -74,7 +73,8 @@ def prepare(
     processes = []
     try:
         with suppress(OSError):  # no process to be had
-            processes += [start_child(compile_part, part, at_low_priority) for part in sorted(parts)]
+            for part in sorted(parts):
+                processes.append(start_child(compile_part, part, at_low_priority))
         for process in processes:
             process.wait()
     finally:
@@ -92,7 +92,7 @@ def compile_part(part: str, at_low_priority: bool) -> None:
         compile_tractions()
     elif part == "forces":
         compile_memory()
-    _load(frozenset({part}))
+    _PARTS[part]()
 
 
 def _load(parts: frozenset[str]) -> None:
