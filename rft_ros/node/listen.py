@@ -4,7 +4,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 
 import rclpy
@@ -17,7 +16,7 @@ from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator import Sample
 from rft_ros.estimator.messages import UNREADABLE, Role, decoder
 from rft_ros.files import expanded
-from rft_ros.node.topics import INPUTS, message_class, type_name
+from rft_ros.node.topics import INPUTS, message_class, transforms_come, type_name
 from rft_ros.parameters import FILES, Value, Values, checked
 
 _Finding = tuple[bool, str]  # as of `Checkup`
@@ -75,7 +74,7 @@ class Listener:
     def listen(self, topics: Mapping[Role, str], seconds: float, push: Callable[[Sample, int], None]) -> list[_Finding]:
         """Give `push` every message for `seconds`, with its arrival [ns]; findings about publishers' types and QoS."""
         wanted = dict(topics)
-        if find_spec("tf2_msgs") or "tf" in topics:
+        if transforms_come() or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
         for role, topic in wanted.items():
             take = partial(self._take, decoder(role, ros1=False), push)

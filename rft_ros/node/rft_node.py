@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from time import perf_counter
 
 from geometry_msgs.msg import InertiaStamped, TwistStamped, WrenchStamped
@@ -23,7 +22,7 @@ from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
 from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
-from rft_ros.node.topics import INPUTS, OUTPUTS, message_class
+from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
 from rft_ros.parameters import Values
 
 _SWAP_POLL_PERIOD = 0.05  # s
@@ -58,7 +57,7 @@ class RftNode(Node):
 
         self._subscribe("wrench", "~/wrench_measured", partial(self._on_input, "wrench"))
         self._twists = self._subscribe("twist", "~/twist", self._on_twist)
-        if find_spec("tf2_msgs") or "tf" in (values["pose_source"], values["sensor.frame_source"]):
+        if transforms_come() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
             self._subscribe("tf_static", "/tf_static", partial(self._on_input, "tf_static"))
         if values["pose_source"] == "tf":
             self._subscribe("tf", "/tf", partial(self._on_input, "tf"))

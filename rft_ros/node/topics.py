@@ -1,6 +1,7 @@
 """Message classes and QoS of the node's topics."""
 
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -23,11 +24,16 @@ def type_name(message: Any) -> str:
     return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
 
 
+def transforms_come() -> bool:
+    """Whether the messages of transforms are installed, and not only a folder of their sources where the node runs."""
+    return getattr(find_spec("tf2_msgs"), "origin", None) is not None
+
+
 def message_class(role: Role) -> Any:
     """The class of an input's messages. Raises InputError for transforms if their package is not installed."""
     package, _, name = TYPES[role].split("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)
-    except ImportError:
+    except (ImportError, AttributeError):
         why = f"pose_source tf and sensor.frame_source tf need the package {package}"
         raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None

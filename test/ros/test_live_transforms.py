@@ -15,6 +15,7 @@ from test_live_equals_replay import TOPICS, assert_equal
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
+from rft_ros.node.topics import message_class, transforms_come
 
 STAND_IN = Path(__file__).with_name("stand_in")
 if importlib.util.find_spec("tf2_msgs") is None:
@@ -78,6 +79,17 @@ def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
     replayed = assert_equal(rft, tmp_path / "inputs", PARAMETERS, tmp_path)
     assert len(replayed["wrench_residual"]) >= 290
     assert np.abs([w[2] for w in replayed["wrench_predicted"].values()]).max() > 0.1
+
+
+def test_a_folder_of_sources_is_not_taken_for_the_package(tmp_path, monkeypatch):
+    for name in ("tf2_msgs", "tf2_msgs.msg"):
+        monkeypatch.setitem(sys.modules, name, None)  # so that what the block imports is forgotten
+        del sys.modules[name]
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    (tmp_path / "tf2_msgs" / "msg").mkdir(parents=True)
+    assert not transforms_come()
+    with pytest.raises(InputError, match="tf2_msgs"):
+        message_class("tf")
 
 
 def test_without_tf2_msgs_the_sentence_names_the_package(start_node, monkeypatch):
