@@ -320,7 +320,10 @@ def coverage(series: Series, out: Array) -> Array:
 
 def unlearned(series: Series) -> Array:
     """The model's wrench and its standard deviations without learning, shape [n, 12]."""
-    return np.array([without_learning(row, series.zeta_error, series.reach) for row in series.rows])
+    answers = np.empty((len(series.rows), 12))
+    for row, answer in zip(series.rows, answers, strict=True):
+        without_learning(row, series.zeta_error, series.reach, answer)
+    return answers
 
 
 def with_layer(series: Series, at: float, factor: float) -> Array:

@@ -291,7 +291,8 @@ class Estimator:
         # a tool that pauses on its way up goes on to be withdrawn
         rises = self._withdrawal.path > 0.0 if holds else in_grains and is_withdrawn(up, motion.speed, force)
         if self.learning is None:
-            answer = without_learning(row, self.settings.zeta_error, self._kinematics.reach)
+            answer = np.empty(12)
+            without_learning(row, self.settings.zeta_error, self._kinematics.reach, answer)
         else:
             fast = math.hypot(*motion.velocity) > inertial_speed(self.model.law)
             apply = self.settings.learning_mode == "apply"

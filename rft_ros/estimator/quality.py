@@ -82,13 +82,13 @@ _LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
 @compiled
-def without_learning(row: Array, zeta_error: float, reach: float) -> Array:
-    """A prediction without learning, (L6), shape [12]: force [N], torque [N m], world axes, a deviation of each.
+def without_learning(row: Array, zeta_error: float, reach: float, answer: Array) -> None:
+    """Write a prediction without learning, (L6), to `answer`, shape [12]: force [N], torque [N m], a deviation of each.
 
-    `row`: the model, begins with force and torque. `zeta_error`: relative standard error of ζ, 0 if unknown. `reach` of
-    the tool [m].
+    `row`: the model, begins with force and torque; world axes. `zeta_error`: relative standard error of ζ, 0 if
+    unknown. `reach` of the tool [m].
     """
-    answer, zeta_error = np.empty(12), zeta_error or _STRENGTH_ERROR
+    zeta_error = zeta_error or _STRENGTH_ERROR
     for i in range(6):
         answer[i] = row[i]
     flat, vertical = answer[0] ** 2 + answer[1] ** 2, answer[2] ** 2
@@ -99,7 +99,6 @@ def without_learning(row: Array, zeta_error: float, reach: float) -> Array:
     answer[8] = math.sqrt(vertically * vertical + noise)
     for i in range(3, 6):
         answer[6 + i] = math.sqrt((horizontally + _NOISE**2) * answer[i] ** 2 + (_LEVER * reach) ** 2 * whole)
-    return answer
 
 
 _UPWARDS = 0.5  # upward velocity over the speed of the fastest point

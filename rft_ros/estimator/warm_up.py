@@ -29,7 +29,7 @@ _STATE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 
 def _answers() -> None:
     edge_share(_PLATE, _STATE)
     LoadCellFrame(LoadCell()).into_sensor(_STATE[3:7], np.zeros(12))
-    without_learning(np.zeros(7), 0.0, 0.0)
+    without_learning(np.zeros(7), 0.0, 0.0, np.zeros(12))
     Withdrawal().widened(np.zeros(12), 0.0, rises=True, holds=False)
 
 

@@ -149,7 +149,8 @@ def test_the_calibrations_own_depth_give_or_take_its_rounding_is_not_beyond_it(r
 def test_without_learning_sigma_is_a_share_of_the_force_and_the_same_in_every_direction_of_the_plane():
     sigmas = []
     for x, y in ((5.0, 0.0), (3.0, 4.0)):
-        answer = without_learning(np.array([x, y, 0.0, 0.0, 0.1, 0.0]), 0.07, 0.02)
+        answer = np.empty(12)
+        without_learning(np.array([x, y, 0.0, 0.0, 0.1, 0.0]), 0.07, 0.02, answer)
         sigmas.append(answer[6:9])
         assert answer[6] == pytest.approx(math.sqrt((0.07**2 + 0.5**2 + 0.035**2) * 25.0 + 0.05**2))
     np.testing.assert_allclose(*sigmas, rtol=1e-12)
