@@ -67,9 +67,7 @@ def wrenches(
     loop, scene = _loop(), _scene(plates, law, surface_height, slope)
     states = numbers("states", states, _ROW)
     n, result = len(states), _result(states, sensitivities)
-    most = _CORES if threads is None else int(number("threads", threads, least=1.0))
-    workers = min(most, n, 1 + n * len(plates) // _WORTH_A_THREAD)
-    if workers <= 1:
+    if threads == 1 or (workers := _workers(threads, n, len(plates))) <= 1:
         loop(*scene, states, _NO_MEMORY, result)
         return result
     edges = np.linspace(0, n, workers + 1).astype(int)
@@ -181,6 +179,11 @@ def _remembered(plates: Plates, memory: Memory) -> Array:
     if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
     return memory.numbers
+
+
+def _workers(threads: int | None, states: int, plates: int) -> int:
+    most = _CORES if threads is None else int(number("threads", threads, least=1.0))
+    return min(most, states, 1 + states * plates // _WORTH_A_THREAD)
 
 
 def _result(states: Array, sensitivities: bool) -> Array:
