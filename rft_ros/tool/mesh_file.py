@@ -183,6 +183,7 @@ def save_reduced(file: Path, tool: "Tool", *, scale: float, origin: Sequence[flo
         )
 
 
+@np.errstate(over="ignore")
 def read_reduced(file: Path, *, scale: float, origin: Array) -> tuple["trimesh.Trimesh", Plates, str]:
     """The full mesh, the plates and the reduction that `save_reduced` wrote, placed, or refused, as by `read_mesh`."""
     vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
