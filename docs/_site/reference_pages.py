@@ -85,6 +85,7 @@ def _arguments(command: argparse.ArgumentParser) -> list[argparse.Action]:
 _AS_PARAMETERS = {
     "--scale": "mesh.scale",
     "--origin": "mesh.origin",
+    "--rotate": "mesh.quaternion",
     "--law": "law",
     "--medium": "medium.name",
     "--zeta": "medium.zeta",
@@ -167,6 +168,7 @@ _FIRST = (
     "mesh.file",
     "mesh.scale",
     "mesh.origin",
+    "mesh.quaternion",
     "medium.zeta",
     "surface_height",
     "world_frame",

@@ -16,7 +16,7 @@ from rft_ros.tool import Tool
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
 
-PLACED = ("--scale", "--origin")
+PLACED = ("--scale", "--origin", "--rotate")
 OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")
 OF_RECORDING = ("--params", "--remap", "--start", "--end")
 
@@ -60,7 +60,8 @@ def _of_parameter(option: str) -> dict[str, Any]:
     if isinstance(value, float):
         return {"type": number, "metavar": "X", "help": f"{meaning}{unit} (default {value:g})"}
     default = " ".join(f"{v:g}" for v in value)
-    return {"type": number, "nargs": 3, "metavar": ("X", "Y", "Z"), "help": f"{meaning}{unit} (default {default})"}
+    metavar = ("X", "Y", "Z") if len(value) == 3 else ("QX", "QY", "QZ", "QW")
+    return {"type": number, "nargs": len(value), "metavar": metavar, "help": f"{meaning}{unit} (default {default})"}
 
 
 def values_of(arguments: argparse.Namespace) -> Values:

@@ -17,6 +17,7 @@ from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
 from rft_ros.tool import Tool, describe_tool
 from rft_ros.tool.mesh_file import SUFFIX, save_reduced
+from rft_ros.tool.mesh_frame import MeshFrame
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
 
@@ -57,7 +58,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         raise InputError("--params and --surface-height are for a scene: give --scene, or neither")
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
-    tool, scale, origin = tool_of(values), values["mesh.scale"], values["mesh.origin"]
+    tool = tool_of(values)
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
     options.warn_of(tool)
@@ -67,10 +68,12 @@ def reduce(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
         else:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
-    save_reduced(output, replace(tool, plates=plates, reduction=reduction), scale=scale, origin=origin)
+    frame = MeshFrame.checked(values["mesh.scale"], values["mesh.origin"], values["mesh.quaternion"])
+    save_reduced(output, replace(tool, plates=plates, reduction=reduction), frame)
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
-    place = " ".join(f"{v:g}" for v in origin)
-    print(f"its lengths are the mesh's: use it with the same scale, {scale:g}, and origin, {place}")
+    origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
+    same = f"scale, {values['mesh.scale']:g}, origin, {origin}, and rotation, {rotation}"
+    print(f"its lengths and axes are the mesh's: use it with the same {same}")
     return 0
 
 

@@ -102,8 +102,14 @@ def settings_of(values: Values) -> Settings:
 
 def tool_of(values: Values) -> Tool:
     """Load the tool from checked values."""
-    of_mesh = {"scale": values["mesh.scale"], "origin": values["mesh.origin"]}
-    return load_tool(values["mesh.file"], **of_mesh, integration=values["integration"], tolerance=values["tolerance"])
+    return load_tool(
+        values["mesh.file"],
+        scale=values["mesh.scale"],
+        origin=values["mesh.origin"],
+        quaternion=values["mesh.quaternion"],
+        integration=values["integration"],
+        tolerance=values["tolerance"],
+    )
 
 
 def ground_of(values: Values) -> HeightMap | None:
@@ -116,7 +122,7 @@ def ground_of(values: Values) -> HeightMap | None:
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
 
 
-_OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "integration", "tolerance")
+_OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance")
 _LOADED = {"tool": (_OF_TOOL, tool_of), "ground": (("ground.cell", "ground.file"), ground_of)}
 
 

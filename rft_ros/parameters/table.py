@@ -38,11 +38,13 @@ MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellip
 """What names a mesh."""
 
 _ZERO3 = (0.0, 0.0, 0.0)
+_IDENTITY = (*_ZERO3, 1.0)  # of rotations
 
 PARAMETERS = (
     Parameter("mesh.file", "plate", f"Tool mesh: {MESH}; a path is relative to the parameter file."),
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", "m", (1e-9, 1e6)),
     Parameter("mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
+    Parameter("mesh.quaternion", _IDENTITY, "Orientation of the mesh file's axes in tool_frame, unit length.", "xyzw"),
     Parameter("law", "treers2021", "Traction law; agarwal2023 uses no medium.name and no alpha_y.model.", choices=LAWS),
     Parameter("medium.name", "generic", "Medium whose stresses were measured (Li et al. 2013).", choices=tuple(MEDIA)),
     Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", "", (1e-6, 1e6)),
@@ -96,7 +98,7 @@ PARAMETERS = (
     Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),
     Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
     Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
-    Parameter("sensor.quaternion", (*_ZERO3, 1.0), "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"),
+    Parameter("sensor.quaternion", _IDENTITY, "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"),
     Parameter(
         "sensor.frame_source", "parameters", "Source of its place. tf: fixed transforms.", choices=("parameters", "tf")
     ),
@@ -156,10 +158,10 @@ def checked(name: str, value: object) -> Value:
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(default):
         raise InputError(f"{name} is {value!r}; it must be {len(default)} numbers")
     numbers = tuple(_number(parameter, v) for v in value)
-    if name == "sensor.quaternion":
+    if parameter.unit == "xyzw":
         norm = math.hypot(*numbers)
         if not abs(norm - 1.0) <= UNIT_TOLERANCE:
-            raise InputError(f"sensor.quaternion has norm {norm:g}; it must be 1")
+            raise InputError(f"{name} has norm {norm:g}; it must be 1")
         numbers = tuple(v / norm for v in numbers)
     return numbers
 

@@ -18,7 +18,7 @@ from rft_ros.tool import locate_mesh
 
 __all__ = ["PARAMETER_NAMES", "Design", "Variant", "motion_of", "parameters_of", "read_design"]
 
-_TOOL = {"mesh": "mesh.file", "scale": "mesh.scale", "origin": "mesh.origin"}
+_TOOL = {"mesh": "mesh.file", "scale": "mesh.scale", "origin": "mesh.origin", "rotate": "mesh.quaternion"}
 _TOOL |= {"integration": "integration", "tolerance": "tolerance"}
 _OF_MEDIUM = ("zeta", "surface_friction", "density", "inertia", "mobilization_length")
 _MEDIUM = {"law": "law", "medium": "medium.name", "alpha_y": "alpha_y.model", "surface_height": "surface_height"}
@@ -26,6 +26,7 @@ _MEDIUM |= {name: f"medium.{name}" for name in _OF_MEDIUM}
 PARAMETER_NAMES = _TOOL | _MEDIUM
 """The node's parameter for each short name, as entries of a study and options of the command line have it."""
 
+_VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
 _LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
 
@@ -145,7 +146,7 @@ def _values(key: str, value: object) -> list[Any]:
         except (KeyError, TypeError, ValueError, OverflowError):
             needed = f"a range has from, to and count, of 1 to {_MOST:,}"
             raise InputError(f"{key} is {dict(value)!r}; {needed}") from None
-    if not isinstance(value, list) or (key == "origin" and not any(isinstance(v, list) for v in value)):
+    if not isinstance(value, list) or (key in _VECTORS and not any(isinstance(v, list) for v in value)):
         return [value]
     if not value:
         raise InputError(f"{key} is an empty list")

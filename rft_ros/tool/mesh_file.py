@@ -2,7 +2,8 @@
 
 A reduced tool's file (.npz without pickle) is accepted wherever a mesh file is. Its arrays: `vertices` [n, 3] and
 `faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: format and reduction.
-Lengths are in the mesh file's units and coordinates, so `mesh.scale` and `mesh.origin` mean the same as for the mesh.
+Lengths are in the mesh file's units and coordinates, so `mesh.scale`, `mesh.origin` and `mesh.quaternion` mean the same
+as for the mesh.
 """
 
 import io
@@ -10,7 +11,6 @@ import logging
 import math
 import os
 import warnings
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote
@@ -23,6 +23,7 @@ from rft_ros.files import expanded, read_arrays, read_file, whole
 from rft_ros.installation import share_directory
 from rft_ros.rft import Plates
 from rft_ros.tool.check import degenerate_facets
+from rft_ros.tool.mesh_frame import MeshFrame
 
 if TYPE_CHECKING:
     import trimesh
@@ -80,12 +81,11 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
     return expanded(file)
 
 
-def read_mesh(path: Path, *, scale: float, origin: Array) -> "trimesh.Trimesh":
-    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file. Vertices become (vertices - origin) * scale.
+def read_mesh(path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
+    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file, and place it in the tool frame.
 
-    `scale`: metres per mesh unit; units and up-axes declared in the file are ignored. `origin`: where the tool
-    frame's origin lies, in mesh-file coordinates and units, shape [3]. A scene becomes one mesh with its transforms
-    applied. Facets keep their winding. Raises InputError that names the file or `mesh.origin`.
+    Units and up-axes declared in the file are ignored. A scene becomes one mesh with its transforms applied. Facets
+    keep their winding. Raises InputError that names the file or `mesh.origin`.
     """
     name, suffix, data = f"mesh file '{path}'", path.suffix.lower(), read_file(path, "mesh file")
     if suffix not in _SUFFIXES:
@@ -93,7 +93,7 @@ def read_mesh(path: Path, *, scale: float, origin: Array) -> "trimesh.Trimesh":
     loaded = _load(data, path)
     if len(loaded.faces) > _MOST_FACETS:
         raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {_MOST_FACETS:,}")
-    mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, scale, origin)
+    mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, frame)
     if suffix in _POLYGONS and (folds := _folds(mesh)):
         folded = f"has facets folded onto each other at {folds:,} edges, as readers divide concave polygons"
         raise InputError(f"{name} {folded}; export it with triangles only")
@@ -139,59 +139,48 @@ def _folds(mesh: "trimesh.Trimesh") -> int:
     return int(((mesh.face_adjacency_angles > _FOLDED) & ~sheet & ~slivers).sum())
 
 
-def _in_tool_frame(
-    corners: Array, faces: NDArray[np.int64], path: Path, scale: float, shift: Array
-) -> "trimesh.Trimesh":
+def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
     import trimesh
 
     farthest = _FARTHEST * np.abs(corners).max()  # NaN where a vertex is, which is told below
+    shift = frame.origin
     if not np.isfinite(shift).all() or (abs(shift) > farthest).any():
         near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be {near}")
     with np.errstate(over="ignore", invalid="ignore"):
-        vertices = (np.asarray(corners, dtype=np.float64) - shift) * scale
+        vertices = frame.to_tool(np.asarray(corners, dtype=np.float64))
     if bad := int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum()):
         raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if degenerate_facets(mesh).all():
-        raise InputError(f"mesh file '{path}' has no facet with an area, at mesh.scale {scale}")
+        raise InputError(f"mesh file '{path}' has no facet with an area, at mesh.scale {frame.scale}")
     return mesh
 
 
-def _placed(rows: Array, scale: float, shift: Array) -> Plates:
-    """Plates of these rows, shape [7 or 14, n], placed as `read_mesh` places vertices: (p - shift) * scale."""
-    out = rows.copy()
-    out[:3] = (out[:3] - shift[:, None]) * scale
-    out[6] *= scale * scale
-    out[7:13] *= scale
-    return Plates(out)
-
-
-def save_reduced(file: Path, tool: "Tool", *, scale: float, origin: Sequence[float]) -> None:
-    """Write a reduced tool for `load_tool`; `scale` and `origin` are those that `tool` was loaded with.
+def save_reduced(file: Path, tool: "Tool", frame: MeshFrame) -> None:
+    """Write a reduced tool for `load_tool`; `frame` is the one that `tool` was loaded with.
 
     The same content gives the same bytes. Raises InputError where the file cannot be written.
     """
-    shift = np.array(origin, dtype=np.float64)
     with whole(file) as part, part.open("wb") as stream:
         np.savez(
             stream,
-            vertices=tool.vertices / scale + shift,
+            vertices=frame.to_file(tool.vertices),
             faces=tool.faces,
-            plates=_placed(tool.plates.rows, 1.0 / scale, -shift * scale).rows,
+            plates=frame.plates_to_file(tool.plates).rows,
             about=np.array([_FORMAT, tool.reduction]),
         )
 
 
 @np.errstate(over="ignore")
-def read_reduced(file: Path, *, scale: float, origin: Array) -> tuple["trimesh.Trimesh", Plates, str]:
+def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", Plates, str]:
     """The full mesh, the plates and the reduction that `save_reduced` wrote, placed, or refused, as by `read_mesh`."""
     vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
         about, plates, vertices = about.tolist(), Plates(rows), vertices.astype(np.float64)
         if about[:1] != [_FORMAT] or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
             raise ValueError("it is of another version, or its facets are not of three of its vertices")
-        return _in_tool_frame(vertices, faces, file, scale, origin), _placed(plates.rows, scale, origin), about[1]
+        return _in_tool_frame(vertices, faces, file, frame), frame.plates_to_tool(plates), about[1]
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:

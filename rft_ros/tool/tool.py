@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, Integration, Plates
-from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
+from rft_ros.tool.mesh_frame import MeshFrame
 from rft_ros.tool.reduce import reduced_for_any_motion
 from rft_ros.tool.refine import refined_plates
 
@@ -53,26 +54,27 @@ def load_tool(
     *,
     scale: float = 0.001,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
+    quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
     integration: Integration | None = None,
     tolerance: float = 0.0,
 ) -> Tool:
     """Load a tool from a mesh file or a reduced tool (.npz): a path, package:// URI or name of a shipped mesh.
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
-    `integration`: the plates' rule; None: the rule of a reduced tool, ``refined`` for a mesh. `tolerance`: over 0, use
-    the fewest plates whose wrench stays within this share of the full tool's in any motion, at the 95th percentile; a
-    reduced tool stays as it is. Normals come from the facets' winding. Facets without area are dropped. Raises
-    InputError or ValueError, one sentence, for a file or value that cannot be used.
+    `quaternion`: orientation of the mesh file's axes in the tool frame, xyzw. `integration`: the plates' rule; None:
+    the rule of a reduced tool, ``refined`` for a mesh. `tolerance`: over 0, use the fewest plates whose wrench stays
+    within this share of the full tool's in any motion, at the 95th percentile; a reduced tool stays as it is. Normals
+    come from the facets' winding. Facets without area are dropped. Raises InputError or ValueError, one sentence, for a
+    file or value that cannot be used.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
-    path, unit = locate_mesh(file), number("mesh.scale", scale, positive=True)
-    shift = numbers("mesh.origin", origin, rows=3)
+    path, frame = locate_mesh(file), MeshFrame.checked(scale, origin, quaternion)
     if path.suffix.lower() != SUFFIX:
-        mesh = read_mesh(path, scale=unit, origin=shift)
+        mesh = read_mesh(path, frame)
         rule = integration or "refined"
         return tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=tolerance)
-    mesh, plates, reduction = read_reduced(path, scale=unit, origin=shift)
+    mesh, plates, reduction = read_reduced(path, frame)
     if integration not in (None, plates.integration):
         only = f"holds plates for integration '{plates.integration}' only; ask for it, or reduce the mesh again"
         raise InputError(f"mesh file '{path}' {only}")

@@ -291,13 +291,15 @@ def predicted_by_the_core(
     density: float = 0.0,
     alpha_y: str = "constant",
     mesh: str = "plate",
+    quaternion=(0.0, 0.0, 0.0, 1.0),
     z: float = -0.01,
     linear=(0.0, 0.0, -0.01),
 ) -> np.ndarray:
     """What the node must answer to `Harness.send`'s defaults; the sensor's axes are the world's."""
     made = paper_law(alpha_y, zeta=zeta, name=law, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    return wrenches(_shipped(*files_of({**defaults(), "mesh.file": mesh})["tool"].items()).plates, made, state)[0, :6]
+    of_tool = files_of({**defaults(), "mesh.file": mesh, "mesh.quaternion": quaternion})["tool"]
+    return wrenches(_shipped(*of_tool.items()).plates, made, state)[0, :6]
 
 
 @cache

@@ -68,6 +68,16 @@ def test_zeta_set_together_with_the_mesh_in_force_holds_although_another_mesh_wa
     assert rft.set(medium__zeta=1.0)[0]
 
 
+def test_a_mesh_that_is_turned_while_the_node_runs_is_the_turned_tool(start_node):
+    rft = start_node("-p", "mesh.file:=root_tip").wait_ready()
+    assert rft.set(mesh__quaternion=[1.0, 0.0, 0.0, 0.0]) == (True, "")
+    turned = predicted_by_the_core(mesh="root_tip", quaternion=(1.0, 0.0, 0.0, 0.0), z=-0.01)
+    rft.until(lambda: np.allclose(numbers(rft.ask(rft.moment(), z=-0.01)), turned, rtol=1e-12, atol=1e-15))
+    success, why = rft.set(mesh__quaternion=[0.0, 0.0, 0.0, 3.0])
+    assert not success
+    assert "mesh.quaternion has norm 3; it must be 1" in why
+
+
 def test_a_swap_that_fails_is_undone_even_if_the_file_in_force_is_gone(start_node, tmp_path):
     gone, bad = tmp_path / "gone.stl", tmp_path / "bad.stl"
     gone.write_bytes(locate_mesh("plate").read_bytes())

@@ -11,6 +11,7 @@ from test_tool_check import soup
 from rft_ros.errors import InputError
 from rft_ros.tool import load_tool, mesh_file
 from rft_ros.tool.mesh_file import read_mesh
+from rft_ros.tool.mesh_frame import MeshFrame
 
 SUFFIXES = ["stl", "obj", "ply", "glb", "dae"]
 TRIANGLES = trimesh.creation.icosphere(subdivisions=1, radius=20.0).triangles
@@ -22,8 +23,8 @@ def written(folder, triangles=TRIANGLES, suffix="stl", **options):
     return path
 
 
-def read(path, *, scale=1.0, origin=(0.0, 0.0, 0.0)):
-    return read_mesh(path, scale=scale, origin=np.array(origin))
+def read(path, *, scale=1.0, origin=(0.0, 0.0, 0.0), quaternion=(0.0, 0.0, 0.0, 1.0)):
+    return read_mesh(path, MeshFrame.checked(scale, origin, quaternion))
 
 
 def refused(path, **given):
