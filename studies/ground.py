@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.ground import HeightMap, Support
@@ -88,7 +89,7 @@ def study() -> StudyResult:
     )
 
 
-def _draw(level: Series, ground: Series):  # type: ignore[no-untyped-def]
+def _draw(level: Series, ground: Series) -> Figure:
     figure = new_figure(12.0, 6.4)
     panels = figure.subplots(2, 4, sharex=True)
     applied = learned(ground, lag=LAGS[0]).out

@@ -78,7 +78,7 @@ class Belief(NamedTuple):
 
 
 @inlined
-def _move(state, step, wet, passing):  # type: ignore[no-untyped-def]
+def _move(state, step, wet, passing):
     """Advance the path. Where the tool begins to push, the belief of the last push counts."""
     state.travel += step
     if not wet:
@@ -93,7 +93,7 @@ def _move(state, step, wet, passing):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach):  # type: ignore[no-untyped-def]
+def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach):
     """Move, take the records that lie `lag` behind, predict with (L4), and keep a record for the measurement."""
     state = states[0]
     wet = row[6] > 0.0
@@ -123,7 +123,7 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
 
 
 @compiled
-def _learn(states, records, y, stamp, repeated, in_air):  # type: ignore[no-untyped-def]
+def _learn(states, records, y, stamp, repeated, in_air):
     """Give the record of a stamp its measurement, and judge it."""
     state = states[0]
     if in_air:

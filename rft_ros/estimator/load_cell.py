@@ -31,7 +31,7 @@ _STRETCH = 0.25  # time over which poses are averaged to see a drift [s]: 10 µm
 
 
 @compiled
-def _into_sensor(mount, quaternion, answer, out):  # type: ignore[no-untyped-def]
+def _into_sensor(mount, quaternion, answer, out):
     """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to `out`, shape [18].
 
     `mount`: position (3) and quaternion (4) of the sensor in the tool frame, weight [N], centre of mass (3), bias (6)

@@ -11,6 +11,7 @@ constants: lengths are path [m], deviations are standard deviations.
 """
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ FILTER = [
 """Fields of a state that the functions below use."""
 
 
-def begin(state, strength_error: float) -> None:  # type: ignore[no-untyped-def]
+def begin(state: Any, strength_error: float) -> None:
     """Set a state to the calibration, whose ζ has this relative standard error."""
     state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
     state["prior"]["p"] = _covariance(strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
@@ -64,7 +65,7 @@ def begin(state, strength_error: float) -> None:  # type: ignore[no-untyped-def]
 
 
 @inlined
-def dot(a, b):  # type: ignore[no-untyped-def]
+def dot(a, b):
     """Σ a_i b_i."""
     total = 0.0
     for i in range(a.shape[0]):
@@ -73,7 +74,7 @@ def dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _form(a, m, b):  # type: ignore[no-untyped-def]
+def _form(a, m, b):
     """aᵀ M b."""
     total = 0.0
     for i in range(a.shape[0]):
@@ -82,7 +83,7 @@ def _form(a, m, b):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def copy(target, source):  # type: ignore[no-untyped-def]
+def copy(target, source):
     """Copy a belief."""
     for i in range(4):  # assigning arrays compiles numba's error for shapes that differ: 4 s each
         target.theta[i] = source.theta[i]
@@ -91,7 +92,7 @@ def copy(target, source):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def begin_again(belief, push, prior, elsewhere):  # type: ignore[no-untyped-def]
+def begin_again(belief, push, prior, elsewhere):
     """The belief of the last push; `elsewhere`: after air, where surface and turn are those of the prior."""
     copy(belief, push)
     for i in range(2 if elsewhere else 4, 4):
@@ -101,7 +102,7 @@ def begin_again(belief, push, prior, elsewhere):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _bound(belief):  # type: ignore[no-untyped-def]
+def _bound(belief):
     """Keep θ where the model has a meaning, and P symmetric."""
     theta, p = belief.theta, belief.p
     for i in range(2):
@@ -113,7 +114,7 @@ def _bound(belief):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def grow(belief, path):  # type: ignore[no-untyped-def]
+def grow(belief, path):
     """P of (L2) after a path [m]."""
     for i in range(4):
         for j in range(4):
@@ -122,7 +123,7 @@ def grow(belief, path):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _design(h, row):  # type: ignore[no-untyped-def]
+def _design(h, row):
     """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
     f, g, m = row[0:3], row[7:10], row[10:19]  # F, dF/dh, and Σ r_j f_l row by row
     square = dot(f, f)
@@ -138,7 +139,7 @@ def _design(h, row):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def correct(now, scale, record, row, out, reach, apply):  # type: ignore[no-untyped-def]
+def correct(now, scale, record, row, out, reach, apply):
     """(L1), (L3) and (L4): write F, H, F', S and r to the record, wrench and deviations to `out`."""
     h = record.h
     _design(h, row)
@@ -162,7 +163,7 @@ def correct(now, scale, record, row, out, reach, apply):  # type: ignore[no-unty
 
 
 @inlined
-def _adapt(scale, record, step):  # type: ignore[no-untyped-def]
+def _adapt(scale, record, step):
     """c of (L5) from the error of a prediction as it was made."""
     y, predicted, s = record.y, record.predicted, record.s
     flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
@@ -174,7 +175,7 @@ def _adapt(scale, record, step):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _update(state, belief, h, y, variance):  # type: ignore[no-untyped-def]
+def _update(state, belief, h, y, variance):
     """One component of the force into the belief, in Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ."""
     gain, a = state.gain, state.a
     for i in range(4):
@@ -194,7 +195,7 @@ def _update(state, belief, h, y, variance):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def absorb(state, record):  # type: ignore[no-untyped-def]
+def absorb(state, record):
     """A measured force into the belief: c, growth (L2), and an update with the noise of (L3), limited by the gate."""
     belief, h, step = state.latest, record.h, record.path - state.learned
     state.learned = record.path

@@ -167,7 +167,7 @@ class PoseDifference:
 
 
 @inlined
-def _rotation_vector(row, ax, ay, az, aw):  # type: ignore[no-untyped-def]
+def _rotation_vector(row, ax, ay, az, aw):
     """Rotation from an attitude, whose conjugate is a, to that of a pose."""
     bx, by, bz, bw = row[3], row[4], row[5], row[6]
     rx = bw * ax + bx * aw + by * az - bz * ay
@@ -180,7 +180,7 @@ def _rotation_vector(row, ax, ay, az, aw):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _recent(stamps, ring, newest, window, gap, t, x):  # type: ignore[no-untyped-def]
+def _recent(stamps, ring, newest, window, gap, t, x):
     """Write times [s] and places relative to the newest pose, newest first; return how many, 3 or more if there are.
 
     `stamps`, `window`, `gap` [ns]; a stamp is 0 where there is no pose. `ring`: rows position, quaternion xyzw. `x`:
@@ -205,7 +205,7 @@ def _recent(stamps, ring, newest, window, gap, t, x):  # type: ignore[no-untyped
 
 
 @inlined
-def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
+def _end_slopes(t, x, n, slopes, squares):
     """Least squares of a parabola to the newest n poses: write its slopes at the newest, shape [6], to `slopes`.
 
     Writes the sums of squared misfits of position and rotation to `squares`; returns the variance of a slope in
@@ -237,7 +237,7 @@ def _end_slopes(t, x, n, slopes, squares):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):  # type: ignore[no-untyped-def]
+def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):
     """Write the slopes of the longest parabola whose misfit the `noise` explains to `twist`; return the poses' number.
 
     Of fewer than five poses it takes the line through the newest two. A twist that the noise explains is zero. Writes
@@ -269,7 +269,7 @@ def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):  # type
 
 
 @inlined
-def _misfit(t, x, g):  # type: ignore[no-untyped-def]
+def _misfit(t, x, g):
     """Squared distance of pose 0, at the origin, from the parabola through poses 1 to 3, in variances of one pose."""
     p, q, r = t[1], t[2], t[3]
     a, b, c = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))

@@ -135,7 +135,7 @@ class Withdrawal:
 
 
 @compiled
-def _widen(answer, pushed, left):  # type: ignore[no-untyped-def]
+def _widen(answer, pushed, left):
     for i in range(6):
         held = left * (abs(pushed[i] - answer[i]) + pushed[6 + i])
         answer[6 + i] = math.sqrt(answer[6 + i] ** 2 + held * held + answer[i] * answer[i])

@@ -54,7 +54,7 @@ ISSUES = {
 
 
 @inlined
-def feel(state, y):  # type: ignore[no-untyped-def]
+def feel(state, y):
     """A reading in the air, where a tared cell shows nothing."""
     state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
     for i in range(3):
@@ -63,18 +63,18 @@ def feel(state, y):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _offset(state):  # type: ignore[no-untyped-def]
+def _offset(state):
     """What the cell read in the air [N]; 0 before enough of it."""
     return math.sqrt(dot(state.air, state.air)) if 2.0 * state.air_samples >= _AIR_SAMPLES else 0.0
 
 
 @inlined
-def _offset_issue(state):  # type: ignore[no-untyped-def]
+def _offset_issue(state):
     return OFFSET if _offset(state) > max(_FELT, 0.1 * math.sqrt(state.square)) else 0
 
 
 @inlined
-def judge(state, record, y, step, repeated):  # type: ignore[no-untyped-def]
+def judge(state, record, y, step, repeated):
     """A reading in the grains: what is wrong, whether it surprises, and whether it teaches, which the record gets."""
     state.judged = record.path
     state.repeated = state.repeated + min(step, _STUCK_STEP) if repeated else 0.0
@@ -89,7 +89,7 @@ def judge(state, record, y, step, repeated):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _compare(state, record, y, step):  # type: ignore[no-untyped-def]
+def _compare(state, record, y, step):
     """Means of the measured against the model's force."""
     f = record.force
     square = dot(f, f)
@@ -105,7 +105,7 @@ def _compare(state, record, y, step):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _find_issues(state):  # type: ignore[no-untyped-def]
+def _find_issues(state):
     """Set the issues. The model is judged from `_ENTRY` after the tool entered and after its force was felt."""
     square, issues = state.square, _offset_issue(state)
     if state.repeated > _STUCK_LENGTH:
@@ -127,7 +127,7 @@ def _find_issues(state):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _score(state, record, y, step):  # type: ignore[no-untyped-def]
+def _score(state, record, y, step):
     """The mean error along the predicted force, in its deviations by (L4), and whether it is a surprise."""
     predicted = record.predicted
     size = math.sqrt(dot(predicted, predicted))

@@ -66,7 +66,7 @@ _DISC = np.column_stack([np.sqrt(_AREA) * _COS, np.sqrt(_AREA) * _SIN])
 
 
 @inlined
-def _known(heights, i0, j0, cell, x, y):  # type: ignore[no-untyped-def]
+def _known(heights, i0, j0, cell, x, y):
     """Bilinear height at a place from the known cells around it, and their weight, 0 to 1."""
     u, v = x / cell - 0.5 - i0, y / cell - 0.5 - j0
     n, m = heights.shape
@@ -84,7 +84,7 @@ def _known(heights, i0, j0, cell, x, y):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _fit(heights, i0, j0, cell, level, disc, x, y, radius):  # type: ignore[no-untyped-def]
+def _fit(heights, i0, j0, cell, level, disc, x, y, radius):
     """Least squares of a plane over a disc's known cells, else `level`: height at its centre, slopes, RMS distance."""
     s = su = sv = suu = suv = svv = sh = suh = svh = shh = 0.0
     for k in range(disc.shape[0]):
@@ -107,7 +107,7 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):  # type: ignore[no-u
 
 
 @compiled
-def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):  # type: ignore[no-untyped-def]
+def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):
     """Find the plane in `kept` again if the body has moved; returns the body's depth below it."""
     axes = rotation(state[3], state[4], state[5], state[6])
     placed, lowest = np.empty_like(corners), 0  # the corners in world axes

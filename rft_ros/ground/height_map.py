@@ -106,7 +106,7 @@ class HeightMap:
 
 
 @compiled
-def _cells_of(p, cell, box, reach, old):  # type: ignore[no-untyped-def]
+def _cells_of(p, cell, box, reach, old):
     """Each point's cell, row 0 `_LEFT_OUT` where it does not count, and the first and end cells of the new map.
 
     `box`: rows are the tool's position, its axes, its lowest and its highest corner. `old`: first and end cells.
@@ -135,7 +135,7 @@ def _cells_of(p, cell, box, reach, old):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _median(values, n):  # type: ignore[no-untyped-def]
+def _median(values, n):
     """Median of the first `n` values, which are sorted in place: Shell's sort, since most cells have few points."""
     gap = n
     while gap > 1:
@@ -150,7 +150,7 @@ def _median(values, n):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _medians(z, index, i0, j0, seen):  # type: ignore[no-untyped-def]
+def _medians(z, index, i0, j0, seen):
     """Write the median height of the points in each cell to `seen`; a counting sort by cell."""
     m = seen.shape[1]
     end = np.zeros(seen.size, dtype=np.int64)
@@ -172,7 +172,7 @@ def _medians(z, index, i0, j0, seen):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _take_plausible(seen, heights, jump):  # type: ignore[no-untyped-def]
+def _take_plausible(seen, heights, jump):
     """Copy the cells of `seen` to `heights`, except those further than `jump` from the median around them."""
     around = np.empty(8)
     for i in range(seen.shape[0]):

@@ -82,7 +82,7 @@ def agarwal2023(
 
 
 @inlined
-def _even_and_odd(c, x1, x2, square):  # type: ignore[no-untyped-def]
+def _even_and_odd(c, x1, x2, square):
     """The polynomial's parts even in x3, and odd in x3 divided by x3. `square`: x3²."""
     even = (
         (c[0] + c[1] * x1 + c[2] * x2)
@@ -96,7 +96,7 @@ def _even_and_odd(c, x1, x2, square):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def agarwal2023_traction(stiffness, surface_friction, normal, velocity):  # type: ignore[no-untyped-def]
+def agarwal2023_traction(stiffness, surface_friction, normal, velocity):
     """Traction per depth [N/m³], Eq. (12), world axes; `velocity`: unit vector, or 0."""
     nx, ny, nz = normal
     vx, vy, vz = velocity

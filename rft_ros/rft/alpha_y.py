@@ -126,22 +126,22 @@ def _atan2(y: float, x: float) -> float:
 
 
 @inlined
-def _beta(sin_beta, cos_beta):  # type: ignore[no-untyped-def]
+def _beta(sin_beta, cos_beta):
     """Attack angle β [rad], Eq. (3): atan2(n·E3, n·e2) + 90°, from -90° to 270°."""
     return 0.5 * math.pi + _atan2(-cos_beta, sin_beta)
 
 
-def _constant(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
+def _constant(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
     (value,) = model
     return value
 
 
-def _linear(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
+def _linear(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
     intercept, slope = model
     return intercept + slope * (_DEGREES * _beta(sin_beta, cos_beta))
 
 
-def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):  # type: ignore[no-untyped-def]
+def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
     beta, beta_nodes, gamma, gamma_nodes, v = model
     s = (_beta(sin_beta, cos_beta) - beta) * beta_nodes
     t = (_atan2(sin_gamma, cos_gamma) - gamma) * gamma_nodes
@@ -209,7 +209,7 @@ def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
 
 
 @inlined
-def _no_model(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
+def _no_model(kind, given, values, chunk, n):
     pass
 
 
@@ -219,7 +219,7 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
     count = len(model._fields) - has_values
 
     @inlined
-    def add(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
+    def add(kind, given, values, chunk, n):
         wide_vectors()
         if kind == kind_of_model:
             numbers = (given[11], given[12], given[13], given[14])[:count]

@@ -67,31 +67,31 @@ def _wide_vectors(_: Any) -> Any:
 
 @overload(wide_vectors, inline="always")  # into numba's own code, before LLVM's functions are made
 def _compiled_wide_vectors() -> Any:
-    def call():  # type: ignore[no-untyped-def]
+    def call():
         _wide_vectors()
 
     return call
 
 
 @inlined
-def new_chunk():  # type: ignore[no-untyped-def]
+def new_chunk():
     """An array of `SIZE` numbers on the stack of the compiled function that calls this."""
     return carray(_on_the_stack(), (SIZE,))
 
 
 @inlined
-def at(row, i):  # type: ignore[no-untyped-def]
+def at(row, i):
     """The index of plate i in a row; unsigned, since numba's code for negative indices would prevent vectorisation."""
     return np.uint64(row) + np.uint64(i)
 
 
 @inlined
-def triple(rows, row, i, length=LENGTH):  # type: ignore[no-untyped-def]
+def triple(rows, row, i, length=LENGTH):
     """A vector of plate i, from three rows of this length: of the chunk, or of a block."""
     return rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)]
 
 
 @inlined
-def put(rows, row, i, vector, length=LENGTH):  # type: ignore[no-untyped-def]
+def put(rows, row, i, vector, length=LENGTH):
     """Store a vector of plate i in three rows."""
     rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)] = vector

@@ -19,7 +19,7 @@ UNIT_TOLERANCE = 0.01
 
 
 @inlined
-def rotation(qx, qy, qz, qw):  # type: ignore[no-untyped-def]
+def rotation(qx, qy, qz, qw):
     """Rotation matrix of a unit quaternion, row by row: columns are the frame's axes in the outer frame."""
     xx, yy, zz = 2.0 * qx * qx, 2.0 * qy * qy, 2.0 * qz * qz
     xy, xz, yz = 2.0 * qx * qy, 2.0 * qx * qz, 2.0 * qy * qz
@@ -28,14 +28,14 @@ def rotation(qx, qy, qz, qw):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def from_frame(axes, x, y, z):  # type: ignore[no-untyped-def]
+def from_frame(axes, x, y, z):
     """Rotate a vector from the axes of the frame with this rotation matrix (9 numbers, by rows) to outer axes."""
     xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     return xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
 
 
 @inlined
-def into_frame(axes, x, y, z):  # type: ignore[no-untyped-def]
+def into_frame(axes, x, y, z):
     """Rotate a vector from outer axes to the axes of the frame with this rotation matrix (9 numbers, by rows)."""
     xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     return xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z

@@ -23,7 +23,7 @@ def inertial_density(density: float, inertia: float = INERTIA) -> float:
 
 
 @inlined
-def inertia_force(inertia, normal, velocity, area, squared):  # type: ignore[no-untyped-def]
+def inertia_force(inertia, normal, velocity, area, squared):
     """The force of the grains' inertia on a plate [N], world axes.
 
     `velocity`: scaled; its square times `squared` is in m²/s². `area`: submerged and leading [m²].

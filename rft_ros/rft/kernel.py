@@ -31,7 +31,7 @@ _ALONG = sin(radians(1.0)) ** 2
 
 
 @inlined
-def _motion(state, reach):  # type: ignore[no-untyped-def]
+def _motion(state, reach):
     """Rotation matrix (9 numbers, by rows), twist (6 numbers, scaled to order one), that scale, and 1 / scale².
 
     The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds. The
@@ -47,12 +47,12 @@ def _motion(state, reach):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _length(v):  # type: ignore[no-untyped-def]
+def _length(v):
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2])
 
 
 @inlined
-def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
+def _surface(height, slope, state, axes):
     """Depth of the tool frame's origin, and the vector that gives a point's height above it from tool axes.
 
     `slope`: dz/dx and dz/dy. Depth is vertical.
@@ -64,7 +64,7 @@ def _surface(height, slope, state, axes):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _range(bounds, b, box, v):  # type: ignore[no-untyped-def]
+def _range(bounds, b, box, v):
     """The dot product of a vector and the middle of a block's box, and how far that of a point in it can lie from this.
 
     `box`: 0 of the normals, 6 of r x n, 12 of the positions.
@@ -74,7 +74,7 @@ def _range(bounds, b, box, v):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _classify(chunk, bounds, first, last, scene, reach, level):  # type: ignore[no-untyped-def]
+def _classify(chunk, bounds, first, last, scene, reach, level):
     """Store the kinds of blocks; where the bounds leave two, the one with the longer loop.
 
     `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
@@ -100,7 +100,7 @@ def _classify(chunk, bounds, first, last, scene, reach, level):  # type: ignore[
 
 
 @inlined
-def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
+def _wet_part(d0, d1, d2):
     """The submerged part of a triangle, from the depths of its corners.
 
     Returns the integrals of depth times each barycentric coordinate over that part, and its area, all divided by the
@@ -129,7 +129,7 @@ def _wet_part(d0, d1, d2):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _centre_and_load(rows, first, i, below, rise, refined, cut):  # type: ignore[no-untyped-def]
+def _centre_and_load(rows, first, i, below, rise, refined, cut):
     """A plate's centre of load [m], tool axes, its load [m³] and its area below the surface [m²].
 
     The load is the depth integrated over that area. `below`, `rise`: from `_surface`. `cut` False: the plate is fully
@@ -162,7 +162,7 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):  # type: ignore
 
 
 @inlined
-def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):  # type: ignore[no-untyped-def]
+def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):
     """Eq. (1) for block b, world axes, stored from plate `i0` of the chunk on; returns its area below the surface."""
     wide_vectors()
     axes, twist, below, rise = scene
@@ -192,7 +192,7 @@ def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):  # type: igno
 
 
 @inlined
-def _add_sums(chunk, n):  # type: ignore[no-untyped-def]
+def _add_sums(chunk, n):
     """Add force, torque, dF/dh and the moments r_j f_l of a chunk to the totals."""
     wide_vectors()
     fx = fy = fz = hx = hy = hz = 0.0
@@ -223,7 +223,7 @@ def _add_sums(chunk, n):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _add_stiffness(chunk, n, memory):  # type: ignore[no-untyped-def]
+def _add_stiffness(chunk, n, memory):
     """Add the sums of `Memory.stiffness` of a chunk."""
     wide_vectors()
     k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
@@ -245,7 +245,7 @@ def _add_stiffness(chunk, n, memory):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _inertia(chunk, n, inertia, squared, remembers):  # type: ignore[no-untyped-def]
+def _inertia(chunk, n, inertia, squared, remembers):
     """Replace the tractions of a chunk by the forces of the grains' inertia, and their loads by one."""
     wide_vectors()
     for i in range(n):
@@ -258,7 +258,7 @@ def _inertia(chunk, n, inertia, squared, remembers):  # type: ignore[no-untyped-
 
 
 @inlined
-def _add_forces(chunk, i0, b, out):  # type: ignore[no-untyped-def]
+def _add_forces(chunk, i0, b, out):
     for j in range(BLOCK):
         ax, ay, az = triple(chunk, row.TRACTION, at(i0, j))
         load = chunk[at(row.LOAD, at(i0, j))]
@@ -268,7 +268,7 @@ def _add_forces(chunk, i0, b, out):  # type: ignore[no-untyped-def]
         out[plate, 2] += az * load
 
 
-def _sums(form, law, height, slope, states, past, out):  # type: ignore[no-untyped-def]
+def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
     `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates remember, durations, mobilization length,
@@ -361,7 +361,7 @@ SUMS = compiled(_sums, **OPTIONS)
 """The loop over states."""
 
 
-def _edge_share(packed, reach, surface_height, state):  # type: ignore[no-untyped-def]
+def _edge_share(packed, reach, surface_height, state):
     """Share of the wet area that moves nearly along itself. `packed`: of `Plates`."""
     edge = wet = 0.0
     axes, twist, _, _ = _motion(state, reach)

@@ -114,17 +114,17 @@ class Memory:
 
 
 @intrinsic
-def _select(_, condition, yes, no):  # type: ignore[no-untyped-def]
+def _select(_, condition, yes, no):
     """One instruction for ``yes if condition else no``: LLVM follows repeated branches apart and computes all ways."""
 
-    def generate(_, builder, signature, arguments):  # type: ignore[no-untyped-def]
+    def generate(_, builder, signature, arguments):
         return builder.select(*arguments)
 
     return types.float64(types.boolean, types.float64, types.float64), generate
 
 
 @inlined
-def _exp_minus(x):  # type: ignore[no-untyped-def]
+def _exp_minus(x):
     """exp(-x) for x >= 0, to 1e-11 and exactly 1 for 0: the series at x / 64, squared six times."""
     y = min(x, 40.0) * (1.0 / 64.0)
     y2 = y * y
@@ -138,17 +138,17 @@ def _exp_minus(x):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _difference(a, b, k):  # type: ignore[no-untyped-def]
+def _difference(a, b, k):
     return a[0] - b[k], a[1] - b[k + 1], a[2] - b[k + 2]
 
 
 @inlined
-def _times(s, v):  # type: ignore[no-untyped-def]
+def _times(s, v):
     return s * v[0], s * v[1], s * v[2]
 
 
 @inlined
-def displacement(last, state, axes, reach, counts):  # type: ignore[no-untyped-def]
+def displacement(last, state, axes, reach, counts):
     """What the tool moved since the pose in `last`, which follows: whether, origin [m], matrices.
 
     `last`: `Memory.numbers` from `MOTION` on. A point at x from the tool frame's origin moved by origin + matrix x; the
@@ -181,7 +181,7 @@ def displacement(last, state, axes, reach, counts):  # type: ignore[no-untyped-d
 
 
 @inlined
-def _moved(motion, place):  # type: ignore[no-untyped-def]
+def _moved(motion, place):
     """The displacement of a place by a motion of `displacement`, both in world or in tool axes."""
     (dx, dy, dz), (xx, xy, xz, yx, yy, yz, zx, zy, zz) = motion
     x, y, z = place
@@ -189,7 +189,7 @@ def _moved(motion, place):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[no-untyped-def]
+def advance(past, normal, moved, asked, leads, depth, length):
     """A plate's traction after one step, what it remembers then, and the modulus of its fall with motion [N/m⁴].
 
     `past`: τ (below m), the law's t when it last yielded (b), and y² (limit), as in `Memory.numbers`; `moved`: its
@@ -257,7 +257,7 @@ def advance(past, normal, moved, asked, leads, depth, length):  # type: ignore[n
     return (mx, my, mz), (kept, yielded, limit), _select(leads | (mm > 0.0), stiff, 0.0)
 
 
-def _remember(chunk, i0, memory, first, motion, below, slope, length):  # type: ignore[no-untyped-def]
+def _remember(chunk, i0, memory, first, motion, below, slope, length):
     """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
 
     `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
@@ -288,7 +288,7 @@ remember = compiled(_remember, **STEP)
 
 
 @inlined
-def open_gaps(memory, first, rows, form, motion):  # type: ignore[no-untyped-def]
+def open_gaps(memory, first, rows, form, motion):
     """Follow the gaps behind a block that trails and has no traction.
 
     `first`, `form`: where it begins in `Memory.numbers` and in `rows`; `motion`: of `displacement`, tool axes.
@@ -304,7 +304,7 @@ def open_gaps(memory, first, rows, form, motion):  # type: ignore[no-untyped-def
 
 
 @inlined
-def is_empty(memory, first):  # type: ignore[no-untyped-def]
+def is_empty(memory, first):
     """Whether the plates of a block remember no more than a gap."""
     largest = 0.0
     for i in range(BLOCK):
@@ -313,7 +313,7 @@ def is_empty(memory, first):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def forget(memory, first):  # type: ignore[no-untyped-def]
+def forget(memory, first):
     """Clear the memory of a block."""
     for i in range(7 * BLOCK):
         memory[at(first, i)] = 0.0

@@ -117,7 +117,7 @@ _TINY = 1e-290  # avoids 1 / 0 where the reciprocal root multiplies zeros
 
 
 @inlined
-def orient(chunk, i, normal, velocity):  # type: ignore[no-untyped-def]
+def orient(chunk, i, normal, velocity):
     """Store plate i's normal, velocity, e2 and β, Eqs. (2) and (3), for `tractions`; returns 1 / abs(velocity)."""
     nx, ny, nz = normal
     vx, vy, vz = velocity
@@ -136,7 +136,7 @@ def orient(chunk, i, normal, velocity):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _turn_flat_plates(chunk, n, level):  # type: ignore[no-untyped-def]
+def _turn_flat_plates(chunk, n, level):
     """Give plates with abs(n·E3) >= `level` the velocity's horizontal direction as e2, where 2D RFT holds."""
     wide_vectors()
     for i in range(n):
@@ -158,7 +158,7 @@ def _turn_flat_plates(chunk, n, level):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _stresses(coefficients, sin_b, cos_b, e2, velocity):  # type: ignore[no-untyped-def]
+def _stresses(coefficients, sin_b, cos_b, e2, velocity):
     """Eq. (8) without α_y: the traction along e2 and E3, what α_y is to be multiplied by along e1, sin and cos of γ."""
     stiffness, z_one, z_cos2b, z_cos2b_sing, z_sin2b_cosg, z_sing, x_cosg, x_cos2b_cosg, x_sin2b_sing, x_sin2b = (
         coefficients
@@ -178,7 +178,7 @@ def _stresses(coefficients, sin_b, cos_b, e2, velocity):  # type: ignore[no-unty
 
 
 @inlined
-def _treers2021(kind, given, values, chunk, n):  # type: ignore[no-untyped-def]
+def _treers2021(kind, given, values, chunk, n):
     wide_vectors()
     coefficients = (
         given[1], given[2], given[3], given[4], given[5], given[6], given[7], given[8], given[9], given[10],

@@ -32,7 +32,7 @@ def exact_f23(w: float) -> float:
 
 
 @inlined
-def f1_and_f23(u, w):  # type: ignore[no-untyped-def]
+def f1_and_f23(u, w):
     """Rational `exact_f1` of u and `exact_f23` of w, both in 0 to 1 and clamped above against rounding; and 1 / w."""
     x = A2 * min(u, 1.0) - A3
     y = x * x

@@ -35,7 +35,7 @@ does not ring. With 0.02 s a plate of 20 g gets back 1.4 % of its energy, with 0
 
 
 @compiled
-def stiffness_matrix(sums, b):  # type: ignore[no-untyped-def]
+def stiffness_matrix(sums, b):
     """Write B [N/m, N, N m], shape [6, 6], of `Memory.stiffness`: the wrench changes by -B times a displacement."""
     s, x, y, z = sums[0], sums[1], sums[2], sums[3]
     xx, yy, zz, xy, xz, yz = sums[4], sums[5], sums[6], sums[7], sums[8], sums[9]
@@ -49,7 +49,7 @@ def stiffness_matrix(sums, b):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _dot(a, b):  # type: ignore[no-untyped-def]
+def _dot(a, b):
     s = 0.0
     for k in range(len(a)):
         s += a[k] * b[k]
@@ -57,7 +57,7 @@ def _dot(a, b):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def measure(position, quaternion, jacobian, solved, velocity, acceleration, state, inverse, free):  # type: ignore[no-untyped-def]
+def measure(position, quaternion, jacobian, solved, velocity, acceleration, state, inverse, free):
     """Write a body's state, shape [13], its inverse inertia A, shape [6, 6], and its acceleration, shape [6].
 
     `quaternion`: wxyz. `jacobian`: shape [6, nv]; `solved`: M^-1 times it, same shape; `velocity`, `acceleration` of
@@ -75,7 +75,7 @@ def measure(position, quaternion, jacobian, solved, velocity, acceleration, stat
 
 
 @inlined
-def _solve(a, x):  # type: ignore[no-untyped-def]
+def _solve(a, x):
     """Solve a x = x in place by elimination with pivots, shape [6, 6] and [6]."""
     for i in range(6):
         p = i
@@ -97,7 +97,7 @@ def _solve(a, x):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def held(row, sums, inverse, twist, free, h, reach, wrench, after):  # type: ignore[no-untyped-def]
+def held(row, sums, inverse, twist, free, h, reach, wrench, after):
     """Write the wrench to hold over a step of h [s], shape [6], and the twist at its end, shape [6].
 
     `row`: of `wrenches_in_time` at the step's begin; `sums`: `Memory.stiffness`. `inverse`: A. `twist`: at the begin;
@@ -122,7 +122,7 @@ def held(row, sums, inverse, twist, free, h, reach, wrench, after):  # type: ign
 
 
 @compiled
-def put(wrench, origin, center, applied):  # type: ignore[no-untyped-def]
+def put(wrench, origin, center, applied):
     """Write a wrench about `origin` to `applied` as one about `center`, where MuJoCo applies it."""
     x, y, z = center[0] - origin[0], center[1] - origin[1], center[2] - origin[2]
     fx, fy, fz = wrench[0], wrench[1], wrench[2]
@@ -133,7 +133,7 @@ def put(wrench, origin, center, applied):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def move(state, twist, h):  # type: ignore[no-untyped-def]
+def move(state, twist, h):
     """Move a state, shape [13], in place: it takes this twist for h [s], in which it turns little."""
     state[:3] += h * twist[:3]
     state[7:] = twist
@@ -147,7 +147,7 @@ def move(state, twist, h):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _learn(past, half, twist, stiff, h):  # type: ignore[no-untyped-def]
+def _learn(past, half, twist, stiff, h):
     """Take the last step into one half's regression of the twist's second difference on the held wrench's change.
 
     Its slope is the inverse mass or inertia. It counts once it explains what happens, if the half is so stiff that held
@@ -167,7 +167,7 @@ def _learn(past, half, twist, stiff, h):  # type: ignore[no-untyped-def]
 
 
 @inlined
-def _share_shown(past, row, b, moved):  # type: ignore[no-untyped-def]
+def _share_shown(past, row, b, moved):
     """By how much the grains' wrench fell over the last displacement, as a share of what the stiffness b says."""
     met = asked = 0.0
     for i in range(6):
@@ -177,7 +177,7 @@ def _share_shown(past, row, b, moved):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def calm(rows, sums, states, h, reach, answers, out):  # type: ignore[no-untyped-def]
+def calm(rows, sums, states, h, reach, answers, out):
     """Write the wrenches on bodies to hold over h [s], shape [n, 6]: those of `rows`, until a body chatters under them.
 
     `answers`: of `ANSWER`, shape [n]. Once an inverse mass or inertia is known, the wrench is `held`, with the
