@@ -29,9 +29,9 @@ _COMMANDS = {
     "calibrate": ("calibrate", "Fit load cell, surface, ζ, memory and α_y to recorded bags."),
     "sweep": ("tools", "Run a design study: tools × motions × media, on all cores or a cluster."),
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),
-    "doctor": ("cell", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
-    "demo": ("cell", "Run a virtual arm, a real node and a live table (needs ROS)."),
-    "warm-up": ("cell", "Compile all that node and replay can need, so that no start or change of a parameter waits."),
+    "doctor": ("doctor", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
+    "demo": ("demo", "Run a virtual arm, a real node and a live table (needs ROS)."),
+    "warm-up": ("warm_up", "Compile all that node and replay can need: no start or change of a parameter waits."),
 }
 """The module of `rft_ros.commands` that each command is in, and what it does."""
 

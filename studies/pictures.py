@@ -94,8 +94,8 @@ def draw_demo(bag: Path, file: Path) -> None:
 
     from rft_ros.bags.playback import ReplayOptions, states_of
     from rft_ros.bags.replay import replay
+    from rft_ros.demo.virtual_arm import LAYER
     from rft_ros.installation import share_directory
-    from rft_ros.node.virtual_arm import LAYER
     from rft_ros.parameters import model_of, read_parameter_file, settings_of
 
     values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")

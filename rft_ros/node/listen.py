@@ -1,27 +1,58 @@
-"""Look at a running node, its inputs and who publishes them, as `rft doctor` does."""
+"""Listen beside a running node: its parameters, who publishes its inputs, and their messages with arrival times."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from functools import partial
-from pathlib import Path
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import rclpy
 from rcl_interfaces.srv import GetParameters
 from rclpy.exceptions import NameValidationException
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSCompatibility, qos_check_compatible
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator import Sample
-from rft_ros.estimator.messages import UNREADABLE, Role, decoder
-from rft_ros.files import expanded
+from rft_ros.estimator.messages import Role
 from rft_ros.node.topics import INPUTS, message_class, transforms_come, type_name
-from rft_ros.parameters import FILES, Value, Values, checked
+from rft_ros.parameters import Values, checked
 
-_Finding = tuple[bool, str]  # as of `Checkup`
+__all__ = ["Listener", "Message", "Publisher", "Topic", "listener"]
+
 _DISCOVERY = 6.0  # s: DDS announces a node at the latest after 3 s, on a busy machine later
 _OURS = "rft_doctor"
+_DEPTH = 20_000  # messages of a topic that wait: 20 s at 1 kHz, in which a busy machine may give this process no core
+_PERIOD = 0.05  # s between two looks into the queues
+_ORDER: tuple[Role, ...] = ("tf_static", "tf", "wrench", "twist", "surface", "pose")  # of what arrives together
+
+
+class Message(NamedTuple):
+    """A serialised message of a role. `published` and `received`: by the middleware's clock of each side [ns]."""
+
+    role: Role
+    data: bytes
+    published: int
+    received: int
+
+
+@dataclass(frozen=True, slots=True)
+class Publisher:
+    """A publisher of a topic, its message type, and why subscribers cannot hear it: (node, policies of QoS)."""
+
+    node: str
+    type: str
+    unheard: tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic that a role needs, the type that its messages must have, and who publishes it."""
+
+    role: Role
+    name: str
+    type: str
+    publishers: tuple[Publisher, ...]
 
 
 @contextmanager
@@ -42,24 +73,8 @@ class Listener:
     def __init__(self, name: str) -> None:
         self._name, self._node = name, rclpy.create_node(_OURS)
 
-    def compare(self, values: Values, file: Path) -> tuple[_Finding, Value]:
-        """Whether the node runs with the parameters of `file`, `values`; and the bias in force, which a tare sets."""
-        if (running := self._running(list(values))) is None:
-            advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
-            return (False, f"node: no node {self._name} was found; {advice}"), values["sensor.bias"]
-        bias = running["sensor.bias"]
-        differs = [
-            f"{name} {running[name]} (file: {values[name]})"
-            for name in values
-            if name != "sensor.bias" and not _same(name, running[name], values[name])
-        ]
-        if not differs:
-            note = f"; sensor.bias is its own: {bias}" if bias != values["sensor.bias"] else ""
-            return (True, f"node: {self._name} runs with the parameters of {file}{note}"), bias
-        advice = "restart it with the file, whose section must be for its name, or set them"
-        return (False, f"node: {self._name} runs with {', '.join(differs)}; {advice}"), bias
-
-    def _running(self, names: list[str]) -> Values | None:
+    def parameters(self, names: list[str]) -> Values | None:
+        """The node's values of these parameters, checked; None if no such node answers."""
         client = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
         if not client.wait_for_service(_DISCOVERY):
             return None
@@ -71,47 +86,45 @@ class Listener:
         except (InputError, ValueError):  # another kind of node, or no answer
             return None
 
-    def listen(self, topics: Mapping[Role, str], seconds: float, push: Callable[[Sample, int], None]) -> list[_Finding]:
-        """Give `push` every message for `seconds`, with its arrival [ns]; findings about publishers' types and QoS."""
+    def listen(self, topics: Mapping[Role, str], seconds: float) -> tuple[list[Message], list[Topic]]:
+        """Every message for so long [s], in the order of arrival, and the topics with their publishers."""
         wanted = dict(topics)
         if transforms_come() or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
-        for role, topic in wanted.items():
-            take = partial(self._take, decoder(role, ros1=False), push)
-            self._node.create_subscription(message_class(role), topic, take, INPUTS[role], raw=True)
-        end = time.monotonic() + seconds
+        subscriptions = {role: self._subscribe(role, topic) for role, topic in wanted.items()}
+        messages, end = list[Message](), time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
-            rclpy.spin_once(self._node, timeout_sec=min(left, 0.1))
-        return [f for role, topic in wanted.items() for f in self._publishers(role, topic)]
+            time.sleep(min(left, _PERIOD))  # the middleware's own threads receive meanwhile
+            for role, subscription in subscriptions.items():
+                messages += _waiting(role, subscription)
+        messages.sort(key=lambda message: (message.received, _ORDER.index(message.role)))
+        return messages, [self._topic(role, name) for role, name in wanted.items()]
 
-    def _take(self, decode: Callable[[bytes], Sample], push: Callable[[Sample, int], None], data: bytes) -> None:
-        try:
-            sample = decode(data)
-        except UNREADABLE:
-            return
-        push(sample, self._node.get_clock().now().nanoseconds)
+    def _subscribe(self, role: Role, topic: str) -> Subscription:
+        """A subscription as the node's own, with a longer queue. No executor spins: `_waiting` takes its messages."""
+        qos, depth = INPUTS[role], _DEPTH if role != "surface" else INPUTS[role].depth
+        longer = QoSProfile(depth=depth, reliability=qos.reliability, durability=qos.durability)
+        return self._node.create_subscription(message_class(role), topic, lambda _: None, longer, raw=True)
 
-    def _publishers(self, role: Role, topic: str) -> list[_Finding]:
-        """Findings about the type and the QoS of a topic's publishers, by those that node and doctor ask for."""
+    def _topic(self, role: Role, name: str) -> Topic:
+        """The topic, with its publishers as the node and this listener can hear them."""
         names = self._name, f"/{_OURS}"
-        publishers = self._node.get_publishers_info_by_topic(topic)
-        others = self._node.get_subscriptions_info_by_topic(topic)
+        others = self._node.get_subscriptions_info_by_topic(name)
         subscriptions = [s for s in others if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in names]
-        faults = []
-        for publisher in publishers:
-            if publisher.topic_type != (kind := type_name(message_class(role))):
-                faults.append(f"{role}: {topic} is {publisher.topic_type}; it must be {kind}")
+        publishers = []
+        for publisher in self._node.get_publishers_info_by_topic(name):
+            unheard = []
             for subscription in subscriptions:
                 compatible, why = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
                 if compatible != QoSCompatibility.OK:
-                    pair = f"{publisher.node_name} publishes {topic} so that {subscription.node_name} cannot receive it"
-                    faults.append(f"{role}: {pair} ({why.strip()}); change qos_overrides or the publisher")
-        if publishers and not faults:
-            return [(True, f"{role}: {len(publishers)} publishers on {topic}, QoS compatible")]
-        return [(False, fault) for fault in faults]
+                    unheard.append((subscription.node_name, why.strip()))
+            publishers.append(Publisher(publisher.node_name, publisher.topic_type, tuple(unheard)))
+        return Topic(role, name, type_name(message_class(role)), tuple(publishers))
 
 
-def _same(name: str, running: Value, written: Value) -> bool:
-    if name in FILES and running and written:
-        running, written = (str(expanded(str(file)).resolve()) for file in (running, written))
-    return running == written
+def _waiting(role: Role, subscription: Subscription) -> Iterator[Message]:
+    """The messages that wait in a subscription's queue."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            data, info = taken
+            yield Message(role, data, info["source_timestamp"], info["received_timestamp"])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from rft_ros.demo import virtual_arm
+from rft_ros.demo.virtual_arm import LAYER
 from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.installation import share_directory
-from rft_ros.node import virtual_arm
-from rft_ros.node.virtual_arm import LAYER
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
 
 

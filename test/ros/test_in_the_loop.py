@@ -14,7 +14,7 @@ from rft_ros.installation import share_directory
 
 pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 
-from rft_ros.node import mujoco_arm
+from rft_ros.demo import mujoco_arm
 from rft_ros.node.stiffness import stiffness_message, stiffness_sums
 
 
@@ -34,9 +34,9 @@ def test_an_arm_that_feels_the_prediction_holds_still(start_node):
     rft.wait_ready()
     predicted, stamp, holds = rft.received["wrench_predicted"], 0, {"press": [], "drag": [], "back": []}
 
-    def answer():
+    def answer(origin):
         rft.until(lambda: all(messages and stamp_of(messages[-1]) == stamp for messages in (predicted, told)))
-        return tuple(numbers(predicted[-1])), told[-1]
+        return tuple(numbers(predicted[-1])), stiffness_sums(told[-1], origin)
 
     for t, state, reading in mujoco_arm.moments(answer, rate=125.0, stay=1.0):
         stamp = round((t + 1.0) * 1e9)

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
-from rft_ros.calibration.checkup import Checkup
 from rft_ros.cli import main
+from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
 

@@ -26,9 +26,10 @@ ALLOWED = {
     "bags": "estimator parameters ground tool rft report errors progress files",
     "calibration": "files bags estimator parameters ground tool rft errors",
     "sweeps": "parameters tool rft states_file installation progress errors files",
-    "node": "bags estimator parameters ground simulation sweeps tool rft report files installation child_process"
-    " errors",
-    "commands": "node bags estimator parameters tool rft report errors states_file calibration sweeps progress"
+    "node": "bags estimator parameters ground tool rft report files installation child_process errors",
+    "doctor": "node bags estimator parameters ground tool rft files errors",
+    "demo": "node bags estimator simulation sweeps tool rft files errors",
+    "commands": "doctor demo bags estimator parameters tool rft report errors states_file calibration sweeps progress"
     " installation files",
     "cli": "commands installation files errors",
 }

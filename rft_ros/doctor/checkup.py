@@ -1,4 +1,4 @@
-"""Check a cell's set-up by what its inputs say: a finding for each question, OK or what to do."""
+"""Check a cell's set-up by what its samples say: a finding for each question, OK or what to do."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -9,16 +9,14 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.estimates import Rows, Run
 from rft_ros.bags.playback import push_all
+from rft_ros.doctor.finding import Finding
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.messages import Role
 from rft_ros.estimator.transforms import Placement
 from rft_ros.ground import Cloud
 from rft_ros.parameters import Model, Values, settings_of
 
-__all__ = ["Checkup", "Finding"]
-
-Finding = tuple[bool, str]
-"""The answer to one question: whether all is well, and a sentence, which says what to do if not."""
+__all__ = ["Checkup"]
 
 _Array = NDArray[np.float64]
 
@@ -89,10 +87,10 @@ class Checkup:
         rows = self._run.rows()
         poses, rows = len(rows), rows[~np.isnan(rows["compensated"][:, 0])]
         mesh = self._of_tool(rows)
-        error = _error_of_surface(rows) if mesh[0] and len(rows) else None
+        error = _error_of_surface(rows) if mesh.ok and len(rows) else None
         surface = self._of_surface(error)
         found = [mesh, surface, *self._of_inputs(), *self._of_frames(), *self._of_mount()]
-        if len(rows) and mesh[0] and (error is None or surface[0]):  # else the forces are of another depth
+        if len(rows) and mesh.ok and (error is None or surface.ok):  # else the forces are of another depth
             found += self._of_load_cell(rows)
         return [*found, *self._of_reasons(poses)]
 
@@ -100,42 +98,44 @@ class Checkup:
         tool = self._estimator.model.tool
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
         if said := tool.issues.get("size"):
-            return False, f"mesh {tool.name}: {extents} mm: {said}"
+            return Finding(False, f"mesh {tool.name}: {extents} mm: {said}")
         deepest = 1e3 * rows["depth"].max(initial=0.0)
         depth = f", at most {deepest:.4g} mm below the surface" if deepest > 0.0 else ""
-        return True, f"mesh {tool.name}: {extents} mm{depth}"
+        return Finding(True, f"mesh {tool.name}: {extents} mm{depth}")
 
     def _of_surface(self, error: tuple[float, float] | None) -> Finding:
         height = self._estimator.settings.surface_height
         if error is None:
             ok = "surface_height" in self._named
             advice = "" if ok else " as it is not set: measure it, or run rft calibrate"
-            return ok, f"surface_height: {height:g} m{advice}"
+            return Finding(ok, f"surface_height: {height:g} m{advice}")
         metres, allowed = error
         if abs(metres) <= allowed:
-            return True, f"surface_height: {height:g} m; the measured force begins within {1e3 * allowed:.0f} mm of it"
+            return Finding(
+                True, f"surface_height: {height:g} m; the measured force begins within {1e3 * allowed:.0f} mm of it"
+            )
         side = "above" if metres > 0.0 else "below"
         found = f"the measured force begins {1e3 * abs(metres):.0f} mm {side} where {height:g} m says"
-        return False, f"surface_height: {found}; set it to about {height + metres:.3f}, or calibrate"
+        return Finding(False, f"surface_height: {found}; set it to about {height + metres:.3f}, or calibrate")
 
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
         for role, topic in self._topics.items():
             if not (heard := self._heard[role]):
-                yield role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}"
+                yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
             times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
             seconds, age = (times[-1] - times[0]) * 1e-9, float(np.median(times - stamps)) * 1e-9
             if unstamped := int((stamps <= 0).sum()):
-                yield False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it"
+                yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
             elif abs(age) > limit and role != "surface":
                 off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
-                yield False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks"
+                yield Finding(False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
             else:
                 rate = f"{(len(heard) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
                 named = " and ".join(np.unique(frames))
                 frame = f", frame {named}" if named else ""
-                yield True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old"
+                yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
         for reason, sentence in self._estimator.unknown_frames().items():
@@ -143,9 +143,9 @@ class Checkup:
             if reason.startswith("tf_") and reason != Reason.TF_FRAME_UNKNOWN:
                 mend = "stop or mend one of its publishers"
             if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
-                yield False, f"frames: {sentence}; {mend}"
+                yield Finding(False, f"frames: {sentence}; {mend}")
         if frames := self._estimator.transforms.frames():
-            yield True, f"frames: {', '.join(frames)}"
+            yield Finding(True, f"frames: {', '.join(frames)}")
 
     def _of_mount(self) -> Iterator[Finding]:
         """The sensor's place in the parameters and on /tf_static, if both have it."""
@@ -156,11 +156,11 @@ class Checkup:
         off = Placement(cell.position, cell.quaternion).inverse().of(place)
         turn, moved = Rotation.from_quat(off.quaternion).magnitude(), float(np.linalg.norm(off.position))
         if turn < np.radians(1.0) and moved < 1e-3:
-            yield (True, "sensor: the parameters and /tf_static agree")
+            yield Finding(True, "sensor: the parameters and /tf_static agree")
             return
         differ = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
         there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
-        yield False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or mend one of the two"
+        yield Finding(False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or mend one of the two")
 
     def _of_load_cell(self, rows: Rows) -> Iterator[Finding]:
         wet, predicted, measured = rows["depth"] > 0.0, rows["predicted"][:, :3], rows["compensated"][:, :3]
@@ -175,18 +175,18 @@ class Checkup:
         elif load > _FELT:
             ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
             said = f"it reads {said}; {advice}"
-        yield ok, f"load cell: {said}"
+        yield Finding(ok, f"load cell: {said}")
         pushed = wet & (rows["state"][:, 9] <= 0.5 * rows["speed"])
         predicted, measured = predicted[pushed], measured[pushed] - air
         if len(predicted) < _ENOUGH or np.abs(predicted).max() < _FELT or np.abs(measured).max() < 0.1 * _FELT:
-            yield (False, "sign: no push was seen; push the tool down into the grains and run again")
+            yield Finding(False, "sign: no push was seen; push the tool down into the grains and run again")
             return
         yield (direction := self._of_direction(predicted, measured))
-        if direction[0]:
+        if direction.ok:
             ratio = float((predicted * measured).sum() / (predicted**2).sum())
             ok = _STRENGTH[0] <= ratio <= _STRENGTH[1]
             advice = "" if ok else "; check mesh.scale and the driver's unit (N), or fit medium.zeta with rft calibrate"
-            yield ok, f"strength: measured over predicted force {ratio:.3g}{advice}"
+            yield Finding(ok, f"strength: measured over predicted force {ratio:.3g}{advice}")
 
     def _of_direction(self, predicted: _Array, measured: _Array) -> Finding:
         """By axis; of what reverses or exchanges axes, what fits: another sign, or the cell turned by 90 or 180 deg."""
@@ -202,7 +202,7 @@ class Checkup:
         found, cell = alike(measured), self._estimator.settings.load_cell
         shown = ", ".join(f"{name} {r:.2f}" for name, r in zip(np.array([*"xyz"])[axes], found, strict=True))
         if (found >= _ALIKE).all():
-            return True, f"sign: measured and predicted force agree along each axis (correlation {shown})"
+            return Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
         advice = []
         if (alike(-measured) >= _ALIKE).all():
             advice.append(f"set sensor.sign: {-cell.sign:g}")
@@ -214,7 +214,7 @@ class Checkup:
         advice = advice or ["check sensor.quaternion, sensor.sign, mesh.origin and surface_height"]
         which = "; a drag along x and y tells which" if len(advice) > 1 else ""
         off = f"measured and predicted force do not agree along each axis (correlation {shown})"
-        return False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}"
+        return Finding(False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}")
 
     def _of_reasons(self, poses: int) -> Iterator[Finding]:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}
@@ -223,9 +223,9 @@ class Checkup:
             told = reason in _EXPECTED or reason.value in named or reason.value.endswith("stamp_zero")
             count = counts[reason.value] - self._at_start[reason.value]
             if not told and count > _RARE * max(poses, 1):
-                yield False, f"{reason}: {count} times at {poses} poses; docs/node.md, Reasons, says why"
+                yield Finding(False, f"{reason}: {count} times at {poses} poses; docs/node.md, Reasons, says why")
         advice = "" if counts["estimates"] else "; mend what stands above first"
-        yield not advice, f"estimates: {counts['estimates']} at {poses} poses{advice}"
+        yield Finding(not advice, f"estimates: {counts['estimates']} at {poses} poses{advice}")
 
 
 def _error_of_surface(rows: Rows) -> tuple[float, float] | None:

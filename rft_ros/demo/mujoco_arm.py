@@ -8,11 +8,9 @@ each.
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from geometry_msgs.msg import InertiaStamped
 from numpy.typing import NDArray
 
 from rft_ros.estimator import Wrench
-from rft_ros.node.stiffness import stiffness_sums
 from rft_ros.rft import rotation_matrix
 from rft_ros.simulation.coupling import stiffness_matrix
 from rft_ros.simulation.mujoco_grains import MujocoBody, import_mujoco
@@ -26,11 +24,13 @@ _SPEED, _PAUSE = 0.02, 2.0  # m/s; s in the air before the start, for a tare
 
 
 def moments(
-    answer: Callable[[], tuple[Wrench, InertiaStamped] | None], *, rate: float = 500.0, stay: float = 2.0
+    answer: Callable[[Array], tuple[Wrench, Array] | None], *, rate: float = 500.0, stay: float = 2.0
 ) -> Iterator[tuple[float, Array, Wrench]]:
     """Time [s], state of the tool, shape [13], columns `rft_ros.rft.STATE`, and reading of the load cell.
 
-    `answer`: what the node said of the last moment, or None if that was lost. `rate`: [Hz]; `stay`: [s] at each place.
+    `answer`: what the node said of the last moment: the wrench on the tool in sensor axes, and the stiffness about the
+    given origin, shape [10], as `Memory.stiffness` has it; None if that was lost. `rate`: [Hz]; `stay`: [s] at each
+    place.
     """
     mujoco, steps = import_mujoco(), max(1, round(1000.0 / rate))
     arm = SixAxisArm(timestep=1.0 / (rate * steps))
@@ -45,11 +45,11 @@ def moments(
         asked = body.state[0].copy()
         fx, fy, fz, tx, ty, tz = arm.data.sensordata[:6].tolist()
         yield k / rate, asked, (fx, fy, fz, tx, ty, tz)
-        if (answered := answer()) is not None:
+        if (answered := answer(asked[:3])) is not None:
             axes = rotation_matrix(asked[3:7])
             force, torque = axes @ answered[0][:3], axes @ answered[0][3:]
             wrench = np.concatenate([force, torque + np.cross(axes @ _SENSOR, force)])
-            sums, felt_at = stiffness_sums(answered[1], asked[:3]), asked
+            sums, felt_at = answered[1], asked
             stiffness_matrix(sums, matrix)
         arm.data.ctrl[:] = arm.joints([np.interp(k / rate, times, axis) for axis in command.T])
         for _ in range(steps):

@@ -1,0 +1,41 @@
+"""`rft demo`: a virtual arm, a real node and a live table; then the same offline."""
+
+import argparse
+from pathlib import Path
+
+from rft_ros.bags.playback import ReplayOptions
+from rft_ros.bags.replay import replay
+from rft_ros.commands import options
+from rft_ros.errors import InputError
+from rft_ros.installation import program, share_directory
+from rft_ros.parameters import read_parameter_file
+
+
+def demo_options(command: argparse.ArgumentParser) -> None:
+    out, seconds = "folder for bag and report (default out/demo)", "how long the arm moves [s] (default 12)"
+    command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
+    command.add_argument("--seconds", type=options.number, default=12.0, metavar="S", help=seconds)
+    feels = "a simulated arm that feels the node's forces (needs mujoco)"
+    command.add_argument("--mujoco", action="store_true", help=feels)
+
+
+def demo(arguments: argparse.Namespace) -> int:
+    """rft demo --seconds 20 -o out/demo
+    rft demo --mujoco -o out/demo_mujoco
+    """
+    try:
+        from rft_ros.demo.run import demo as run
+    except ImportError as error:
+        raise InputError(
+            f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
+            " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
+        ) from None
+
+    parameters = share_directory("rft_ros") / "config" / ("mujoco_arm.yaml" if arguments.mujoco else "demo.yaml")
+    tare = 1.5 if arguments.mujoco else 2.0  # s in which the arm rests in the air
+    bag, out = arguments.output / "bag", arguments.output / "replay"
+    run(bag, parameters, seconds=arguments.seconds, mujoco=arguments.mujoco)
+    print(f"the same offline: {program()} replay {bag} --params {parameters} --tare {tare:g} -o {out}")
+    summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
+    print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
+    return 0

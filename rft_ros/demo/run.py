@@ -1,0 +1,67 @@
+"""``rft demo``: a virtual arm that moves, watches, tares and records beside a real node, as a user would."""
+
+import math
+import time
+from pathlib import Path
+
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from rft_ros.bags.writing import BagWriter, check_replaceable
+from rft_ros.demo import mujoco_arm, virtual_arm
+from rft_ros.demo.virtual_arm import PAUSE
+from rft_ros.errors import InputError
+from rft_ros.files import whole_folder
+from rft_ros.node.recorded_node import WRENCHES, RecordedNode, ros_outlives_signals
+from rft_ros.simulation.mujoco_grains import import_mujoco
+
+_ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real ROS 2 node predicts and learns."
+_MUJOCO = "a six-axis MuJoCo arm presses a plate into grains and drags it. It feels what a real ROS 2 node answers."
+
+
+def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool) -> None:
+    """Record a virtual arm for `seconds`, or with `mujoco` one that feels the node's forces; InputError if it fails."""
+    if not seconds > PAUSE:
+        raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
+    if mujoco:
+        import_mujoco()  # says what to install
+    check_replaceable(bag)
+    console = Console(highlight=False)
+    console.print(f"[bold]rft demo[/bold]: {_MUJOCO if mujoco else _ELLIPSOID}")
+    with whole_folder(bag.parent, [bag.name]) as part, BagWriter(part / bag.name) as writer, ros_outlives_signals():
+        node = RecordedNode(parameters, writer)
+        try:
+            console.print("waiting for the node, which may have to compile first ...")
+            node.wait()
+            moments = mujoco_arm.moments(node.answer) if mujoco else virtual_arm.moments(seconds)
+            start, tare_at = time.monotonic(), PAUSE / 2.0
+            with Live(console=console, refresh_per_second=8, get_renderable=lambda: _table(node)) as live:
+                for t, state, reading in moments:
+                    start = max(start, time.monotonic() - t)
+                    node.spin(start + t)
+                    node.send(t, state, reading)
+                    if t > tare_at:
+                        tared, said = node.call("tare")
+                        live.console.print(f"t = {t:4.1f} s  tare: {said}", soft_wrap=True)
+                        tare_at = math.inf if tared else t + 0.3  # a busy machine may have delayed a twist
+            node.spin(time.monotonic() + 0.5)  # the last answers
+        finally:
+            node.end()
+    console.print(f"\n-> {bag} (rosbag2, MCAP)", soft_wrap=True)
+    if node.wrench("residual") is None:
+        raise InputError("no estimates came; see the node's messages above")
+
+
+def _table(node: RecordedNode) -> Table:
+    """The newest wrenches."""
+    title = f"t = {node.time:4.1f} s   (on the tool, sensor frame)"
+    table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
+    table.add_column("", min_width=11)
+    for column in ("fx N", "fy N", "fz N", "tx N m", "ty N m", "tz N m"):
+        table.add_column(column, justify="right", min_width=6)
+    for name in WRENCHES:
+        wrench = node.wrench(name)
+        table.add_row(name, *([f"{v:.3f}" for v in wrench] if wrench else ["-"] * 6))
+    return table

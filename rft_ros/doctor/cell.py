@@ -1,0 +1,41 @@
+"""A cell as its parameter file describes it."""
+
+from collections.abc import Collection
+from dataclasses import dataclass
+from pathlib import Path
+
+from rft_ros.doctor.finding import Finding
+from rft_ros.errors import InputError
+from rft_ros.estimator.messages import Role
+from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.parameters import Model, Values
+
+__all__ = ["Cell", "compiled"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """What the parameter file `file` says of a cell.
+
+    `values`: of all parameters; `named`: the names of those that the file sets. `model`: of those values, with the
+    unreduced tool. `topics`: the topic of each role that is needed.
+    """
+
+    file: Path
+    values: Values
+    named: Collection[str]
+    model: Model
+    topics: dict[Role, str]
+
+
+def compiled(values: Values) -> Finding:
+    """Whether the machine code that these parameters need is in the cache."""
+
+    def stop() -> None:
+        raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
+
+    try:
+        prepare(needed(values), on_cold_cache=stop)
+    except InputError as error:
+        return Finding(False, f"compiled: no; {error}")
+    return Finding(True, "compiled: yes")

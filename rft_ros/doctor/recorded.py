@@ -1,0 +1,21 @@
+"""Examine a recording of a cell."""
+
+from pathlib import Path
+
+from rft_ros.bags.playback import ReplayOptions
+from rft_ros.bags.reading import Recording
+from rft_ros.doctor.cell import Cell
+from rft_ros.doctor.checkup import Checkup
+from rft_ros.doctor.finding import Finding
+
+__all__ = ["examine_bag"]
+
+
+def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
+    """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
+    checkup = Checkup(cell.values, cell.model, named=cell.named, topics=cell.topics, tare=options.tare)
+    with Recording(bag, cell.topics, start=options.start, end=options.end, optional=tuple(cell.topics)) as recording:
+        for sample in recording:
+            checkup.push(sample, recording.time)
+    damage = [Finding(False, f"bag: {recording.damage}")] if recording.damage else []
+    return [*damage, *checkup.findings()]

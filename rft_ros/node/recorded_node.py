@@ -1,0 +1,154 @@
+"""A node in a process of its own and the peer that feeds it, asks its services and records both sides in a bag."""
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, WrenchStamped
+from numpy.typing import NDArray
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.time import Time
+from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
+
+from rft_ros.bags.writing import BagWriter
+from rft_ros.errors import InputError
+from rft_ros.estimator import Wrench
+from rft_ros.node.stiffness import stiffness_sums
+from rft_ros.node.topics import type_name
+
+_Array = NDArray[np.float64]
+
+WRENCHES = ("predicted", "sigma", "compensated", "residual")
+"""The wrenches that the node publishes at each pose."""
+
+_QOS = QoSProfile(depth=500)
+_INPUTS = {"pose": PoseStamped, "twist": TwistStamped, "wrench_measured": WrenchStamped}
+_OUTPUTS = {**{f"wrench_{name}": WrenchStamped for name in WRENCHES}, "medium_learned": JointState}
+_PATIENCE = 1.0  # s; an answer that has not come by then is lost
+
+
+@contextmanager
+def ros_outlives_signals() -> Iterator[None]:
+    """ROS on this machine, which a signal does not end before the node's process has ended."""
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way
+        yield
+    finally:
+        rclpy.try_shutdown()
+
+
+class RecordedNode:
+    """A node in a process of its own, and the topics between it and a peer, recorded; the newest answer of each."""
+
+    def __init__(self, parameters: Path, bag: BagWriter) -> None:
+        self._bag, self._peer = bag, rclpy.create_node("rft_demo")
+        self._newest: dict[str, Any] = {}
+        self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}
+        for name, kind in {**_OUTPUTS, "stiffness": InertiaStamped}.items():
+            self._peer.create_subscription(kind, f"/rft/{name}", partial(self._on_answer, name), _QOS)
+        self._begin = self._stamp = 0
+        command = [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "--params-file", str(parameters)]
+        self._process = subprocess.Popen(command, start_new_session=True)  # Ctrl-C in the terminal does not reach it
+
+    def _on_answer(self, name: str, message: Any) -> None:
+        self._newest[name] = message
+        if name in _OUTPUTS:
+            self._record(name, message)
+
+    def _record(self, name: str, message: Any) -> None:
+        self._bag.write_raw(f"/rft/{name}", type_name(type(message)), _stamp(message), serialize_message(message))
+
+    @property
+    def time(self) -> float:
+        """Time of the last state that was sent, from the start [s]."""
+        return 1e-9 * (self._stamp - self._begin)
+
+    def wrench(self, name: str) -> Wrench | None:
+        """The newest of one of `WRENCHES` [N], [N m]; None if none has come."""
+        message = self._newest.get(f"wrench_{name}")
+        return _wrench(message) if message else None
+
+    def wait(self) -> None:
+        """Until the node answers and listens."""
+        self.call("status")
+        self._until(lambda: min(p.get_subscription_count() for p in self._publishers.values()) > 0)
+        self._begin = self._stamp = self._peer.get_clock().now().nanoseconds
+
+    def send(self, t: float, state: _Array, reading: Wrench) -> None:
+        """Publish and record a state, shape [13], and a reading of the load cell at a time from the start [s]."""
+        self._stamp = self._begin + round(t * 1e9)
+        pose, twist, measured = PoseStamped(), TwistStamped(), WrenchStamped()
+        p, q, v, w = pose.pose.position, pose.pose.orientation, twist.twist.linear, twist.twist.angular
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z = state.tolist()
+        f, m = measured.wrench.force, measured.wrench.torque
+        f.x, f.y, f.z, m.x, m.y, m.z = reading
+        for name, message in {"wrench_measured": measured, "twist": twist, "pose": pose}.items():
+            message.header.frame_id = "ft_sensor" if message is measured else "world"
+            message.header.stamp = Time(nanoseconds=self._stamp).to_msg()
+            self._publishers[name].publish(message)
+            self._record(name, message)
+
+    def answer(self, origin: _Array) -> tuple[Wrench, _Array] | None:
+        """Prediction and stiffness at the last state that was sent; None if they are lost.
+
+        The stiffness is as of `stiffness_sums`, about an origin in the world [m], shape [3].
+        """
+        end = time.monotonic() + _PATIENCE
+        names = "wrench_predicted", "stiffness"
+        while not all(name in self._newest and _stamp(self._newest[name]) == self._stamp for name in names):
+            if time.monotonic() > end:
+                return None
+            rclpy.spin_once(self._peer, timeout_sec=0.01)
+        return _wrench(self._newest["wrench_predicted"]), stiffness_sums(self._newest["stiffness"], origin)
+
+    def spin(self, end: float) -> None:
+        """Take answers until a time of `time.monotonic` [s]. InputError if the node has ended."""
+        while (left := end - time.monotonic()) > 0.0:
+            rclpy.spin_once(self._peer, timeout_sec=left)
+        if (status := self._process.poll()) is not None:
+            raise InputError(f"the node ended with status {status} before the demo was over; see its messages above")
+
+    def _until(self, condition: Callable[[], bool]) -> None:
+        while not condition():
+            self.spin(time.monotonic() + 0.05)
+
+    def call(self, service: str) -> tuple[bool, str]:
+        """Whether one of the node's services succeeded, and what it said."""
+        client = self._peer.create_client(Trigger, f"/rft/{service}")
+        self._until(client.service_is_ready)
+        future = client.call_async(Trigger.Request())
+        self._until(future.done)
+        self._peer.destroy_client(client)
+        answer = future.result()
+        return answer.success, answer.message
+
+    def end(self) -> None:
+        """End the node, by SIGTERM or after 10 s by SIGKILL, and the peer."""
+        self._process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(10.0)
+        self._process.kill()
+        self._process.wait()
+        self._peer.destroy_node()
+
+
+def _stamp(message: Any) -> int:
+    return int(Time.from_msg(message.header.stamp).nanoseconds)
+
+
+def _wrench(message: WrenchStamped) -> Wrench:
+    f, t = message.wrench.force, message.wrench.torque
+    return f.x, f.y, f.z, t.x, t.y, t.z
