@@ -142,7 +142,7 @@ def rules(cores: set[int]) -> Table:
     pin({min(cores)} if cores else None)
     tools = {rule: load_tool("ellipsoid", integration=rule).plates for rule in INTEGRATIONS}
     for name in ("constant", "linear", "table"):
-        law = treers2021(GENERIC, alpha_y_model(name, GENERIC, TABLE), zeta=ZETA)
+        law = treers2021(GENERIC, alpha_y_model(name, GENERIC, TABLE), zeta=ZETA, mobilization_length=3e-3)
         for scene, height in (("deep", -0.05), ("half buried", 0.0)):
             state = checked_states(STATE)
             state[0, 2] = height
@@ -150,7 +150,7 @@ def rules(cores: set[int]) -> Table:
             for plates in tools.values():
                 out = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
                 for memory in (None, Memory(plates)):
-                    step = prepared(plates, law, memory, 3e-3)
+                    step = prepared(plates, law, memory)
                     calls.append(partial(step, state, np.array([1e-3]), 0.0, LEVEL, out))
             turns = in_turns(calls)
             for k, (rule, plates) in enumerate(tools.items()):

@@ -41,17 +41,14 @@ def wrenches_along(
     `times` [s], shape [n]. `surface_height` [m]. `where`: what has the states, for errors. `threads`: without memory.
     Raises InputError for an order of times that cannot be used, and for a wrench that is not finite.
     """
-    plates, length, durations = model.tool.plates, model.mobilization_length, np.diff(times, prepend=times[0])
-    if length == 0.0:
-        result = wrenches(plates, model.law, states, surface_height=surface_height, threads=threads)
+    plates, law, durations = model.tool.plates, model.law, np.diff(times, prepend=times[0])
+    if law.mobilization_length == 0.0:
+        result = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
     elif durations.min() < 0.0:
         k = int(np.argmax(durations < 0.0))
         raise InputError(f"{where}: t goes back from {times[k - 1]:g} to {times[k]:g}; memory needs it in order")
     else:
-        memory, height = Memory(plates), surface_height
-        result = wrenches_in_time(
-            plates, model.law, states, durations, memory, mobilization_length=length, surface_height=height
-        )
+        result = wrenches_in_time(plates, law, states, durations, Memory(plates), surface_height=surface_height)
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
         why = "it is too far away, or the tool or the stress is too large"

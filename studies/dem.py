@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -106,19 +106,13 @@ class DemRun:
     states: Array
     forces: Array
 
-    def predicted(self, law: Law, *, mobilization_length: float = 0.0, threads: int | None = None) -> Array:
-        """The model's force at each state [N], shape [n, 3]; with memory if `mobilization_length` [m] is over 0."""
+    def predicted(self, law: Law, *, threads: int | None = None) -> Array:
+        """The model's force at each state [N], shape [n, 3]; with memory if the law has a mobilization length."""
         plates = self.tool.plates
-        if mobilization_length == 0.0:
+        if law.mobilization_length == 0.0:
             return wrenches(plates, law, self.states, threads=threads)[:, :3]
-        return wrenches_in_time(
-            plates,
-            law,
-            self.states,
-            np.diff(self.times, prepend=self.times[0]),
-            Memory(plates),
-            mobilization_length=mobilization_length,
-        )[:, :3]
+        durations = np.diff(self.times, prepend=self.times[0])
+        return wrenches_in_time(plates, law, self.states, durations, Memory(plates))[:, :3]
 
 
 def read_run(name: str) -> DemRun:
@@ -142,8 +136,8 @@ def read_run(name: str) -> DemRun:
 
 
 def fitted_zeta(run: DemRun, law_at_one: Law) -> float:
-    """ζ by least squares of the force vectors, where the vertical force exceeds a fifth of its maximum."""
-    model = run.predicted(law_at_one)
+    """ζ by least squares of the force vectors without memory, where the vertical one exceeds a fifth of its maximum."""
+    model = run.predicted(replace(law_at_one, mobilization_length=0.0))
     strong = run.forces[:, 2] > _STRONG * run.forces[:, 2].max()
     return float((run.forces[strong] * model[strong]).sum() / (model[strong] ** 2).sum())
 
@@ -230,7 +224,7 @@ def accuracy() -> Accuracy:
 
 
 def _remembered(run: DemRun, zeta: float) -> Array:
-    return run.predicted(law("constant", zeta=zeta), mobilization_length=MOBILIZATION_LENGTH)
+    return run.predicted(law("constant", zeta=zeta, mobilization_length=MOBILIZATION_LENGTH))
 
 
 def study() -> StudyResult:

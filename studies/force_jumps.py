@@ -406,14 +406,8 @@ def reversal() -> StudyResult:
         if rule == "refined":
             memory = Memory(plates)
             durations = np.diff(times, prepend=times[0])
-            held = wrenches_in_time(
-                plates,
-                law("constant", zeta=1.0),
-                states,
-                durations,
-                memory,
-                mobilization_length=_MOBILIZATION_LENGTH,
-            )[:, 2]
+            grains = law("constant", zeta=1.0, mobilization_length=_MOBILIZATION_LENGTH)
+            held = wrenches_in_time(plates, grains, states, durations, memory)[:, 2]
             label = f"with memory, λ = {1e3 * _MOBILIZATION_LENGTH:g} mm"
             over_time.plot(times, held, color=GREEN, lw=2.0, ls="--", label=label, zorder=5)
     over_time.set_ylim(-95.0, 145.0)

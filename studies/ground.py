@@ -56,7 +56,6 @@ def four_passes() -> tuple[Series, Series]:
                 states[k : k + 1],
                 durations[k : k + 1],
                 memory,
-                mobilization_length=choice.mobilization_length,
                 surface_height=surface.height,
                 slope=surface.slope,
                 sensitivities=True,

@@ -5,7 +5,7 @@ in ``../shared/data``; without them the study has the simulated runs only.
 """
 
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from statistics import mean
 
@@ -50,7 +50,8 @@ class Column:
 
     def made(self, zeta: float, density: float = 0.0) -> Law:
         """The law."""
-        return law("linear", zeta=zeta, name=self.law, density=density)
+        length = self.mobilization_length
+        return law("linear", zeta=zeta, name=self.law, density=density, mobilization_length=length)
 
 
 COLUMNS = (
@@ -84,8 +85,7 @@ def law_errors(column: Column) -> LawErrors:
     zeta = fitted_zeta(runs[CALIBRATION], column.made(1.0))
 
     def errors(density: float) -> dict[str, float]:
-        predict = partial(DemRun.predicted, law=column.made(zeta, density))
-        found = {n: predict(run, mobilization_length=column.mobilization_length) for n, run in runs.items()}
+        found = {name: run.predicted(column.made(zeta, density)) for name, run in runs.items()}
         return {
             name: settled_error(runs[name], model) if name in FAST_RUNS else median_error(runs[name].forces, model)
             for name, model in found.items()
@@ -97,7 +97,7 @@ def law_errors(column: Column) -> LawErrors:
         zeta=zeta,
         plain=errors(0.0),
         inertia=errors(DENSITY),
-        learned={n: settled_error(runs[n], _learned(runs[n], fast, column.mobilization_length)) for n in FAST_RUNS},
+        learned={n: settled_error(runs[n], _learned(runs[n], fast)) for n in FAST_RUNS},
     )
 
 
@@ -107,14 +107,12 @@ def _refined(name: str) -> DemRun:
     return replace(run, tool=load_tool(run.tool.file, scale=1.0, integration="refined"))
 
 
-def _learned(run: DemRun, model: Law, length: float) -> Array:
+def _learned(run: DemRun, model: Law) -> Array:
     """The force at each state with what was learned from the samples `LAG` before [N], shape [n, 3]."""
     plates, states = run.tool.plates, run.states
-    if length > 0.0:
+    if model.mobilization_length > 0.0:
         durations = np.diff(run.times, prepend=run.times[0])
-        rows = wrenches_in_time(
-            plates, model, states, durations, Memory(plates), mobilization_length=length, sensitivities=True
-        )
+        rows = wrenches_in_time(plates, model, states, durations, Memory(plates), sensitivities=True)
     else:
         rows = wrenches(plates, model, states, sensitivities=True)
     learning = Learning(lag=LAG, reach=plates.reach)

@@ -145,20 +145,12 @@ def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learn
     return Learned(out=out, surprise=surprise, learning=learning)
 
 
-def model_rows(plates: Plates, law: Law, states: Array, times: Array, length: float, surface: float = 0.0) -> Array:
+def model_rows(plates: Plates, law: Law, states: Array, times: Array, *, surface: float = 0.0) -> Array:
     """What the filter needs of the model at each state, shape [n, 19]."""
-    if length == 0.0:
+    if law.mobilization_length == 0.0:
         return wrenches(plates, law, states, surface_height=surface, sensitivities=True, threads=1)
-    return wrenches_in_time(
-        plates,
-        law,
-        states,
-        np.diff(times, prepend=times[0]),
-        Memory(plates),
-        mobilization_length=length,
-        surface_height=surface,
-        sensitivities=True,
-    )
+    durations, memory = np.diff(times, prepend=times[0]), Memory(plates)
+    return wrenches_in_time(plates, law, states, durations, memory, surface_height=surface, sensitivities=True)
 
 
 def series_of(
@@ -193,7 +185,7 @@ def dem_series(name: str, choice: Choice) -> Series:
     plates = tool.plates
     data = np.loadtxt(DATA / f"{name}.csv", delimiter=",", skiprows=1)
     states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
-    rows = model_rows(plates, law_, states, times, choice.mobilization_length)
+    rows = model_rows(plates, law_, states, times)
     series = series_of(name, plates, states, times, rows, forces, rest=1e-9)
     moving = np.flatnonzero(np.any(states[:, 7:13] != 0.0, axis=1))
     smooth = np.zeros_like(forces)
@@ -205,7 +197,8 @@ def dem_series(name: str, choice: Choice) -> Series:
 
 def dem_model(name: str, choice: Choice) -> tuple[Tool, Law]:
     """The tool of a simulated run, and the law with ζ from the calibration run."""
-    return _dem_tool(name, choice), law(choice.alpha_y, zeta=_dem_zeta(choice))
+    length = choice.mobilization_length
+    return _dem_tool(name, choice), law(choice.alpha_y, zeta=_dem_zeta(choice), mobilization_length=length)
 
 
 @cache
@@ -235,10 +228,11 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
         with redirect_stdout(io.StringIO()):
             main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(calibrated)])
         values, options = read_parameter_file(calibrated), read_replay_options(calibrated)
-        length = choice.mobilization_length and (model_of(values).mobilization_length or choice.mobilization_length)
+        fitted = values["medium.mobilization_length"] or choice.mobilization_length
+        length = fitted if choice.mobilization_length else 0.0
         found = []
         for bag in bags:
-            own = {**values, "medium.mobilization_length": 0.0}
+            own = {**values, "medium.mobilization_length": length}
             if bag.name in meshes:
                 own["mesh.file"] = str(meshes[bag.name])
             track = read_track(bag, own, options)
@@ -247,7 +241,7 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
             plates, rest = model.tool.plates, settings.rest_speed
             speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
             states[speeds < rest, 7:13] = 0.0
-            rows = model_rows(plates, model.law, states, track.time, length, settings.surface_height)
+            rows = model_rows(plates, model.law, states, track.time, surface=settings.surface_height)
             forces = track.grain_forces(settings.load_cell)
             series = series_of(bag.name, plates, states, track.time, rows, forces, rest=rest)
             sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest

@@ -36,7 +36,9 @@ _TILT = "0.99 0.12 0.08 0"
 
 def law(zeta: float = 0.33) -> Law:
     """The grains of this study."""
-    return treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=zeta)
+    return treers2021(
+        MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=zeta, mobilization_length=LENGTH
+    )
 
 
 class _Published:
@@ -53,7 +55,7 @@ def _alone(way: str, tool: Tool, zeta: float) -> Any:
     """Grains that know no inertia."""
     if way == PUBLISHED:
         return _Published(tool.plates, zeta)
-    return Grains(tool, law(zeta), mobilization_length=LENGTH)
+    return Grains(tool, law(zeta))
 
 
 def dropped(mass: float, step: float, way: str, *, zeta: float = 0.33, seconds: float = 2.5) -> dict[str, float]:
@@ -164,7 +166,7 @@ def costs() -> Iterator[tuple[str, str]]:
 
         plates = f"{len(grains.tool.plates):,} plates"
         both, alone = _cpu(1000, stepped), _cpu(1000, lambda _k, arm=arm: mujoco.mj_step(arm.model, arm.data))
-        batch = GrainsBatch(grains.tool, law(), bodies=256, mobilization_length=LENGTH)
+        batch = GrainsBatch(grains.tool, law(), bodies=256)
         states = np.tile([0, 0, -0.01, 0, 0, 0, 1, 0.001, 0, -0.001, 0, 0, 0], (256, 1))
 
         def together(k: int, batch: GrainsBatch = batch, states: Array = states) -> None:

@@ -82,13 +82,14 @@ class Choice:
 
     def made(self, zeta: float) -> Law:
         """The law of this choice."""
-        return law(self.alpha_y, zeta=zeta, name=self.law, density=self.density)
+        length = self.mobilization_length
+        return law(self.alpha_y, zeta=zeta, name=self.law, density=self.density, mobilization_length=length)
 
     def predicted(self, run: DemRun, law: Law) -> Array:
         """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
         if self.lag == 0.0:
-            return run.predicted(law, mobilization_length=self.mobilization_length, threads=1)
-        rows = model_rows(run.tool.plates, law, run.states, run.times, self.mobilization_length)
+            return run.predicted(law, threads=1)
+        rows = model_rows(run.tool.plates, law, run.states, run.times)
         series = series_of(run.name, run.tool.plates, run.states, run.times, rows, run.forces, rest=1e-9)
         return learned(series, lag=self.lag).out[:, :3]
 

@@ -27,13 +27,13 @@ BELOW_90 = 90.0 - 1e-6
 """ψ [deg] in place of 90, where a vertical plate moves along itself and rounding decides whether its face leads."""
 
 
-def law(alpha_y: str, *, zeta: float = ZETA, name: str = "treers2021", density: float = 0.0) -> Law:
+def law(alpha_y: str, *, zeta: float = ZETA, name: str = "treers2021", **grains: float) -> Law:
     """The paper's model with Li's generic coefficients and α_y `constant` or `linear`; or the law of another name.
 
-    `density` [kg/m³]: with the grains' inertia.
+    `grains`: further numbers of a law, such as `density` [kg/m³] and `mobilization_length` [m].
     """
     generic = MEDIA["generic"]
-    return law_named(name, generic, alpha_y_model(alpha_y, generic), zeta=zeta, density=density)
+    return law_named(name, generic, alpha_y_model(alpha_y, generic), zeta=zeta, **grains)
 
 
 def plate() -> Tool:

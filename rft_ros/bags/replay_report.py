@@ -220,7 +220,7 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     rows = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
     if not len(rows):
         return
-    title = f"Tool and traction{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
+    title = f"Tool and traction{' (law without memory)' if model.law.mobilization_length > 0.0 else ''}"
     times, ground = 1e-9 * (rows["stamp"] - begin), estimator.ground
     height = estimator.settings.surface_height
     scene = animate(title, model.tool, model.law, times, rows["state"], surface_height=height, ground=ground)

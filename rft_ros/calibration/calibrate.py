@@ -15,7 +15,7 @@ from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import Law, Treers2021, medium_named, wrenches
+from rft_ros.rft import Law, Treers2021, has_inertia, medium_named, wrenches
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -66,12 +66,12 @@ def calibrate(
     # any tool: the law has none; fits know level ground only
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
     inertial = model_of(at_one, tool=tracks[0].tool).law
-    law = replace(inertial, inertia=0.0)
+    law = replace(inertial, density=0.0, mobilization_length=0.0)
 
     height = air = settings.surface_height
     height_error = 0.0
     try:  # in any case: what counts as air depends on it
-        for _ in range(1 if inertial == law else _ROUNDS):
+        for _ in range(_ROUNDS if has_inertia(inertial) else 1):
             surface, highest = fit_surface(tracks, sensor.cell, law)
             tracks = [_without_inertia(t, sensor.cell, inertial, law, surface.values[0]) for t in recorded]
         if "surface" in parts:
@@ -101,7 +101,7 @@ def calibrate(
         with result.or_reason("alpha_y"):
             if not isinstance(law, Treers2021):
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
-            runs = plate_runs(tracks, sensor, replace(law, stiffness=law.stiffness * zeta), surface=height)
+            runs = plate_runs(tracks, sensor, replace(law, zeta=zeta), surface=height)
             shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
             medium = medium_named(values["medium.name"])
             fit = fit_alpha_y(runs, medium, shared_error=shared, model=alpha_y)
@@ -112,7 +112,7 @@ def calibrate(
 
 def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
     """The recording without the force of the grains' inertia, which ζ does not scale; surface at `height` [m]."""
-    if inertial == law:
+    if not has_inertia(inertial):
         return track
     fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
     force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (fast - slow)[:, :3])

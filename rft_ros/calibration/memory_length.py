@@ -5,6 +5,7 @@ so does its build-up if a recording begins with the tool at rest in the grains.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,10 +36,8 @@ def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float
 
     def columns(logarithm: float) -> NDArray[np.float64]:
         """Forces as the node predicts them, from an empty memory on."""
-        length, memory = float(np.exp(logarithm)), Memory(plates, slack=SLACK)
-        forces = wrenches_in_time(
-            plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
-        )[:, :3]
+        grains, memory = replace(law, mobilization_length=float(np.exp(logarithm))), Memory(plates, slack=SLACK)
+        forces = wrenches_in_time(plates, grains, states, durations, memory, surface_height=surface)[:, :3]
         return forces[turn.rows - turn.first].T.reshape(-1, 1)
 
     low, high = np.log(_SHORTEST), np.log(_LONGEST)

@@ -78,7 +78,7 @@ def view(arguments: argparse.Namespace) -> int:
     model, height = model_of(values), values["surface_height"]
     *moving, ground = (*read_states(source), None) if of_states else states_of(source, values, model, chosen)
     tool = model.tool
-    title = f"{tool.name}{' (law without memory)' if model.mobilization_length > 0.0 else ''}"
+    title = f"{tool.name}{' (law without memory)' if model.law.mobilization_length > 0.0 else ''}"
     scene = animate(title, tool, model.law, *moving, surface_height=height, ground=ground)
     with busy("drawing"):
         write_page(output, [Figure("tool", "", "", animation_figure(scene))], title=scene.title)

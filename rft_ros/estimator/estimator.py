@@ -131,7 +131,7 @@ class Estimator:
         elif new_tool:
             self._begin()
         else:
-            self._remember(anew=(m.mobilization_length > 0.0) == (self._memory is None))
+            self._remember(anew=(m.law.mobilization_length > 0.0) == (self._memory is None))
 
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             error, on = s.zeta_error or _UNKNOWN_ZETA_ERROR, s.learning_mode != "off"
@@ -141,7 +141,7 @@ class Estimator:
         learning.lag, learning.reach = s.learning_lag, m.tool.plates.reach
         if s.load_cell != old.load_cell:
             learning.forget_air()
-        if m.law != old_model.law or m.mobilization_length != old_model.mobilization_length:
+        if m.law != old_model.law:
             learning.forget()
         elif new_tool or new_axes or new_ground or s.surface_height != old.surface_height:
             learning.leave()
@@ -164,11 +164,11 @@ class Estimator:
 
     def _remember(self, *, anew: bool) -> None:
         """Evaluate the model in force, with its memory so far or `anew`."""
-        plates, law, length = self.model.tool.plates, self.model.law, self.model.mobilization_length
+        plates, law = self.model.tool.plates, self.model.law
         if anew:
-            self._memory = Memory(plates, slack=SLACK) if length > 0.0 else None
+            self._memory = Memory(plates, slack=SLACK) if law.mobilization_length > 0.0 else None
         self._sliver = _SLIVER * plates.area
-        self._step = prepared(plates, law, self._memory, length or 1.0)
+        self._step = prepared(plates, law, self._memory)
 
     def _begin_again(self) -> None:
         """Begin a new run or in new axes: no path or memory, the ground at the start; the grains' strength stays."""

@@ -12,7 +12,7 @@ from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import Law, edge_share, rotation_matrix
+from rft_ros.rft import Law, edge_share, has_inertia, rotation_matrix
 from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
 
@@ -153,7 +153,7 @@ _EVERY = 8  # estimates between two evaluations of the slow flags
 
 def inertial_speed(law: Law) -> float:
     """Speed [m/s] up to which a law holds: without inertia 0.2, with it that of the fastest simulated run."""
-    return 0.2 if law.inertia == 0.0 else 1.0
+    return 1.0 if has_inertia(law) else 0.2
 
 
 class QualityMonitor:
@@ -190,7 +190,7 @@ class QualityMonitor:
             return flags
         flags |= f.WITHDRAWAL.value if withdraws else 0
         limit = inertial_speed(law)
-        if motion.speed > (_FAST_SPEED if law.inertia == 0.0 else limit):
+        if motion.speed > (limit if has_inertia(law) else _FAST_SPEED):
             flags |= f.FAST.value | (f.INERTIAL.value if motion.speed > limit else 0)
         elif motion.speed < _NEAR_REST_FACTOR * settings.rest_speed:
             flags |= f.NEAR_REST.value

@@ -130,7 +130,8 @@ class Diagnostics:
         model, swap = self._estimator.model, self._swap
         tool = model.tool
         values: dict[str, object] = {"tool": tool.name, "facets": len(tool.facets), "plates": len(tool.plates)}
-        values |= {"law": model.law_name, "medium": model.medium, "zeta": model.zeta, "alpha_y": model.alpha_y}
+        values |= {"law": model.law.name, **model.law.stresses, "zeta": model.law.zeta}
+        values |= {"mobilization_length": model.law.mobilization_length}
         values |= {"generation": model.generation, "preparing": swap.preparing, "last_swap_failure": swap.last_failure}
         problems = swap.last_failure or "; ".join(tool.issues.values())
         return self._status("model", values, problems, "in force")

@@ -24,6 +24,7 @@ from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
 from rft_ros.parameters import Values
+from rft_ros.rft import described
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -94,8 +95,7 @@ class RftNode(Node):
         """Log the model that came into force, with the issues of its mesh; `event`: what the sentence begins with."""
         m = self.estimator.model
         plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
-        law = f"law {m.law_name}, medium {m.medium}, zeta {m.zeta:g}, alpha_y {m.alpha_y}"
-        self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {law}")
+        self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {described(m.law)}")
         for issue in m.tool.issues.values():
             self.get_logger().warning(f"mesh {m.tool.name}: {issue}")
 

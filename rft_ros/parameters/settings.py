@@ -71,17 +71,11 @@ class Settings:
 class Model:
     """A tool, a law and the ground at the start, replaced as a whole; `generation` counts the models of a run.
 
-    `mobilization_length`: λ of the medium [m]; 0 disables memory, as published. `ground`: known heights; None: a level
-    plane. The rest names the law's parameters.
+    `law`: all that is known of the grains. `ground`: known heights; None: a level plane.
     """
 
     tool: Tool
     law: Law
-    medium: str
-    zeta: float
-    alpha_y: str
-    law_name: str = "treers2021"
-    mobilization_length: float = 0.0
     ground: HeightMap | None = None
     generation: int = 0
 
@@ -122,6 +116,7 @@ def ground_of(values: Values) -> HeightMap | None:
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
 
 
+_OF_MEDIUM = ("zeta", "surface_friction", "density", "inertia", "mobilization_length")
 _OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance")
 _LOADED = {"tool": (_OF_TOOL, tool_of), "ground": (("ground.cell", "ground.file"), ground_of)}
 
@@ -148,15 +143,10 @@ def model_of(
     medium, alpha_y = medium_named(values["medium.name"]), values["alpha_y.model"]
     if alpha_y == "table":
         table = table or read_alpha_y_table(values["alpha_y.table"])
-    of_law = {name: values[f"medium.{name}"] for name in ("zeta", "surface_friction", "density", "inertia")}
+    of_law = {name: values[f"medium.{name}"] for name in _OF_MEDIUM}
     return Model(
         tool=tool or tool_of(values),
         law=law_named(values["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),
-        law_name=values["law"],
-        medium=medium.name,
-        zeta=values["medium.zeta"],
-        alpha_y=alpha_y,
-        mobilization_length=values["medium.mobilization_length"],
         ground=ground or ground_of(values),
         generation=generation,
     )

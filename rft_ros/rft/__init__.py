@@ -89,12 +89,32 @@ from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
-from rft_ros.rft.traction import LAWS, Law, Treers2021, law_named, traction_per_depth, treers2021
+from rft_ros.rft.traction import (
+    LAWS,
+    Law,
+    Treers2021,
+    described,
+    has_inertia,
+    law_named,
+    traction_per_depth,
+    treers2021,
+)
 from rft_ros.rft.wrench import COLUMNS, LEVEL, SENSITIVITIES, edge_share, plate_forces, wrenches, wrenches_in_time
 
 __all__ = ["MEDIA", "Medium", "medium_named"]
 __all__ += ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model"]
-__all__ += ["INERTIA", "LAWS", "SURFACE_FRICTION", "Agarwal2023", "Law", "Treers2021", "agarwal2023", "law_named"]
+__all__ += [
+    "INERTIA",
+    "LAWS",
+    "SURFACE_FRICTION",
+    "Agarwal2023",
+    "Law",
+    "Treers2021",
+    "agarwal2023",
+    "described",
+    "has_inertia",
+    "law_named",
+]
 __all__ += ["traction_per_depth", "treers2021"]
 __all__ += ["STATE", "checked_states", "rotation_matrix", "unit_quaternion"]
 __all__ += ["INTEGRATIONS", "SLACK", "Integration", "Memory", "Plates"]

@@ -10,6 +10,7 @@ which gives a flat plate 21 % more force and lets the grains pull at 12 % of all
 
 from dataclasses import dataclass, field
 from math import radians, sin, sqrt
+from typing import ClassVar
 
 from rft_ros.rft.alpha_y import PackedLaw, packed
 from rft_ros.rft.arguments import number
@@ -46,21 +47,43 @@ _UPRIGHT = 1.0 / sin(radians(5.0))
 _TINY = 1e-290
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Agarwal2023:
-    """`stiffness`: ξ [N/m³]. `surface_friction` of the tool, no unit. `inertia`: λ ρ [kg/m³]. `packed`: for the loop.
+    """The grains by this law.
 
-    Raises ValueError for a field that is not a finite number.
+    `zeta`: strength of the grains, no unit, comparable to that of `Treers2021` (see `FLAT_PRESS`). `surface_friction`
+    of the tool, no unit. `density` of the bed [kg/m³] and `inertia`, λ of Eq. (11), no unit; density 0: the force does
+    not depend on speed. `mobilization_length` [m]: λ of Eq. (10), for evaluations in time; 0: no memory. `packed`: for
+    the loop. Raises ValueError that names a number out of range.
     """
 
-    stiffness: float
-    surface_friction: float
-    inertia: float = 0.0
+    name: ClassVar[str] = "agarwal2023"
+
+    zeta: float = 1.0
+    surface_friction: float = SURFACE_FRICTION
+    density: float = 0.0
+    inertia: float = INERTIA
+    mobilization_length: float = 0.0
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        numbers = {"inertia": self.inertia, "stiffness": self.stiffness, "surface_friction": self.surface_friction}
+        number("medium.mobilization_length", self.mobilization_length, least=0.0)
+        numbers = {
+            "inertia": inertial_density(self.density, self.inertia),
+            "stiffness": self.stiffness,
+            "surface_friction": number("medium.surface_friction", self.surface_friction, least=0.0),
+        }
         object.__setattr__(self, "packed", packed(-1, numbers))
+
+    @property
+    def stiffness(self) -> float:
+        """ξ [N/m³]."""
+        return number("medium.zeta", self.zeta, positive=True) * (1e6 / FLAT_PRESS)
+
+    @property
+    def stresses(self) -> dict[str, str]:
+        """What the law's stresses come from, by name."""
+        return {}
 
 
 def agarwal2023(
@@ -69,15 +92,15 @@ def agarwal2023(
     surface_friction: float = SURFACE_FRICTION,
     density: float = 0.0,
     inertia: float = INERTIA,
+    mobilization_length: float = 0.0,
 ) -> Agarwal2023:
-    """The law of a medium with scale factor `zeta`, comparable to that of `treers2021` (see `FLAT_PRESS`).
-
-    `density` of the bed [kg/m³] and `inertia` λ: see `inertial_density`. Raises ValueError for numbers out of range.
-    """
+    """The grains by this law; arguments and errors as for `Agarwal2023`."""
     return Agarwal2023(
-        stiffness=number("medium.zeta", zeta, positive=True) * (1e6 / FLAT_PRESS),
-        surface_friction=number("medium.surface_friction", surface_friction, least=0.0),
-        inertia=inertial_density(density, inertia),
+        zeta=zeta,
+        surface_friction=surface_friction,
+        density=density,
+        inertia=inertia,
+        mobilization_length=mobilization_length,
     )
 
 

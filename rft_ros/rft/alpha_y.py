@@ -18,7 +18,7 @@ from rft_ros.rft.chunk import at, triple, wide_vectors
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.media import Medium
 
-__all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model"]
+__all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
 
 
 class Constant(NamedTuple):
@@ -186,6 +186,13 @@ def alpha_y_model(name: str, medium: Medium, table: Table | None = None) -> Alph
     return make(medium, table)
 
 
+def alpha_y_name(model: AlphaY) -> str:
+    """The name of a model's type, one of `ALPHA_Y_MODELS`. Raises TypeError for what is no model."""
+    if type(model) not in _TYPES:
+        raise TypeError(f"alpha_y model is {model!r}; create one with alpha_y_model")
+    return ALPHA_Y_MODELS[_TYPES.index(type(model))]
+
+
 def packed(kind: int, fields: Mapping[str, float], values: ArrayLike = _NO_VALUES) -> PackedLaw:
     """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
 
@@ -201,11 +208,10 @@ def packed(kind: int, fields: Mapping[str, float], values: ArrayLike = _NO_VALUE
 
 def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
     """A law of 11 numbers and a model: the model's place in `ALPHA_Y_MODELS`, all numbers, and its values."""
-    if type(model) not in _TYPES:
-        raise TypeError(f"alpha_y model is {model!r}; create one with alpha_y_model")
+    kind = ALPHA_Y_MODELS.index(alpha_y_name(model))
     fields = {f"alpha_y.{name}": value for name, value in model._asdict().items()}
     values = fields.pop("alpha_y.values", _NO_VALUES)
-    return packed(_TYPES.index(type(model)), {**numbers, **fields}, values)
+    return packed(kind, {**numbers, **fields}, values)
 
 
 @inlined

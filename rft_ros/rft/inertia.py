@@ -17,8 +17,8 @@ CONFINEMENT = 2.0
 one simulated run, a flat plate at 1 m/s; the square is an assumption."""
 
 
-def inertial_density(density: float, inertia: float = INERTIA) -> float:
-    """λ ρ [kg/m³], a law's field `inertia`, from the density of the bed [kg/m³] and λ; neither may be negative."""
+def inertial_density(density: float, inertia: float) -> float:
+    """λ ρ [kg/m³] of Eq. (11), from the density of the bed [kg/m³] and λ; neither may be negative."""
     return number("medium.density", density, least=0.0) * number("medium.inertia", inertia, least=0.0)
 
 

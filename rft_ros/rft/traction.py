@@ -1,18 +1,18 @@
 """Traction per depth of plates, Eqs. (8) and (12), from their normals and velocities; no other module knows a law.
 
-A law is a dataclass of numbers, `Treers2021` or `Agarwal2023`. `tractions` takes its `packed` form, and evaluates it
-for the plates of a chunk.
+A law is a dataclass, `Treers2021` or `Agarwal2023`, of all that is known of the grains: their stresses, strength,
+density and memory. `tractions` takes its `packed` form, and evaluates it for the plates of a chunk.
 """
 
 from dataclasses import dataclass, field
 from math import radians, sin, sqrt
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rft_ros.rft import chunk as row
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import AlphaY, PackedLaw, add_alpha_y, packed_alpha_y
+from rft_ros.rft.alpha_y import AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
 from rft_ros.rft.arguments import number
 from rft_ros.rft.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.compilation import STEP, compiled, inlined
@@ -20,7 +20,7 @@ from rft_ros.rft.inertia import INERTIA, inertial_density
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1_and_f23
 
-__all__ = ["LAWS", "Law", "Treers2021", "law_named", "traction_per_depth", "treers2021"]
+__all__ = ["LAWS", "Law", "Treers2021", "described", "has_inertia", "law_named", "traction_per_depth", "treers2021"]
 __all__ += ["BLENDED", "FLAT", "FLAT_BLEND", "NEVER_FLAT", "SWITCHED", "orient", "packed_law", "tractions"]
 
 N_PER_CM3 = 1e6  # 1 N/cm³ in N/m³
@@ -38,29 +38,47 @@ _NUDGE = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Treers2021:
-    """3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
+    """The grains by 3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
-    `stiffness`: ζ in N/m³ per N/cm³. `alpha_y`: the model of Eq. (7). `inertia`: λ ρ [kg/m³] of Eq. (11). `packed`: for
-    the loop. Raises ValueError for a number that is not finite, TypeError for what is not a medium or a model.
+    `medium`: the nine coefficients of Eq. (4). `alpha_y`: the model of Eq. (7). `zeta`: strength of the grains, no
+    unit. `density` of the bed [kg/m³] and `inertia`, λ of Eq. (11), no unit; density 0: the force does not depend on
+    speed. `mobilization_length` [m]: λ of Eq. (10), for evaluations in time; 0: no memory. `packed`: for the loop.
+    Raises ValueError that names a number out of range, TypeError for what is not a medium or a model.
     """
+
+    name: ClassVar[str] = "treers2021"
 
     medium: Medium
     alpha_y: AlphaY
-    stiffness: float
-    inertia: float = 0.0
+    zeta: float = 1.0
+    density: float = 0.0
+    inertia: float = INERTIA
+    mobilization_length: float = 0.0
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
+        number("medium.mobilization_length", self.mobilization_length, least=0.0)
         m = self.medium
         if not isinstance(m, Medium):
             raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")
         # sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed; in the order of `_stresses`
         of_z = {"A00": m.A00, "A10": m.A10, "B11 + Bm11": m.B11 + m.Bm11, "B11 - Bm11": m.B11 - m.Bm11, "B01": m.B01}
         of_x = {"C01": m.C01, "C11 + Cm11": m.C11 + m.Cm11, "Cm11 - C11": m.Cm11 - m.C11, "D10": m.D10}
-        numbers = {"inertia": self.inertia, "stiffness": self.stiffness, **of_z, **of_x}
+        inertia = inertial_density(self.density, self.inertia)
+        numbers = {"inertia": inertia, "stiffness": self.stiffness, **of_z, **of_x}
         object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
+
+    @property
+    def stiffness(self) -> float:
+        """ζ in N/m³ per N/cm³."""
+        return number("medium.zeta", self.zeta, positive=True) * N_PER_CM3
+
+    @property
+    def stresses(self) -> dict[str, str]:
+        """What the law's stresses come from, by name."""
+        return {"medium": self.medium.name, "alpha_y": alpha_y_name(self.alpha_y)}
 
 
 Law = Treers2021 | Agarwal2023
@@ -78,15 +96,23 @@ def packed_law(law: Law) -> PackedLaw:
 
 
 def treers2021(
-    medium: Medium, alpha_y_model: AlphaY, *, zeta: float = 1.0, density: float = 0.0, inertia: float = INERTIA
+    medium: Medium,
+    alpha_y_model: AlphaY,
+    *,
+    zeta: float = 1.0,
+    density: float = 0.0,
+    inertia: float = INERTIA,
+    mobilization_length: float = 0.0,
 ) -> Treers2021:
-    """The law, Eq. (8), for a medium scaled by `zeta` (no unit) with a model of α_y.
-
-    `density` of the bed [kg/m³] and `inertia` λ: see `inertial_density`; 0: the force does not depend on speed. Raises
-    ValueError unless `zeta` is a positive, finite number.
-    """
-    stiffness = number("medium.zeta", zeta, positive=True) * N_PER_CM3
-    return Treers2021(medium, alpha_y_model, stiffness, inertial_density(density, inertia))
+    """The grains by this law; arguments and errors as for `Treers2021`."""
+    return Treers2021(
+        medium=medium,
+        alpha_y=alpha_y_model,
+        zeta=zeta,
+        density=density,
+        inertia=inertia,
+        mobilization_length=mobilization_length,
+    )
 
 
 def law_named(
@@ -98,16 +124,38 @@ def law_named(
     surface_friction: float = SURFACE_FRICTION,
     density: float = 0.0,
     inertia: float = INERTIA,
+    mobilization_length: float = 0.0,
 ) -> Law:
-    """The law named by the parameter `law`, one of `LAWS`; it ignores what it has no use for.
+    """The grains by the law that the parameter `law` names, one of `LAWS`; it ignores what it has no use for.
 
     Raises ValueError for other names and for numbers out of range.
     """
+    in_both: dict[str, float] = {
+        "zeta": zeta,
+        "density": density,
+        "inertia": inertia,
+        "mobilization_length": mobilization_length,
+    }
     if name == "agarwal2023":
-        return agarwal2023(zeta=zeta, surface_friction=surface_friction, density=density, inertia=inertia)
+        return agarwal2023(surface_friction=surface_friction, **in_both)
     if name == "treers2021":
-        return treers2021(medium, alpha_y_model, zeta=zeta, density=density, inertia=inertia)
+        return treers2021(medium, alpha_y_model, **in_both)
     raise ValueError(f"law '{name}' is none of {', '.join(LAWS)}")
+
+
+def has_inertia(law: Law) -> bool:
+    """Whether the force includes the grains' inertia, Eq. (11), and so depends on the speed."""
+    return law.density * law.inertia > 0.0
+
+
+def described(law: Law) -> str:
+    """The grains in words, such as "law treers2021, medium generic, alpha_y linear, zeta 0.33, memory 3 mm"."""
+    parts = [f"law {law.name}", *(f"{what} {name}" for what, name in law.stresses.items()), f"zeta {law.zeta:g}"]
+    length = law.mobilization_length
+    parts.append(f"memory {1e3 * length:g} mm" if length > 0.0 else "no memory")
+    if law.density > 0.0:
+        parts.append(f"density {law.density:g} kg/m3")
+    return ", ".join(parts)
 
 
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2

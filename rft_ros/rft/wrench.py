@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.agarwal2023 import Agarwal2023
+from rft_ros.rft.agarwal2023 import agarwal2023
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
@@ -85,19 +85,18 @@ def wrenches_in_time(
     durations: ArrayLike,
     memory: Memory,
     *,
-    mobilization_length: float,
     surface_height: float = 0.0,
     slope: tuple[float, float] = LEVEL,
     sensitivities: bool = False,
 ) -> Array:
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
-    `durations`: shape [n], time since the previous state [s]; 0 for the very first. `memory`: of these plates, updated
-    in place; of many bodies, row i is of body i. `mobilization_length`: λ at the depth `rft_ros.rft.memory.DEPTH` [m],
-    positive.
+    `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `durations`: shape
+    [n], time since the previous state [s]; 0 for the very first. `memory`: of these plates, updated in place; of many
+    bodies, row i is of body i.
     """
     scene, kept = _scene(plates, law, surface_height, slope), _remembered(plates, memory)
-    length = number("mobilization_length", mobilization_length, positive=True)
+    length = _length(law)
     states = numbers("states", states, _ROW)
     durations = numbers("durations", durations, rows=len(states))
     if not (durations[0] if len(durations) == 1 else durations.min(initial=0.0)) >= 0.0:
@@ -110,17 +109,17 @@ def wrenches_in_time(
 
 
 def prepared(
-    plates: Plates, law: Law, memory: Memory | None = None, length: float = 1.0, *, bodies: slice = slice(None)
+    plates: Plates, law: Law, memory: Memory | None = None, *, bodies: slice = slice(None)
 ) -> Callable[..., None]:
     """`wrenches`, or with a memory `wrenches_in_time`, for steps that must be short: a call checks nothing.
 
-    `length`: the mobilization length [m]. `bodies`: those of the memory whose states will be given. Call it with
-    states, durations, surface height [m], slope and the array for the result, shape [n, 7] or [n, 19]; the others are
-    of the types and shapes that `wrenches_in_time` names, and all are C-contiguous. Raises ValueError or TypeError that
-    names the argument that cannot be used.
+    `bodies`: those of the memory whose states will be given. Call it with states, durations, surface height [m], slope
+    and the array for the result, shape [n, 7] or [n, 19]; the others are of the types and shapes that
+    `wrenches_in_time` names, and all are C-contiguous. Raises ValueError or TypeError that names the argument that
+    cannot be used.
     """
     loop, (form, packed, _, _) = _loop(), _scene(plates, law, 0.0, LEVEL)
-    length = number("mobilization_length", length, positive=True)
+    length = 1.0 if memory is None else _length(law)
     remembers, kept = memory is not None, _NOTHING if memory is None else _remembered(plates, memory)[bodies]
     if not kept.size or not kept.flags.c_contiguous:
         raise ValueError(f"bodies is {bodies}; it must be of one body or more, one after the other, of the memory's")
@@ -173,6 +172,11 @@ def _scene(plates: Plates, law: Law, height: float, slope: tuple[float, float]) 
     return _checked(plates).form, packed_law(law), number("surface_height", height), slope
 
 
+def _length(law: Law) -> float:
+    """The mobilization length [m] of a law whose memory is to be evaluated."""
+    return number("mobilization_length of the law", law.mobilization_length, positive=True)
+
+
 def _remembered(plates: Plates, memory: Memory) -> Array:
     if not isinstance(memory, Memory):
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
@@ -194,13 +198,13 @@ def _result(states: Array, sensitivities: bool) -> Array:
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    scene = _scene(plates, Agarwal2023(1.0, 0.0), 0.0, LEVEL)
+    scene = _scene(plates, agarwal2023(), 0.0, LEVEL)
     return machine_code(SUMS, (*scene, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
 
 
 def compile_tractions() -> None:
     """Compile the law's part of the loop, which takes a quarter of its time, in another process than the loop."""
-    machine_code(tractions, (Agarwal2023(1.0, 0.0).packed, np.zeros(1), np.uint64(0), 0))
+    machine_code(tractions, (agarwal2023().packed, np.zeros(1), np.uint64(0), 0))
 
 
 def compile_memory() -> None:

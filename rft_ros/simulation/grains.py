@@ -30,7 +30,7 @@ class GrainsBatch:
     """Many bodies of one shape, each in a bed of its own, as in a simulator's parallel environments.
 
     `tool`: the shape, in the body frame (`load_tool`). `law`: of the grains (`treers2021`, `agarwal2023`); with its
-    inertia. `mobilization_length`: λ at 30 mm depth [m]. `surface_height` [m]: where `ground`, a map of the ground's
+    inertia and its memory. `surface_height` [m]: where `ground`, a map of the ground's
     height, knows nothing. `threads`: over bodies; a result does not depend on it. Raises ValueError or TypeError.
     """
 
@@ -40,7 +40,6 @@ class GrainsBatch:
         law: Law,
         *,
         bodies: int,
-        mobilization_length: float,
         surface_height: float = 0.0,
         ground: HeightMap | None = None,
         threads: int = 1,
@@ -53,11 +52,10 @@ class GrainsBatch:
             if value < 1.0 or value % 1.0:
                 raise ValueError(f"{name} is {value:g}; it must be a whole number of at least 1")
         n, self._threads = int(bodies), int(threads)
-        bed: Any = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
+        bed: Any = {"surface_height": surface_height, "ground": ground}
         self._new = partial(type(self), tool, law, bodies=n, threads=threads, **bed)
         self._reach, self._ground, self._support = tool.plates.reach, ground, Support(tool.corners)
         self._surface = number("surface_height", surface_height)
-        length = number("mobilization_length", mobilization_length, positive=True)
         memory, self._answers = Memory(tool.plates, bodies=n), np.zeros(n, ANSWER)
         self._kept = np.zeros((n, KEPT))
         self._remembered: GrainsState = {"memory": memory.numbers, "answers": self._answers, "surfaces": self._kept}
@@ -68,7 +66,7 @@ class GrainsBatch:
         parts = n if ground is not None else 1 if threads == 1 else min(n, 2 * self._threads)
         edges = np.linspace(0, n, parts + 1).astype(int)
         slices = [slice(a, b) for a, b in itertools.pairwise(edges)]
-        self._parts: list[_Part] = [(s, prepared(tool.plates, law, memory, length, bodies=s)) for s in slices]
+        self._parts: list[_Part] = [(s, prepared(tool.plates, law, memory, bodies=s)) for s in slices]
         self._pool = ThreadPoolExecutor(self._threads)
         self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
         self.reset()

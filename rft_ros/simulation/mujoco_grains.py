@@ -1,6 +1,7 @@
 """Grains for a body of a MuJoCo model: the wrench goes to xfrc_applied, implicit in the body's inertia."""
 
 import math
+from dataclasses import replace
 from functools import lru_cache
 from os import PathLike
 from typing import Any
@@ -138,7 +139,8 @@ class MujocoGrains:
             raise InputError("alpha_y is 'table', which has no file here; give law=treers2021(medium, table)")
         medium = MEDIA["generic"]
         law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta) if law is None else law
-        bed: Any = {"mobilization_length": mobilization_length, "surface_height": surface_height, "ground": ground}
+        law = replace(law, mobilization_length=mobilization_length)
+        bed: Any = {"surface_height": surface_height, "ground": ground}
         self._grains, self._ahead = (GrainsBatch(self.tool, law, bodies=1, **bed) for _ in range(2))
         heights = np.zeros(0) if ground is None else ground.points()[:, 2]
         self._highest, self._stride = heights.max(initial=surface_height), max(_STRIDE * mobilization_length, 1e-30)

@@ -103,7 +103,7 @@ def test_the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made, zeta=zeta)
     if raw:  # fields as a caller may set them
-        law = replace(law, stiffness=int(1e6), alpha_y=made)
+        law = replace(law, zeta=1, alpha_y=made)
         zeta = 1
     states = form(np.array([WHOLE] * n, dtype=float))
     rows = wrenches(POINT, law, states, surface_height=height, threads=threads)
@@ -118,13 +118,13 @@ def test_the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
 @given(model=st.sampled_from(MODELS), length=st.sampled_from([1, 2, 0.5, np.int8(3), True]), form=st.sampled_from(SAME))
 def test_memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(model, length, form):
     alpha_y, made = model
-    law = rft.treers2021(GENERIC, made)
+    law = rft.treers2021(GENERIC, made, mobilization_length=length)
     memory = Memory(POINT)
     durations = form(np.array([[0.0], [1.0]]))
     durations = [t for (t,) in durations] if isinstance(durations, list) else durations.reshape(2)
     moved = [WHOLE[k] + WHOLE[7 + k] for k in range(3)]
     states = form(np.array([WHOLE, [*moved, *WHOLE[3:]]], dtype=float))
-    force = wrenches_in_time(POINT, law, states, durations, memory, mobilization_length=length)[1, :3]
+    force = wrenches_in_time(POINT, law, states, durations, memory)[1, :3]
     grown = 1.0 - math.exp(-math.sqrt(3.0) / (float(length) * (0.045 / 0.03) ** 2))  # λ grows down to 45 mm
     assert np.allclose(force, grown * np.array(expected(alpha_y, 1.0, 2.0)[:3]), rtol=1e-6, atol=1e-6), force
 
@@ -144,8 +144,9 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     use |= {"length": 0.003, "threads": None, "slope": (0.1, 0), name: junk}
     keywords = {"surface_height": use["height"], "sensitivities": wide, "slope": use["slope"]}
     one = refused(lambda: wrenches(use["plates"], use["law"], use["states"], threads=use["threads"], **keywords))
-    scene = use["plates"], use["law"], use["states"], use["durations"], use["memory"]
-    in_time = refused(lambda: wrenches_in_time(*scene, mobilization_length=use["length"], **keywords))
+    scene = use["states"], use["durations"], use["memory"]
+    grains = lambda: replace(use["law"], mobilization_length=use["length"])  # noqa: E731
+    in_time = refused(lambda: wrenches_in_time(use["plates"], grains(), *scene, **keywords))
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.edge_share(use["plates"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.treers2021(GENERIC, junk))
@@ -169,14 +170,14 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     what=st.sampled_from(["states", "durations"]),
 )
 def test_arrays_of_other_shapes_are_refused(n, rows, columns, what):
-    law = rft.treers2021(GENERIC, Constant(0.1))
+    law = rft.treers2021(GENERIC, Constant(0.1), mobilization_length=0.1)
     states = np.array([WHOLE] * n, dtype=float).reshape(n, 13)
     if what == "states":
         states = np.zeros((rows, columns))
         assert refused(lambda: wrenches(POINT, law, states)) == (columns != 13)
     else:
         times, memory = np.zeros(rows), Memory(POINT)
-        call = lambda: wrenches_in_time(POINT, law, states, times, memory, mobilization_length=0.1)  # noqa: E731
+        call = lambda: wrenches_in_time(POINT, law, states, times, memory)  # noqa: E731
         assert refused(call) == (rows != n)
 
 
@@ -187,9 +188,10 @@ def test_arrays_of_other_shapes_are_refused(n, rows, columns, what):
 )
 def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
     laws = rft.treers2021(GENERIC, model), rft.treers2021(GENERIC, model, density=1e3), rft.agarwal2023()
+    laws = tuple(replace(law, mobilization_length=0.003) for law in laws)
     for law, plates in product(laws, (*PLATES.values(), OTHERS)):
         memory = Memory(plates)
         assert wrenches(plates, law, [values]).shape == (1, 7)
-        wrenches_in_time(plates, law, [values] * 2, [0.0, 0.1], memory, mobilization_length=0.003, sensitivities=True)
+        wrenches_in_time(plates, law, [values] * 2, [0.0, 0.1], memory, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
         rft.edge_share(plates, values)

@@ -1,6 +1,7 @@
 """Forces with memory: what must hold for any length, and what the grains were seen to do."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -31,7 +32,7 @@ def along(path, velocity, *, start=(0.0, 0.0, -0.04)):
 
 def remembered(states, durations, *, length=LENGTH, plates=PLATES["centroid"], memory=None, law=LAW):
     memory = Memory(plates) if memory is None else memory
-    return wrenches_in_time(plates, law, states, durations, memory, mobilization_length=length)
+    return wrenches_in_time(plates, replace(law, mobilization_length=length), states, durations, memory)
 
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)
@@ -195,7 +196,12 @@ def test_a_speed_near_the_largest_double_leaves_a_usable_memory():
 def test_a_memory_of_other_plates_or_of_no_body_is_refused():
     for bodies in (slice(3, 4), slice(1, 1), slice(None, None, 2)):
         with pytest.raises(ValueError, match="bodies is slice"):
-            prepared(PLATES["centroid"], LAW, Memory(PLATES["centroid"], bodies=3), bodies=bodies)
+            prepared(
+                PLATES["centroid"],
+                replace(LAW, mobilization_length=LENGTH),
+                Memory(PLATES["centroid"], bodies=3),
+                bodies=bodies,
+            )
     states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="memory belongs to other plates"):
         remembered(states, durations, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])

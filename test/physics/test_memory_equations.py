@@ -1,7 +1,9 @@
 """One plate along any path: the memory against its equations, written plate by plate from the text of rft/memory.py."""
 
+from dataclasses import replace
+
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from scenes import LINEAR, seeds, unit
 
 from rft_ros.rft import Memory, Plates, rotation_matrix, traction_per_depth, wrenches_in_time
@@ -94,7 +96,8 @@ def test_one_plate_follows_the_equations_along_any_path(seed):
     states = wandering(seed)
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [NORMAL], [AREA])
     durations = np.full(len(states), 0.01)
-    found = wrenches_in_time(plates, LINEAR, states, durations, Memory(plates), mobilization_length=LENGTH)[:, :3]
+    grains = replace(LINEAR, mobilization_length=LENGTH)
+    found = wrenches_in_time(plates, grains, states, durations, Memory(plates))[:, :3]
     plate, twist, expected = Plate(), np.zeros(3), []
     for k, state in enumerate(states):
         n = rotation_matrix(state[3:7]) @ NORMAL
@@ -104,5 +107,5 @@ def test_one_plate_follows_the_equations_along_any_path(seed):
         expected.append(
             plate.step(n, moved, np.array(traction_per_depth(LINEAR, *n, *twist)) if leads else None, -state[2])
         )
+    assume(np.abs(expected).max() > 0.0)  # a path that never loads the plate shows nothing
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * max(np.abs(expected).max(), 1e-3))
-    assert np.abs(expected).max() > 0.0

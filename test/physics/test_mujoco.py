@@ -228,7 +228,7 @@ def test_what_cannot_be_used_is_named(monkeypatch):
     for name in ("tool", None):
         with pytest.raises(InputError, match=f"body '{name}' is not in the model; it has body_0"):
             MujocoGrains(model, body=name, **GRAINS)
-    with pytest.raises(ValueError, match="mobilization_length is 0"):
+    with pytest.raises(ValueError, match="mobilization_length of the law is 0"):
         MujocoGrains(model, body="body_0", mobilization_length=0.0)
     with pytest.raises(InputError, match="alpha_y is 'table', which has no file here"):
         MujocoGrains(model, body="body_0", alpha_y="table", **GRAINS)

@@ -1,5 +1,7 @@
 """What a filter of the medium needs beside the wrench: dF/dh, and the sums of r_j f_l."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -50,7 +52,7 @@ def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_
     durations = np.diff(path, prepend=0.0) / 0.01
     for plates in TOOLS.values():
         kept = wrenches_in_time(
-            plates, CONSTANT, states, durations, Memory(plates), mobilization_length=1e-3, sensitivities=True
+            plates, replace(CONSTANT, mobilization_length=1e-3), states, durations, Memory(plates), sensitivities=True
         )
         fresh = wrenches(plates, CONSTANT, states[-1:], sensitivities=True)
         np.testing.assert_allclose(column(kept, "dfx_dh")[-1], column(fresh, "dfx_dh")[0], rtol=1e-6)

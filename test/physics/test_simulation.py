@@ -15,7 +15,7 @@ from rft_ros.tool import load_tool
 from studies.loop import EXPLICIT, held
 
 LENGTH = 0.003
-LAW = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33)
+LAW = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33, mobilization_length=LENGTH)
 
 
 @pytest.fixture(scope="module")
@@ -38,18 +38,18 @@ def stepped(grains, states, dt=0.01):
     return np.array([grains.step(s[:3], s[3:7], s[7:], dt) for s in states])
 
 
-@pytest.mark.parametrize("law", [LAW, replace(LAW, inertia=2000.0)], ids=["slow", "inertia"])
+@pytest.mark.parametrize("law", [LAW, replace(LAW, density=2000.0, inertia=1.0)], ids=["slow", "inertia"])
 def test_a_step_gives_the_bytes_of_wrenches_in_time(plate, law):
     states = checked_states(pressed())
     durations, memory = np.full(len(states), 0.01), Memory(plate.plates)
-    whole = wrenches_in_time(plate.plates, law, states, durations, memory, mobilization_length=LENGTH)
-    assert stepped(Grains(plate, law, mobilization_length=LENGTH), states).tobytes() == whole[:, :6].tobytes()
+    whole = wrenches_in_time(plate.plates, law, states, durations, memory)
+    assert stepped(Grains(plate, law), states).tobytes() == whole[:, :6].tobytes()
 
 
 def test_neither_the_layout_of_the_states_nor_the_type_of_the_step_counts(plate):
     felt = []
     for order, dt in (("C", 1.0), ("F", 1)):
-        grains = GrainsBatch(plate, LAW, bodies=4, mobilization_length=LENGTH)
+        grains = GrainsBatch(plate, LAW, bodies=4)
         felt += [[grains.step(np.array(pressed()[k : k + 4], order=order), dt) for k in (30, 34)][-1]]
     assert felt[0].all(axis=0).any()
     assert felt[0].tobytes() == felt[1].tobytes()
@@ -57,9 +57,9 @@ def test_neither_the_layout_of_the_states_nor_the_type_of_the_step_counts(plate)
 
 def test_bodies_in_one_call_are_as_bodies_alone_over_any_number_of_threads(plate):
     paths = np.stack([pressed(depth=d, drag=g) for d, g in ((0.01, 0.0), (0.015, 0.004), (0.02, -0.004))])
-    alone = [stepped(Grains(plate, LAW, mobilization_length=LENGTH), path) for path in paths]
+    alone = [stepped(Grains(plate, LAW), path) for path in paths]
     for threads in (1, 2, 3):
-        batch = GrainsBatch(plate, LAW, bodies=3, mobilization_length=LENGTH, threads=threads)
+        batch = GrainsBatch(plate, LAW, bodies=3, threads=threads)
         together = np.array([batch.step(states, 0.01) for states in paths.swapaxes(0, 1)])
         assert together.swapaxes(0, 1).tobytes() == np.array(alone).tobytes()
 
@@ -72,15 +72,12 @@ def test_threads_on_a_map_with_slopes_change_nothing(plate):
     path[:, :, :2] += rng.uniform(-0.1, 0.1, (64, 2))
     yaw = rng.uniform(-3.0, 3.0, 64)  # or all bodies would have the same corners, in world axes
     path[:, :, 5], path[:, :, 6] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
-    one, two = (
-        GrainsBatch(plate, LAW, bodies=64, mobilization_length=LENGTH, ground=hills, threads=threads)
-        for threads in (1, 2)
-    )
+    one, two = (GrainsBatch(plate, LAW, bodies=64, ground=hills, threads=threads) for threads in (1, 2))
     assert [two.step(s, 0.01).tobytes() for s in path] == [one.step(s, 0.01).tobytes() for s in path]
 
 
 def test_the_stiffness_is_what_a_small_motion_changes(plate):
-    grains = Grains(plate, LAW, mobilization_length=LENGTH)
+    grains = Grains(plate, LAW)
     states = np.vstack([pressed(), pressed()[-1:]])
     states[-1, :3] += [-2e-5, 0.0, 1e-5]  # off the yield surface, or loading would flow
     states[-1, 7:] = [-2e-3, 0.0, 1e-3, 0.0, 0.0, 0.0]
@@ -104,10 +101,10 @@ def test_the_stiffness_is_what_a_small_motion_changes(plate):
 
 def test_a_state_comes_back_from_a_pickle_and_a_reset_bed_is_new(plate):
     states = pressed()
-    grains = Grains(plate, LAW, mobilization_length=LENGTH)
+    grains = Grains(plate, LAW)
     first = stepped(grains, states[:80])
     kept = pickle.loads(pickle.dumps(grains.state()))
-    branches = copy.deepcopy(grains), pickle.loads(pickle.dumps(grains)), Grains(plate, LAW, mobilization_length=LENGTH)
+    branches = copy.deepcopy(grains), pickle.loads(pickle.dumps(grains)), Grains(plate, LAW)
     branches[2].restore(kept)
     rest = stepped(grains, states[80:])
     for other in branches:
@@ -118,7 +115,7 @@ def test_a_state_comes_back_from_a_pickle_and_a_reset_bed_is_new(plate):
 
 def test_one_environment_is_reset_without_the_others(plate):
     states = pressed()[:80]
-    batch = GrainsBatch(plate, LAW, bodies=2, mobilization_length=LENGTH)
+    batch = GrainsBatch(plate, LAW, bodies=2)
     for state in states:
         batch.step([state, state], 0.01)
     batch.reset([1])
@@ -133,8 +130,8 @@ def test_one_environment_is_reset_without_the_others(plate):
 def test_a_level_map_of_the_ground_is_a_surface_height(plate):
     ground = HeightMap(cell=0.005, corner=(-20.0, -20.0), heights=np.full((40, 40), 0.004, dtype=np.float32))
     states = pressed()
-    raised = Grains(plate, LAW, mobilization_length=LENGTH, surface_height=float(np.float32(0.004)))
-    mapped = Grains(plate, LAW, mobilization_length=LENGTH, ground=ground)
+    raised = Grains(plate, LAW, surface_height=float(np.float32(0.004)))
+    mapped = Grains(plate, LAW, ground=ground)
     assert np.allclose(stepped(mapped, states), stepped(raised, states), rtol=1e-9, atol=1e-9)
 
 
@@ -148,7 +145,7 @@ def test_a_level_map_of_the_ground_is_a_surface_height(plate):
     ],
 )
 def test_a_bad_step_is_refused_and_forgotten(plate, change, message):
-    grains = Grains(plate, LAW, mobilization_length=LENGTH)
+    grains = Grains(plate, LAW)
     good = {"position": [0.0, 0.0, -0.01], "quaternion": [0, 0, 0, 1], "twist": [0, 0, -0.01, 0, 0, 0], "dt": 0.01}
     grains.step(**good)
     before = pickle.dumps(grains.state())
@@ -158,18 +155,18 @@ def test_a_bad_step_is_refused_and_forgotten(plate, change, message):
 
 
 def test_bad_grains_are_refused(plate):
-    with pytest.raises(ValueError, match="mobilization_length is 0"):
-        Grains(plate, LAW, mobilization_length=0.0)
+    with pytest.raises(ValueError, match="mobilization_length of the law is 0"):
+        Grains(plate, replace(LAW, mobilization_length=0.0))
     with pytest.raises(TypeError, match="load_tool"):
-        Grains("plate", LAW, mobilization_length=LENGTH)
+        Grains("plate", LAW)
     with pytest.raises(TypeError, match="treers2021"):
-        Grains(plate, GENERIC, mobilization_length=LENGTH)
+        Grains(plate, GENERIC)
     for bodies in (0, 1.5, np.nan):
         with pytest.raises(ValueError, match=f"bodies is {bodies}"):
-            GrainsBatch(plate, LAW, bodies=bodies, mobilization_length=LENGTH)
+            GrainsBatch(plate, LAW, bodies=bodies)
     with pytest.raises(TypeError, match=r"ground is a str; read one with rft_ros\.ground\.read_height_map"):
-        Grains(plate, LAW, mobilization_length=LENGTH, ground="bed.csv")
-    two, three = (GrainsBatch(plate, LAW, bodies=n, mobilization_length=LENGTH) for n in (2, 3))
+        Grains(plate, LAW, ground="bed.csv")
+    two, three = (GrainsBatch(plate, LAW, bodies=n) for n in (2, 3))
     with pytest.raises(ValueError, match="3 rows; there are 2 bodies"):
         two.step(pressed()[:3], 0.01)
     for state in (three.state(), None):
@@ -190,7 +187,7 @@ def test_an_impedance_arm_holds_still_and_gets_no_work(mass, stiffness, hold):
 
 def test_a_body_that_chatters_is_calmed_and_the_state_keeps_what_was_learned(plate):
     """A plate of 0.5 kg laid on the bed, free to fall, under wrenches held over 5 ms."""
-    grains, mass, dt = Grains(plate, LAW, mobilization_length=LENGTH), 0.5, 0.005
+    grains, mass, dt = Grains(plate, LAW), 0.5, 0.005
     x, v, states, held = np.array([0.0, 0.0, 0.0016]), np.zeros(3), [], []
     for k in range(400):
         if k == 200:

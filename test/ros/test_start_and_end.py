@@ -136,7 +136,8 @@ if "trimesh" in sys.modules:
 for rule in ("centroid", "refined"):
     model = model_of({**defaults(), "mesh.file": "plate", "integration": rule})
     for length in (0.0, 0.001):
-        estimator = Estimator(Settings(twist_source="pose_difference"), replace(model, mobilization_length=length))
+        grains = replace(model.law, mobilization_length=length)
+        estimator = Estimator(Settings(twist_source="pose_difference"), replace(model, law=grains))
         with event.install_recorder("numba:compiler_lock") as compiled_or_loaded:
             for k in range(1, 40):  # from the air into the grains
                 pose = (0.0, 0.0, 0.1 - 0.005 * k), (0.0, 0.0, 0.0, 1.0)

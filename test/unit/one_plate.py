@@ -37,12 +37,11 @@ def plate_tool(*, distance: float = 0.0) -> Tool:
     )
 
 
-def plate_model(*, zeta: float = 1.0, density: float = 0.0, generation: int = 0, tool: Tool | None = None) -> Model:
+def plate_model(*, generation: int = 0, tool: Tool | None = None, **grains: float) -> Model:
+    """`grains`: zeta, density, mobilization_length."""
     generic = MEDIA["generic"]
-    law = treers2021(generic, alpha_y_model("constant", generic), zeta=zeta, density=density)
-    return Model(
-        tool=tool or plate_tool(), law=law, medium="generic", zeta=zeta, alpha_y="constant", generation=generation
-    )
+    law = treers2021(generic, alpha_y_model("constant", generic), **grains)
+    return Model(tool=tool or plate_tool(), law=law, generation=generation)
 
 
 def estimator(*, load_cell: LoadCell | None = None, model: Model | None = None, **settings) -> Estimator:

@@ -1,5 +1,7 @@
 """Recordings with known parameters: a tool on a path, what a load cell in any mounting reads of it, noise added."""
 
+from dataclasses import replace
+
 import numpy as np
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
@@ -72,9 +74,8 @@ def grain_wrenches(time, states, law, *, surface, length=1e-9, tool=TOOL):
     """Wrench of the grains on the tool, world axes, shape [n, 6]; by default the memory matters only at rest."""
     durations = np.diff(time, prepend=time[0])
     memory = Memory(tool.plates, slack=SLACK)  # as in the estimator: without it λ of a reversal is found 7 % short
-    return wrenches_in_time(
-        tool.plates, law, states, durations, memory, mobilization_length=length, surface_height=surface
-    )
+    grains = replace(law, mobilization_length=length)
+    return wrenches_in_time(tool.plates, grains, states, durations, memory, surface_height=surface)
 
 
 def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0)):

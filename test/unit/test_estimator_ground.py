@@ -123,7 +123,7 @@ def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_those_after_it_nor_
 
 def test_a_new_world_frame_leaves_behind_all_that_is_told_in_the_old_axes():
     """Memory and map: forces are those of an estimator that begins in the new frame."""
-    model = replace(plate_model(), mobilization_length=0.003)
+    model = plate_model(mobilization_length=0.003)
 
     def pushed(e, start):
         found = []

@@ -1,7 +1,5 @@
 """The estimator with a mobilization length: rest is answered, and what ends a memory."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from one_plate import LEVEL, plate_model, pose, push, twist
@@ -15,7 +13,7 @@ PERIOD = 8_000_000  # 125 Hz
 
 
 def model(length, *, tool=PLATE, zeta=0.3):
-    return replace(plate_model(zeta=zeta, tool=tool), mobilization_length=length)
+    return plate_model(zeta=zeta, tool=tool, mobilization_length=length)
 
 
 class Arm:
@@ -110,7 +108,7 @@ def test_the_estimator_and_the_core_agree_on_a_path():
             continue
         state = checked_states(arm.estimator.state)
         duration = np.array([0.0 if previous is None else (arm.stamp - previous) * 1e-9])
-        expected = wrenches_in_time(PLATE.plates, law, state, duration, memory, mobilization_length=0.004)[0, 2]
+        expected = wrenches_in_time(PLATE.plates, law, state, duration, memory)[0, 2]
         previous = arm.stamp
         assert vertical(answer) == pytest.approx(expected, rel=1e-12, abs=1e-15)
     assert expected > 1.0
