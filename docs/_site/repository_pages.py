@@ -1,7 +1,8 @@
 """mkdocs hook: make the README the site's home page, and add the repository's files that pages link to.
 
 GitHub resolves a page's links from the page's folder. On the site, the pages of ``docs/`` are at the top. This hook
-copies files outside ``docs/`` that they link to into ``repository/`` and changes the links accordingly.
+copies files outside ``docs/`` that they link to into ``repository/`` and changes the links accordingly. Such a copy has
+no place in the navigation: a reader comes to it by the link.
 """
 
 import posixpath
@@ -9,7 +10,7 @@ import re
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
+from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
 
 __all__ = ["on_files", "on_page_markdown", "with_links_from_the_site"]
@@ -38,7 +39,8 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     for path in sorted({p for text in pages for p in re.findall(r"\]\((repository/[^)#\s]+)", text)}):
         source = ROOT / path.removeprefix("repository/")
         if source.is_file():  # else mkdocs says which page has the dead link
-            files.append(File.generated(config, path, abs_src_path=str(source)))
+            file = File.generated(config, path, abs_src_path=str(source), inclusion=InclusionLevel.NOT_IN_NAV)
+            files.append(file)
     return files
 
 
