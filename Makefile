@@ -4,6 +4,9 @@ VENV := .venv
 BIN := $(VENV)/bin
 DEMO := $(VENV)/.demo
 STAMP := $(VENV)/.installed
+PYTHON_VERSION = $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+VENV_VERSION = $(shell $(BIN)/python -c 'import pip, sys; print("%d.%d" % sys.version_info[:2])' 2> /dev/null)
+PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
 .PHONY: demo test lint studies chart docs lines dist bench bench-node bench-swaps bench-replay soak fuzz venv clean
 
@@ -54,19 +57,25 @@ fuzz: venv
 
 venv: $(STAMP)
 
-# What the demo needs. Python compiles what it imports; of the rest pip would compile 15,000 files.
+# What the demo needs. Python compiles what it imports; of the rest pip would compile 15,000 files. Each step says one
+# line; pip and venv say more only if they fail. A .venv that another Python began, or that has no pip, is begun again.
 $(DEMO): setup.py package.xml
-	@echo 'Setting up $(VENV) with packages from PyPI, ROS among them: downloads about 200 MB, takes half a minute or more.'
-	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --no-compile --editable '.[ros]'
-	touch $@
+	@case '$(PYTHON_VERSION)' in 3.10|3.11|3.12|3.13) ;; *) \
+	echo 'rft_ros needs Python 3.10 to 3.13, and $(PYTHON) is $(or $(PYTHON_VERSION),no Python): install one of these and name it,' \
+	'as in make PYTHON=python3.12 $(MAKECMDGOALS)' >&2; exit 2;; esac
+	@[ '$(VENV_VERSION)' = '$(PYTHON_VERSION)' ] \
+	|| { echo 'Making $(VENV), an environment of Python $(PYTHON_VERSION)'; $(PYTHON) -m venv --clear $(VENV); }
+	@echo 'Installing packages from PyPI, ROS among them: downloads about 200 MB, takes half a minute or more'
+	@$(PIP) install --no-compile --editable '.[ros]'
+	@touch $@
 
 # pip 23.0, which comes with Python 3.10, looks for versions that fit together without end.
 $(STAMP): $(DEMO)
-	$(BIN)/python -m pip install --upgrade pip
-	$(BIN)/python -m pip install --no-compile --editable '.[ros,test,dev]'
-	$(BIN)/rft warm-up
-	touch $@
+	@echo 'Installing what tests and documentation need'
+	@$(PIP) install --upgrade pip
+	@$(PIP) install --no-compile --editable '.[ros,test,dev]'
+	@$(BIN)/rft warm-up
+	@touch $@
 
 clean:
 	rm -rf $(VENV) out build dist *.egg-info
