@@ -1,0 +1,78 @@
+"""`make` sets up its environment in lines that can be read, and says what is wrong with the Python that it is given.
+
+A script stands in for Python: it notes what it is asked to do, and downloads nothing.
+"""
+
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+from distribution import ROOT
+
+STAND_IN = """#!/bin/sh
+case "$*" in
+  *version_info*) echo {version};;
+  *"-m venv"*) case "$*" in *--clear*) rm -rf .venv;; esac
+    mkdir -p .venv/bin; cp -n "$0" .venv/bin/python; echo {version} >> begun;;
+  *"-m pip"*) echo "$@" >> installed;;
+esac
+"""
+
+
+def python(file: Path, version: str) -> Path:
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(STAND_IN.format(version=version), encoding="utf-8")
+    file.chmod(0o755)
+    return file
+
+
+@pytest.fixture
+def project(tmp_path):
+    for name in ("Makefile", "setup.py", "package.xml"):
+        shutil.copy(ROOT / name, tmp_path)
+    return tmp_path
+
+
+def make(project: Path, version: str) -> "subprocess.CompletedProcess[str]":
+    stand_in = python(project.parent / f"python_{version}" / "python", version)
+    command = ["make", f"PYTHON={stand_in}", ".venv/.demo"]
+    return subprocess.run(command, cwd=project, capture_output=True, text=True)
+
+
+@pytest.mark.parametrize("version", ["3.9", "3.6", "3.14", "2.7"])
+def test_make_refuses_an_unsupported_python_before_it_begins_an_environment(project, version):
+    done = make(project, version)
+    assert done.returncode == 2
+    said = done.stderr.splitlines()[0]
+    assert f"is {version}" in said
+    assert "3.10 to 3.13" in said
+    assert "make PYTHON=" in said
+    assert not (project / ".venv").exists()
+
+
+def test_make_begins_an_environment_again_that_another_python_began(project):
+    begun = python(project / ".venv" / "bin" / "python", "3.9")
+    assert make(project, "3.12").returncode == 0
+    assert "3.12" in begun.read_text()
+    assert (project / "begun").read_text().split() == ["3.12"]
+
+
+def test_make_begins_an_environment_again_that_was_left_without_pip(project):
+    (project / ".venv" / "bin").mkdir(parents=True)
+    assert make(project, "3.12").returncode == 0
+    assert (project / "begun").read_text().split() == ["3.12"]
+
+
+def test_make_keeps_its_environment_where_only_the_requirements_have_changed(project):
+    for _ in range(2):
+        assert make(project, "3.12").returncode == 0
+        (project / ".venv" / ".demo").unlink()
+    assert (project / "begun").read_text().split() == ["3.12"]
+    assert len((project / "installed").read_text().splitlines()) == 2
+
+
+def test_make_says_one_line_a_step(project):
+    done = make(project, "3.12")
+    assert [line.split()[0] for line in done.stdout.splitlines()] == ["Making", "Installing"]
+    assert all("-qq" in line for line in (project / "installed").read_text().splitlines())
