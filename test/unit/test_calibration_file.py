@@ -82,7 +82,7 @@ def test_an_alpha_y_like_the_published_one_needs_no_table_and_another_gets_one_b
     assert not list(calibrated.parent.glob("*.csv"))
     out = tmp_path / "calibrated.yaml"
     assert calibrate(cell, ("pressed", "steeper"), out) == 0
-    assert model_of(read_parameter_file(out)).alpha_y == "table"
+    assert model_of(read_parameter_file(out)).law.stresses["alpha_y"] == "table"
     named = yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y.table"]
     assert named == "calibrated.alpha_y.csv"
     lines = (tmp_path / named).read_text().splitlines()
