@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,10 +13,11 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
 from rft_ros.estimator.messages import Role
 from rft_ros.ground import HeightMap
-from rft_ros.parameters import NODE, Values, node_parameters, settings_of
+from rft_ros.parameters import NODE, LoadCell, Values, node_parameters, settings_of
 from rft_ros.progress import bar
 
-__all__ = ["ReplayOptions", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
+__all__ = ["Played", "ReplayOptions", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
+__all__ += ["world_forces"]
 
 _Answer = Estimate | NoEstimate | None
 _SECTION = "rft_replay"
@@ -116,20 +118,37 @@ def reasons(recording: Recording, estimator: Estimator) -> str:
     return "; ".join(filter(None, (recording.damage, *estimator.counted()))) or "no sample was refused"
 
 
-def states_of(
-    bag: Path, values: Values, model: Model, options: ReplayOptions
-) -> tuple[NDArray[np.float64], NDArray[np.float64], HeightMap | None]:
-    """Times since the first estimate [s], shape [n], states, shape [n, 13], and at the end the ground, if it is a map.
+class Played(NamedTuple):
+    """The estimates of a recording: times since the first one [s], shape [n]; states, shape [n, 13].
 
-    Raises InputError if no pose has an estimate.
+    `forces`: predicted, on the tool, world axes [N], shape [n, 3]. `ground`: at the end, if it is a map.
     """
+
+    times: NDArray[np.float64]
+    states: NDArray[np.float64]
+    forces: NDArray[np.float64]
+    ground: HeightMap | None
+
+
+def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Played:
+    """The estimates of a recording. Raises InputError if no pose has an estimate."""
     estimator = Estimator(settings_of(values), model)
-    stamps, states = [], []
+    stamps, states, wrenches = [], [], []
     with Recording(bag, topics_of(values, options.remap), start=options.start, end=options.end) as recording:
         for _, answer in play(recording, estimator):
             if isinstance(answer, Estimate):
                 stamps.append(answer.stamp)
                 states.append(estimator.state.copy())
+                wrenches.append(answer.predicted)
     if not states:
         raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})")
-    return (np.array(stamps) - stamps[0]) * 1e-9, np.array(states), estimator.ground
+    forces = world_forces(np.array(wrenches), np.array(states), estimator.settings.load_cell)
+    return Played((np.array(stamps) - stamps[0]) * 1e-9, np.array(states), forces, estimator.ground)
+
+
+def world_forces(wrenches: NDArray[np.float64], states: NDArray[np.float64], cell: LoadCell) -> NDArray[np.float64]:
+    """The forces of wrenches in sensor axes [N], shape [n, 3 or 6], in world axes at these states, shape [n, 13]."""
+    from scipy.spatial.transform import Rotation
+
+    sensor = Rotation.from_quat(states[:, 3:7]) * Rotation.from_quat(cell.quaternion)
+    return np.asarray(sensor.apply(wrenches[:, :3]))

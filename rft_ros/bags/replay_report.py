@@ -10,11 +10,12 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import AXES, Rows
 from rft_ros.bags.phases import PHASES
+from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.parameters import PARAMETERS
-from rft_ros.report.animation import animate, animation_figure
+from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, Table, write_page
 
 __all__ = ["decimated", "draw", "replay_charts"]
@@ -220,12 +221,10 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     rows = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
     if not len(rows):
         return
-    title = f"Tool and traction{' (law without memory)' if model.law.mobilization_length > 0.0 else ''}"
-    times, ground = 1e-9 * (rows["stamp"] - begin), estimator.ground
-    height = estimator.settings.surface_height
-    scene = animate(title, model.tool, model.law, times, rows["state"], surface_height=height, ground=ground)
-    sentence = (
-        "The tool coloured by the predicted traction on its leading faces, in world axes, the surface of the grains at"
-        " the end, and the predicted force as a line from the tool's middle. The slider selects a moment in the grains."
-    )
-    yield Figure("tool", title, sentence, animation_figure(scene))
+    title, settings = "Tool and traction", estimator.settings
+    times, states, ground = 1e-9 * (rows["stamp"] - begin), np.array(rows["state"]), estimator.ground
+    forces, height = world_forces(rows["predicted"], states, settings.load_cell), settings.surface_height
+    scene = animate(title, model.tool, model.law, times, states, forces, surface_height=height, ground=ground)
+    shown = what_is_shown(model.law, learned=settings.learning_mode == "apply")
+    where = "World axes; the surface is that of the end. The slider selects a moment in the grains."
+    yield Figure("tool", title, f"{shown} {where}", animation_figure(scene))

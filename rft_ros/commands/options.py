@@ -21,6 +21,7 @@ OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", 
 OF_RECORDING = ("--params", "--remap", "--start", "--end")
 
 _ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)"
+_TOLERANCE = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
 _PARAMS = "the node's own parameter file (default: the node's defaults)"
 _REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"
 
@@ -35,6 +36,7 @@ def number(text: str) -> float:
 
 _SHARED: dict[str, dict[str, Any]] = {
     "--alpha-y": {"metavar": "MODEL", "help": _ALPHA_Y},
+    "--tolerance": {"type": number, "metavar": "SHARE", "help": _TOLERANCE},
     "--params": {"type": Path, "metavar": "FILE.yaml", "help": _PARAMS},
     "--remap": {"action": "append", "default": [], "metavar": "FROM:=TO", "help": _REMAP},
     "--start": {"type": number, "metavar": "S", "help": "begin S seconds into the recording (default: its beginning)"},

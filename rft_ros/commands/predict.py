@@ -3,15 +3,17 @@
 import argparse
 from pathlib import Path
 
-from rft_ros.bags.playback import states_of
+from rft_ros.bags.playback import Played, states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.parameters import MESH, model_of, named_files
 from rft_ros.progress import busy
-from rft_ros.report.animation import animate, animation_figure
+from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, write_page
 from rft_ros.rft import COLUMNS
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
+
+_MORE = ("--mobilization-length", "--surface-height", "--integration", "--tolerance")
 
 
 def predict_options(command: argparse.ArgumentParser) -> None:
@@ -19,9 +21,7 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("states", type=Path, metavar="STATES.csv", help=header)
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
-    options.share(command, "--mobilization-length", "--surface-height", "--integration")
-    fewest = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
-    command.add_argument("--tolerance", type=options.number, metavar="SHARE", help=fewest)
+    options.share(command, *_MORE)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)
 
@@ -45,7 +45,7 @@ def predict(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_OF_STATES = ("--mesh", *options.PLACED, *options.OF_LAW, "--surface-height")
+_OF_STATES = ("--mesh", *options.PLACED, *options.OF_LAW, *_MORE)  # those of predict, so that both have one force
 
 
 def view_options(command: argparse.ArgumentParser) -> None:
@@ -76,11 +76,20 @@ def view(arguments: argparse.Namespace) -> int:
         values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
     model, height = model_of(values), values["surface_height"]
-    *moving, ground = (*read_states(source), None) if of_states else states_of(source, values, model, chosen)
     tool = model.tool
-    title = f"{tool.name}{' (law without memory)' if model.law.mobilization_length > 0.0 else ''}"
-    scene = animate(title, tool, model.law, *moving, surface_height=height, ground=ground)
+    if of_states:
+        times, states = read_states(source)
+        with busy("computing"):
+            where = f"states file '{source}'"
+            forces = wrenches_along(model, times, states, surface_height=height, where=where)[:, :3]
+        played = Played(times, states, forces, None)
+    else:
+        played = states_of(source, values, model, chosen)
+    *moving, ground = played
+    learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
-        write_page(output, [Figure("tool", "", "", animation_figure(scene))], title=scene.title)
+        scene = animate(tool.name, tool, model.law, *moving, surface_height=height, ground=ground)
+        figure = Figure("tool", "", what_is_shown(model.law, learned=learned), animation_figure(scene))
+        write_page(output, [figure], title=scene.title)
     print(f"{len(scene.labels)} moments of {scene.title} -> {output}")
     return 0

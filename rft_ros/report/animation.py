@@ -7,10 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.ground import HeightMap, Support
+from rft_ros.report.drawn_mesh import drawn_mesh
 from rft_ros.rft import Law, plate_forces, rotation_matrix
-from rft_ros.tool import Tool, drawable
+from rft_ros.tool import Tool
 
-__all__ = ["TRACTION", "Animation", "animate", "animation_figure"]
+__all__ = ["TRACTION", "Animation", "animate", "animation_figure", "what_is_shown"]
 
 Array = NDArray[np.float64]
 
@@ -19,8 +20,8 @@ TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d2
 """Colour scale of the traction, relative to the greatest."""
 
 _PERIOD = 83  # ms from frame to frame
-_MOMENTS = 60
-_MOST_FACES = 2000
+_MOMENTS, _FEWEST_MOMENTS = 60, 3
+_FACES = 600_000  # of all moments, which are 10 to 20 MB: of a finer mesh fewer moments are drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -28,7 +29,8 @@ class Animation:
     """k moments of a tool with n vertices and m faces, in world axes.
 
     `labels`: one for each moment. `placed`: vertices [mm], shape [k, n, 3]. `faces`: indices of vertices, shape [m, 3].
-    `traction`: on each face [kPa], shape [k, m]. `forces`: on the tool [N], shape [k, 3]. `surface_height` [mm].
+    `traction`: by the law, on each face [kPa], shape [k, m]. `forces`: on the tool [N], shape [k, 3], as they were
+    given, which may include memory and what was learned. `surface_height` [mm].
     `ground`: x [n], y [m] and heights [n, m] of a map of the ground [mm]. `first`: index of the moment shown first.
     """
 
@@ -49,38 +51,54 @@ def animate(
     law: Law,
     times: Array,
     states: Array,
+    forces: Array,
     *,
     surface_height: float,
     ground: HeightMap | None = None,
 ) -> Animation:
-    """The animation of at most 60 of n states, evenly spaced by index; the one with the greatest force comes first.
+    """The animation of at most 60 of n states, evenly spaced by index but for the one of the greatest force, the first.
 
-    `times` [s], shape [n]. `states`: shape [n, 13]. `surface_height` [m] where `ground` knows nothing. The traction
-    does not include memory.
+    `times` [s], shape [n]. `states`: shape [n, 13]. `forces` on the tool, as a table or a replay has them: world axes
+    [N], shape [n, 3]. `surface_height` [m] where `ground` knows nothing. The traction is the law's on the tool's own
+    facets; it does not include memory, or what was learned.
     """
-    used = np.unique(np.linspace(0, len(states) - 1, min(len(states), _MOMENTS)).round().astype(int))
-    times, states = times[used], states[used]
-    vertices, faces, plates = drawable(tool, most_faces=_MOST_FACES)
-    support, of_plates, grid = Support(tool.corners), [], None
+    vertices, faces, facet = drawn_mesh(tool)
+    moments = min(len(states), _MOMENTS, max(_FACES // len(faces), _FEWEST_MOMENTS))
+    greatest = np.linalg.norm(forces, axis=1).argmax()
+    used = np.linspace(0, len(states) - 1, moments).round().astype(int)
+    used[np.abs(used - greatest).argmin()] = greatest
+    times, states, forces = times[used], states[used], forces[used]
+    support, traction, grid = Support(tool.corners), [], None
     for state in states:
         surface = support.local_surface(ground, state, level=surface_height)
-        of_plates.append(plate_forces(plates, law, state, surface_height=surface.height, slope=surface.slope))
+        by_facet = plate_forces(tool.facets, law, state, surface_height=surface.height, slope=surface.slope)
+        traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.packed[6])[facet])
     if ground is not None:  # around the tool's path
         around = 3.0 * tool.plates.reach
         x, y = np.linspace(states[:, :2].min(axis=0) - around, states[:, :2].max(axis=0) + around, 100).T
         grid = 1e3 * x, 1e3 * y, 1e3 * ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
-    forces = np.sum(of_plates, axis=1)
     return Animation(
         title=title,
         labels=tuple(f"t = {time:.2f} s" for time in times),
         placed=np.array([1e3 * (vertices @ rotation_matrix(state[3:7]).T + state[:3]) for state in states]),
         faces=faces,
-        traction=1e-3 * np.linalg.norm(of_plates, axis=2) / plates.packed[6],
+        traction=1e-3 * np.array(traction),
         forces=forces,
         surface_height=1e3 * surface_height,
         ground=grid,
         first=int(np.linalg.norm(forces, axis=1).argmax()),
     )
+
+
+def what_is_shown(law: Law, *, learned: bool) -> str:
+    """A sentence on an animation: what its force holds that its colours do not. `learned`: learning is applied."""
+    more = ["memory"] if law.mobilization_length > 0.0 else []
+    more += ["what was learned"] if learned else []
+    force = "The line from the tool's middle, and |F|, are the predicted force on the tool"
+    colours = "the colours are the law's traction on its facets"
+    if more:
+        return f"{force}, with {' and '.join(more)}; {colours}, without."
+    return f"{force}; {colours}."
 
 
 def animation_figure(scene: Animation) -> Any:

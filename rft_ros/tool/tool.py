@@ -21,7 +21,7 @@ from rft_ros.tool.refine import refined_plates
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["Tool", "centroid_plates", "describe_tool", "drawable", "load_tool", "tool_of_mesh"]
+__all__ = ["Tool", "centroid_plates", "describe_tool", "load_tool", "tool_of_mesh"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,18 +107,6 @@ def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> 
     a, b, c = vertices[faces.T]
     area_vectors = np.cross(b - a, c - a) / 2.0
     return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
-
-
-def drawable(tool: Tool, *, most_faces: int) -> tuple[NDArray[np.float64], NDArray[np.int64], Plates]:
-    """The mesh simplified to about `most_faces`: vertices [m], shape [n, 3], faces, shape [m, 3], a plate per face."""
-    import trimesh
-
-    mesh = trimesh.Trimesh(tool.vertices, tool.faces, process=True)
-    if len(mesh.faces) > most_faces:
-        mesh = mesh.simplify_quadric_decimation(face_count=most_faces)
-    vertices, faces = np.asarray(mesh.vertices, dtype=np.float64), np.asarray(mesh.faces, dtype=np.int64)
-    faces = faces[np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1) > 0.0]
-    return vertices, faces, centroid_plates(vertices, faces)
 
 
 def describe_tool(tool: Tool) -> list[str]:

@@ -83,7 +83,7 @@ def test_the_page_has_every_figure_and_table_and_loads_nothing(replayed):
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=.(?!data:)", page)
     assert "@import" not in page.partition("</style>")[0]
     assert re.findall(r'<div id="figure-(\w+)"', page) == list(CHARTS)
-    assert "Tool and traction (law without memory)" in page
+    assert "the predicted force on the tool, with memory; the colours are" in page
     for title in ("Metrics", "Quality flags", "Not used or unanswered", "Parameters"):
         assert f"<h2>{title}</h2>" in page
 
@@ -92,6 +92,24 @@ def test_the_animation_has_the_time_of_the_charts(replayed):
     first = next(row for row in replayed.rows if not row["reason"] and float(row["depth"]) > 0.0)
     assert f"t = {float(first['t']) - float(replayed.rows[0]['t']):.2f} s" in replayed.page
     assert "t = 0.00 s" not in replayed.page
+
+
+@pytest.mark.parametrize("mode", ["off", "apply"])
+def test_the_scene_says_the_forces_of_the_table_also_with_memory_and_learning(tmp_path, mode):
+    bag = write_ros2(tmp_path / "plunge", plunge(noise=3e-5))
+    sensor = {"sensor__quaternion": (0.6, 0.0, 0.8, 0.0), "medium__zeta": 0.2}
+    params = values(learning__mode=mode, medium__mobilization_length=0.003, **sensor)
+    replay(bag, tmp_path / "out", params, report=True)
+    rows, page = rows_of(tmp_path / "out"), (tmp_path / "out" / "report.html").read_text()
+    predicted = {}
+    for row in rows:
+        if not row["reason"]:
+            size = math.hypot(*(float(row[f"predicted_f{axis}"]) for axis in "xyz"))
+            predicted.setdefault(f"{float(row['t']) - float(rows[0]['t']):.2f}", set()).add(f"{size:.2f}")
+    said = re.findall(r"t = ([0-9.]+) s   \|F\| = ([0-9.]+) N", page)
+    assert len(said) > 60  # of the frames, and the title
+    assert all(size in predicted[time] for time, size in said)
+    assert ("what was learned" in page.partition('id="figure-tool"')[0]) == (mode == "apply")
 
 
 def test_two_replays_write_the_same_bytes(replayed):
