@@ -14,6 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.withdrawal import is_withdrawn
 from rft_ros.rft import Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 from studies.dem import (
@@ -121,8 +122,9 @@ def _learned(run: DemRun, model: Law) -> Array:
     for k, time in enumerate(run.times):
         stamp = round(1e9 * (1.0 + time - run.times[0]))
         step = 0.5 * (speeds[k] + speeds[k - 1]) * (time - run.times[k - 1]) if k else 0.0
-        pulled = bool(rows[k, 2] < -0.5 * np.linalg.norm(rows[k, :3]))  # as by `is_withdrawn`
-        out[k] = learning.predict(stamp, rows[k], step=step, passing=pulled)[:3]
+        fx, fy, fz = rows[k, :3].tolist()
+        withdrawn = is_withdrawn(float(states[k, 9]), float(speeds[k]), (fx, fy, fz))
+        out[k] = learning.predict(stamp, rows[k], step=step, passing=withdrawn)[:3]
         learning.learn(stamp, run.forces[k])
     return out
 

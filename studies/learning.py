@@ -21,7 +21,8 @@ from rft_ros.bags.playback import read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.quality import without_learning
+from rft_ros.estimator.sigma import without_learning
+from rft_ros.estimator.withdrawal import is_withdrawn
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
@@ -61,7 +62,6 @@ PASSES = "multipass_plate_b90_d15"
 _FRESH = ("drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
 _BLOCK = "buried_block"
 _INERTIAL = 0.2  # m/s, of the tool frame's origin
-_WITHDRAWS = 0.5  # upward velocity over speed
 _Error = Callable[["Series", Array], float]
 _WINDOW = 9  # samples of the centred mean
 
@@ -159,8 +159,9 @@ def series_of(
     """A series in which every sample counts, as measured; below the speed `rest` [m/s] the tool is at rest."""
     velocities = states[:, 7:10]
     speeds = np.linalg.norm(velocities, axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
-    pulled = rows[:, 2] < -0.5 * np.linalg.norm(rows[:, :3], axis=1)  # as by `is_withdrawn`
-    passing = (velocities[:, 2] > _WITHDRAWS * speeds) | (np.linalg.norm(velocities, axis=1) > _INERTIAL) | pulled
+    motions = zip(velocities[:, 2].tolist(), speeds.tolist(), rows[:, :3].tolist(), strict=True)
+    withdrawn = np.array([is_withdrawn(up, speed, (fx, fy, fz)) for up, speed, (fx, fy, fz) in motions])
+    passing = withdrawn | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
     return Series(
         name=name,
         reach=plates.reach,

@@ -12,8 +12,10 @@ from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
-from rft_ros.estimator.quality import QualityMonitor, Withdrawal, inertial_speed, is_withdrawn, without_learning
+from rft_ros.estimator.quality import QualityMonitor, inertial_speed
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
+from rft_ros.estimator.sigma import without_learning
+from rft_ros.estimator.withdrawal import Withdrawal
 from rft_ros.ground import Ground, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
 from rft_ros.rft import COLUMNS, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
@@ -44,7 +46,8 @@ class Estimator:
         self.counts: Counter[str] = Counter()
         self.settings, self.model = settings, model
         self.learning: Learning | None = None
-        self._comparison = Comparison(self.counts, self._learn)
+        self._memory: Memory | None = None
+        self._comparison = Comparison(self.counts)
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
@@ -56,7 +59,7 @@ class Estimator:
         self._duration, self._result = np.zeros(1), np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
-        self._begin()
+        self._start_tool()
         self.use(settings=settings)
 
     # --- queries
@@ -121,17 +124,20 @@ class Estimator:
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
             s = self.settings
+        self._learn_readings()  # under what was believed so far
         if new_ground:
             self._ground = Ground(m.ground, m.tool.corners)
         elif new_tool:
             self._ground.use(m.tool.corners)
         self._kinematics.reach = m.tool.plates.reach
         if new_axes:
-            self._begin_again()
+            self._start_run()
         elif new_tool:
-            self._begin()
+            self._start_tool()
         else:
-            self._remember(anew=(m.law.mobilization_length > 0.0) == (self._memory is None))
+            if (m.law.mobilization_length > 0.0) != (self._memory is not None):
+                self._memory = self._empty_memory()
+            self._prepare_step()
 
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             error, on = s.zeta_error or _UNKNOWN_ZETA_ERROR, s.learning_mode != "off"
@@ -156,23 +162,26 @@ class Estimator:
             self.settings = s = replace(s, load_cell=replace(s.load_cell, **found._asdict()))
         self._cell = LoadCellFrame(s.load_cell)
 
-    def _begin(self) -> None:
-        """Begin with a tool that has no path behind it."""
-        self._remember(anew=True)
+    def _start_tool(self) -> None:
+        """Start with a tool that has no path behind it."""
+        self._memory = self._empty_memory()
+        self._prepare_step()
         self._withdrawal = Withdrawal()
         self._quality = QualityMonitor(self.model.tool)
 
-    def _remember(self, *, anew: bool) -> None:
-        """Evaluate the model in force, with its memory so far or `anew`."""
-        plates, law = self.model.tool.plates, self.model.law
-        if anew:
-            self._memory = Memory(plates, slack=SLACK) if law.mobilization_length > 0.0 else None
-        self._sliver = _SLIVER * plates.area
-        self._step = prepared(plates, law, self._memory)
+    def _empty_memory(self) -> Memory | None:
+        """The memory of a tool that has not moved yet; None if the law has none."""
+        return Memory(self.model.tool.plates, slack=SLACK) if self.model.law.mobilization_length > 0.0 else None
 
-    def _begin_again(self) -> None:
-        """Begin a new run or in new axes: no path or memory, the ground at the start; the grains' strength stays."""
-        self._begin()
+    def _prepare_step(self) -> None:
+        """Prepare the evaluation of the model in force, with the memory so far."""
+        plates = self.model.tool.plates
+        self._sliver = _SLIVER * plates.area
+        self._step = prepared(plates, self.model.law, self._memory)
+
+    def _start_run(self) -> None:
+        """Start a new run, or in new axes: no path or memory, the ground at the start; the grains' strength stays."""
+        self._start_tool()
         self._kinematics.begin_again()
         self._ground.begin_again()
         self.surface = LocalSurface(self.settings.surface_height)
@@ -193,6 +202,7 @@ class Estimator:
                 self.counts[refused.reason.value] += 1
             if isinstance(one, TransformSample) and one.fixed and self.settings.sensor_source == "tf":
                 self._place_sensor()
+        self._learn_readings()
         return None
 
     def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
@@ -201,11 +211,12 @@ class Estimator:
 
     def measurements(self) -> list[samples.Measurement]:
         """The comparisons that became final since the last call: one for each estimate, in the estimates' order."""
-        return self._comparison.take()
+        return self._comparison.measurements()
 
     def finish(self) -> None:
         """Make all pending measurements final: no more samples follow."""
         self._comparison.settle(math.inf)
+        self._learn_readings()
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].
@@ -235,7 +246,8 @@ class Estimator:
         return answer
 
     def _tick(self, sample: PoseSample) -> Estimate:
-        pose = self._take(sample)
+        pose = self._accepted(sample)
+        self._learn_readings()
         if (cell := self._cell) is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)
@@ -244,27 +256,29 @@ class Estimator:
         row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
         self._poses.append((pose, "the tool was in the grains" if in_grains else ""))
-        answer = self._corrected(motion, row, force, in_grains)
+        self._withdrawal.follow(motion, force, in_grains=in_grains)
+        answer = self._corrected(motion, row)
+        self._withdrawal.widen(answer)
         self.state = state
-        if in_grains and motion.rests and self._memory is None:  # learning has followed it nevertheless
+        if in_grains and motion.rests and self._memory is None:  # the filter is updated at rest all the same
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = cell.into_sensor(state[3:7], answer)
-        # before the flags: a reading that has come already is learned here, and may be a surprise
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
+        self._learn_readings()  # its own reading may have come already, and sets the flag SURPRISE
         flags = self._quality.flags(
             motion, surface, self.settings, self.model.law, in_grains=in_grains, depth=self.depth,
-            withdraws=self._withdrawal.path > 0.0, learning=self.learning,
+            withdrawn=self._withdrawal.active, learning=self.learning,
         )  # fmt: skip
         return Estimate(pose.stamp, wrench, sigma, motion.speed, area, self.model.generation, flags)
 
-    def _take(self, sample: PoseSample) -> PoseSample:
-        """The pose in world axes, once ground and comparison know it; one that jumps back in time begins a new run."""
+    def _accepted(self, sample: PoseSample) -> PoseSample:
+        """The pose in world axes, once ground and comparison know it; one that jumps back in time starts a new run."""
         pose = self._intake.pose(sample)
         if self._pose is not None and pose.stamp < self._pose.stamp:
             self.counts[Reason.TIME_JUMP.value] += 1
             self.finish()
             self._intake.begin_again(pose.stamp)
-            self._begin_again()
+            self._start_run()
         self._pose = pose
         self._ground.see(pose.stamp, pose.position, pose.quaternion)
         self._comparison.settle(pose.stamp)
@@ -285,23 +299,19 @@ class Estimator:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)
         return row, (numbers[0], numbers[1], numbers[2]), numbers[6]
 
-    def _corrected(self, motion: Motion, row: Array, force: samples.Vector, in_grains: bool) -> Array:
+    def _corrected(self, motion: Motion, row: Array) -> Array:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
-        holds, up = in_grains and motion.rests, motion.velocity[2]
-        # a tool that pauses on its way up goes on to be withdrawn
-        rises = self._withdrawal.path > 0.0 if holds else in_grains and is_withdrawn(up, motion.speed, force)
         if self.learning is None:
             answer = np.empty(12)
             without_learning(row, self.settings.zeta_error, self._kinematics.reach, answer)
-        else:
-            fast = math.hypot(*motion.velocity) > inertial_speed(self.model.law)
-            apply = self.settings.learning_mode == "apply"
-            stamp, path = motion.pose.stamp, motion.path
-            answer = self.learning.predict(stamp, row, step=path, passing=rises or fast, apply=apply)
-        return self._withdrawal.widened(answer, motion.path, rises=rises, holds=holds)
+            return answer
+        fast = math.hypot(*motion.velocity) > inertial_speed(self.model.law)
+        passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"
+        return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
-    def _learn(self, predicted: Prediction, force: samples.Vector, repeated: bool) -> None:
-        """Take a final comparison: the compensated force in sensor axes."""
+    def _learn_readings(self) -> None:
+        """Update what is believed of the grains with each reading that was compared since the last call."""
+        readings = self._comparison.readings()
         if self.learning is not None:
-            world = predicted.cell.into_world(predicted.pose, force)
-            self.learning.learn(predicted.pose.stamp, world, repeated=repeated, in_air=predicted.in_air)
+            for reading in readings:
+                self.learning.learn(reading.stamp, reading.force, repeated=reading.repeated, in_air=reading.in_air)

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter, deque
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -15,7 +14,7 @@ from rft_ros.parameters import LoadCell
 from rft_ros.rft.compilation import compiled, machine_code
 from rft_ros.rft.frames import into_frame, rotation
 
-__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction", "drift", "mean_in_air"]
+__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction", "Reading", "drift", "mean_in_air"]
 
 Array = NDArray[np.float64]
 
@@ -89,12 +88,25 @@ class LoadCellFrame:
 
 
 class Prediction(NamedTuple):
-    """What an estimate says that is compared with the load cell: `LoadCellFrame.into_sensor` at its pose."""
+    """A prediction that waits for its load-cell reading: `LoadCellFrame.into_sensor` at its pose."""
 
     pose: PoseSample
     wrench: Wrench
     offset: Wrench
     cell: LoadCellFrame
+    in_air: bool
+
+
+class Reading(NamedTuple):
+    """The load cell's reading at the stamp [ns] of a prediction.
+
+    `force`: compensated [N], world axes. `repeated`: the raw reading equals the one before, bit by bit. `in_air`: the
+    tool touched nothing.
+    """
+
+    stamp: int
+    force: Vector
+    repeated: bool
     in_air: bool
 
 
@@ -104,20 +116,20 @@ class Comparison:
     The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns].
     Without a sample after the stamp, the last one before it counts; that is decided once another input carries a stamp
     later by 1 s, or by `max_age` if that is longer. `samples`: the load cell's, by stamp, which the intake adds.
-    `counts` gets the reasons; `learn` each measured prediction, the compensated force in sensor axes [N], and whether
-    the raw reading repeats the one before.
+    `counts` gets the reasons.
     """
 
-    def __init__(self, counts: Counter[str], learn: Callable[[Prediction, Vector, bool], None]) -> None:
+    def __init__(self, counts: Counter[str]) -> None:
         self.samples: deque[WrenchSample] = deque(maxlen=HISTORY)
-        self._counts, self._learn = counts, learn
+        self._counts = counts
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
+        self._readings: list[Reading] = []
         self._last: Wrench | None = None
         self.max_age = 0
 
     def add(self, prediction: Prediction) -> None:
-        """Add what an estimate says."""
+        """Add a prediction."""
         if len(self._pending) >= _MOST_PENDING:
             self._final.append(self._measured(self._pending.popleft()))
         self._pending.append(prediction)
@@ -133,10 +145,17 @@ class Comparison:
         while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
             self._final.append(self._measured(pending.popleft()))
 
-    def take(self) -> list[Measurement]:
+    def measurements(self) -> list[Measurement]:
         """The measurements that became final since the last call, in the order of the estimates."""
         final, self._final = self._final, []
         return final
+
+    def readings(self) -> list[Reading]:
+        """The readings of the measurements that became final since the last call of this, in their order."""
+        if not self._readings:
+            return self._readings
+        new, self._readings = self._readings, []
+        return new
 
     def _measured(self, prediction: Prediction) -> Measurement:
         stamp, cell = prediction.pose.stamp, prediction.cell
@@ -156,7 +175,8 @@ class Comparison:
         sign, (bx, by, bz, ex, ey, ez), (fx, fy, fz, tx, ty, tz) = cell.sign, prediction.offset, prediction.wrench
         ax, ay, az = sign * ax - bx, sign * ay - by, sign * az - bz
         dx, dy, dz = sign * dx - ex, sign * dy - ey, sign * dz - ez
-        self._learn(prediction, (ax, ay, az), last == self._last)
+        world = cell.into_world(prediction.pose, (ax, ay, az))
+        self._readings.append(Reading(stamp, world, last == self._last, prediction.in_air))
         residual = ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz
         return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
 

@@ -1,4 +1,4 @@
-"""Quality flags of estimates, the trust that follows from them, and the standard deviation without learning."""
+"""Quality flags of estimates, and the trust that follows from them."""
 
 import math
 from collections.abc import Callable
@@ -9,17 +9,15 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.motion import Motion
-from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import Law, edge_share, has_inertia, rotation_matrix
-from rft_ros.rft.compilation import compiled
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
 __all__ = ["QualityFlag", "QualityMonitor", "Trust"]
-__all__ += ["flag_names", "inertial_speed", "is_withdrawn", "sentences", "trust", "without_learning"]
+__all__ += ["flag_names", "inertial_speed", "sentences", "trust"]
 
 
 class QualityFlag(IntFlag):
@@ -74,73 +72,6 @@ def sentences(quality_flags: int) -> str:
     return "; ".join(flag.sentence for flag in QualityFlag if quality_flags & flag)
 
 
-# relative standard deviations without learning, (L6) of docs/learning.md
-_STRENGTH_ERROR = 0.15  # relative error of a calibrated ζ whose error is not known
-_HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.5, 0.2  # of these parts of the force, beside ζ's
-_NOISE, _NOISE_FLOOR = 0.035, 0.05  # of any component: share of the whole force; [N]
-_LEVER = 0.07  # of the point where the force acts, over the tool's reach
-
-
-@compiled
-def without_learning(row: Array, zeta_error: float, reach: float, answer: Array) -> None:
-    """Write a prediction without learning, (L6), to `answer`, shape [12]: force [N], torque [N m], a deviation of each.
-
-    `row`: the model, begins with force and torque; world axes. `zeta_error`: relative standard error of ζ, 0 if
-    unknown. `reach` of the tool [m].
-    """
-    zeta_error = zeta_error or _STRENGTH_ERROR
-    for i in range(6):
-        answer[i] = row[i]
-    flat, vertical = answer[0] ** 2 + answer[1] ** 2, answer[2] ** 2
-    whole = flat + vertical
-    horizontally, vertically = zeta_error**2 + _HORIZONTAL_ERROR**2, zeta_error**2 + _VERTICAL_ERROR**2
-    noise = _NOISE**2 * whole + _NOISE_FLOOR**2
-    answer[6] = answer[7] = math.sqrt(horizontally * flat + noise)
-    answer[8] = math.sqrt(vertically * vertical + noise)
-    for i in range(3, 6):
-        answer[6 + i] = math.sqrt((horizontally + _NOISE**2) * answer[i] ** 2 + (_LEVER * reach) ** 2 * whole)
-
-
-_UPWARDS = 0.5  # upward velocity over the speed of the fastest point
-_LETS_GO = 0.001  # path [m] on which grains let go of a tool that is withdrawn
-
-
-def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
-    """Whether a tool in the grains is withdrawn: by its velocities [m/s], or because the model [N] pulls it down."""
-    return upward > _UPWARDS * speed or force[2] < -0.5 * math.hypot(*force)
-
-
-class Withdrawal:
-    """The standard deviation of a tool that is withdrawn; `path` since the last push [m], 0 while it pushes or in air.
-
-    On the way up the law pulls the tool down, by a tenth to a quarter of the last push, where grains at first still
-    push, let go within a millimetre, and then resist by next to nothing. So σ covers what lies between.
-    """
-
-    def __init__(self) -> None:
-        self.path = 0.0
-        self._pushed = np.zeros(12)
-
-    def widened(self, answer: Array, path: float, *, rises: bool, holds: bool) -> Array:
-        """An answer, shape [12], with the deviations that cover what the grains may still do.
-
-        `path` since the answer before [m]. `holds`: at rest in the grains, which still push as before.
-        """
-        if rises:
-            self.path += max(path, 1e-9)
-            _widen(answer, self._pushed, math.exp(-self.path / _LETS_GO))
-        elif not holds:
-            self.path, self._pushed = 0.0, answer
-        return answer
-
-
-@compiled
-def _widen(answer, pushed, left):
-    for i in range(6):
-        held = left * (abs(pushed[i] - answer[i]) + pushed[6 + i])
-        answer[6 + i] = math.sqrt(answer[6 + i] ** 2 + held * held + answer[i] * answer[i])
-
-
 _FAST_SPEED = 0.025  # m/s, the highest speed tested in the paper
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
@@ -174,12 +105,12 @@ class QualityMonitor:
         *,
         in_grains: bool,
         depth: Callable[[], float],
-        withdraws: bool,
+        withdrawn: bool,
         learning: Learning | None,
     ) -> int:
         """Flags of the next estimate: bitwise or of `QualityFlag`.
 
-        `depth`: returns the depth of the lowest point [m]; called only if needed. `withdraws`: by `Withdrawal`.
+        `depth`: returns the depth of the lowest point [m]; called only if needed. `withdrawn`: `Withdrawal.active`.
         """
         flags, f = 0, QualityFlag  # whose operations take a microsecond, so integers are joined
         if learning is not None:
@@ -188,7 +119,7 @@ class QualityMonitor:
             self._path.clear()
             self._countdown = 0
             return flags
-        flags |= f.WITHDRAWAL.value if withdraws else 0
+        flags |= f.WITHDRAWAL.value if withdrawn else 0
         limit = inertial_speed(law)
         if motion.speed > (limit if has_inertia(law) else _FAST_SPEED):
             flags |= f.FAST.value | (f.INERTIAL.value if motion.speed > limit else 0)

@@ -13,8 +13,9 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.messages import decoder
 from rft_ros.estimator.motion import PoseDifference
-from rft_ros.estimator.quality import Withdrawal, without_learning
 from rft_ros.estimator.samples import PoseSample
+from rft_ros.estimator.sigma import without_learning
+from rft_ros.estimator.withdrawal import compile_withdrawal
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Values
 from rft_ros.rft import Plates, agarwal2023, edge_share, wrenches
@@ -30,7 +31,7 @@ def _answers() -> None:
     edge_share(_PLATE, _STATE)
     LoadCellFrame(LoadCell()).into_sensor(_STATE[3:7], np.zeros(12))
     without_learning(np.zeros(7), 0.0, 0.0, np.zeros(12))
-    Withdrawal().widened(np.zeros(12), 0.0, rises=True, holds=False)
+    compile_withdrawal()
 
 
 def _ground() -> None:

@@ -44,7 +44,7 @@ def alive(pids: set[int]) -> set[int]:
 def partly_compiled(tmp_path: Path) -> Path:
     """A folder with a copy of the package, whose cache lacks the code of learning and of velocities from poses."""
     prepare()
-    lacks = [f"{module}*.nbc" for module in ("learning", "medium_filter", "surprise", "motion")]
+    lacks = [f"{module}*.nbc" for module in ("records", "filter", "surprise", "motion")]
     shutil.copytree(Path(rft_ros.__file__).parent, tmp_path / "rft_ros", ignore=shutil.ignore_patterns(*lacks))
     return tmp_path
 

@@ -10,7 +10,8 @@ import trimesh
 from one_plate import SECOND, estimator, plate_model, pose, push, twist
 
 from rft_ros.estimator import Estimate
-from rft_ros.estimator.quality import QualityFlag, Trust, trust, without_learning
+from rft_ros.estimator.quality import QualityFlag, Trust, trust
+from rft_ros.estimator.sigma import without_learning
 from rft_ros.tool import load_tool
 
 

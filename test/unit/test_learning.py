@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.surprise import ISSUES, OPPOSED, STRONG, STUCK, TURNED, WEAK
+from rft_ros.estimator.learning.surprise import ISSUES, OPPOSED, STRONG, STUCK, TURNED, WEAK
 
 SPEED = 0.01  # m/s
 LAG = 0.002  # m

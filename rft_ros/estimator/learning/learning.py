@@ -1,8 +1,4 @@
-"""Learning the medium: predictions corrected by what the load cell has told, at least a lag of path before.
-
-Every pose in the grains leaves a record that waits for its measurement, and then until the tool is `lag` further. At
-rest nothing changes, and speed does not matter.
-"""
+"""Learning the medium: predictions corrected by what the load cell has measured, at least a lag of path before."""
 
 import math
 from typing import Any, Literal, NamedTuple
@@ -10,50 +6,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.medium_filter import FILTER, absorb, begin, begin_again, copy, correct, grow
+from rft_ros.estimator.learning.filter import begin
+from rft_ros.estimator.learning.records import RECORD, RECORDS, STATE, STEP_MOST, add_reading, predict
+from rft_ros.estimator.learning.surprise import ISSUES, JUDGE
 from rft_ros.estimator.samples import ABSURD, Vector
-from rft_ros.estimator.surprise import ISSUES, JUDGE, feel, judge
-from rft_ros.rft.compilation import compiled, inlined, machine_code
+from rft_ros.rft.compilation import machine_code
 
 __all__ = ["Belief", "Learning"]
 
 Array = NDArray[np.float64]
-
-_RECORDS, _RECORDS_PER_LAG = 2048, 1024
-_STEP_MOST = 1.0  # path [m] between two poses
-
-_RECORD = np.dtype(
-    [
-        ("stamp", np.int64),
-        ("travel", float),  # path in air and grains
-        ("path", float),  # path in the grains
-        ("passing", np.bool_),
-        ("measured", np.bool_),  # y holds a measurement that teaches
-        ("fault", np.bool_),
-        ("force", float, 3),  # of the model, F
-        ("h", float, (6, 4)),  # H of force and torque
-        ("predicted", float, 3),  # F' as it was predicted, and its covariance S
-        ("s", float, (3, 3)),
-        ("r", float),  # variance of the noise
-        ("y", float, 3),  # measured force
-    ],
-    align=True,
-)
-
-_STATE = np.dtype(
-    [
-        *FILTER,
-        *JUDGE,
-        ("first", int),  # the first record that was not taken; number n, without end, is at n modulo their count
-        ("open", int),  # the first record whose measurement may still come
-        ("end", int),
-        ("travel", float),
-        ("path", float),
-        ("pushing", np.bool_),  # in the grains, neither withdrawn nor fast
-        ("aired", np.bool_),  # in the air since the last push
-    ],
-    align=True,
-)
 
 
 class Belief(NamedTuple):
@@ -77,67 +38,6 @@ class Belief(NamedTuple):
     excess: float
 
 
-@inlined
-def _move(state, step, wet, passing):
-    """Advance the path. Where the tool begins to push, the belief of the last push counts."""
-    state.travel += step
-    if not wet:
-        state.pushing, state.aired = False, True
-        return
-    state.path += step
-    if passing:
-        state.pushing = False
-    elif not state.pushing and step > 0.0:
-        begin_again(state.latest, state.push, state.prior, state.aired)
-        state.pushing, state.aired, state.entered = True, False, state.path
-
-
-@compiled
-def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach):
-    """Move, take the records that lie `lag` behind, predict with (L4), and keep a record for the measurement."""
-    state = states[0]
-    wet = row[6] > 0.0
-    _move(state, step, wet, passing)
-    while state.first < state.open and records[state.first % _RECORDS].travel <= state.travel - lag:
-        oldest = records[state.first % _RECORDS]
-        if oldest.fault:  # what taught until it was found may have been wrong as well
-            copy(state.latest, state.prior)
-            copy(state.push, state.prior)
-        elif oldest.measured and oldest.path > max(state.learned, state.entered if oldest.passing else 0.0):
-            absorb(state, oldest)
-        state.first += 1
-    if state.end - state.first == _RECORDS:  # nothing came: the oldest will not teach
-        state.first += 1
-        state.open = max(state.open, state.first)
-    copy(state.now, state.latest)
-    grow(state.now, max(state.path - state.learned, 0.0))
-
-    record = records[state.end % _RECORDS]
-    correct(state.now, state.scale, record, row, out, reach, apply)
-    last = records[(state.end - 1) % _RECORDS].travel
-    close = state.end > state.first and state.travel - last < lag / _RECORDS_PER_LAG
-    if wet and step > 0.0 and not close:
-        record.stamp, record.travel, record.path = stamp, state.travel, state.path
-        record.passing, record.measured, record.fault = passing, False, False
-        state.end += 1
-
-
-@compiled
-def _learn(states, records, y, stamp, repeated, in_air):
-    """Give the record of a stamp its measurement, and judge it."""
-    state = states[0]
-    if in_air:
-        feel(state, y)
-    while state.open < state.end and records[state.open % _RECORDS].stamp < stamp:
-        state.open += 1
-    record = records[state.open % _RECORDS]
-    if state.open < state.end and record.stamp == stamp:
-        state.open += 1
-        judge(state, record, y, min(record.path - state.judged, _STEP_MOST), repeated)
-        for i in range(3):
-            record.y[i] = y[i]
-
-
 class Learning:
     """What the load cell tells about the grains, for one tool in one medium.
 
@@ -148,18 +48,18 @@ class Learning:
 
     def __init__(self, *, lag: float = 0.002, strength_error: float = 0.15, reach: float = 0.0) -> None:
         self.lag, self.reach, self._strength_error = lag, reach, strength_error
-        self._states, self._records = np.zeros(1, _STATE), np.zeros(_RECORDS, _RECORD)
+        self._states, self._records = np.zeros(1, STATE), np.zeros(RECORDS, RECORD)
         self._state: Any = self._states[0]
         self._surprise, self._issues = self._states["surprise"], self._states["issues"]
         self._row, self._y, out = np.zeros(19), np.zeros(3), np.zeros(12)
         arrays = self._states, self._records
-        self._predict = machine_code(_predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
-        self._learn: Any = machine_code(_learn, (*arrays, self._y, 0, False, False))
+        self._predict = machine_code(predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
+        self._learn: Any = machine_code(add_reading, (*arrays, self._y, 0, False, False))
         self.forget()
 
     def forget(self) -> None:
         """Go back to the calibration."""
-        self._states[:] = np.zeros(1, _STATE)
+        self._states[:] = np.zeros(1, STATE)
         begin(self._state, self._strength_error)
         self._state["pushing"] = True
 
@@ -188,7 +88,7 @@ class Learning:
         wrench as the model has it. Returns shape [12]: force, torque about the tool frame's origin, deviation of each.
         """
         self._row[:], out = row, np.empty(12)
-        path = min(float(step), _STEP_MOST) if step > 0.0 else 0.0
+        path = min(float(step), STEP_MOST) if step > 0.0 else 0.0
         self._predict(
             self._states, self._records, self._row, out, int(stamp), path, bool(passing), bool(apply),
             float(self.lag), float(self.reach),

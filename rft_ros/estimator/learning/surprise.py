@@ -2,7 +2,7 @@
 
 import math
 
-from rft_ros.estimator.medium_filter import dot
+from rft_ros.estimator.learning.filter import dot
 from rft_ros.rft.compilation import inlined
 
 __all__ = ["ISSUES", "JUDGE", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "feel", "judge"]

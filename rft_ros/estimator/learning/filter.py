@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["FILTER", "absorb", "begin", "begin_again", "copy", "correct", "dot", "grow"]
+__all__ = ["FILTER", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
 
 _PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
 _PRIOR_SURFACE = 0.003  # deviation of δ [m]
@@ -92,7 +92,7 @@ def copy(target, source):
 
 
 @inlined
-def begin_again(belief, push, prior, elsewhere):
+def resume(belief, push, prior, elsewhere):
     """The belief of the last push; `elsewhere`: after air, where surface and turn are those of the prior."""
     copy(belief, push)
     for i in range(2 if elsewhere else 4, 4):

@@ -1,0 +1,5 @@
+"""Learning the medium from the load cell: a Kalman filter of four correction factors, its records and surprises."""
+
+from rft_ros.estimator.learning.learning import Belief, Learning
+
+__all__ = ["Belief", "Learning"]

@@ -1,0 +1,63 @@
+"""Withdrawal: whether a tool is pulled out of the grains, and the standard deviation of the prediction meanwhile.
+
+On the way up the law pulls the tool down, by a tenth to a quarter of the last push. Grains at first still push, let go
+within a millimetre, and then resist by next to nothing. So the deviation covers what lies between.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.estimator.motion import Motion
+from rft_ros.estimator.samples import Vector
+from rft_ros.rft.compilation import compiled
+
+__all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn"]
+
+_UPWARDS = 0.5  # upward velocity over the speed of the fastest point
+_LETS_GO = 0.001  # path [m] on which grains let go of a tool that is withdrawn
+_LEAST_PATH = 1e-9  # path [m] of one answer
+
+
+def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
+    """Whether a tool in the grains is withdrawn: by its velocities [m/s], or because the model [N] pulls it down."""
+    return upward > _UPWARDS * speed or force[2] < -0.5 * math.hypot(*force)
+
+
+class Withdrawal:
+    """Follows one tool from answer to answer: `follow` its motion, then `widen` the answer's standard deviations."""
+
+    def __init__(self) -> None:
+        self.active = False
+        """Whether the tool is being withdrawn at the last motion."""
+        self._path = 0.0  # since the last push [m]
+        self._pushed = np.zeros(12)  # the last answer before the withdrawal
+        self._holds = False  # at rest in the grains, which still push as before
+
+    def follow(self, motion: Motion, force: Vector, *, in_grains: bool) -> None:
+        """Take the motion at the next pose, and the model's force there [N]."""
+        self._holds = in_grains and motion.rests
+        if not self._holds:  # a tool that pauses on its way up goes on to be withdrawn
+            self.active = in_grains and is_withdrawn(motion.velocity[2], motion.speed, force)
+        self._path = self._path + max(motion.path, _LEAST_PATH) if self.active else 0.0
+
+    def widen(self, answer: NDArray[np.float64]) -> None:
+        """Let the deviations of an answer, shape [12], cover what the grains may still do while `active`."""
+        if self.active:
+            _widen(answer, self._pushed, math.exp(-self._path / _LETS_GO))
+        elif not self._holds:
+            self._pushed = answer
+
+
+@compiled
+def _widen(answer, pushed, left):
+    """Add the share `left` of the last push, and the whole of the prediction, to the deviations."""
+    for i in range(6):
+        held = left * (abs(pushed[i] - answer[i]) + pushed[6 + i])
+        answer[6 + i] = math.sqrt(answer[6 + i] ** 2 + held * held + answer[i] * answer[i])
+
+
+def compile_withdrawal() -> None:
+    """Load the machine code, or compile it."""
+    _widen(np.zeros(12), np.zeros(12), 0.0)
