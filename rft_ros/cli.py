@@ -27,6 +27,7 @@ _COMMANDS = {
     "reduce": ("tools", "Write a tool with the fewest plates that its motions need."),
     "replay": ("replay", "Run recorded bags through the estimator."),
     "calibrate": ("calibrate", "Fit load cell, surface, ζ, memory and α_y to recorded bags."),
+    "fit-medium": ("medium", "Fit a medium of your own to a measured map of stresses."),
     "sweep": ("tools", "Run a design study: tools × motions × media, on all cores or a cluster."),
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),
     "doctor": ("doctor", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),

@@ -15,7 +15,7 @@ from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import Law, Treers2021, has_inertia, medium_named, wrenches
+from rft_ros.rft import Law, Treers2021, has_inertia, wrenches
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -103,7 +103,7 @@ def calibrate(
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
             runs = plate_runs(tracks, sensor, replace(law, zeta=zeta), surface=height)
             shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
-            medium = medium_named(values["medium.name"])
+            medium = law.medium
             fit = fit_alpha_y(runs, medium, shared_error=shared, model=alpha_y)
             result.fitted.append(fit.value)
             result.alpha_y = fit

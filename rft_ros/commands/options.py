@@ -11,6 +11,7 @@ from typing import Any
 from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
+from rft_ros.rft import MEDIA, Law
 from rft_ros.sweeps.design import PARAMETER_NAMES, parameters_of
 from rft_ros.tool import Tool
 
@@ -34,7 +35,10 @@ def number(text: str) -> float:
     return value
 
 
+_MEDIUM = f"{', '.join(MEDIA)}, or a FILE of your own as for medium.file (default generic)"
+
 _SHARED: dict[str, dict[str, Any]] = {
+    "--medium": {"metavar": "NAME|FILE", "help": _MEDIUM},
     "--alpha-y": {"metavar": "MODEL", "help": _ALPHA_Y},
     "--tolerance": {"type": number, "metavar": "SHARE", "help": _TOLERANCE},
     "--params": {"type": Path, "metavar": "FILE.yaml", "help": _PARAMS},
@@ -80,6 +84,12 @@ def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[
     given = [value for name, value in vars(arguments).items() if name != "output"]
     words = [word for value in given for word in (value if isinstance(value, list) else [value])]
     refuse_overwriting(outputs, [*(word for word in words if isinstance(word, Path)), *also])
+
+
+def warn_of_law(law: Law) -> None:
+    """Print on stderr what may be wrong with the grains' numbers."""
+    for doubt in law.doubts:
+        print(f"warning: {doubt}", file=sys.stderr, flush=True)
 
 
 def warn_of(tool: Tool) -> None:

@@ -36,6 +36,7 @@ def predict(arguments: argparse.Namespace) -> int:
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
     options.warn_of(tool)
+    options.warn_of_law(model.law)
     with busy("computing"):  # the first call compiles
         where = f"states file '{arguments.states}'"
         result = wrenches_along(model, times, states, surface_height=height, where=where)

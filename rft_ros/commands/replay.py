@@ -37,6 +37,7 @@ def replay(arguments: argparse.Namespace) -> int:
     with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
     options.warn_of(model.tool)
+    options.warn_of_law(model.law)
 
     status = 0
     for bag, folder in zip(bags, folders, strict=True):

@@ -24,7 +24,7 @@ from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Swap, ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
 from rft_ros.parameters import Values
-from rft_ros.rft import described
+from rft_ros.rft import Law, described
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -98,6 +98,11 @@ class RftNode(Node):
         self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {described(m.law)}")
         for issue in m.tool.issues.values():
             self.get_logger().warning(f"mesh {m.tool.name}: {issue}")
+        self._warn_of_law(m.law)
+
+    def _warn_of_law(self, law: Law) -> None:
+        for doubt in law.doubts:
+            self.get_logger().warning(f"medium {law.stresses.get('medium', law.name)}: {doubt}")
 
     # --- the tick
 
@@ -184,8 +189,11 @@ class RftNode(Node):
         self._serialise = wrench_cdr(values["sensor_frame"])
 
     def _use(self) -> None:
-        model = self._swap.model(self.table.values, generation=self.estimator.model.generation + 1)
+        before = self.estimator.model
+        model = self._swap.model(self.table.values, generation=before.generation + 1)
         self.estimator.use(settings=self._swap.settings(self.table.values), model=model)
+        if model.law.doubts != before.law.doubts:
+            self._warn_of_law(model.law)
         self._subscribe_to_clouds()
 
     def _on_swap_poll(self) -> None:

@@ -12,8 +12,17 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Model, Settings
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
-from rft_ros.parameters import FILES, Values, files_of, load_files, model_of, read_alpha_y_table, settings_of
-from rft_ros.rft import Table
+from rft_ros.parameters import (
+    FILES,
+    Values,
+    files_of,
+    load_files,
+    model_of,
+    read_small_file,
+    settings_of,
+    small_files_of,
+)
+from rft_ros.rft import Medium, Table
 from rft_ros.tool import locate_mesh
 
 
@@ -94,8 +103,8 @@ class Swap:
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loading: Future[dict[str, Any]] | None = None
-        self._tables: dict[str, Table] = {}  # of α_y, by file: the one in force
-        self._tables = self._checked_tables = self._tables_of(values)
+        self._read: dict[tuple[str, str], Medium | Table] = {}  # by parameter and file: those in force
+        self._read = self._checked_read = self._read_for(values)
 
     @property
     def files(self) -> Values:
@@ -110,18 +119,20 @@ class Swap:
 
     def model(self, values: Values, *, generation: int = 0) -> Model:
         """The model of these parameters with the tool and the ground in force; `check` them first."""
-        table = (self._tables | self._checked_tables).get(values["alpha_y.table"])
-        return model_of({**values, **self.files}, **self.parts, table=table, generation=generation)
+        read: dict[tuple[str, str], Any] = {**self._read, **self._checked_read}
+        medium = read.get(("medium.file", values["medium.file"]))
+        table = read.get(("alpha_y.table", values["alpha_y.table"]))
+        return model_of({**values, **self.files}, **self.parts, medium=medium, table=table, generation=generation)
 
-    def _tables_of(self, values: Values) -> dict[str, Table]:
-        """The table of α_y of these parameters, read again unless it is in force, whose file may be gone."""
-        file = values["alpha_y.table"] if values["alpha_y.model"] == "table" else ""
-        return {file: self._tables.get(file) or read_alpha_y_table(file)} if file else {}
+    def _read_for(self, values: Values) -> dict[tuple[str, str], Medium | Table]:
+        """The small files of these parameters, read again unless they are in force: a file may be gone since."""
+        wanted = small_files_of(values).items()
+        return {named: self._read.get(named) or read_small_file(*named) for named in wanted}
 
     def check(self, values: Values) -> None:
         """Raise InputError for parameters that cannot come into force; a mesh is not read yet."""
         self.settings(values)
-        self._checked_tables = self._tables_of(values)
+        self._checked_read = self._read_for(values)
         self.model(values)
         if files_of(values)["tool"] != self._files["tool"]:
             checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
@@ -139,7 +150,7 @@ class Swap:
 
     def want(self, values: Values) -> None:
         """Load what these parameters, checked last, need and is not in force, in place of what is being loaded."""
-        self._tables = self._checked_tables
+        self._read = self._checked_read
         wanted = files_of(values), needed(values)
         if self._loading and wanted == self._wanted:
             return

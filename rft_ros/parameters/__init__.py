@@ -10,20 +10,26 @@ from rft_ros.parameters.file import (
     read_parameter_file,
     write_parameter_file,
 )
+from rft_ros.parameters.medium_file import is_medium_file, read_medium, read_stress_map, write_medium
 from rft_ros.parameters.settings import (
     LoadCell,
     Model,
     Settings,
     files_of,
     load_files,
+    medium_of,
     model_of,
+    read_small_file,
     settings_of,
+    small_files_of,
     tool_of,
 )
 from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LoadCell", "Model", "Settings"]
-__all__ += ["files_of", "load_files", "model_of", "settings_of", "tool_of"]
+__all__ += ["files_of", "load_files", "medium_of", "model_of", "read_small_file", "settings_of", "small_files_of"]
+__all__ += ["tool_of"]
+__all__ += ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
 __all__ += ["named_files", "node_parameters", "parameter_tree"]
 __all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

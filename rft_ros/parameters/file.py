@@ -86,7 +86,7 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
     return values
 
 
-FILES = ("mesh.file", "alpha_y.table", "ground.file")
+FILES = ("mesh.file", "medium.file", "alpha_y.table", "ground.file")
 """Parameters that name a file, relative to the parameter file."""
 
 

@@ -8,11 +8,13 @@ from typing import Any, Literal
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.file import read_alpha_y_table
+from rft_ros.parameters.medium_file import read_medium
 from rft_ros.parameters.table import Values
-from rft_ros.rft import Law, Table, alpha_y_model, law_named, medium_named
+from rft_ros.rft import Law, Medium, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files", "model_of", "settings_of", "tool_of"]
+__all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files"]
+__all__ += ["medium_of", "model_of", "read_small_file", "settings_of", "small_files_of", "tool_of"]
 
 _Vector = tuple[float, float, float]
 
@@ -131,16 +133,33 @@ def load_files(files: Mapping[str, Values]) -> dict[str, Any]:
     return {part: _LOADED[part][1](values) for part, values in files.items()}
 
 
+def small_files_of(values: Values) -> dict[str, str]:
+    """The files of the law, by parameter: small enough for a node to read them between two ticks."""
+    files = {"medium.file": values["medium.file"]} if values["medium.file"] else {}
+    return files | ({"alpha_y.table": values["alpha_y.table"]} if values["alpha_y.model"] == "table" else {})
+
+
+def read_small_file(parameter: str, file: str) -> Medium | Table:
+    """What one of `small_files_of` holds. Raises InputError for what cannot be used."""
+    return read_medium(file) if parameter == "medium.file" else read_alpha_y_table(file)
+
+
+def medium_of(values: Values) -> Medium:
+    """The medium from checked values, of its file if there is one. Raises InputError for what cannot be used."""
+    return read_medium(values["medium.file"]) if values["medium.file"] else medium_named(values["medium.name"])
+
+
 def model_of(
     values: Values,
     *,
     tool: Tool | None = None,
+    medium: Medium | None = None,
     table: Table | None = None,
     ground: HeightMap | None = None,
     generation: int = 0,
 ) -> Model:
     """The model from checked values; loads what is not given. Raises InputError for what cannot be used."""
-    medium, alpha_y = medium_named(values["medium.name"]), values["alpha_y.model"]
+    medium, alpha_y = medium or medium_of(values), values["alpha_y.model"]
     if alpha_y == "table":
         table = table or read_alpha_y_table(values["alpha_y.table"])
     of_law = {name: values[f"medium.{name}"] for name in _OF_MEDIUM}

@@ -47,6 +47,12 @@ PARAMETERS = (
     Parameter("mesh.quaternion", _IDENTITY, "Orientation of the mesh file's axes in tool_frame, unit length.", "xyzw"),
     Parameter("law", "treers2021", "Traction law; agarwal2023 uses no medium.name and no alpha_y.model.", choices=LAWS),
     Parameter("medium.name", "generic", "Medium whose stresses were measured (Li et al. 2013).", choices=tuple(MEDIA)),
+    Parameter(
+        "medium.file",
+        "",
+        "A medium of your own in place of medium.name: nine coefficients (YAML), or a measured stress map (CSV).",
+        "N/cm3",
+    ),
     Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", "", (1e-6, 1e6)),
     Parameter("medium.zeta_error", 0.0, "Relative standard error of medium.zeta. 0.0: not known.", "", (0.0, 2.0)),
     Parameter(

@@ -89,6 +89,7 @@ from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
+from rft_ros.rft.stress_map import LeftOut, MediumFit, StressMap, fit_medium
 from rft_ros.rft.traction import (
     LAWS,
     Law,
@@ -101,7 +102,7 @@ from rft_ros.rft.traction import (
 )
 from rft_ros.rft.wrench import COLUMNS, LEVEL, SENSITIVITIES, edge_share, plate_forces, wrenches, wrenches_in_time
 
-__all__ = ["MEDIA", "Medium", "medium_named"]
+__all__ = ["MEDIA", "LeftOut", "Medium", "MediumFit", "StressMap", "fit_medium", "medium_named"]
 __all__ += ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model"]
 __all__ += [
     "INERTIA",

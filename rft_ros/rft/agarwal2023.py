@@ -85,6 +85,11 @@ class Agarwal2023:
         """What the law's stresses come from, by name."""
         return {}
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences on why its numbers may be wrong."""
+        return ()
+
 
 def agarwal2023(
     *,

@@ -1,15 +1,38 @@
 """Media: the Fourier coefficients of the 2D stresses per depth (Eq. (4); Li, Zhang, Goldman 2013, table S2)."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
-__all__ = ["MEDIA", "Medium", "medium_named"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["MEDIA", "OF_ALPHA_X", "OF_ALPHA_Z", "Medium", "medium_named", "stress_terms"]
+
+Array = NDArray[np.float64]
+
+OF_ALPHA_Z = ("A00", "A10", "B11", "B01", "Bm11")
+"""The coefficients of α_z, in the order of Eq. (4)."""
+
+OF_ALPHA_X = ("C11", "C01", "Cm11", "D10")
+"""The coefficients of α_x, in the order of Eq. (4)."""
+
+
+def stress_terms(beta: Array, gamma: Array) -> tuple[Array, Array]:
+    """What each coefficient is multiplied with in Eq. (4): for α_z shape [n, 5], for α_x shape [n, 4]; no unit.
+
+    `beta`, `gamma`: angles of attack and intrusion [rad], shape [n]. Columns: `OF_ALPHA_Z` and `OF_ALPHA_X`.
+    """
+    of_z = np.ones_like(beta), np.cos(2.0 * beta), np.sin(2.0 * beta + gamma), np.sin(gamma), np.sin(gamma - 2.0 * beta)
+    of_x = np.cos(2.0 * beta + gamma), np.cos(gamma), np.cos(gamma - 2.0 * beta), np.sin(2.0 * beta)
+    return np.column_stack(of_z), np.column_stack(of_x)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Medium:
     """Nine Fourier coefficients of α_z(β, γ) and α_x(β, γ) [N/cm³], Eq. (4), before the scale factor ζ.
 
-    Subscripts follow Li et al. 2013: A and B make α_z, C and D make α_x; ``m1`` stands for -1.
+    Subscripts follow Li et al. 2013: A and B make α_z, C and D make α_x; ``m1`` stands for -1. `doubts`: sentences on
+    why the measurement behind the coefficients may be wrong.
     """
 
     name: str
@@ -22,11 +45,44 @@ class Medium:
     C01: float
     Cm11: float
     D10: float
+    doubts: tuple[str, ...] = field(default=(), compare=False)
+
+    @classmethod
+    def of(cls, name: str, coefficients: Mapping[str, float], *, doubts: tuple[str, ...] = ()) -> "Medium":
+        """The medium with these coefficients [N/cm³], by their names. Raises KeyError for one that is missing."""
+        c = coefficients
+        return cls(
+            name=name, doubts=doubts,
+            A00=c["A00"], A10=c["A10"], B11=c["B11"], B01=c["B01"], Bm11=c["Bm11"],
+            C11=c["C11"], C01=c["C01"], Cm11=c["Cm11"], D10=c["D10"],
+        )  # fmt: skip
+
+    @property
+    def coefficients(self) -> dict[str, float]:
+        """The nine coefficients [N/cm³] by name."""
+        return {name: getattr(self, name) for name in (*OF_ALPHA_Z, *OF_ALPHA_X)}
 
     @property
     def alpha_x_flat(self) -> float:
         """α_x at γ = 0, β = 0 [N/cm³]: the `constant` model's α_y, Eq. (7) (Treers et al. 2021, IV-B)."""
         return self.C11 + self.C01 + self.Cm11
+
+    @property
+    def strength(self) -> float:
+        """The factor with which the generic medium's stresses come closest to these over all directions; no unit."""
+        along = over = 0.0
+        for name, generic in _GENERIC.coefficients.items():
+            mean_square = 1.0 if name == "A00" else 0.5  # of its term of Eq. (4) over all angles
+            along += mean_square * generic * getattr(self, name)
+            over += mean_square * generic * generic
+        return along / over
+
+    def stresses(self, beta: Array, gamma: Array) -> tuple[Array, Array]:
+        """α_x and α_z [N/cm³] by Eq. (4), shape [n] each, at these β and γ [rad], shape [n]."""
+        of_z, of_x = stress_terms(beta, gamma)
+        alpha_z: Array = of_z @ [getattr(self, name) for name in OF_ALPHA_Z]
+        alpha_x: Array = of_x @ [getattr(self, name) for name in OF_ALPHA_X]
+        return alpha_x, alpha_z
 
 
 _GENERIC = Medium(

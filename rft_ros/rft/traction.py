@@ -80,6 +80,11 @@ class Treers2021:
         """What the law's stresses come from, by name."""
         return {"medium": self.medium.name, "alpha_y": alpha_y_name(self.alpha_y)}
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences on why its numbers may be wrong."""
+        return self.medium.doubts
+
 
 Law = Treers2021 | Agarwal2023
 """Any law."""

@@ -12,7 +12,7 @@ import numpy as np
 from rft_ros.errors import InputError
 from rft_ros.files import read_file, read_yaml
 from rft_ros.installation import release
-from rft_ros.parameters import Values, checked, defaults
+from rft_ros.parameters import Values, checked, defaults, is_medium_file
 from rft_ros.sweeps.motions import FAMILIES, Motion
 from rft_ros.tool import locate_mesh
 
@@ -46,13 +46,14 @@ class Design(NamedTuple):
     variants: Sequence[Variant]
 
     def files(self) -> set[Path]:
-        """Its meshes and states files."""
+        """Its meshes, states files and files of media."""
         meshes = {variant.tool["mesh"] for variant in self.variants}
         states = {v.motion["states_file"] for v in self.variants if "states_file" in v.motion}
-        return {*map(locate_mesh, meshes), *map(Path, states)}
+        media = {v.medium["medium"] for v in self.variants if is_medium_file(str(v.medium.get("medium", "")))}
+        return {*map(locate_mesh, meshes), *map(Path, states | media)}
 
     def fingerprint(self) -> int:
-        """Checksum of the study, its meshes and states files, and the version of rft_ros."""
+        """Checksum of the study, its `files`, and the version of rft_ros."""
         checksum = zlib.crc32(release().encode())
         for file in (self.file, *sorted(self.files())):
             try:
@@ -68,6 +69,9 @@ def parameters_of(entry: Mapping[str, Any]) -> Values:
     A tool that gives no integration has the rule of its file.
     """
     given = {PARAMETER_NAMES[key]: value for key, value in entry.items()}
+    medium = given.get("medium.name")
+    if isinstance(medium, str) and is_medium_file(medium):
+        given |= {"medium.name": defaults()["medium.name"], "medium.file": medium}
     checks = {name: checked(name, value) for name, value in given.items()}
     return {**defaults(), "tolerance": 0.0, "integration": None, **checks}
 

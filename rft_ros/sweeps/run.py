@@ -23,8 +23,9 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import whole
-from rft_ros.parameters import files_of, model_of, tool_of
+from rft_ros.parameters import files_of, medium_of, model_of, tool_of
 from rft_ros.progress import bar
+from rft_ros.rft import Medium
 from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Design, Variant, motion_of, parameters_of
 from rft_ros.sweeps.motions import sample
@@ -53,7 +54,8 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     from scipy.integrate import trapezoid  # takes 0.3 s, which commands about one tool need not wait
 
     values = parameters_of({**variant.tool, **variant.medium})
-    model = model_of(values, tool=_tool(tuple(files_of(values)["tool"].items()), fingerprint))
+    tool = _tool(tuple(files_of(values)["tool"].items()), fingerprint)
+    model = model_of(values, tool=tool, medium=_medium(values["medium.name"], values["medium.file"], fingerprint))
     times, states = _motion(tuple(variant.motion.items()), fingerprint)
     if (np.diff(times) < 0.0).any():
         raise InputError(f"states file '{variant.motion['states_file']}': t goes back; work needs it in order")
@@ -74,6 +76,11 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
 @lru_cache(maxsize=4)
 def _tool(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> Tool:
     return tool_of(dict(items))
+
+
+@lru_cache(maxsize=16)
+def _medium(name: str, file: str, _fingerprint: int) -> Medium:
+    return medium_of({"medium.name": name, "medium.file": file})
 
 
 @lru_cache(maxsize=16)

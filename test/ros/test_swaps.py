@@ -5,9 +5,11 @@ import time
 
 import numpy as np
 import pytest
+import yaml
 from harness import WAIT, numbers, parameters, predicted_by_the_core, stamp_of
 from rcl_interfaces.srv import SetParameters
 
+from rft_ros.rft import MEDIA
 from rft_ros.tool import locate_mesh
 
 MESHES, ZETAS, MODELS = ("plate", "sphere"), (1.0, 0.5, 0.25), ("constant", "linear")
@@ -117,3 +119,21 @@ def test_an_alpha_y_table_that_was_deleted_stays_in_force_until_another_is(start
     assert rft.set(alpha_y__table=str(other)) == (True, "")
     assert not np.array_equal(after, before)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment(), **MOTION)), after)
+
+
+def test_a_medium_of_ones_own_comes_into_force_live_and_a_bad_file_leaves_the_old_one(start_node, tmp_path):
+    mine, bad = tmp_path / "mine.yaml", tmp_path / "bad.csv"
+    mine.write_text(yaml.safe_dump({name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()}))
+    bad.write_text("beta_deg,gamma_deg,alpha_x,alpha_z\n0,90,0,200000\n")
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    whole = numbers(rft.ask(rft.moment(), **MOTION))
+    assert rft.set(medium__file=str(mine)) == (True, "")
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), 0.5 * whole, rtol=1e-12)
+    mine.unlink()
+    success, why = rft.set(medium__file=str(bad))
+    assert not success
+    assert str(bad) in why
+    assert "N/cm³" in why
+    assert rft.set(medium__zeta=2.0) == (True, "")
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), whole, rtol=1e-12)
+    assert rft.diagnostic("model")[2]["medium"] == "mine"

@@ -1,0 +1,92 @@
+"""A picture of a measured stress map: measured, fitted, and their difference side by side."""
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.files import whole
+from rft_ros.rft import MediumFit, StressMap
+
+__all__ = ["check_figure", "write_stress_figure"]
+
+Array = NDArray[np.float64]
+
+_FORMATS = (".png", ".svg", ".pdf")
+
+
+def check_figure(file: Path) -> None:
+    """Raise InputError for a file whose format is not written, or where matplotlib, which draws it, is missing."""
+    if file.suffix.lower() not in _FORMATS:
+        raise InputError(f"figure '{file}' must end in {', '.join(_FORMATS)}")
+    if importlib.util.find_spec("matplotlib") is None:
+        raise InputError(f"figure '{file}' needs matplotlib: pip install matplotlib")
+
+
+def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None:
+    """Write a picture with a row for α_z and one for α_x; `check_figure` first. Raises InputError."""
+    from matplotlib.figure import Figure  # optional, and takes a third of a second
+    from matplotlib.ticker import MultipleLocator
+
+    figure = Figure(figsize=(10.0, 6.4), layout="constrained")
+    panels = figure.subplots(2, 3, sharex=True, sharey=True)
+    modelled = fit.medium.stresses(measured.beta, measured.gamma)
+    quantities = ((r"$\alpha_x$", measured.alpha_x, modelled[0]), (r"$\alpha_z$", measured.alpha_z, modelled[1]))
+    for (name, stress, model), row in zip(reversed(quantities), panels, strict=True):
+        seen = np.isfinite(stress)
+        most = float(np.abs(np.concatenate([stress[seen], model])).max())
+        pictures = {"measured": stress, "fitted": np.where(seen, model, np.nan), "measured - fitted": stress - model}
+        for axes, (title, values) in zip(row, pictures.items(), strict=True):
+            drawn = _draw(axes, measured, values, most)
+            rms = f", RMS {np.sqrt(np.nanmean(values**2)):.3f}" if seen.any() else ""
+            axes.set_title(f"{name} {title}{rms} N/cm³", fontsize=9)
+            axes.set_facecolor("#d0d0d0")  # of missing cells
+        figure.colorbar(drawn, ax=row, label=f"{name} [N/cm³]")
+        row[0].set_ylabel(r"intrusion angle $\gamma$ [deg]")
+    for axes in panels[-1]:
+        axes.set_xlabel(r"attack angle $\beta$ [deg]")
+        axes.xaxis.set_major_locator(MultipleLocator(45.0))
+        axes.yaxis.set_major_locator(MultipleLocator(45.0))
+    held = ""
+    if fit.left_out is not None:
+        held = f"; on cells left out {fit.left_out.fitted:.3f}, generic medium scaled {fit.left_out.scaled:.3f} N/cm³"
+    figure.suptitle(f"{fit.medium.name}: RMS of the fit {fit.misfit:.3f}{held}; grey: no cell", fontsize=10)
+    with whole(file, "figure") as part:
+        figure.savefig(part, dpi=120, metadata={"Date": None} if file.suffix.lower() == ".svg" else None)
+
+
+def _draw(axes: Any, measured: StressMap, values: Array, most: float) -> Any:
+    """Colour the cells of a grid, or points where the angles make none."""
+    beta: Array = np.rad2deg(measured.beta).round(1)
+    gamma: Array = np.rad2deg(measured.gamma).round(1)
+    style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
+    betas, i = _lattice(beta)
+    gammas, j = _lattice(gamma)
+    if min(len(betas), len(gammas)) < 2 or len(beta) < 0.3 * len(betas) * len(gammas):
+        there = np.isfinite(values)
+        return axes.scatter(beta[there], gamma[there], c=values[there], edgecolors="black", linewidths=0.3, **style)
+    grid = np.full((len(gammas), len(betas)), np.nan)
+    grid[j, i] = values
+    return axes.pcolormesh(_edges(betas), _edges(gammas), np.ma.masked_invalid(grid), **style)
+
+
+def _lattice(angles: Array) -> tuple[Array, NDArray[np.int64]]:
+    """The centres of cells [deg], and the cell of each angle; evenly spaced, with what is missing, where that fits."""
+    centres, cells = np.unique(angles, return_inverse=True)
+    if len(centres) < 2:
+        return centres, cells
+    step = float(np.diff(centres).min())
+    places = (centres - centres[0]) / step
+    if np.abs(places - places.round()).max() > 0.1:
+        return centres, cells
+    even = places.round().astype(np.int64)
+    return centres[0] + step * np.arange(even[-1] + 1), even[cells]
+
+
+def _edges(centres: Array) -> Array:
+    """The edges of cells, halfway between their centres."""
+    between = 0.5 * (centres[1:] + centres[:-1])
+    return np.concatenate([[2.0 * centres[0] - between[0]], between, [2.0 * centres[-1] - between[-1]]])

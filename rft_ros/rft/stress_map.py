@@ -1,0 +1,305 @@
+"""A measured map of stresses per depth, and the medium that fits it: nine coefficients by least squares.
+
+Eq. (4) is linear in its coefficients, five of α_z and four of α_x. Angles that were not measured may leave combinations
+of them open: there the generic medium fills in, scaled by the ζ that fits the map best.
+"""
+
+import itertools
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft.media import MEDIA, OF_ALPHA_X, OF_ALPHA_Z, Medium, stress_terms
+
+__all__ = ["LeftOut", "MediumFit", "StressMap", "fit_medium"]
+
+Array = NDArray[np.float64]
+
+_OPEN = 0.04  # root mean square over the cells of a combination of terms; below, they do not determine it
+_PART = 0.15  # share of a coefficient in an open combination from which on it is named
+_BETTER = 0.9  # a change of convention is named if it takes the misfit below this share; of n changes, its nth power
+_ENOUGH = 8  # cells, of which fewer say nothing about conventions
+_FEW = 20  # cells, of which too few are left in each half for a check
+
+
+class _Angle(NamedTuple):
+    """An angle of Eq. (3) in another convention: first + sign · what the map has; and how a sentence calls that."""
+
+    first: float
+    sign: float
+    change: str
+
+
+_RIGHT = 0.5 * np.pi
+_BETAS = (
+    _Angle(0.0, 1.0, ""),
+    _Angle(0.0, -1.0, "beta negated"),
+    _Angle(_RIGHT, -1.0, "90° - beta as beta"),
+    _Angle(_RIGHT, 1.0, "90° + beta as beta"),
+)
+_GAMMAS = (
+    _Angle(0.0, 1.0, ""),
+    _Angle(0.0, -1.0, "gamma negated"),
+    _Angle(_RIGHT, -1.0, "90° - gamma as gamma"),
+    _Angle(-_RIGHT, 1.0, "gamma - 90° as gamma"),
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class StressMap:
+    """Stresses per depth on a plate at n pairs of angles, shape [n] each.
+
+    `beta`: attack angle [rad], 0 for a level plate, as in Eq. (3); `gamma`: intrusion angle [rad], positive downwards;
+    `alpha_x`, against the motion along e2, and `alpha_z`, upwards [N/cm³]: NaN where missing.
+    """
+
+    beta: Array
+    gamma: Array
+    alpha_x: Array
+    alpha_z: Array
+
+
+class LeftOut(NamedTuple):
+    """RMS of the stress (α_x, α_z) [N/cm³] on cells that a fit did not see: each half by a fit to the other half."""
+
+    fitted: float
+    scaled: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MediumFit:
+    """The medium that fits a map.
+
+    `errors`: standard error of each coefficient [N/cm³], by its name; NaN where the map does not determine it. `zeta`:
+    of the generic medium that fits best. `size`, `misfit`, `misfit_scaled`: RMS of the stress (α_x, α_z) as measured,
+    less the fit, and less that generic medium [N/cm³]. `left_out`: None with fewer than 20 cells. `remarks`: sentences
+    on what the map does not say. Sentences on what may be wrong with it are the medium's `doubts`.
+    """
+
+    medium: Medium
+    errors: Mapping[str, float]
+    zeta: float
+    size: float
+    misfit: float
+    misfit_scaled: float
+    left_out: LeftOut | None
+    remarks: tuple[str, ...]
+
+
+class _Part(NamedTuple):
+    """The fit of the coefficients of one stress."""
+
+    coefficients: Array
+    errors: Array
+    open: tuple[tuple[str, ...], ...]
+
+
+def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
+    """The coefficients that fit the map best in the sense of least squares; cells without a number do not count.
+
+    Raises ValueError where the map has no stress at all, or stresses that push a tool onwards.
+    """
+    fitted, parts, zeta = _fitted(measured, name)
+    if fitted is None:
+        raise ValueError("no cell has a stress that is a number other than 0")
+    generic = _scaled(zeta)
+    errors: dict[str, float] = {}
+    remarks = _missing(measured)
+    for names, part, stress in zip((OF_ALPHA_Z, OF_ALPHA_X), parts, ("alpha_z", "alpha_x"), strict=True):
+        errors |= dict(zip(names, part.errors.tolist(), strict=True))
+        for group in part.open:
+            remarks.append(_open_sentence(group, stress, zeta))
+    doubts = _conventions(measured)
+    if fitted.strength <= 0.0:
+        reason = "by these stresses the grains push a tool on where they should resist it"
+        raise ValueError("; ".join([reason, *doubts]))
+    if fitted.alpha_x_flat <= 0.0:
+        value = f"alpha_x at beta 0, gamma 0 is {fitted.alpha_x_flat:.3g} N/cm³ by the fit"
+        doubts.append(f"{value}, so that alpha_y.model constant would push a plate onwards; use linear or a table")
+    medium = replace(fitted, doubts=tuple(doubts))
+    return MediumFit(
+        medium=medium,
+        errors=errors,
+        zeta=zeta,
+        size=_rms(_scaled(0.0), measured),
+        misfit=_rms(medium, measured),
+        misfit_scaled=_rms(generic, measured),
+        left_out=_left_out(measured, name),
+        remarks=tuple(remarks),
+    )
+
+
+def _scaled(zeta: float) -> Medium:
+    """The generic medium times ζ."""
+    return Medium.of("generic", {name: zeta * value for name, value in MEDIA["generic"].coefficients.items()})
+
+
+def _fitted(measured: StressMap, name: str) -> tuple[Medium | None, list[_Part], float]:
+    """The medium, the parts of its fit and ζ of the generic medium; no medium where there is no stress to fit."""
+    zeta = _zeta(MEDIA["generic"], measured)
+    start = _scaled(zeta)
+    of_z, of_x = stress_terms(measured.beta, measured.gamma)
+    parts = [
+        _fit(OF_ALPHA_Z, of_z, measured.alpha_z, start),
+        _fit(OF_ALPHA_X, of_x, measured.alpha_x, start),
+    ]
+    found: dict[str, float] = {}
+    for names, part in zip((OF_ALPHA_Z, OF_ALPHA_X), parts, strict=True):
+        found |= dict(zip(names, part.coefficients.tolist(), strict=True))
+    return (Medium.of(name, found) if any(found.values()) else None), parts, zeta
+
+
+def _fit(names: tuple[str, ...], terms: Array, stress: Array, start: Medium) -> _Part:
+    """The coefficients of one stress; in combinations that the cells leave open, those of the medium `start`."""
+    there = np.isfinite(stress)
+    terms, stress = terms[there], stress[there]
+    first = np.array([getattr(start, name) for name in names])
+    unknown = np.full(len(names), np.nan)
+    if len(stress) == 0:
+        return _Part(first, unknown, tuple((name,) for name in names))
+    mean_squares, combinations = np.linalg.eigh(terms.T @ terms / len(stress))  # combinations: a column each
+    known = mean_squares > _OPEN**2
+    determined = combinations[:, known]
+    inverse = determined / mean_squares[known] @ determined.T / len(stress)
+    coefficients = first + inverse @ terms.T @ (stress - terms @ first)
+    groups = _groups(names, combinations[:, ~known])
+    freedom = len(stress) - int(known.sum())
+    if freedom < 1:
+        return _Part(coefficients, unknown, groups)
+    residual = stress - terms @ coefficients
+    errors = np.sqrt(float(residual @ residual) / freedom * np.diag(inverse))
+    is_open = [any(name in group for group in groups) for name in names]
+    return _Part(coefficients, np.where(is_open, np.nan, errors), groups)
+
+
+def _groups(names: tuple[str, ...], combinations: Array) -> tuple[tuple[str, ...], ...]:
+    """The coefficients that open combinations, a column each, tie together; one that stands alone acts on no cell."""
+    tied = combinations @ combinations.T  # the projector on what is open
+    left = [k for k in range(len(names)) if tied[k, k] > _PART**2]
+    groups = []
+    while left:
+        group = [left.pop(0)]
+        for k in group:  # which grows meanwhile
+            near = [j for j in left if abs(tied[j, k]) > _PART**2]
+            group += near
+            left = [j for j in left if j not in near]
+        groups.append(tuple(names[k] for k in sorted(group)))
+    return tuple(groups)
+
+
+def _open_sentence(group: tuple[str, ...], stress: str, zeta: float) -> str:
+    filled = f"the generic medium times {zeta:.3g} fills in"
+    if len(group) == 1:
+        return f"{group[0]} of {stress} is not identifiable, since its term is 0 at the measured angles; {filled}"
+    together = f"{', '.join(group[:-1])} and {group[-1]} of {stress}"
+    return f"{together} are not identifiable one by one from the measured angles, only in combination; {filled}"
+
+
+def _zeta(medium: Medium, measured: StressMap) -> float:
+    """ζ, 0 or more, with which a medium fits a map best."""
+    model, stress = _both(medium, measured)
+    over = float(model @ model)
+    return max(float(model @ stress) / over, 0.0) if over > 0.0 else 0.0
+
+
+def _both(medium: Medium, measured: StressMap) -> tuple[Array, Array]:
+    """The stresses of a medium and as measured, one after the other, where measured."""
+    model = np.concatenate(medium.stresses(measured.beta, measured.gamma))
+    stress = np.concatenate([measured.alpha_x, measured.alpha_z])
+    there = np.isfinite(stress)
+    return model[there], stress[there]
+
+
+def _rms(medium: Medium, measured: StressMap) -> float:
+    """RMS over the cells of the vector (α_x, α_z), measured less the medium's [N/cm³]."""
+    model, stress = _both(medium, measured)
+    return _root_mean_square(stress - model)
+
+
+def _root_mean_square(components: Array) -> float:
+    """RMS of vectors of two components, of which either may be missing."""
+    return float(np.sqrt(2.0 * np.mean(components**2))) if len(components) else 0.0
+
+
+def _selected(measured: StressMap, rows: NDArray[np.bool_]) -> StressMap:
+    return StressMap(
+        beta=measured.beta[rows],
+        gamma=measured.gamma[rows],
+        alpha_x=measured.alpha_x[rows],
+        alpha_z=measured.alpha_z[rows],
+    )
+
+
+def _left_out(measured: StressMap, name: str) -> LeftOut | None:
+    """Two fits, each to one colour of a checkerboard over β and γ, judged on the other colour."""
+    there = np.isfinite(measured.alpha_x) | np.isfinite(measured.alpha_z)
+    measured = _selected(measured, there)
+    dark = (_ranks(measured.beta) + _ranks(measured.gamma)) % 2 == 0
+    if len(dark) < _FEW or not 0.25 < dark.mean() < 0.75:
+        return None
+    squares = np.zeros(2)
+    for seen in (dark, ~dark):
+        rest = _selected(measured, ~seen)
+        fitted, _, zeta = _fitted(_selected(measured, seen), name)
+        for k, medium in enumerate((fitted or _scaled(0.0), _scaled(zeta))):
+            squares[k] += (~seen).mean() * _rms(medium, rest) ** 2
+    return LeftOut(*np.sqrt(squares).tolist())
+
+
+def _ranks(angles: Array) -> NDArray[np.int64]:
+    """The place of each angle among the different ones, to 0.1 degrees."""
+    return np.unique(np.round(np.rad2deg(angles), 1), return_inverse=True)[1].astype(np.int64)
+
+
+def _missing(measured: StressMap) -> list[str]:
+    """A sentence on cells without a number, where the angles make a grid of which at least half is there."""
+    beta, gamma = _ranks(measured.beta), _ranks(measured.gamma)
+    cells = (beta.max() + 1) * (gamma.max() + 1)
+    sentences = []
+    for stress, values in (("alpha_x", measured.alpha_x), ("alpha_z", measured.alpha_z)):
+        there = np.isfinite(values)
+        measured_cells = len(set(zip(beta[there].tolist(), gamma[there].tolist(), strict=True)))
+        if 0.5 * cells <= measured_cells < cells:
+            grid = f"grid of {beta.max() + 1} beta x {gamma.max() + 1} gamma"
+            sentences.append(f"{cells - measured_cells} of {cells} cells of the {grid} have no {stress}")
+        elif measured_cells < cells and not there.all():
+            sentences.append(f"{(~there).sum()} of {len(there)} rows have no {stress}")
+    return sentences
+
+
+def _conventions(measured: StressMap) -> list[str]:
+    """A sentence on signs and zeros of the angles with which Li's media, scaled, fit better than with those given.
+
+    The fit itself cannot tell: it follows a map with reversed signs as closely as the right one.
+    """
+    if min(np.isfinite(measured.alpha_x).sum(), np.isfinite(measured.alpha_z).sum()) < _ENOUGH:
+        return []
+    as_given, tried = np.inf, list[tuple[float, float, list[str]]]()
+    for of_beta, of_gamma, x_sign, z_sign in itertools.product(_BETAS, _GAMMAS, (1.0, -1.0), (1.0, -1.0)):
+        turned = StressMap(
+            beta=of_beta.first + of_beta.sign * measured.beta,
+            gamma=of_gamma.first + of_gamma.sign * measured.gamma,
+            alpha_x=x_sign * measured.alpha_x,
+            alpha_z=z_sign * measured.alpha_z,
+        )
+        misfit = min(_rms_scaled(medium, turned) for medium in MEDIA.values())
+        changes = [change for change in (of_beta.change, of_gamma.change) if change]
+        changes += [f"{name} negated" for name, sign in (("alpha_x", x_sign), ("alpha_z", z_sign)) if sign < 0.0]
+        tried.append((misfit / _BETTER ** len(changes), misfit, changes))
+        if not changes:
+            as_given = misfit
+    _, misfit, changes = min(tried)
+    if not changes:
+        return []
+    better = f"RMS {misfit:.3g} N/cm³ in place of {as_given:.3g}"
+    named = " and ".join(changes)
+    return [f"with {named} the map fits Li's media better ({better}); check its conventions against docs/method.md"]
+
+
+def _rms_scaled(medium: Medium, measured: StressMap) -> float:
+    """RMS of what remains after the best ζ."""
+    model, stress = _both(medium, measured)
+    return _root_mean_square(stress - _zeta(medium, measured) * model)

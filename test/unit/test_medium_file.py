@@ -1,0 +1,207 @@
+"""A medium of one's own: the files that give it, where it is used, and the command that fits it."""
+
+import numpy as np
+import pytest
+import yaml
+from refusals import refusal
+
+from rft_ros.cli import main
+from rft_ros.parameters import defaults, model_of, read_medium, read_parameter_file, read_stress_map
+from rft_ros.rft import MEDIA
+from rft_ros.sweeps.design import parameters_of, read_design
+from rft_ros.sweeps.run import evaluate
+
+LOOSE = MEDIA["poppy_seeds_loose"]
+DEGREES = [(float(b), float(g)) for b in range(-75, 91, 15) for g in range(-75, 91, 15)]
+
+
+def cells(beta=1.0, gamma=1.0, stress=1.0):
+    """Rows of beta, gamma, alpha_x, alpha_z of loose poppy seeds, each times a factor."""
+    angles = np.deg2rad(DEGREES).T
+    x, z = LOOSE.stresses(*angles)
+    return [(b * beta, g * gamma, x * stress, z * stress) for (b, g), x, z in zip(DEGREES, x, z, strict=True)]
+
+
+def lines(rows, order=(0, 1, 2, 3), separator=","):
+    return "".join(separator.join(f"{row[k]:.9g}" for k in order) + "\n" for row in rows)
+
+
+@pytest.fixture
+def write(tmp_path):
+    def text_of(text, name="map.csv"):
+        (tmp_path / name).write_text(text)
+        return tmp_path / name
+
+    return text_of
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "beta_deg,gamma_deg,alpha_x,alpha_z\n" + lines(cells()),
+        "# gamma_deg,beta_deg,alpha_x_Ncm3,alpha_z_Ncm3\n" + lines(cells(), (1, 0, 2, 3)),
+        "# a plate of 3 cm\n# beta: attack, gamma: intrusion\n\nalpha_z,alpha_x,gamma,beta\n"
+        + lines(cells(), (3, 2, 1, 0)),
+        "beta_rad;gamma_rad;alpha_x [N/cm³];alpha_z [N/cm³]\n" + lines(cells(np.pi / 180, np.pi / 180), separator=";"),
+        "beta (deg)\tgamma (deg)\talpha_x (N/m^3)\talpha_z (Pa/m)\n" + lines(cells(stress=1e6), separator="\t"),
+        '\ufeff"beta","gamma","alpha_x","alpha_z"\r\n' + lines(cells()).replace("\n", "\r\n"),
+        "beta_deg,alpha_x_std,gamma_deg,alpha_x,alpha_z\n" + lines(cells(), (0, 0, 1, 2, 3)),
+    ],
+    ids=[
+        "plain",
+        "header as a comment",
+        "other order",
+        "radians, semicolons",
+        "N/m³, tabs",
+        "spreadsheet",
+        "more columns",
+    ],
+)
+def test_a_map_is_read_by_the_names_and_units_of_its_header(write, text):
+    medium = read_medium(str(write(text)))
+    assert medium.coefficients == pytest.approx(LOOSE.coefficients, abs=1e-6)
+    assert (medium.name, medium.doubts) == ("map", ())
+
+
+def test_empty_cells_and_nan_are_missing_stresses(write):
+    rows = [f"{b},{g},{x if k % 7 else ''},{z if k % 5 else 'NaN'}" for k, (b, g, x, z) in enumerate(cells())]
+    measured = read_stress_map(write("beta_deg,gamma_deg,alpha_x,alpha_z\n" + "\n".join(rows)))
+    assert (np.isnan(measured.alpha_x).sum(), np.isnan(measured.alpha_z).sum()) == (21, 29)
+    assert read_medium(str(write("beta_deg,gamma_deg,alpha_x,alpha_z\n" + "\n".join(rows)))).name == "map"
+
+
+HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", ("no header", "beta_deg,gamma_deg,alpha_x,alpha_z")),
+        (lines(cells()), ("no header", "beta_deg,gamma_deg,alpha_x,alpha_z")),
+        ("beta_deg,gamma_deg,alpha_x\n0,90,0\n", ("no column alpha_z", "N/cm3")),
+        ("beta_deg,gamma_deg,alpha_x_Pa,alpha_z_Pa\n0,90,0,1000\n", ("no column alpha_x", "N/cm3", "alpha_x_Pa")),
+        (HEADER.replace("\n", ",alpha_x_Ncm3\n") + "0,90,0,0.2,0\n", ("several columns alpha_x",)),
+        (HEADER, ("no rows",)),
+        (HEADER + "0,90,0.1\n", ("line 2", "cells")),
+        (HEADER + "0,90,0.1,up\n", ("line 2", "alpha_z is 'up'")),
+        (HEADER + "0,inf,0.1,0.1\n", ("line 2", "gamma is 'inf'", "finite")),
+        (HEADER + ",90,0.1,0.1\n", ("line 2", "beta is ''", "finite")),
+        (HEADER + lines(cells(stress=1e6)), ("N/cm³", "Pa/m")),
+        (HEADER + lines(cells(stress=1e-5)), ("N/cm³", "Pa/m")),
+        (HEADER + lines(cells(np.pi / 180, np.pi / 180)), ("radians", "beta_rad")),
+        (HEADER.replace("deg", "rad") + lines(cells()), ("degrees", "beta_deg")),
+        (HEADER + "0,90,,\n", ("no stress",)),
+        (HEADER + lines(cells(stress=-1.0)), ("push a tool on", "alpha_x negated and alpha_z negated")),
+    ],
+)
+def test_a_map_that_cannot_be_used_is_refused_by_file_and_place(write, text, words):
+    file = write(text)
+    sentence = refusal(read_medium, str(file))
+    assert str(file) in sentence
+    for word in words:
+        assert word in sentence
+
+
+def test_coefficients_are_read_from_yaml_under_their_names_or_lis(write):
+    plain = write(yaml.safe_dump(LOOSE.coefficients), "poppy.yaml")
+    lis = {name.replace("m11", "-11"): value for name, value in LOOSE.coefficients.items()}
+    nested = write(yaml.safe_dump({"name": "poppy", "coefficients": lis}), "other.yml")
+    assert read_medium(str(plain)) == read_medium(str(nested))
+    assert read_medium(str(plain)).coefficients == LOOSE.coefficients
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"A00": None}, ("no coefficient A00",)),
+        ({"B11": "0.2"}, ("B11 is '0.2'", "number")),
+        ({"C01": float("nan")}, ("C01 is nan", "number")),
+        ({"A10": 47000.0}, ("A10 is 47000", "N/cm³")),
+        ({name: -value for name, value in LOOSE.coefficients.items()}, ("push a tool on", "signs")),
+        ({name: 1e-6 * value for name, value in LOOSE.coefficients.items()}, ("N/cm³",)),
+    ],
+)
+def test_coefficients_that_cannot_be_used_are_refused_by_file_and_name(write, change, words):
+    file = write(yaml.safe_dump({**LOOSE.coefficients, **change}), "mine.yaml")
+    sentence = refusal(read_medium, str(file))
+    assert str(file) in sentence
+    for word in words:
+        assert word in sentence
+
+
+def test_fit_medium_writes_coefficients_errors_misfit_and_a_picture_and_they_come_back(write, tmp_path, capsys):
+    rows = [f"{b},{g},{x},{z if b or g != 30 else ''}" for b, g, x, z in cells()]
+    map_file, out, figure = write(HEADER + "\n".join(rows)), tmp_path / "mine.yaml", tmp_path / "map.png"
+    assert main(["fit-medium", str(map_file), "-o", str(out), "--figure", str(figure)]) == 0
+    said = capsys.readouterr()
+    assert "1 of 144 cells of the grid of 12 beta x 12 gamma have no alpha_z" in said.out
+    assert said.err == ""
+    written = yaml.safe_load(out.read_text())
+    assert written["coefficients"] == pytest.approx(LOOSE.coefficients, abs=1e-6)
+    assert written["errors"].keys() == LOOSE.coefficients.keys()
+    assert written["misfit"]["fitted"] < 1e-6 < written["misfit"]["generic_scaled"]
+    assert written["left_out"]["fitted"] < 1e-6 < written["left_out"]["generic_scaled"]
+    assert figure.read_bytes()[:4] == b"\x89PNG"
+    assert read_medium(str(out)) == read_medium(str(map_file)).of("mine", written["coefficients"])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["-o", "mine.txt"], ("mine.txt", ".yaml")),
+        (["-o", "mine.yaml", "--figure", "map.gif"], ("map.gif", ".png")),
+        (["-o", "mine.yaml", "--figure", "mine.yaml"], ("mine.yaml", ".png")),
+    ],
+)
+def test_fit_medium_refuses_outputs_that_it_cannot_write(write, tmp_path, monkeypatch, capsys, arguments, words):
+    monkeypatch.chdir(tmp_path)
+    assert main(["fit-medium", str(write(HEADER + lines(cells()))), *arguments]) == 2
+    err = capsys.readouterr().err
+    assert len(err.splitlines()) == 1
+    for word in words:
+        assert word in err
+
+
+def test_a_map_in_another_convention_is_warned_of_by_every_command_that_uses_it(write, tmp_path, capsys):
+    turned = write(HEADER + lines(cells(beta=-1.0)))
+    states = write("t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.02,0,0,0,1,0,0,-0.01,0,0,0\n", "states.csv")
+    for command in (
+        ["fit-medium", str(turned), "-o", str(tmp_path / "turned.yaml")],
+        ["predict", str(states), "--mesh", "plate", "--medium", str(turned), "-o", str(tmp_path / "out.csv")],
+    ):
+        assert main(command) == 0
+        assert "with beta negated the map fits Li's media better" in capsys.readouterr().err
+
+
+def test_a_parameter_file_names_a_medium_beside_it_in_place_of_medium_name(write, tmp_path):
+    write(yaml.safe_dump(LOOSE.coefficients), "poppy.yaml")
+    file = write("/**:\n  ros__parameters:\n    medium.file: poppy.yaml\n", "cell.yaml")
+    values = read_parameter_file(file)
+    assert values["medium.file"] == str(tmp_path / "poppy.yaml")
+    law = model_of(values).law
+    assert (law.medium.name, law.stresses["medium"], law.medium.coefficients) == ("poppy", "poppy", LOOSE.coefficients)
+    assert "medium.file '/no/where.yaml' does not exist" in refusal(
+        model_of, {**defaults(), "medium.file": "/no/where.yaml"}
+    )
+
+
+def test_predict_and_sweep_take_a_file_where_they_take_the_name_of_a_medium(write, tmp_path):
+    own = write(yaml.safe_dump(LOOSE.coefficients), "poppy.yaml")
+    states = write("t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.02,0,0,0,1,0,0,-0.01,0,0,0\n", "states.csv")
+    forces = []
+    for medium in ("poppy_seeds_loose", str(own)):
+        out = tmp_path / "out.csv"
+        assert main(["predict", str(states), "--mesh", "plate", "--medium", medium, "-o", str(out)]) == 0
+        forces.append(out.read_text())
+    assert forces[0] == forces[1]
+    assert main(["predict", str(states), "--mesh", "plate", "--medium", "mars", "-o", str(tmp_path / "out.csv")]) == 2
+    assert parameters_of({"medium": "poppy_seeds_loose"})["medium.file"] == ""
+
+    study = "tools: [{mesh: plate}]\nmotions: [{family: straight, travel: 0.02, samples: 9}]\n"
+    design = read_design(write(f"{study}media: [{{medium: [poppy_seeds_loose, {own}]}}]\n", "study.yaml"))
+    before = design.fingerprint()
+    named, of_file = (evaluate(variant, before) for variant in design.variants)
+    assert named == of_file
+    own.write_text(yaml.safe_dump(MEDIA["generic"].coefficients))
+    assert design.fingerprint() != before
+    assert evaluate(design.variants[1], design.fingerprint())["peak_fz"] > 2.0 * named["peak_fz"]

@@ -1,0 +1,144 @@
+"""A medium fitted to a measured stress map: coefficients, errors, what is not identifiable, conventions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rft_ros.rft import MEDIA, Medium, StressMap, alpha_y_model, fit_medium
+
+BETA, GAMMA = (np.deg2rad(a).ravel() for a in np.meshgrid(np.arange(-75.0, 91.0, 15.0), np.arange(-75.0, 91.0, 15.0)))
+
+
+def map_of(medium, beta=BETA, gamma=GAMMA, *, noise=0.0, seed=0):
+    alpha_x, alpha_z = medium.stresses(beta, gamma)
+    scatter = noise * np.random.default_rng(seed).normal(size=(2, len(beta)))
+    return StressMap(beta=beta, gamma=gamma, alpha_x=alpha_x + scatter[0], alpha_z=alpha_z + scatter[1])
+
+
+@pytest.mark.parametrize("medium", MEDIA.values(), ids=MEDIA)
+def test_a_map_computed_from_coefficients_gives_them_back(medium):
+    fit = fit_medium(map_of(medium), name="mine")
+    assert fit.medium.coefficients == pytest.approx(medium.coefficients, abs=1e-12)
+    assert fit.misfit < 1e-12
+    assert (fit.medium.name, fit.medium.doubts, fit.remarks) == ("mine", (), ())
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), cells=st.integers(30, 120), noise=st.floats(0.001, 0.05))
+def test_the_errors_cover_the_truth_on_random_angles_with_cells_missing(seed, cells, noise):
+    random = np.random.default_rng(seed)
+    medium = random.choice(list(MEDIA.values()))
+    beta, gamma = random.uniform(-0.5 * np.pi, 0.5 * np.pi, size=(2, cells))
+    measured = map_of(medium, beta, gamma, noise=noise, seed=seed)
+    missing = random.random((2, cells)) < 0.2
+    alpha_x, alpha_z = np.where(missing, np.nan, [measured.alpha_x, measured.alpha_z])
+    fit = fit_medium(replace(measured, alpha_x=alpha_x, alpha_z=alpha_z), name="mine")
+    off = [abs(fit.medium.coefficients[n] - medium.coefficients[n]) / fit.errors[n] for n in fit.errors]
+    assert max(off) < 6.0
+    assert np.mean(np.less(off, 3.0)) >= 7 / 9
+
+
+@pytest.mark.parametrize(
+    ("kept", "groups"),
+    [
+        (np.isclose(GAMMA, np.deg2rad(90.0)), ("A00 and B01", "A10, B11 and Bm11", "C11, Cm11 and D10", "C01")),
+        (np.isclose(BETA % np.deg2rad(90.0), 0.0), ("B11 and Bm11", "C11 and Cm11", "D10")),
+        (np.isclose(BETA, 0.0), ("A00 and A10", "B11, B01 and Bm11", "C11, C01 and Cm11", "D10")),
+        (np.arange(len(BETA)) < 0, ()),
+    ],
+    ids=["straight down only", "level and upright plates only", "level plates only", "all"],
+)
+def test_coefficients_that_the_angles_leave_open_are_named_and_the_scaled_generic_medium_fills_in(kept, groups):
+    kept = kept if kept.any() else np.ones(len(BETA), dtype=bool)
+    half = Medium.of("half", {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()})
+    fit = fit_medium(map_of(half, BETA[kept], GAMMA[kept]), name="mine")
+    assert fit.medium.coefficients == pytest.approx(half.coefficients, abs=1e-9)
+    assert len(fit.remarks) == len(groups)
+    for group, remark in zip(groups, fit.remarks, strict=True):
+        assert remark.startswith(f"{group} of alpha_")
+        assert "not identifiable" in remark
+        assert "generic medium times 0.5" in remark
+        assert all(np.isnan(fit.errors[name]) for name in group.replace(" and ", ", ").split(", "))
+    named = {name for group in groups for name in group.replace(" and ", ", ").split(", ")}
+    assert all(fit.errors[name] < 1e-12 for name in fit.errors.keys() - named)
+
+
+OTHER_CONVENTIONS = {
+    "beta negated": {"beta": lambda m: -m.beta},
+    "gamma negated": {"gamma": lambda m: -m.gamma},
+    "alpha_x negated": {"alpha_x": lambda m: -m.alpha_x},
+    "90° - beta as beta": {"beta": lambda m: 0.5 * np.pi - m.beta},
+    "90° - gamma as gamma": {"gamma": lambda m: 0.5 * np.pi - m.gamma},
+    "gamma - 90° as gamma": {"gamma": lambda m: 0.5 * np.pi + m.gamma},
+    "beta negated and alpha_x negated": {"beta": lambda m: -m.beta, "alpha_x": lambda m: -m.alpha_x},
+}
+
+
+@pytest.mark.parametrize("change", OTHER_CONVENTIONS)
+def test_a_map_in_another_convention_is_recognised_by_the_shape_of_measured_media(change):
+    measured = map_of(MEDIA["poppy_seeds_loose"], noise=0.02)
+    turned = replace(measured, **{name: of(measured) for name, of in OTHER_CONVENTIONS[change].items()})
+    doubts = [doubt for doubt in fit_medium(turned, name="mine").medium.doubts if "convention" in doubt]
+    assert len(doubts) == 1
+    assert f"with {change} the map fits Li's media better" in doubts[0]
+
+
+def test_stresses_that_push_a_tool_onwards_are_refused_with_the_convention_that_fits():
+    measured = map_of(MEDIA["generic"])
+    with pytest.raises(ValueError, match=r"push a tool on.* with alpha_x negated and alpha_z negated the map fits"):
+        fit_medium(replace(measured, alpha_x=-measured.alpha_x, alpha_z=-measured.alpha_z), name="mine")
+    with pytest.raises(ValueError, match="no cell has a stress"):
+        fit_medium(replace(measured, alpha_x=0.0 * BETA, alpha_z=0.0 * BETA), name="mine")
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), cells=st.integers(1, 60), noise=st.floats(0.0, 0.3))
+def test_a_noisy_map_of_a_known_medium_raises_no_doubt_about_its_conventions(seed, cells, noise):
+    random = np.random.default_rng(seed)
+    medium = random.choice(list(MEDIA.values()))
+    beta, gamma = random.uniform((-0.5 * np.pi, 0.0), 0.5 * np.pi, size=(cells, 2)).T
+    measured = map_of(medium, beta, gamma, noise=noise * 0.3 * medium.strength, seed=seed)
+    try:
+        fit = fit_medium(measured, name="mine")
+    except ValueError:
+        assert cells < 4
+        return
+    assert not [doubt for doubt in fit.medium.doubts if "convention" in doubt]
+
+
+def test_missing_cells_of_a_grid_are_counted():
+    measured = map_of(MEDIA["generic"])
+    alpha_x = measured.alpha_x.copy()
+    alpha_x[:5] = np.nan
+    (remark,) = fit_medium(replace(measured, alpha_x=alpha_x), name="mine").remarks
+    assert remark == "5 of 144 cells of the grid of 12 beta x 12 gamma have no alpha_x"
+
+
+def test_cells_left_out_tell_whether_own_coefficients_are_worth_it():
+    own = fit_medium(map_of(MEDIA["poppy_seeds_close"], noise=0.01), name="mine").left_out
+    assert own.fitted < 0.5 * own.scaled
+    few = fit_medium(map_of(MEDIA["generic"], BETA[:9], GAMMA[:9]), name="mine")
+    assert few.left_out is None
+
+
+@pytest.mark.parametrize(("group", "least", "gain"), [("all", -90.0, 0.10), ("pushing", 30.0, 0.42)])
+def test_on_a_measured_map_own_coefficients_gain_on_cells_left_out_what_was_found_before(
+    shared_data, group, least, gain
+):
+    rows = np.genfromtxt(shared_data / "stress_map" / "traveler.csv", delimiter=",", skip_header=1)
+    rows = rows[rows[:, 1] >= least]
+    beta, gamma = np.deg2rad(rows[:, :2].T)
+    left_out = fit_medium(
+        StressMap(beta=beta, gamma=gamma, alpha_x=rows[:, 2], alpha_z=rows[:, 3]), name=group
+    ).left_out
+    assert 1.0 - left_out.fitted / left_out.scaled == pytest.approx(gain, rel=0.05)
+
+
+def test_the_linear_alpha_y_is_as_strong_as_the_mediums_other_stresses():
+    generic = alpha_y_model("linear", MEDIA["generic"])
+    assert generic == (0.2035, -0.0015)
+    third = Medium.of("third", {name: value / 3.0 for name, value in MEDIA["generic"].coefficients.items()})
+    assert alpha_y_model("linear", third) == pytest.approx((0.2035 / 3.0, -0.0005))
