@@ -1,15 +1,22 @@
-"""Files that a user or a parameter names: read within limits, written whole or not at all, never over an input."""
+"""Files that a user or a parameter names: read within limits, written whole or not at all, never over an input.
 
+Every path that a parameter or a command takes is read here: `checked_file` refuses what is no regular file of a size
+within limits before it is opened, and says in one sentence what to give instead (test/unit/test_one_reading.py).
+"""
+
+import errno
 import io
 import os
 import re
 import shutil
 import stat
 import zipfile
+from array import array
+from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 import yaml
@@ -17,11 +24,21 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
-__all__ = ["checked_file", "expanded", "read_arrays", "read_columns", "read_file", "read_text"]
-__all__ += ["read_yaml", "refuse_overwriting", "whole", "whole_folder"]
+__all__ = ["checked_file", "checked_folder", "expanded", "opened", "read_arrays", "read_columns", "read_file"]
+__all__ += ["read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
 
 _MAX_BYTES = 256 * 2**20  # that are read of a file, or that the arrays of an NPZ file may have
+_MAX_NUMBERS = _MAX_BYTES // 8  # of one array or table; each may become a double
 _MAX_YAML = 2**20
+_MAX_HEADER = 2**16  # characters
+_GIVE = "give the path of one that does"
+_KINDS = {
+    stat.S_IFDIR: "a folder; give a file",
+    stat.S_IFIFO: "a pipe and not a regular file; write what comes through it to a file and give that",
+    stat.S_IFSOCK: "a socket and not a regular file; give a file",
+    stat.S_IFCHR: "a device and not a regular file; give a file",
+    stat.S_IFBLK: "a device and not a regular file; give a file",
+}
 
 
 def expanded(file: Path | str) -> Path:
@@ -29,34 +46,85 @@ def expanded(file: Path | str) -> Path:
     return Path(os.path.expanduser(file))  # noqa: PTH111 - Path's own raises RuntimeError for an unknown user
 
 
-def checked_file(file: Path, what: str, *, limit: int = _MAX_BYTES) -> Path:
-    """The path, ~ expanded, of a regular file of at most `limit` bytes, unopened; InputError calls it `what`."""
-    with file_errors(f"{what} '{file}'", "read"):
-        path = expanded(file)
-        status = path.stat()
-    if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{what} '{file}' is {'a folder' if stat.S_ISDIR(status.st_mode) else 'not a regular file'}")
+def resolved(file: Path | str) -> Path:
+    """The absolute path, ~ expanded and symbolic links followed; a loop of links stays as it is."""
+    return Path(os.path.realpath(expanded(file)))  # Path.resolve raises RuntimeError for a loop before Python 3.13
+
+
+def _status(file: Path, what: str, advice: str) -> os.stat_result:
+    """What the system says of a path, ~ expanded, unopened."""
+    named = f"{what} '{file}'"
+    if "\0" in str(file):
+        raise InputError(f"{what} {str(file)!r} has a null character; give a path without one")
+    try:
+        return expanded(file).stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{named} does not exist; {advice}") from None
+    except OSError as error:
+        advised = {errno.ELOOP: "is a loop of symbolic links; give the path of the file itself"}
+        advised[errno.EACCES] = "cannot be read: Permission denied; give this user access to it and to its folder"
+        advised[errno.ENAMETOOLONG] = "cannot be read: File name too long; give a shorter path"
+        code = error.errno or 0
+        raise InputError(f"{named} {advised.get(code) or f'cannot be read: {reason_of(error)}'}") from None
+
+
+def checked_file(file: Path, what: str, *, limit: int | None = _MAX_BYTES, advice: str = _GIVE) -> Path:
+    """The path, ~ expanded, of a regular file of 1 to `limit` bytes (None: any number), unopened.
+
+    Raises InputError, which calls the file `what` (such as the option or parameter that names it) and says what to do;
+    `advice`: where nothing is there.
+    """
+    status = _status(file, what, advice)
+    _check_kind(status, f"{what} '{file}'")
     _check_size(status.st_size, f"{what} '{file}'", limit)
-    return path
+    return expanded(file)
 
 
-def _check_size(size: int, what: str, limit: int) -> None:
-    if size > limit:
-        raise InputError(f"{what} has {size / 2**20:.0f} MiB or more; the limit is {limit / 2**20:.0f} MiB")
+def checked_folder(folder: Path, what: str, *, advice: str = _GIVE) -> Path:
+    """The path, ~ expanded, of a folder. Raises InputError, as `checked_file`."""
+    if not stat.S_ISDIR(_status(folder, what, advice).st_mode):
+        raise InputError(f"{what} '{folder}' is not a folder; give the path of one")
+    return expanded(folder)
 
 
-def read_file(file: Path, what: str, *, limit: int = _MAX_BYTES) -> bytes:
+def _check_kind(status: os.stat_result, named: str) -> None:
+    if not stat.S_ISREG(status.st_mode):
+        raise InputError(f"{named} is {_KINDS.get(stat.S_IFMT(status.st_mode), 'not a regular file; give one')}")
+    if not status.st_size:  # reading one of the system's, as /proc/kmsg, may wait for ever
+        raise InputError(f"{named} is empty, or one of the system's own files, as in /proc; give a file with content")
+
+
+def _check_size(size: int, named: str, limit: int | None) -> None:
+    if limit is not None and size > limit:
+        most = f"the limit is {limit / 2**20:.0f} MiB; give a smaller one"
+        raise InputError(f"{named} has {size / 2**20:.0f} MiB or more; {most}")
+
+
+@contextmanager
+def opened(file: Path, what: str, *, limit: int | None = _MAX_BYTES, advice: str = _GIVE) -> Iterator[BinaryIO]:
+    """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
+    path = checked_file(file, what, limit=limit, advice=advice)
+    with file_errors(f"{what} '{file}'", "read"), open(path, "rb", opener=_without_waiting) as stream:
+        _check_kind(os.fstat(stream.fileno()), f"{what} '{file}'")
+        yield stream
+
+
+def _without_waiting(path: str, flags: int) -> int:
+    """Opens a path that may have become a pipe since it was checked."""
+    return os.open(path, flags | os.O_NONBLOCK)
+
+
+def read_file(file: Path, what: str, *, limit: int = _MAX_BYTES, advice: str = _GIVE) -> bytes:
     """The bytes of a `checked_file`."""
-    path = checked_file(file, what, limit=limit)
-    with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
+    with opened(file, what, limit=limit, advice=advice) as stream:
         data = stream.read(limit + 1)
-    _check_size(len(data), f"{what} '{file}'", limit)  # the system's own files, as in /proc, had no size before
+    _check_size(len(data), f"{what} '{file}'", limit)  # it may have grown
     return data
 
 
-def read_text(file: Path, what: str, *, limit: int = _MAX_BYTES) -> str:
+def read_text(file: Path, what: str, *, limit: int = _MAX_BYTES, advice: str = _GIVE) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
-    data = read_file(file, what, limit=limit)
+    data = read_file(file, what, limit=limit, advice=advice)
     with file_errors(f"{what} '{file}'", "read"):
         return data.decode("utf-8-sig")
 
@@ -68,42 +136,68 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             _check_size(sum(member.file_size for member in archive.infolist()), f"{what} '{file}' unpacked", _MAX_BYTES)
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
-            return [arrays[name] for name in names]
+            found = [arrays[name] for name in names]
     except InputError:
         raise
     except Exception:  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
-        raise InputError(f"{what} '{file}' is not a valid {wanted}") from None
+        raise InputError(f"{what} '{file}' is not a valid {wanted}; write it again with numpy.savez") from None
+    for name, values in zip(names, found, strict=True):
+        if values.size > _MAX_NUMBERS:
+            raise InputError(f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {_MAX_NUMBERS:,}")
+    return found
 
 
-def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[Any], list[int]]:
-    """Numbers of a `checked_file` in CSV format, shape [n, columns], any unit; and the line of each row, from 1.
+def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Numbers of a `checked_file` in CSV format, shape [n, columns], any unit; and the line of each row, from 1, [n].
 
     Columns as in `names`; the file's header has them in any order, and may have others. InputError quotes no content.
     """
-    lines = read_text(file, what).splitlines()
-    header = [name.strip() for name in lines[0].split(",")] if lines else []
+    # bytes, line by line: a list of all lines would have many times the file's size
+    data = read_file(file, what)
+    lines = io.BytesIO(data if b"\n" in data else data.replace(b"\r", b"\n"))
+    with file_errors(f"{what} '{file}'", "read"):
+        first = lines.readline(_MAX_HEADER).decode("utf-8-sig")
+    header = [name.strip() for name in first.split(",")]
+    counts = Counter(header)
     for name in (*names, *header):
-        if header.count(name) != 1:
-            count = "several columns" if name in header else "no column"
-            raise InputError(f"{what} '{file}' has {count} {name}; its first line must name {','.join(names)}")
-    numbered = [number for number, line in enumerate(lines[1:], start=2) if line.strip()]
-    if not numbered:
-        raise InputError(f"{what} '{file}' has a header and no rows; it needs at least one")
-    table = np.empty((len(numbered), len(header)))
-    for row, number in zip(table, numbered, strict=True):
+        if counts[name] != 1:
+            count = f"several columns {name[:40]!r}" if name in counts else f"no column {name}"
+            raise InputError(f"{what} '{file}' has {count}; its first line must name {','.join(names)}")
+    taken = [header.index(name) for name in names]
+    table, numbers = array("d"), array("q")
+    for number, line in enumerate(lines, start=2):
+        if not line.strip():
+            continue
         try:
-            cells = list(map(float, lines[number - 1].split(",")))
-        except ValueError:
+            cells = [float(cell) for cell in line.decode().split(",")]
+        except ValueError:  # of UTF-8, too
             cells = []
         if len(cells) != len(header):
-            raise InputError(f"{what} '{file}' line {number} is not {len(header)} numbers")
-        row[:] = cells
-    return table[:, [header.index(name) for name in names]], numbered
+            raise InputError(f"{what} '{file}' line {number} is not {len(header)} numbers; correct or remove it")
+        table.extend([cells[k] for k in taken])
+        numbers.append(number)
+        if len(table) > _MAX_NUMBERS:
+            most = f"the limit is {_MAX_NUMBERS // len(names):,} rows"
+            raise InputError(f"{what} '{file}' has too many rows; {most}; divide the file")
+    if not numbers:
+        raise InputError(f"{what} '{file}' has a header and no rows; it needs at least one")
+    return np.frombuffer(table).reshape(-1, len(names)), np.frombuffer(numbers, dtype=np.int64)
 
 
 class _Loader(yaml.SafeLoader):
     """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings. Refuses aliases, as ROS does."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        """Refuses what PyYAML would merge, or replace by a later value, without a word."""
+        met = set[Any]()
+        for key, _ in node.value:
+            line = key.start_mark.line + 1
+            if key.tag == "tag:yaml.org,2002:merge":
+                raise yaml.YAMLError(f"line {line} has a merge key (<<); write its values out")
+            if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in met:
+                raise yaml.YAMLError(f"line {line} has the key '{key.value}' a second time; remove one")
+            met.add((key.tag, str(key.value)))
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         if self.check_event(yaml.AliasEvent):
@@ -136,7 +230,9 @@ def whole(file: Path, what: str = "output") -> Iterator[Path]:
         if file.exists() and not file.is_file():
             yield file
             return
-        place = file.resolve()
+        place = resolved(file)
+        if place.is_symlink():
+            raise InputError(f"{what} '{file}' is a loop of symbolic links; give another path")
         place.parent.mkdir(parents=True, exist_ok=True)
         part = place.with_name(f".{place.stem}.{os.getpid()}.part{place.suffix}")
         try:
@@ -168,9 +264,9 @@ def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
 
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     """Raise InputError where an output is an input, or one lies inside the other."""
-    taken = [expanded(file).resolve() for file in inputs]
+    taken = [resolved(file) for file in inputs]
     for output in outputs:
-        place = output.resolve()
+        place = resolved(output)
         for file in taken:
             if place == file or place in file.parents or file in place.parents:
                 raise InputError(f"'{output}' would overwrite the input '{file}' or lie inside it; give another one")

@@ -20,6 +20,7 @@ from rosbags.rosbag2 import Reader as Reader2
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder
+from rft_ros.files import opened, resolved
 
 __all__ = ["NAMES", "Recording", "bag_name"]
 
@@ -46,7 +47,7 @@ _SUFFIXES = (".mcap", ".db3", ".bag")
 
 def bag_name(bag: Path) -> str:
     """The bag's file name; bytes that are not UTF-8 are escaped, so that it can be printed and written."""
-    return os.fsencode(bag.resolve().name).decode(errors="backslashreplace")
+    return os.fsencode(resolved(bag).name).decode(errors="backslashreplace")
 
 
 def _is_ros1(bag: Path) -> bool:
@@ -67,7 +68,7 @@ def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
     """
     names, channels, every = {0: "unknown type"}, dict[int, tuple[int, str]](), False
     met = set[str]()  # the first message on any topic tells when the bag begins
-    with file.open("rb") as damaged, copy.open("wb") as whole:
+    with opened(file, "bag", limit=None) as damaged, copy.open("wb") as whole:
         writer = Writer(whole, compression=CompressionType.NONE)
         writer.start("ros2")
         with suppress(Exception):  # mcap's parsers raise anything on damage

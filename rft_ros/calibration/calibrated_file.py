@@ -12,7 +12,7 @@ import yaml
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.penetration import BEDS_DIFFER
 from rft_ros.calibration.track import Track
-from rft_ros.files import whole
+from rft_ros.files import resolved, whole
 from rft_ros.parameters import FILES, defaults, parameter_tree
 from rft_ros.parameters.file import flat, node_keys, path_beside
 
@@ -54,8 +54,8 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             parameters = tree[key]["ros__parameters"] = dict(flat(tree[key]["ros__parameters"]))
             for name in parameters.keys() & set(FILES):
                 # a path is relative to the source; the new one to the new file
-                found = path_beside(source.resolve().parent, name, path := str(parameters[name]))
-                parameters[name] = path if found == path else os.path.relpath(found, file.resolve().parent)
+                found = path_beside(resolved(source).parent, name, path := str(parameters[name]))
+                parameters[name] = path if found == path else os.path.relpath(found, resolved(file).parent)
 
     numbers = {f.name: [rounded(v, e) for v, e in zip(f.values, f.errors, strict=True)] for f in result.fitted}
     parameters |= {n: v if len(v) > 1 else v[0] for n, v in numbers.items() if n in defaults()}

@@ -7,7 +7,7 @@ from rft_ros.doctor.cell import Cell
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.doctor.finding import Finding
 from rft_ros.estimator.messages import UNREADABLE, decoder
-from rft_ros.files import expanded
+from rft_ros.files import resolved
 from rft_ros.node.listen import Topic, listener
 from rft_ros.parameters import FILES, Value, Values
 
@@ -56,7 +56,7 @@ def _of_node(node: str, running: Values | None, values: Values, file: Path) -> F
 
 def _same(name: str, running: Value, written: Value) -> bool:
     if name in FILES and running and written:
-        running, written = (str(expanded(str(file)).resolve()) for file in (running, written))
+        running, written = (str(resolved(str(file))) for file in (running, written))
     return running == written
 
 

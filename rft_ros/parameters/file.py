@@ -140,10 +140,12 @@ def read_alpha_y_table(file: str) -> Table:
         raise InputError(f"{name} has a negative alpha_y ({stresses.min():g}); it opposes the motion")
     beta, i = np.unique(angles[0], return_inverse=True)
     gamma, j = np.unique(angles[1] if len(angles) > 1 else np.zeros(len(rows)), return_inverse=True)
-    values = np.full((len(beta), len(gamma)), np.nan)
-    values[i, j] = stresses
-    if len(rows) != values.size or np.isnan(values).any():
-        grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({values.size} rows)"
+    pairs = len(beta) * len(gamma)
+    values = np.full((len(beta), len(gamma)) if pairs == len(rows) else (1, 1), np.nan)
+    if pairs == len(rows):
+        values[i, j] = stresses
+    if np.isnan(values).any():
+        grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({pairs} rows)"
         raise InputError(f"{name} has {len(rows)} rows; {grid}")
     table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
     if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():

@@ -5,6 +5,7 @@ with the same folder continues where it stopped.
 """
 
 import csv
+import io
 import os
 import signal
 import threading
@@ -22,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.files import whole
+from rft_ros.files import opened, whole
 from rft_ros.parameters import files_of, medium_of, model_of, tool_of
 from rft_ros.progress import bar
 from rft_ros.rft import Medium
@@ -178,5 +179,5 @@ def _write(file: Path, rows: Iterable[Sequence[str]]) -> None:
 
 
 def _read(file: Path) -> Iterator[list[str]]:
-    with file.open(encoding="utf-8", newline="") as lines:
-        yield from csv.reader(lines)
+    with opened(file, "results", limit=None) as stream:
+        yield from csv.reader(io.TextIOWrapper(stream, encoding="utf-8", newline=""))

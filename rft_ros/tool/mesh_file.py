@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.files import expanded, read_arrays, read_file, whole
+from rft_ros.files import checked_file, expanded, read_arrays, read_file, whole
 from rft_ros.installation import share_directory
 from rft_ros.rft import Plates
 from rft_ros.tool.check import degenerate_facets
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
     from rft_ros.tool.tool import Tool
 
-__all__ = ["SUFFIX", "is_mesh_path", "locate_mesh", "read_mesh", "read_reduced", "save_reduced"]
+__all__ = ["SUFFIX", "checked_mesh", "is_mesh_path", "locate_mesh", "read_mesh", "read_reduced", "save_reduced"]
 
 Array = NDArray[np.float64]
 
@@ -74,11 +74,26 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
             raise InputError(f"mesh.file '{file}' is on another machine, '{host}'; write file:///PATH")
         return Path(unquote(f"/{path}"))
     if not is_mesh_path(file):
-        shipped = {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
+        shipped = _shipped()
         if file in shipped:
             return shipped[file]
         raise InputError(f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); a path needs its suffix")
     return expanded(file)
+
+
+def _shipped() -> dict[str, Path]:
+    """The shipped meshes, by name."""
+    return {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
+
+
+def _advice() -> str:
+    """What to give where a mesh file does not exist."""
+    return f"give a path, or one of {', '.join(_shipped())}"
+
+
+def checked_mesh(file: str) -> Path:
+    """The mesh file that `mesh.file` means, by `locate_mesh` and `checked_file`, unopened. Raises InputError."""
+    return checked_file(locate_mesh(file), "mesh.file", advice=_advice())
 
 
 def read_mesh(path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
@@ -87,7 +102,8 @@ def read_mesh(path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
     Units and up-axes declared in the file are ignored. A scene becomes one mesh with its transforms applied. Facets
     keep their winding. Raises InputError that names the file or `mesh.origin`.
     """
-    name, suffix, data = f"mesh file '{path}'", path.suffix.lower(), read_file(path, "mesh file")
+    name, suffix = f"mesh file '{path}'", path.suffix.lower()
+    data = read_file(path, "mesh file", advice=_advice())
     if suffix not in _SUFFIXES:
         raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, SUFFIX))}")
     loaded = _load(data, path)

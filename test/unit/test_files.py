@@ -1,21 +1,28 @@
 """Files that parameters and users name: hostile ones are refused unread, outputs are whole, inputs stay."""
 
+import io
 import os
 import pickle
 import re
+import socket
+import zipfile
 
 import numpy as np
 import pytest
 from refusals import refusal
 from test_cli import STATE
 
+from rft_ros import files
+from rft_ros.bags.summary import read_limits
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.files import read_yaml, whole, whole_folder
 from rft_ros.ground import read_height_map
-from rft_ros.parameters import read_alpha_y_table
+from rft_ros.parameters import read_alpha_y_table, read_parameter_file
 from rft_ros.states_file import read_states
+from rft_ros.sweeps.design import read_design
 from rft_ros.tool import load_tool
+from rft_ros.tool.mesh_file import checked_mesh
 
 READERS = {
     "mesh.stl": lambda file: load_tool(file),
@@ -24,21 +31,66 @@ READERS = {
     "ground.csv": lambda file: read_height_map(file, 0.01),
     "ground.npz": lambda file: read_height_map(file, 0.01),
     "states.csv": read_states,
-    "cell.yaml": lambda file: read_yaml(file, "parameter file"),
+    "cell.yaml": read_parameter_file,
+    "study.yaml": read_design,
+    "limits.yaml": read_limits,
 }
 
 
 @pytest.mark.parametrize("reader", READERS)
 def test_a_device_a_pipe_and_a_folder_are_refused_without_opening_them(tmp_path, reader):
     file = tmp_path / reader
-    file.symlink_to("/dev/zero")
-    assert "is not a regular file" in refusal(READERS[reader], file)
-    file.unlink()
+    for device in ("/dev/zero", "/dev/tty", "/dev/full"):
+        file.symlink_to(device)
+        assert "is a device and not a regular file; give a file" in refusal(READERS[reader], file)
+        file.unlink()
     os.mkfifo(file)
-    assert "is not a regular file" in refusal(READERS[reader], file)
+    assert "is a pipe and not a regular file; write what comes through it to a file" in refusal(READERS[reader], file)
+    file.unlink()
+    with socket.socket(socket.AF_UNIX) as server:
+        server.bind(os.path.relpath(file))  # a socket's path has 107 characters at most
+    assert "is a socket and not a regular file; give a file" in refusal(READERS[reader], file)
     file.unlink()
     file.mkdir()
-    assert "is a folder" in refusal(READERS[reader], file)
+    assert "is a folder; give a file" in refusal(READERS[reader], file)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_a_loop_of_links_a_missing_file_and_one_of_the_systems_are_refused_with_what_to_do(tmp_path, reader):
+    file = tmp_path / reader
+    assert re.search(f"'{file}' does not exist; give ", refusal(READERS[reader], file))
+    (tmp_path / "other").symlink_to(file)
+    file.symlink_to("other")
+    assert f"'{file}' is a loop of symbolic links; give the path of the file itself" in refusal(READERS[reader], file)
+    for system in ("/proc/kmsg", "/proc/self/mem", "/proc/sys/kernel/hostname", "/sys/kernel/tracing/trace_pipe"):
+        file.unlink()
+        file.symlink_to(system)
+        assert f"'{file}' " in refusal(READERS[reader], file)
+    inside = tmp_path / "other" / reader
+    assert f"'{inside}' " in refusal(READERS[reader], inside)
+
+
+def test_a_file_that_becomes_a_pipe_after_it_was_checked_is_refused_and_not_waited_for(tmp_path, monkeypatch):
+    monkeypatch.setattr(files, "checked_file", lambda file, *_, **__: file)
+    os.mkfifo(tmp_path / "cell.yaml")
+    assert "is a pipe" in refusal(files.read_text, tmp_path / "cell.yaml", "parameter file")
+
+
+def test_a_file_that_cannot_be_opened_is_refused_with_what_to_do(tmp_path):
+    for name, words in (("a" * 300, "shorter path"), ("\0", "null character"), ("b.yaml/c", "does not exist; give")):
+        assert words in refusal(files.read_text, tmp_path / name, "parameter file")
+
+
+def test_a_mesh_that_is_not_there_is_refused_with_the_names_of_the_shipped_ones(tmp_path):
+    sentence = "tool.stl' does not exist; give a path, or one of abb_plate, ellipsoid, plate, root_tip, sphere"
+    assert sentence in refusal(load_tool, tmp_path / "tool.stl")
+    assert sentence in refusal(checked_mesh, str(tmp_path / "tool.stl"))
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_an_empty_file_is_refused_with_what_to_do(tmp_path, reader):
+    (tmp_path / reader).touch()
+    assert "is empty" in refusal(READERS[reader], tmp_path / reader)
 
 
 @pytest.mark.parametrize("reader", READERS)
@@ -58,6 +110,39 @@ def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tm
 
 
 @pytest.mark.parametrize("reader", ["mesh.npz", "ground.npz"])
+@pytest.mark.parametrize(("kind", "count"), [("|V0", 2**40), ("|i1", 2**26)])
+def test_arrays_of_more_numbers_than_their_bytes_tell_are_refused(tmp_path, reader, kind, count):
+    """A number of no bytes, or of one, becomes one of eight."""
+    array = io.BytesIO()
+    np.lib.format.write_array_header_1_0(array, {"descr": kind, "fortran_order": False, "shape": (count,)})
+    array.write(bytes(count if kind == "|i1" else 0))
+    with zipfile.ZipFile(tmp_path / reader, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in ("x", "vertices"):
+            archive.writestr(f"{name}.npy", array.getvalue())
+        for name in ("y", "h", "faces", "plates", "about"):
+            archive.writestr(f"{name}.npy", _array(np.zeros(3)))
+    assert f"has {count:,} numbers in " in refusal(READERS[reader], tmp_path / reader)
+
+
+def _array(values):
+    stream = io.BytesIO()
+    np.save(stream, values)
+    return stream.getvalue()
+
+
+def test_a_table_whose_grid_would_fill_the_memory_is_refused(tmp_path):
+    file = tmp_path / "table.csv"
+    file.write_text("".join(f"{k / 1000},{k / 999},0.1\n" for k in range(100_000)))
+    assert "100000 beta x 100000 gamma values" in refusal(read_alpha_y_table, str(file))
+
+
+def test_a_table_of_ever_new_columns_is_refused_in_no_time(tmp_path):
+    file = tmp_path / "states.csv"
+    file.write_text(f"t,{','.join(map(str, range(1_000_000)))}\n1\n")
+    assert "its first line must name t,px" in refusal(read_states, file)
+
+
+@pytest.mark.parametrize("reader", ["mesh.npz", "ground.npz"])
 @pytest.mark.parametrize("in_arrays", [True, False])
 def test_a_pickle_is_refused_without_advice_to_load_it(tmp_path, reader, in_arrays):
     file = tmp_path / reader
@@ -66,7 +151,10 @@ def test_a_pickle_is_refused_without_advice_to_load_it(tmp_path, reader, in_arra
         np.savez(file, **dict.fromkeys(names, np.array([{}], dtype=object)))
     else:
         file.write_bytes(pickle.dumps({"x": 1.0}))
-    assert re.search("is not a valid NPZ file with the arrays of numbers [a-z, ]*$", refusal(READERS[reader], file))
+    assert re.search(
+        "is not a valid NPZ file with the arrays of numbers [a-z, ]*; write it again with numpy.savez$",
+        refusal(READERS[reader], file),
+    )
 
 
 @pytest.mark.parametrize("reader", ["mesh.stl", "table.csv", "ground.csv"])
@@ -79,6 +167,18 @@ def test_a_refusal_does_not_quote_the_file(tmp_path, reader):
 def test_yaml_that_ros_does_not_read_is_refused(tmp_path, text):
     (tmp_path / "cell.yaml").write_text(text)
     assert "line 2 has an alias" in refusal(READERS["cell.yaml"], tmp_path / "cell.yaml")
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("tools: 1\ntools: 2\n", "line 2 has the key 'tools' a second time; remove one"),
+        ("a: {<<: {b: 1}}\n", "line 1 has a merge key (<<); write its values out"),
+    ],
+)
+def test_yaml_whose_later_values_would_replace_earlier_ones_is_refused(tmp_path, text, sentence):
+    (tmp_path / "study.yaml").write_text(text)
+    assert sentence in refusal(read_yaml, tmp_path / "study.yaml", "study")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
@@ -99,6 +199,48 @@ def test_an_output_that_is_not_finished_leaves_the_old_one_and_no_other_file(tmp
         part.write_text("better")
     assert (file.read_text(), [*file.parent.iterdir()]) == ("better", [file])
     assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_loop_of_links_is_no_output_and_no_folder_of_one(tmp_path):
+    loop = tmp_path / "loop"
+    loop.symlink_to("loop")
+    for file in (loop, loop / "out.csv"):
+        with pytest.raises(InputError, match="links"), whole(file):
+            pass
+    assert loop.is_symlink()
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "predict {loop} --mesh plate -o out.csv",
+        "predict states.csv --mesh {loop}.stl -o out.csv",
+        "predict states.csv --mesh plate --alpha-y {loop}.csv -o out.csv",
+        "predict states.csv --mesh plate -o {loop}",
+        "view states.csv --mesh plate -o {loop}.html",
+        "replay {loop} -o out",
+        "replay {loop}.bag -o out",
+        "replay bag --params {loop} -o out",
+        "replay bag --check {loop} -o out",
+        "replay bag -o {loop}",
+        "calibrate {loop} --params {loop}.csv -o out.yaml",
+        "calibrate bag --params {loop} -o out.yaml",
+        "sweep {loop} -o out",
+        "reduce {loop}.stl -o out.npz",
+        "check-mesh {loop}.stl",
+    ],
+)
+def test_a_loop_of_links_is_refused_with_a_sentence_wherever_a_command_takes_a_path(
+    tmp_path, monkeypatch, capsys, command
+):
+    monkeypatch.chdir(tmp_path)
+    for suffix in ("", ".stl", ".csv", ".html", ".bag"):
+        (tmp_path / f"loop{suffix}").symlink_to(f"loop{suffix}")
+    (tmp_path / "states.csv").write_text(STATE)
+    assert main(command.format(loop="loop").split()) == 2
+    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
+    assert len(said) == 1
+    assert "links" in said[0] or "bag" in said[0]
 
 
 def test_a_device_is_written_and_not_replaced(tmp_path):

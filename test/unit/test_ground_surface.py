@@ -141,7 +141,8 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "no column x"),
+        ("", "is empty"),
+        ("\n", "no column x"),
         ("x,y,h\n", "at least one"),
         ("x,y,h\n1,2\n", "line 2 is not 3 numbers"),
         ("x,y,h\n1,2,nan\n", "not finite"),

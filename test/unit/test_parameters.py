@@ -223,7 +223,8 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("", "needs rows of 2 numbers"),
+        ("", "is empty"),
+        ("# nothing\n", "needs rows of 2 numbers"),
         ("0,0.1\n90,0,0.1\n", "needs rows of 2 numbers"),
         ("0,O.1\n90,0.2\n", "line 1 is not numbers"),
         ("0,0.1\nbeta,alpha_y\n", "line 2 is not numbers"),

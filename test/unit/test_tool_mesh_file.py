@@ -126,7 +126,8 @@ NOT_VALID = r"is not a valid [A-Z]+ file: it may be empty, cut short or without 
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("absent/mesh.stl", None, "does not exist; give the path of one that does$"),
+        ("absent/mesh.stl", None, "does not exist; give a path, or one of abb_plate, .*, sphere$"),
+        ("nothing.obj", b"", "is empty"),
         *((name, b"ISO", "has no supported suffix; these are .stl, .obj, .*, .npz$") for name in ("mesh.step", "mesh")),
         ("missing.ply", (PLY + "7").encode(), NOT_VALID),
         ("missing.ply", (PLY + "-1").encode(), NOT_VALID),
@@ -138,7 +139,7 @@ NOT_VALID = r"is not a valid [A-Z]+ file: it may be empty, cut short or without 
         *(
             (f"mesh.{suffix}", content, NOT_VALID)
             for suffix in SUFFIXES
-            for content in (b"", b"grains of sand\n" * 100, b"\0" * 84, b"\x93\xff" * 500)
+            for content in (b"grains of sand\n" * 100, b"\0" * 84, b"\x93\xff" * 500)
         ),
     ],
 )
