@@ -29,36 +29,52 @@ _FEWEST_FOR_TARE = 10
 _STRETCH = 0.25  # time over which poses are averaged to see a drift [s]: 10 µm of noise at 125 Hz count as 0.01 mm/s
 
 
-@compiled
-def _into_sensor(mount, quaternion, answer, out):
-    """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to `out`, shape [18].
+_MOUNT = np.dtype(
+    [
+        ("position", float, 3),  # of the sensor in the tool frame [m]
+        ("quaternion", float, 4),
+        ("weight", float),  # of what hangs below the cell [N]
+        ("center_of_mass", float, 3),  # of that, in the sensor frame [m]
+        ("bias", float, 6),  # of a cell that reads the force on the tool
+    ]
+)
+_IN_SENSOR = np.dtype([("wrench", float, 6), ("offset", float, 6), ("sigma", float, 6)])
 
-    `mount`: position (3) and quaternion (4) of the sensor in the tool frame, weight [N], centre of mass (3), bias (6)
-    of a cell that reads the force on the tool. `answer`: wrench and its standard deviations in world axes about the
-    tool frame's origin. The errors of world components, and those of force and torque, are taken as independent.
+
+@compiled
+def _into_sensor(mounts, quaternion, answer, outs):
+    """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to the one record of `outs`.
+
+    `mounts`: one record of `_MOUNT`. `quaternion` of the tool. `answer`, shape [12]: wrench and its standard deviations
+    in world axes about the tool frame's origin. The errors of world components, and those of force and torque, are
+    taken as independent.
     """
-    tool = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
-    sensor = rotation(mount[3], mount[4], mount[5], mount[6])
-    px, py, pz = mount[0], mount[1], mount[2]
+    mount, out = mounts[0], outs[0]
+    position, center, bias = mount.position, mount.center_of_mass, mount.bias
+    wrench, offset, sigma = out.wrench, out.offset, out.sigma
+    force, torque, force_sigma, torque_sigma = answer[:3], answer[3:6], answer[6:9], answer[9:]
+    tool, held = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3]), mount.quaternion
+    sensor = rotation(held[0], held[1], held[2], held[3])
+    px, py, pz = position[0], position[1], position[2]
     turned = 0.0, 0.0, 0.0
-    for i in range(18):
-        out[i] = mount[5 + i] if 6 <= i < 12 else 0.0
+    for i in range(6):
+        wrench[i] = sigma[i] = 0.0
     for k in range(3):  # one world axis after another: in the sensor's axes, and its torque about the sensor's origin
         x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
         turned = into_frame(sensor, x, y, z)
         lever = into_frame(sensor, pz * y - py * z, px * z - pz * x, py * x - px * y)
         for i in range(3):
-            out[i] += answer[k] * turned[i]
-            out[3 + i] += answer[k] * lever[i] + answer[3 + k] * turned[i]
-            out[12 + i] += (answer[6 + k] * turned[i]) ** 2
-            out[15 + i] += (answer[6 + k] * lever[i]) ** 2 + (answer[9 + k] * turned[i]) ** 2
-    wx, wy, wz = -mount[7] * turned[0], -mount[7] * turned[1], -mount[7] * turned[2]
-    cx, cy, cz = mount[8], mount[9], mount[10]
+            wrench[i] += force[k] * turned[i]
+            wrench[3 + i] += force[k] * lever[i] + torque[k] * turned[i]
+            sigma[i] += (force_sigma[k] * turned[i]) ** 2
+            sigma[3 + i] += (force_sigma[k] * lever[i]) ** 2 + (torque_sigma[k] * turned[i]) ** 2
+    # `turned` is the world's z axis, along which the weight hangs
+    wx, wy, wz = -mount.weight * turned[0], -mount.weight * turned[1], -mount.weight * turned[2]
+    cx, cy, cz = center[0], center[1], center[2]
     weight = wx, wy, wz, cy * wz - cz * wy, cz * wx - cx * wz, cx * wy - cy * wx
     for i in range(6):
-        out[6 + i] += weight[i]
-    for i in range(12, 18):
-        out[i] = math.sqrt(out[i])
+        offset[i] = bias[i] + weight[i]
+        sigma[i] = math.sqrt(sigma[i])
 
 
 class LoadCellFrame:
@@ -67,9 +83,10 @@ class LoadCellFrame:
     def __init__(self, cell: LoadCell) -> None:
         self.sign = cell.sign
         self._place = Placement(cell.position, cell.quaternion)
-        bias = [cell.sign * b for b in cell.bias]
-        self._mount = np.array([*cell.position, *cell.quaternion, cell.mass * GRAVITY, *cell.center_of_mass, *bias])
-        self._out = np.zeros(18)
+        bias = tuple(cell.sign * b for b in cell.bias)
+        mount = cell.position, cell.quaternion, cell.mass * GRAVITY, cell.center_of_mass, bias
+        self._mount, self._out = np.array([mount], _MOUNT), np.zeros(1, _IN_SENSOR)
+        self._numbers = self._out.view(np.float64)
         self._into_sensor = machine_code(_into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out))
 
     def into_sensor(self, quaternion: Array, answer: Array) -> tuple[Wrench, Wrench, Wrench]:
@@ -79,7 +96,7 @@ class LoadCellFrame:
         `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
         """
         self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(answer), self._out)
-        a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q, r, s = self._out.tolist()
+        a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q, r, s = self._numbers.tolist()
         return (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s)
 
     def into_world(self, tool: PoseSample, force: Vector) -> Vector:

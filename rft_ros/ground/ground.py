@@ -29,8 +29,9 @@ DELAY = 500_000_000
 """A cloud changes the ground this long [ns] after its stamp, whenever it arrives until then. So the same stamps give
 the same results live and in a replay, and a pose finds the map ready: it takes some hundredths of a second."""
 
-KEPT = 12
-"""What a body keeps of its surface: pose, level, height at x = y = 0, slopes, roughness."""
+_POSITION, _QUATERNION, _LEVEL, _HEIGHT, _SLOPE, _ROUGHNESS, KEPT = 0, 3, 7, 8, 9, 11, 12
+"""Where what a body keeps of its surface begins: the pose it was found at, the level without a map, the height at
+x = y = 0, two slopes and the roughness; and how many numbers these are."""
 
 _CLOUDS = 16
 _PLACES = 2048  # poses kept to find the tool's place at the stamp of a cloud: `DELAY` at 1,000 Hz, four times
@@ -109,16 +110,19 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):
 @compiled
 def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):
     """Find the plane in `kept` again if the body has moved; returns the body's depth below it."""
-    axes = rotation(state[3], state[4], state[5], state[6])
+    qx, qy, qz, qw = state[3], state[4], state[5], state[6]
+    ux, uy, uz, wx, wy, wz = state[7], state[8], state[9], state[10], state[11], state[12]
+    axes = rotation(qx, qy, qz, qw)
     placed, lowest = np.empty_like(corners), 0  # the corners in world axes
     for k in range(corners.shape[0]):
         placed[k] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
     px, py, pz = state[0], state[1], state[2]
-    x, y, z = px - kept[0], py - kept[1], pz - kept[2]
-    cosine = abs(state[3] * kept[3] + state[4] * kept[4] + state[5] * kept[5] + state[6] * kept[6])
+    before, q = kept[_POSITION:_QUATERNION], kept[_QUATERNION:_LEVEL]
+    x, y, z = px - before[0], py - before[1], pz - before[2]
+    cosine = abs(qx * q[0] + qy * q[1] + qz * q[2] + qw * q[3])
     moved = np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))  # any point, at most
-    if not (moved <= _MOVED and kept[7] == level):
+    if not (moved <= _MOVED and kept[_LEVEL] == level):
         x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
         least = _LEAST_RADIUS * cell
         h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
@@ -135,8 +139,7 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
             mx, my, mz = mx / total, my / total, mz / total
             spread = max(square / total - mx * mx - my * my, 0.0)  # half of the squared radius of an even disc
             radius = max(np.sqrt(2.0 * spread), deepest, least)
-            vx, vy = state[7] + state[11] * mz - state[12] * my, state[8] + state[12] * mx - state[10] * mz
-            vz = state[9] + state[10] * my - state[11] * mx
+            vx, vy, vz = ux + wy * mz - wz * my, uy + wz * mx - wx * mz, uz + wx * my - wy * mx
             fastest = max(abs(vx), abs(vy), abs(vz))
             ahead = 0.0
             if fastest > 1e-290:
@@ -145,12 +148,12 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
             x, y = px + mx + ahead * vx, py + my + ahead * vy
             h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
             h -= sx * mx + sy * my  # what lies ahead of the tool's middle acts there
-        kept[:7], kept[7] = state[:7], level
-        kept[8], kept[9], kept[10], kept[11] = h - sx * px - sy * py, sx, sy, rough
-    deepest = -1e300
+        kept[:_LEVEL], kept[_LEVEL] = state[:_LEVEL], level
+        kept[_HEIGHT], kept[_SLOPE], kept[_SLOPE + 1], kept[_ROUGHNESS] = h - sx * px - sy * py, sx, sy, rough
+    deepest, height, sx, sy = -1e300, kept[_HEIGHT], kept[_SLOPE], kept[_SLOPE + 1]
     for k in range(corners.shape[0]):
         x, y = px + placed[k, 0], py + placed[k, 1]
-        deepest = max(deepest, kept[8] + kept[9] * x + kept[10] * y - pz - placed[k, 2])
+        deepest = max(deepest, height + sx * x + sy * y - pz - placed[k, 2])
     return deepest
 
 
@@ -180,7 +183,7 @@ class Support:
         i0, j0 = map(float, ground.corner)  # one machine code for all maps
         place = ground.heights, i0, j0, ground.cell, level, _DISC
         depth = _local_plane(*place, self._corners, self._reach, state, kept)
-        h, sx, sy, rough = kept[8:].tolist()
+        h, sx, sy, rough = kept[_HEIGHT:].tolist()
         if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
             return LocalSurface(level, depth=level - float(state[2]))
         return LocalSurface(h, (sx, sy), rough, depth)

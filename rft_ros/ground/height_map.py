@@ -112,16 +112,17 @@ def _cells_of(p, cell, box, reach, old):
     `box`: rows are the tool's position, its axes, its lowest and its highest corner. `old`: first and end cells.
     """
     index = np.full((2, p.shape[1]), _LEFT_OUT)
-    i0, j0, i1, j1 = old[0], old[1], old[2], old[3]
+    i0, j0, i1, j1 = old
+    position, axes, lowest, highest = box[0], box[1:4], box[4], box[5]
     for k in range(p.shape[1]):
         x, y, z = p[0, k], p[1, k], p[2, k]
         if not (abs(x) < _FARTHEST * cell and abs(y) < _FARTHEST * cell and abs(z) < _HIGHEST):  # NaN, too
             continue
-        dx, dy, dz = x - box[0, 0], y - box[0, 1], z - box[0, 2]
+        dx, dy, dz = x - position[0], y - position[1], z - position[2]
         inside = True
         for c in range(3):
-            r = box[1 + c, 0] * dx + box[1 + c, 1] * dy + box[1 + c, 2] * dz
-            inside = inside and box[4, c] <= r <= box[5, c]
+            r = axes[c, 0] * dx + axes[c, 1] * dy + axes[c, 2] * dz
+            inside = inside and lowest[c] <= r <= highest[c]
         if inside or max(abs(dx), abs(dy)) > reach:
             continue
         i, j = int(np.floor(x / cell)), int(np.floor(y / cell))
