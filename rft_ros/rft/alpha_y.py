@@ -18,7 +18,7 @@ from rft_ros.rft.chunk import at, triple, wide_vectors
 from rft_ros.rft.compilation import inlined
 from rft_ros.rft.media import Medium
 
-__all__ = ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
+__all__ = ["ALPHA_Y_MODELS", "PAPER_LINEAR", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
 
 
 class Constant(NamedTuple):
@@ -87,7 +87,7 @@ FINEST = 720
 """Steps of the finest grid of `Table.sampled` over the range of β, or of γ."""
 
 PAPER_LINEAR = Linear(0.2035, -0.0015)
-"""Of the generic medium."""
+"""The paper's line, found in grains like the generic medium."""
 
 
 def _uniform(knots: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -158,11 +158,6 @@ def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
     return low + s * (high - low)
 
 
-def _scaled_line(medium: Medium) -> Linear:
-    """The paper's line, as strong beside the generic medium as this medium's other stresses are."""
-    return Linear(PAPER_LINEAR.intercept * medium.strength, PAPER_LINEAR.slope * medium.strength)
-
-
 def _given(medium: Medium, table: Table | None) -> Table:
     if table is None:
         raise ValueError("alpha_y.model 'table' needs alpha_y.table to name a CSV file")
@@ -172,7 +167,7 @@ def _given(medium: Medium, table: Table | None) -> Table:
 # By the name in `alpha_y.model`: the model's type, its function, and its factory from a medium and a table.
 _MODELS: dict[str, tuple[type, Callable[..., float], Callable[[Medium, Table | None], Any]]] = {
     "constant": (Constant, _constant, lambda medium, table: Constant(medium.alpha_x_flat)),
-    "linear": (Linear, _linear, lambda medium, table: _scaled_line(medium)),
+    "linear": (Linear, _linear, lambda medium, table: PAPER_LINEAR),
     "table": (Table, _table, _given),
 }
 _TYPES = [model for model, _, _ in _MODELS.values()]

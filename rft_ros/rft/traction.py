@@ -12,7 +12,7 @@ import numpy as np
 
 from rft_ros.rft import chunk as row
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
+from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
 from rft_ros.rft.arguments import number
 from rft_ros.rft.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.compilation import STEP, compiled, inlined
@@ -33,6 +33,9 @@ FLAT_BLEND = 5.0
 released code switches at `FLAT`; the paper does not mention the case."""
 
 _SIN_BLEND = sin(radians(FLAT_BLEND))
+
+_ALIKE = 1.5
+"""Up to this factor in strength the paper's line of α_y is taken for that of another medium."""
 
 _NUDGE = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
@@ -83,7 +86,11 @@ class Treers2021:
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on why its numbers may be wrong."""
-        return self.medium.doubts
+        strength = self.medium.strength
+        if self.alpha_y != PAPER_LINEAR or _ALIKE > strength > 1.0 / _ALIKE:
+            return self.medium.doubts
+        line = f"alpha_y.model linear is the line of the generic medium; the stresses of {self.medium.name} are"
+        return *self.medium.doubts, f"{line} {strength:.2g} times as strong: use alpha_y.model constant or a table"
 
 
 Law = Treers2021 | Agarwal2023

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rft_ros.rft import MEDIA, Constant, Table, alpha_y_model, medium_named, treers2021
+from rft_ros.rft import MEDIA, Constant, Linear, Table, alpha_y_model, medium_named, treers2021
 from rft_ros.rft.alpha_y import FINEST, add_alpha_y
 from rft_ros.rft.chunk import ALONG, COS_B, COS_G, E2_Y, SIN_B, SIN_G, SIZE, TRACTION
 
@@ -88,3 +88,13 @@ def test_an_array_in_place_of_a_number_and_words_in_place_of_numbers_are_refused
         treers2021(MEDIA["generic"], UNEVEN._replace(values=np.array([["1", "2"], ["3", "4"]])))
     with pytest.raises(ValueError, match=r"alpha_y\.value of the law is array"):
         treers2021(MEDIA["generic"], Constant(np.array([5.0, 6.0])))
+
+
+@pytest.mark.parametrize("name", sorted(MEDIA))
+def test_the_papers_line_is_the_same_for_every_medium_and_a_warning_where_the_medium_is_weaker(name):
+    law = treers2021(MEDIA[name], alpha_y_model("linear", MEDIA[name]))
+    assert law.alpha_y == Linear(0.2035, -0.0015)
+    weaker = name != "generic"
+    assert bool(law.doubts) == weaker
+    assert not weaker or all(word in law.doubts[0] for word in ("alpha_y.model", name, "constant"))
+    assert not treers2021(MEDIA[name], alpha_y_model("constant", MEDIA[name])).doubts
