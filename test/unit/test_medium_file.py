@@ -76,7 +76,7 @@ HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", ("no header", "beta_deg,gamma_deg,alpha_x,alpha_z")),
+        ("", ("is empty", "content")),
         (lines(cells()), ("no header", "beta_deg,gamma_deg,alpha_x,alpha_z")),
         ("beta_deg,gamma_deg,alpha_x\n0,90,0\n", ("no column alpha_z", "N/cm3")),
         ("beta_deg,gamma_deg,alpha_x_Pa,alpha_z_Pa\n0,90,0,1000\n", ("no column alpha_x", "N/cm3", "alpha_x_Pa")),
