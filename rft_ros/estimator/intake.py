@@ -185,7 +185,8 @@ class Intake:
             self._want(sample.stamp)
         if isinstance(sample, samples.Stamped):
             return self._ready(sample.stamp)
-        if s.tf_rate > 0.0 and (newest := self.transforms.newest(s.world_frame, s.tool_frame)) is not None:
+        newest = self.transforms.newest(s.world_frame, s.tool_frame) if s.tf_rate > 0.0 else None
+        if newest is not None:
             self._want_until(newest, round(min(1e9 / s.tf_rate, 1e18)))
         return self._ready(max((transform.stamp for transform in sample), default=0))
 

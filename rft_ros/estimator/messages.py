@@ -70,7 +70,9 @@ def _fixed_layout(count: int, *, ros1: bool) -> Callable[[bytes], _Content]:
 
 def _transforms(data: bytes, *, ros1: bool, fixed: bool) -> tuple[TransformSample, ...]:
     # by struct as well: robots publish a hundred frames at 500 Hz
-    order, at, four, eight = _order(data, ros1), 0 if ros1 else 4, *((1, 1) if ros1 else (4, 8))
+    order, at, four, eight = _order(data, ros1), 4, 4, 8  # CDR has a head of 4 bytes, and aligns numbers to their size
+    if ros1:
+        at, four, eight = 0, 1, 1
     head, size, doubles = (struct.Struct(order + kinds) for kinds in ("4xIII" if ros1 else "iII", "I", "7d"))
     (count,) = size.unpack_from(data, at)
     at += 4
@@ -116,7 +118,7 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
         if cloud.height > 1 and cloud.row_step < cloud.width * cloud.point_step:
             raise ValueError(f"the cloud's row_step, {cloud.row_step}, is less than a row of its points")
         order, steps = ">" if cloud.is_bigendian else "<", (cloud.row_step, cloud.point_step)
-        axes = [np.empty(0)] * 3
+        axes = [np.empty(0), np.empty(0), np.empty(0)]
         if cloud.height * cloud.width:  # numpy raises ValueError where these need more bytes than there are
             layouts = [(np.dtype(order + kind), offset) for offset, kind in found]
             axes = [np.ndarray(shape, type_, cloud.data, offset, steps).reshape(-1) for type_, offset in layouts]

@@ -155,10 +155,11 @@ class Transforms:
         if last is None and len(self._links) >= _MOST_FRAMES:
             return Reason.TF_INVALID, f"there are {_MOST_FRAMES:,} frames already"
         known = last is not None and last.parent == parent
-        if not known and child in (line := self._line(parent)):
-            return Reason.TF_LOOP, f"but {' in '.join(map(repr, line[: line.index(child) + 1]))}"
+        ancestors = self._line(parent)
+        if not known and child in ancestors:
+            return Reason.TF_LOOP, f"but {' in '.join(map(repr, ancestors[: ancestors.index(child) + 1]))}"
         if last is not None and not (known and last.fixed == fixed):
-            return Reason.TF_TWO_PARENTS, f"before in {last.parent!r}" + " (fixed)" * last.fixed
+            return Reason.TF_TWO_PARENTS, f"before in {last.parent!r}{_kind(last)}"
         if last is not None and not fixed and 0 <= last.stamp - stamp < TIME_JUMP:
             return Reason.TF_OUT_OF_ORDER, f"{last.stamp - stamp} ns before the last one"
         return None, ""
@@ -180,7 +181,8 @@ class Transforms:
         way = self._way(target, source, stamp)
         if way is None:
             return Reason.TF_FRAME_UNKNOWN
-        ends, reason = [Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))] * 2, None
+        nowhere = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        ends, reason = [nowhere, nowhere], None
         for k, frames in enumerate(way):
             for frame in frames:
                 step = _placed(self._links[frame], stamp, max_age)
@@ -193,9 +195,13 @@ class Transforms:
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
         found = self._fixed.get((target, source))
-        if found is None and isinstance(place := self.at(target, source, 0, 0), Placement):  # moving ones come later
-            found = self._fixed[target, source] = place
-        return found
+        if found is not None:
+            return found
+        place = self.at(target, source, 0, 0)  # before the stamp of any moving one
+        if not isinstance(place, Placement):
+            return None
+        self._fixed[target, source] = place
+        return place
 
     def newest(self, target: str, source: str) -> int | None:
         """The last stamp [ns] at which all moving transforms between two frames are known; None if there are none."""
@@ -210,11 +216,12 @@ class Transforms:
 
     def unlinked(self, parameter: str, frame: str, other: str, *, fixed: bool = False) -> str | None:
         """A sentence unless transforms, or fixed ones alone, link `frame`, named by a parameter, and `other`."""
-        if (self.fixed if fixed else self._way)(other, frame) is not None:
+        linked = self.fixed(other, frame) if fixed else self._way(other, frame)
+        if linked is not None:
             return None
         missing = f"no transform names {parameter} {frame!r}"
         if frame in self._links or any(history[-1].parent == frame for history in self._links.values()):
-            missing = f"no {'fixed ' * fixed}transforms link {parameter} {frame!r} and {other!r}"
+            missing = f"no {'fixed transforms' if fixed else 'transforms'} link {parameter} {frame!r} and {other!r}"
         return f"{missing}; there are {', '.join(self.frames()) or 'none'}"
 
     def _line(self, frame: str, stamp: float = math.inf) -> list[str]:
@@ -243,4 +250,8 @@ class Transforms:
 
 def _described(sample: TransformSample) -> str:
     """A frame in its parent; names that are too long are cut."""
-    return f"{sample.child[:_LONGEST_NAME]!r} in {sample.parent[:_LONGEST_NAME]!r}" + " (fixed)" * sample.fixed
+    return f"{sample.child[:_LONGEST_NAME]!r} in {sample.parent[:_LONGEST_NAME]!r}{_kind(sample)}"
+
+
+def _kind(sample: TransformSample) -> str:
+    return " (fixed)" if sample.fixed else ""

@@ -112,14 +112,15 @@ def agarwal2023(
 @inlined
 def _even_and_odd(c, x1, x2, square):
     """The polynomial's parts even in x3, and odd in x3 divided by x3. `square`: x3²."""
+    one, c1, c2, c3, c11, c22, c33, c12, c23, c31, c111, c222, c333, c122, c112, c233, c223, c113, c133, c123 = c
     even = (
-        (c[0] + c[1] * x1 + c[2] * x2)
-        + (c[4] * x1 * x1 + c[5] * x2 * x2 + c[7] * x1 * x2)
-        + (c[10] * x1 + c[14] * x2) * (x1 * x1)
-        + (c[11] * x2 + c[13] * x1) * (x2 * x2)
-        + (c[6] + c[15] * x2 + c[18] * x1) * square
+        (one + c1 * x1 + c2 * x2)
+        + (c11 * x1 * x1 + c22 * x2 * x2 + c12 * x1 * x2)
+        + (c111 * x1 + c112 * x2) * (x1 * x1)
+        + (c222 * x2 + c122 * x1) * (x2 * x2)
+        + (c33 + c233 * x2 + c133 * x1) * square
     )
-    odd = (c[3] + c[8] * x2 + c[9] * x1) + (c[16] * x2 + c[19] * x1) * x2 + c[17] * x1 * x1 + c[12] * square
+    odd = (c3 + c23 * x2 + c31 * x1) + (c223 * x2 + c123 * x1) * x2 + c113 * x1 * x1 + c333 * square
     return even, odd
 
 

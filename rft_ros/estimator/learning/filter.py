@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.rft import COLUMNS
 from rft_ros.rft.compilation import inlined
 
 __all__ = ["FILTER", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
@@ -27,6 +28,7 @@ _NOISE_FLOOR = 0.025  # deviation [N]
 _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
 _GATE = 2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
 _LEVER = 0.07  # deviation of the point where the force acts, over the tool's reach
+_BY_HEIGHT, _MOMENTS = len(COLUMNS), len(COLUMNS) + 3  # where dF/dh and Σ r_j f_l begin in a row of the model
 _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
 _SCALE_RISE, _SCALE_FALL = 0.0025, 0.004  # of the mean of the squared errors, while it grows and while it falls
 _SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
@@ -125,17 +127,22 @@ def grow(belief, path):
 @inlined
 def _design(h, row):
     """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
-    f, g, m = row[0:3], row[7:10], row[10:19]  # F, dF/dh, and Σ r_j f_l row by row
-    square = dot(f, f)
-    per_force = dot(f, g) / square if square > 1e-200 else 0.0  # whose square does not lose its digits
-    h[0, 0], h[0, 1], h[0, 2], h[0, 3] = 0.0, f[0], -f[1], g[0]
-    h[1, 0], h[1, 1], h[1, 2], h[1, 3] = 0.0, f[1], f[0], g[1]
-    h[2, 0], h[2, 1], h[2, 2], h[2, 3] = f[2], 0.0, 0.0, g[2]
-    h[3, 0], h[3, 1], h[3, 2] = m[5], -m[7], -m[6]
-    h[4, 0], h[4, 1], h[4, 2] = -m[2], m[6], -m[7]
-    h[5, 0], h[5, 1], h[5, 2] = 0.0, m[1] - m[3], m[0] + m[4]
-    for i in range(3, 6):
-        h[i, 3] = per_force * (h[i, 0] + h[i, 1])
+    force, by_height = row[0:3], row[_BY_HEIGHT : _BY_HEIGHT + 3]
+    fx, fy, fz = force[0], force[1], force[2]
+    sums = row[_MOMENTS:]  # Σ r_j f_l, row by row; z_fz makes no torque
+    x_fx, x_fy, x_fz, y_fx, y_fy, y_fz = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
+    z_fx, z_fy = sums[6], sums[7]
+    square = dot(force, force)
+    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0  # whose square does not lose its digits
+    h[0, 0], h[0, 1], h[0, 2] = 0.0, fx, -fy
+    h[1, 0], h[1, 1], h[1, 2] = 0.0, fy, fx
+    h[2, 0], h[2, 1], h[2, 2] = fz, 0.0, 0.0
+    h[3, 0], h[3, 1], h[3, 2] = y_fz, -z_fy, -z_fx
+    h[4, 0], h[4, 1], h[4, 2] = -x_fz, z_fx, -z_fy
+    h[5, 0], h[5, 1], h[5, 2] = 0.0, x_fy - y_fx, x_fx + y_fy
+    for i in range(3):
+        h[i, 3] = by_height[i]
+        h[3 + i, 3] = per_force * (h[3 + i, 0] + h[3 + i, 1])
 
 
 @inlined
