@@ -108,7 +108,7 @@ class Estimator:
         """Apply new settings or a new model from the next sample on.
 
         Earlier samples are kept, except those in the axes of a frame that changes: the load cell's with `sensor_frame`,
-        all others, and what is told in their axes, with `world_frame` or `tool_frame`. Another tool keeps what was
+        all others, and what is given in their axes, with `world_frame` or `tool_frame`. Another tool keeps what was
         learned of the bed's strength; another medium or law clears it.
         """
         old, old_model = self.settings, self.model

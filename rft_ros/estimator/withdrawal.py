@@ -1,7 +1,7 @@
 """Withdrawal: whether a tool is pulled out of the grains, and the standard deviation of the prediction meanwhile.
 
-On the way up the law pulls the tool down, by a tenth to a quarter of the last push. Grains at first still push, let go
-within a millimetre, and then resist by next to nothing. So the deviation covers what lies between.
+On the way up the law pulls the tool down, by a tenth to a quarter of the last push. Real grains still push at
+first, release the tool within a millimetre, and then hardly resist. So the deviation covers what lies between.
 """
 
 import math
@@ -16,7 +16,7 @@ from rft_ros.rft.compilation import compiled
 __all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn"]
 
 _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
-_LETS_GO = 0.001  # path [m] on which grains let go of a tool that is withdrawn
+_RELEASE = 0.001  # path [m] over which the grains release a tool that is withdrawn
 _LEAST_PATH = 1e-9  # path [m] of one answer
 
 
@@ -45,7 +45,7 @@ class Withdrawal:
     def widen(self, answer: NDArray[np.float64]) -> None:
         """Let the deviations of an answer, shape [12], cover what the grains may still do while `active`."""
         if self.active:
-            _widen(answer, self._pushed, math.exp(-self._path / _LETS_GO))
+            _widen(answer, self._pushed, math.exp(-self._path / _RELEASE))
         elif not self._holds:
             self._pushed = answer
 

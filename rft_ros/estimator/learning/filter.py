@@ -1,4 +1,4 @@
-"""The filter: a belief of four numbers θ = (s_v, s_h, ρ, δ) that corrects the model's force, and what a force tells it.
+"""Kalman filter of four correction factors θ = (s_v, s_h, ρ, δ) of the model's force.
 
 s_v and s_h scale the vertical and the horizontal part of the model's force F (any law, rule or memory; world axes, z
 up), ρ turns the horizontal part about the vertical, and δ [m] moves the surface:
@@ -46,10 +46,10 @@ _GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
 
 FILTER = [
     ("latest", _GAUSSIAN),  # mean and covariance of θ after the last record taken
-    ("push", _GAUSSIAN),  # the same, without what withdrawals and fast motion taught
+    ("push", _GAUSSIAN),  # the same, without the updates in withdrawals and in fast motion
     ("prior", _GAUSSIAN),
     ("now", _GAUSSIAN),  # at the pose that is predicted
-    ("learned", float),  # path of the last record that taught
+    ("learned", float),  # path of the last record that updated the filter
     ("scale", float, 3),  # c of (L5) by component; x and y are equal
     ("fitted", float, 3),  # work space
     ("gain", float, 4),
@@ -183,7 +183,7 @@ def _adapt(scale, record, step):
 
 @inlined
 def _update(state, belief, h, y, variance):
-    """One component of the force into the belief, in Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ."""
+    """Update with one component of the force, in Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ."""
     gain, a = state.gain, state.a
     for i in range(4):
         gain[i] = dot(belief.p[i], h)
@@ -203,7 +203,7 @@ def _update(state, belief, h, y, variance):
 
 @inlined
 def absorb(state, record):
-    """A measured force into the belief: c, growth (L2), and an update with the noise of (L3), limited by the gate."""
+    """Update with a measured force: c, then growth (L2), then the innovation with the noise of (L3), gated."""
     belief, h, step = state.latest, record.h, record.path - state.learned
     state.learned = record.path
     _adapt(state.scale, record, step)

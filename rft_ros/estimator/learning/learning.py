@@ -39,7 +39,7 @@ class Belief(NamedTuple):
 
 
 class Learning:
-    """What the load cell tells about the grains, for one tool in one medium.
+    """The filter for one tool in one medium, fed by the predictions and the load cell's readings.
 
     At each pose call `predict`. When its compensated force is known, call `learn` with the pose's stamp, in the order
     of stamps. A prediction uses the measurements at least `lag` of path [m] behind, so no sample is part of its own.

@@ -6,7 +6,7 @@ At rest nothing changes, and speed does not matter: the path of the tool's faste
 import numpy as np
 
 from rft_ros.estimator.learning.filter import FILTER, absorb, copy, correct, grow, resume
-from rft_ros.estimator.learning.surprise import JUDGE, feel, judge
+from rft_ros.estimator.learning.surprise import JUDGE, average_in_air, judge
 from rft_ros.rft.compilation import compiled, inlined
 
 __all__ = ["RECORD", "RECORDS", "STATE", "STEP_MOST", "add_reading", "predict"]
@@ -20,7 +20,7 @@ RECORD = np.dtype(
         ("travel", float),  # path in air and grains
         ("path", float),  # path in the grains
         ("passing", np.bool_),
-        ("measured", np.bool_),  # y holds a measurement that teaches
+        ("measured", np.bool_),  # y holds a force that will update the filter
         ("fault", np.bool_),
         ("force", float, 3),  # of the model, F
         ("h", float, (6, 4)),  # H of force and torque
@@ -50,7 +50,7 @@ STATE = np.dtype(
 
 @inlined
 def _move(state, step, wet, passing):
-    """Advance the path. Where the tool begins to push, the belief of the last push counts."""
+    """Advance the path. Where the tool begins to push, the filter starts from the belief of the last push."""
     state.travel += step
     if not wet:
         state.pushing, state.aired = False, True
@@ -71,13 +71,13 @@ def predict(states, records, row, out, stamp, step, passing, apply, lag, reach):
     _move(state, step, wet, passing)
     while state.first < state.open and records[state.first % RECORDS].travel <= state.travel - lag:
         oldest = records[state.first % RECORDS]
-        if oldest.fault:  # what taught until it was found may have been wrong as well
+        if oldest.fault:  # earlier updates may have been wrong as well
             copy(state.latest, state.prior)
             copy(state.push, state.prior)
         elif oldest.measured and oldest.path > max(state.learned, state.entered if oldest.passing else 0.0):
             absorb(state, oldest)
         state.first += 1
-    if state.end - state.first == RECORDS:  # nothing came: the oldest will not teach
+    if state.end - state.first == RECORDS:  # no reading came for the oldest record: drop it
         state.first += 1
         state.open = max(state.open, state.first)
     copy(state.now, state.latest)
@@ -98,7 +98,7 @@ def add_reading(states, records, y, stamp, repeated, in_air):
     """Give the record of a stamp its measurement, and judge it."""
     state = states[0]
     if in_air:
-        feel(state, y)
+        average_in_air(state, y)
     while state.open < state.end and records[state.open % RECORDS].stamp < stamp:
         state.open += 1
     record = records[state.open % RECORDS]

@@ -1,11 +1,11 @@
-"""Whether the grains are as believed, and whether the load cell or the model cannot be right."""
+"""Tests of each reading: do the grains resist as believed, and can the load cell and the model be right."""
 
 import math
 
 from rft_ros.estimator.learning.filter import dot
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["ISSUES", "JUDGE", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "feel", "judge"]
+__all__ = ["ISSUES", "JUDGE", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "average_in_air", "judge"]
 
 _ENTRY = 0.008  # not judged over this path [m] after entering, while δ is being learned
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
@@ -16,12 +16,12 @@ _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
 _OPPOSING = 0.05  # [N]; below this the direction of a force is chance
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
 _STUCK_LENGTH, _STUCK_STEP = 0.005, 0.002  # path [m] over which a cell does not repeat itself, and most of one sample
-_FELT = 0.2  # [N] in the air; a tared cell reads less
+_OFFSET_LEAST = 0.2  # [N] in the air; a tared cell reads less
 _AIR_SAMPLES = 64.0  # of the mean in the air
 
 JUDGE = [
     ("entered", float),  # path at which the tool last entered
-    ("felt", float),  # path of the last record with too small a force to compare
+    ("feeble", float),  # path of the last record with too small a force to compare
     ("judged", float),  # path of the last record that was judged
     ("score", float),  # means over _SURPRISE_LENGTH: normalised error, error [N], force [N]
     ("excess", float),
@@ -36,12 +36,12 @@ JUDGE = [
     ("air", float, 3),  # mean reading in the air [N]
     ("air_samples", float),
     ("issues", int),  # a bitwise or of keys of `ISSUES`
-    ("doubts", int),  # issues under which was learned
+    ("doubts", int),  # issues under which the filter was updated
 ]
 """Fields of a state that the functions below use."""
 
 STUCK, OPPOSED, WEAK, STRONG, TURNED, OFFSET = 1, 2, 4, 8, 16, 32
-_FAULT = 64  # the force lies outside of what θ can be, and must not teach
+_FAULT = 64  # no θ can explain the force: excluded from the update
 ISSUES = {
     STUCK: "the load cell repeats the same reading while the tool moves: check its driver",
     OPPOSED: "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh",
@@ -54,8 +54,8 @@ ISSUES = {
 
 
 @inlined
-def feel(state, y):
-    """A reading in the air, where a tared cell shows nothing."""
+def average_in_air(state, y):
+    """Add a reading in the air, where a tared cell shows nothing, to their mean."""
     state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
     for i in range(3):
         state.air[i] += (y[i] - state.air[i]) / state.air_samples
@@ -64,25 +64,25 @@ def feel(state, y):
 
 @inlined
 def _offset(state):
-    """What the cell read in the air [N]; 0 before enough of it."""
+    """Mean reading in the air [N]; 0 before there are enough readings."""
     return math.sqrt(dot(state.air, state.air)) if 2.0 * state.air_samples >= _AIR_SAMPLES else 0.0
 
 
 @inlined
 def _offset_issue(state):
-    return OFFSET if _offset(state) > max(_FELT, 0.1 * math.sqrt(state.square)) else 0
+    return OFFSET if _offset(state) > max(_OFFSET_LEAST, 0.1 * math.sqrt(state.square)) else 0
 
 
 @inlined
 def judge(state, record, y, step, repeated):
-    """A reading in the grains: what is wrong, whether it surprises, and whether it teaches, which the record gets."""
+    """Judge a reading in the grains: what is wrong, whether it surprises, and whether it updates the filter."""
     state.judged = record.path
     state.repeated = state.repeated + min(step, _STUCK_STEP) if repeated else 0.0
     if not record.passing:
         _compare(state, record, y, step)
     _find_issues(state)
     record.fault = state.issues & _FAULT != 0
-    record.measured = not (repeated or record.fault)  # a reading that repeats itself tells nothing new
+    record.measured = not (repeated or record.fault)  # a repeated reading is no new measurement
     record.r += _offset(state) ** 2
     if record.measured:
         _score(state, record, y, step)
@@ -94,7 +94,7 @@ def _compare(state, record, y, step):
     f = record.force
     square = dot(f, f)
     if square < _OPPOSING**2:
-        state.felt = record.path
+        state.feeble = record.path
     ratio = min(1.0, (_RATIO_MOST * math.sqrt(square) + _OPPOSING) / max(math.sqrt(dot(y, y)), 1e-300))
     share = 1.0 - math.exp(-step / _SUM_LENGTH)
     state.along += share * (ratio * dot(y, f) - state.along)
@@ -106,13 +106,13 @@ def _compare(state, record, y, step):
 
 @inlined
 def _find_issues(state):
-    """Set the issues. The model is judged from `_ENTRY` after the tool entered and after its force was felt."""
+    """Set the issues. The model is judged once the tool has gone `_ENTRY` since it entered, and under a force."""
     square, issues = state.square, _offset_issue(state)
     if state.repeated > _STUCK_LENGTH:
         issues |= STUCK
     if state.along < -(_OPPOSING**2):
         issues |= _FAULT
-    if square > 0.0 and state.judged - max(state.entered, state.felt) >= _ENTRY:
+    if square > 0.0 and state.judged - max(state.entered, state.feeble) >= _ENTRY:
         if state.along < 0.0:
             issues |= OPPOSED | _FAULT
         elif state.along < 0.2 * square:
