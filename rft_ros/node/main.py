@@ -70,7 +70,7 @@ def _refused_arguments() -> str:
 
 def _run(stop: threading.Event) -> str:
     """Run the node until it is to stop; returns why it cannot."""
-    from rft_ros.node.swap import ToolWorker
+    from rft_ros.node.tool_worker import ToolWorker
 
     worker = ToolWorker()  # first: its imports take as long as the node's
     import rclpy

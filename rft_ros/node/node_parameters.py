@@ -4,17 +4,19 @@ import itertools
 import sys
 from array import array
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
 from rft_ros.parameters.file import FILES, flat, parameter_tree, path_beside
-from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults
+from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults, unknown_parameter
+
+_Prepared = TypeVar("_Prepared")
 
 
 def _descriptor(p: Parameter) -> ParameterDescriptor:
@@ -29,15 +31,29 @@ def _descriptor(p: Parameter) -> ParameterDescriptor:
     )
 
 
-class NodeParameters:
+class UnknownParameterError(ParameterNotDeclaredException):
+    """Refuses a change of a parameter that the node does not have. rclpy answers a client with its sentence."""
+
+    def __init__(self, sentence: str) -> None:
+        Exception.__init__(self, sentence)  # rclpy's own names no parameter: "undeclared parameter(s): []"
+
+
+class NodeParameters(Generic[_Prepared]):
     """The node's values of the parameter table.
 
-    `validate` is called before a change and raises ValueError to refuse it, `apply` after it. Each change is logged.
+    Before a change, `prepare` makes what all values with it bring, or raises ValueError to refuse it. After the change
+    `apply` takes what `prepare` made. Each change is logged.
     """
 
-    def __init__(self, node: Node, *, validate: Callable[[Values], None], apply: Callable[[Values], None]) -> None:
-        self._node, self._validate, self._apply = node, validate, apply
+    def __init__(
+        self, node: Node, *, prepare: Callable[[Values], _Prepared], apply: Callable[[_Prepared], None]
+    ) -> None:
+        self._node, self._prepare, self._apply = node, prepare, apply
         self._why = ""
+        self._checked: dict[str, Value | InputError] = {}
+        """Of the parameters that are about to be set: each as `checked` returns it, or why it is refused."""
+        self._prepared: tuple[dict[str, Value], _Prepared] | None = None
+        """The change that was accepted last, and what it brings."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
         values = defaults()
         for p in PARAMETERS:
@@ -57,7 +73,7 @@ class NodeParameters:
         for name in overrides:
             if not name.startswith("qos_overrides.") and not node.has_parameter(name):
                 logger.warning(f"there is no parameter '{name}'; it is ignored")
-        node.add_pre_set_parameters_callback(self._in_table_types)
+        node.add_pre_set_parameters_callback(self._on_pre_set)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
@@ -71,33 +87,45 @@ class NodeParameters:
             self._node.get_logger().error(f"not set ({why}): {result.reason}")
         return "" if result.successful else str(result.reason)
 
-    def _in_table_types(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """The parameters as `checked` returns them; one that it refuses stays, and `_on_set` refuses it."""
-        found = []
+    # rclpy calls these three in turn for each change; the second may also refuse it, and then the third is not called
+
+    def _on_pre_set(self, parameters: list[RosParameter]) -> list[RosParameter]:
+        """The parameters in the types of the table; one that `checked` refuses stays as it is."""
+        self._checked, self._prepared, found = {}, None, []
         for p in parameters:
-            with suppress(InputError):
-                p = RosParameter(p.name, value=_plain(checked(p.name, _plain(p.value))))
+            if p.name in self.values:
+                try:
+                    value = self._checked[p.name] = checked(p.name, _plain(p.value))
+                    p = RosParameter(p.name, value=_plain(value))
+                except InputError as error:
+                    self._checked[p.name] = error
+            elif not self._node.has_parameter(p.name):
+                raise UnknownParameterError(unknown_parameter(p.name))
             found.append(p)
         return found
 
-    def _changes(self, parameters: list[RosParameter]) -> dict[str, Value]:
-        given = {p.name: checked(p.name, _plain(p.value)) for p in parameters if p.name in self.values}
-        return {name: value for name, value in given.items() if value != self.values[name]}
-
-    def _on_set(self, parameters: list[RosParameter]) -> SetParametersResult:
+    def _on_set(self, _: list[RosParameter]) -> SetParametersResult:
         try:
-            if changes := self._changes(parameters):
-                self._validate({**self.values, **changes})
+            changes = {}
+            for name, value in self._checked.items():
+                if isinstance(value, InputError):
+                    raise value
+                if value != self.values[name]:
+                    changes[name] = value
+            if changes:
+                self._prepared = changes, self._prepare({**self.values, **changes})
         except ValueError as error:  # an exception here would end the node
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
-    def _on_post_set(self, parameters: list[RosParameter]) -> None:
-        if changes := self._changes(parameters):
+    def _on_post_set(self, _: list[RosParameter]) -> None:
+        if self._prepared is not None:
+            changes, prepared = self._prepared
             said = ", ".join(f"{name} {self.values[name]!r} -> {value!r}" for name, value in sorted(changes.items()))
             self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
             self.values = {**self.values, **changes}
-            self._apply(self.values)
+            self._prepared = None
+            self._apply(prepared)
 
 
 def parameter_files() -> list[Path]:

@@ -21,7 +21,8 @@ from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
 from rft_ros.node.stiffness import stiffness_message
-from rft_ros.node.swap import Swap, ToolWorker
+from rft_ros.node.swap import Prepared, Swap
+from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
 from rft_ros.parameters import Values
 from rft_ros.rft import Law, described
@@ -37,11 +38,11 @@ class RftNode(Node):
 
     def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
         super().__init__("rft", cli_args=arguments)
-        self.table = NodeParameters(self, validate=self._validate, apply=self._apply)
+        self.table = NodeParameters(self, prepare=self._prepare, apply=self._apply)
         values = self.table.values
         compiling = "compiling, ten seconds or more, first start only; services answer after it"
         self._swap = Swap(worker, values, on_cold_cache=partial(self.get_logger().info, compiling))
-        self.estimator = Estimator(self._swap.settings(values), self._swap.model(values))
+        self.estimator = Estimator(self._swap.prepared.settings, self._swap.prepared.model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}
 
@@ -176,34 +177,35 @@ class RftNode(Node):
 
     # --- parameters and swaps
 
-    def _validate(self, values: Values) -> None:
+    def _prepare(self, values: Values) -> Prepared:
         if values["sensor.frame_source"] == "tf":
             message_class("tf")
-        self._swap.check(values)
+        return self._swap.prepare(values)
 
-    def _apply(self, values: Values) -> None:
-        self.feedforward.use(values)
-        self._swap.want(values)
-        self._use()
+    def _apply(self, prepared: Prepared) -> None:
+        self.feedforward.use(prepared.values)
+        self._swap.want(prepared)
+        self._use(prepared)
         self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
-        self._serialise = wrench_cdr(values["sensor_frame"])
+        self._serialise = wrench_cdr(prepared.values["sensor_frame"])
 
-    def _use(self) -> None:
+    def _use(self, prepared: Prepared) -> None:
         before = self.estimator.model
-        model = self._swap.model(self.table.values, generation=before.generation + 1)
-        self.estimator.use(settings=self._swap.settings(self.table.values), model=model)
-        if model.law.doubts != before.law.doubts:
-            self._warn_of_law(model.law)
+        self.estimator.use(settings=prepared.settings, model=prepared.model)
+        if prepared.model.law.doubts != before.law.doubts:
+            self._warn_of_law(prepared.model.law)
         self._subscribe_to_clouds()
 
     def _on_swap_poll(self) -> None:
-        succeeded = self._swap.poll()
-        if succeeded:
-            self._use()
+        swapped = self._swap.poll()
+        if swapped is None:
+            return
+        if not swapped.undo:
+            self._use(self._swap.prepared)
             self.announce("in force")
-        elif succeeded is not None:
+        else:
             self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
-            self.table.set_all(self._swap.files, why="the swap failed")
+            self.table.set_all(swapped.undo, why="the swap failed")
 
 
 def executor_of(node: RftNode) -> Executor:

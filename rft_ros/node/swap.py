@@ -1,181 +1,177 @@
-"""What parameters need that takes time to load: it comes from beside the node, which answers meanwhile."""
+"""Loads meshes, maps and machine code beside the node, and prepares what a change of parameters brings into force."""
 
-from collections.abc import Callable, Mapping
+import threading
+import time
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import replace
-from multiprocessing.connection import Connection, Pipe
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
-from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
 from rft_ros.estimator import Model, Settings
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
-from rft_ros.parameters import (
-    FILES,
-    Values,
-    files_of,
-    load_files,
-    model_of,
-    read_small_file,
-    settings_of,
-    small_files_of,
-)
+from rft_ros.node.tool_worker import ToolWorker, named
+from rft_ros.parameters import Values, files_of, model_of, read_small_file, settings_of, small_files_of
 from rft_ros.rft import Medium, Table
 from rft_ros.tool import locate_mesh
 
-
-class ToolWorker:
-    """A process that loads one model's files at a time, started early for its imports and replaced if it ends."""
-
-    def __init__(self) -> None:
-        self._start(low_priority=False)
-
-    def _start(self, *, low_priority: bool) -> None:
-        self._connection, theirs = Pipe()
-        with theirs:
-            self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
-
-    def load(self, files: Mapping[str, Values]) -> dict[str, Any]:
-        """Load parts of `files_of`; InputError if they cannot be used, or are given up."""
-        try:
-            if self.process.poll() is not None:
-                self._connection.close()
-                self._start(low_priority=True)
-            self._connection.send(files)
-            answer: dict[str, Any] | str = self._connection.recv()
-        except Exception as error:  # the process ended, or none is to be had, or no descriptor, or a damaged answer
-            self.end()
-            ended = isinstance(error, EOFError | ConnectionError)
-            why = f"the process that loads {_named(files)} ended" if ended else str(error)
-            raise InputError(f"{why}; set it again") from None
-        if isinstance(answer, str):
-            raise InputError(answer)
-        return answer
-
-    def end(self) -> None:
-        """End the process; what it loads is given up."""
-        self.process.kill()
-        self.process.wait()
+__all__ = ["Prepared", "Swap", "Swapped"]
 
 
-def _serve(descriptor: int, low_priority: int) -> None:
-    """In the process: answer requests until the node closes the connection; the node waits for the first one only."""
-    connection = Connection(descriptor)
-    if low_priority:
-        lower_priority()
-    import scipy.spatial  # noqa: F401
-    import trimesh  # noqa: F401
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prepared:
+    """What checked values of all parameters bring: made once, when they are validated, and applied after it.
 
-    with suppress(EOFError, OSError):
-        while True:
-            connection.send(_loaded(connection.recv()))
-            lower_priority()
+    `settings` and `model` come into force at once, with the tool, the ground and the machine code that are in force.
+    `files`, as of `files_of`, and `code`, parts of the machine code, follow once they are loaded. `read`: what the
+    `small_files_of` these values hold, by parameter and file.
+    """
 
-
-def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
-    try:
-        return load_files(files)
-    except InputError as error:
-        return str(error)
-    except Exception as error:  # whatever a mesh library raises at a damaged file; its words may quote the file
-        return f"{_named(files)} cannot be loaded: {type(error).__name__}"
+    values: Values
+    settings: Settings
+    model: Model
+    files: dict[str, Values]
+    code: frozenset[str]
+    read: dict[tuple[str, str], Medium | Table]
 
 
-def _named(files: Mapping[str, Values]) -> str:
-    given = {name: value for part in files.values() for name, value in part.items() if name in FILES and value}
-    return " and ".join(f"{name} '{file}'" for name, file in given.items()) or "ground.cell"
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Swapped:
+    """A load that has ended: in force, or `undo`: the parameters to set back, of a file that cannot be used."""
+
+    undo: Values
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Load:
+    """A part that is being loaded, beside the node, since a time of `time.monotonic` [s]."""
+
+    wanted: Values
+    future: "Future[dict[str, Any]]"
+    given_up: threading.Event
+    since: float
 
 
 class Swap:
-    """The files in force, the `parts` that they became, the machine code that is loaded, and what is wanted next.
+    """The files in force, the `parts` that they became, the machine code that is loaded, and what is being loaded.
 
-    The constructor loads what `values` need, or raises InputError. A thread waits for the worker: 100,000 plates that
-    came through the pipe in the node's own would delay a tick by 30 ms; in this one 50,000 delay it by 3 to 15 ms.
+    The constructor loads what `values` need, or raises InputError. Each part (the tool, the ground) loads on its own: a
+    change of other parameters does not disturb it. A thread waits for the worker: 100,000 plates that came through the
+    pipe in the node's own would delay a tick by 30 ms; in this one 50,000 delay it by 3 to 15 ms.
     """
 
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
-        self._worker, self._thread = worker, ThreadPoolExecutor(1)
-        self._files, self._code = self._wanted = files_of(values), needed(values)
+        self._worker = worker
+        self._file_thread, self._code_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        self._files, self._code = files_of(values), needed(values)
         prepare(self._code, on_cold_cache=on_cold_cache)
         self.parts = worker.load(self._files)  # after the code, which the worker would compile too
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
-        self._loading: Future[dict[str, Any]] | None = None
+        self._loads: dict[str, _Load] = {}  # by part
+        self._code_load: tuple[frozenset[str], Future[None], float] | None = None  # since a time of `time.monotonic`
         self._read: dict[tuple[str, str], Medium | Table] = {}  # by parameter and file: those in force
-        self._read = self._checked_read = self._read_for(values)
+        self.prepared = self._made(values, generation=0)
+        """What is in force."""
+        self._read = self.prepared.read
 
-    @property
-    def files(self) -> Values:
-        """The parameters that give the files in force."""
-        return {name: value for part in self._files.values() for name, value in part.items()}
+    def prepare(self, values: Values) -> Prepared:
+        """What these values bring. Raises InputError where they cannot come into force; meshes and maps are not read yet."""
+        made = self._made(values, generation=self.prepared.model.generation + 1)
+        if made.files["tool"] != self._files["tool"]:
+            checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
+        if made.files["ground"] != self._files["ground"] and values["ground.file"]:
+            checked_file(Path(values["ground.file"]), "ground.file")
+        return made
 
-    def settings(self, values: Values) -> Settings:
-        """The settings of these parameters; without learning, and velocities from poses, until their code is loaded."""
+    def _made(self, values: Values, *, generation: int) -> Prepared:
+        files, code, read = files_of(values), needed(values), self._read_for(values)
         settings = settings_of(values)
-        settings = settings if "learning" in self._code else replace(settings, learning_mode="off")
-        return settings if "velocity" in self._code else replace(settings, twist_source="topic")
+        if code - self._code:
+            settings = self._without_code(settings)
+        in_force = {name: value for part in self._files.values() for name, value in part.items()}
+        held: dict[str, Any] = {parameter: content for (parameter, _), content in read.items()}
+        medium, table = held.get("medium.file"), held.get("alpha_y.table")
+        model = model_of({**values, **in_force}, **self.parts, medium=medium, table=table, generation=generation)
+        return Prepared(values=values, settings=settings, model=model, files=files, code=code, read=read)
 
-    def model(self, values: Values, *, generation: int = 0) -> Model:
-        """The model of these parameters with the tool and the ground in force; `check` them first."""
-        read: dict[tuple[str, str], Any] = {**self._read, **self._checked_read}
-        medium = read.get(("medium.file", values["medium.file"]))
-        table = read.get(("alpha_y.table", values["alpha_y.table"]))
-        return model_of({**values, **self.files}, **self.parts, medium=medium, table=table, generation=generation)
+    def _without_code(self, settings: Settings) -> Settings:
+        """Settings without learning, and velocities from poses, until their machine code is loaded."""
+        if "learning" not in self._code:
+            settings = replace(settings, learning_mode="off")
+        if "velocity" not in self._code:
+            settings = replace(settings, twist_source="topic")
+        return settings
 
     def _read_for(self, values: Values) -> dict[tuple[str, str], Medium | Table]:
         """The small files of these parameters, read again unless they are in force: a file may be gone since."""
         wanted = small_files_of(values).items()
         return {named: self._read.get(named) or read_small_file(*named) for named in wanted}
 
-    def check(self, values: Values) -> None:
-        """Raise InputError for parameters that cannot come into force; a mesh is not read yet."""
-        self.settings(values)
-        self._checked_read = self._read_for(values)
-        self.model(values)
-        if files_of(values)["tool"] != self._files["tool"]:
-            checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
-
-    def _missing(self) -> tuple[dict[str, Values], frozenset[str]]:
-        files, code = self._wanted
-        return {part: new for part, new in files.items() if new != self._files[part]}, code - self._code
-
     @property
     def preparing(self) -> str:
-        """What is being loaded; empty if nothing is."""
-        files, code = self._missing()
-        named = [_named(files)] * bool(files) + [f"machine code of {part}" for part in sorted(code)]
-        return " and ".join(named) if self._loading else ""
+        """What is being loaded, and for how long; empty if nothing is."""
+        now = time.monotonic()
+        loads = [f"{named({part: load.wanted})} for {now - load.since:.0f} s" for part, load in self._loads.items()]
+        if self._code_load is not None:
+            code, _, since = self._code_load
+            loads.append(f"machine code of {' and '.join(sorted(code))} for {now - since:.0f} s")
+        return " and ".join(loads)
 
-    def want(self, values: Values) -> None:
-        """Load what these parameters, checked last, need and is not in force, in place of what is being loaded."""
-        self._read = self._checked_read
-        wanted = files_of(values), needed(values)
-        if self._loading and wanted == self._wanted:
-            return
-        if self._loading and not self._loading.cancel():
+    def want(self, prepared: Prepared) -> None:
+        """Load what these parameters need and is not in force; what is being loaded for them already goes on."""
+        self.prepared, self._read = prepared, prepared.read
+        for part, wanted in prepared.files.items():
+            load = self._loads.get(part)
+            if load is not None and load.wanted == wanted:
+                continue
+            if load is not None:
+                self._give_up(part)
+            if wanted != self._files[part]:
+                given_up = threading.Event()
+                future = self._file_thread.submit(self._worker.load, {part: wanted}, given_up)
+                self._loads[part] = _Load(wanted=wanted, future=future, given_up=given_up, since=time.monotonic())
+        self._want_code()
+
+    def _give_up(self, part: str) -> None:
+        load = self._loads.pop(part)
+        load.given_up.set()
+        if not load.future.cancel():
             self._worker.end()
-        self._wanted = wanted
-        files, code = self._missing()
-        self._loading = self._thread.submit(self._load, files, code) if files or code else None
 
-    def _load(self, files: dict[str, Values], code: frozenset[str]) -> dict[str, Any]:
-        with suppress(Exception):  # code that is missing compiles at its first use
-            prepare(code, at_low_priority=True)
-        return self._worker.load(files) if files else {}
+    def _want_code(self) -> None:
+        missing = self.prepared.code - self._code
+        if missing and self._code_load is None:
+            self._code_load = missing, self._code_thread.submit(_load_code, missing), time.monotonic()
 
-    def poll(self) -> bool | None:
-        """Once it is loaded, whether it came into force; if not, the files that were in force stay. Else None."""
-        if self._loading is None or not self._loading.done():
+    def poll(self) -> Swapped | None:
+        """The next load that has ended, which is in force now unless it failed; None if none has."""
+        if self._code_load is not None and self._code_load[1].done():
+            self._code |= self._code_load[0]
+            self._code_load = None
+            self._want_code()
+            return self._succeeded()
+        part = next((part for part, load in self._loads.items() if load.future.done()), None)
+        if part is None:
             return None
-        future, self._loading = self._loading, None
-        files, code = self._wanted
-        self._code |= code
+        load = self._loads.pop(part)
         try:
-            self.parts |= future.result()
+            self.parts = {**self.parts, **load.future.result()}
         except InputError as error:
-            self.last_failure, self._wanted = str(error), (self._files, self._code)
-            return False
-        self._files, self.last_failure = files, ""
-        return True
+            self.last_failure = str(error)
+            return Swapped(undo=self._files[part])
+        self._files = {**self._files, part: load.wanted}
+        self.last_failure = ""
+        return self._succeeded()
+
+    def _succeeded(self) -> Swapped:
+        self.prepared = self._made(self.prepared.values, generation=self.prepared.model.generation + 1)
+        return Swapped(undo={})
+
+
+def _load_code(parts: frozenset[str]) -> None:
+    with suppress(Exception):  # code that is missing compiles at its first use
+        prepare(parts, at_low_priority=True)

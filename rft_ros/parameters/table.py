@@ -11,7 +11,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
 from rft_ros.rft.frames import UNIT_TOLERANCE
 
-__all__ = ["MESH", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
+__all__ = ["MESH", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults", "unknown_parameter"]
 
 Value = str | float | tuple[float, ...]
 """A parameter's value, in the parameter's type."""
@@ -137,12 +137,17 @@ def defaults() -> dict[str, Any]:
     return {p.name: p.default for p in PARAMETERS}
 
 
+def unknown_parameter(name: str) -> str:
+    """A sentence on a parameter that there is not, with the nearest one."""
+    near = get_close_matches(name, _BY_NAME, n=1)
+    return f"there is no parameter '{name}'" + (f"; did you mean '{near[0]}'?" if near else "")
+
+
 def checked(name: str, value: object) -> Value:
     """The value in the parameter's type. Raises InputError that names both and says what is allowed."""
     parameter = _BY_NAME.get(name)
     if parameter is None:
-        near = [f"; did you mean '{other}'?" for other in get_close_matches(name, _BY_NAME, n=1)]
-        raise InputError(f"there is no parameter '{name}'{''.join(near)}")
+        raise InputError(unknown_parameter(name))
     default, choices = parameter.default, parameter.choices
     if isinstance(default, str):
         if value is False and "off" in choices:  # YAML, and so ROS, reads an unquoted off as false

@@ -61,6 +61,20 @@ class Plates:
         if not np.isfinite(r[7:]).all() or not (r[13:] >= 0.5).all():
             raise ValueError("rows of refined plates must be finite, and the last one at least 1/2")
         r[3:6] /= length
+        self._arrange(r)
+
+    @classmethod
+    def of_rows(cls, rows: ArrayLike) -> "Plates":
+        """Plates of the `rows` of others, with every bit kept: their normals have unit length already.
+
+        Raises ValueError as `Plates`.
+        """
+        made = cls(rows)
+        made._arrange(np.array(rows, dtype=np.float64, order="C"))
+        return made
+
+    def _arrange(self, r: Array) -> None:
+        """Fill the fields from checked rows."""
         far = np.zeros(r.shape[1])  # of a plate's points from its centroid
         if len(r) > 7:
             first, second = r[7:10], r[10:13]

@@ -15,7 +15,7 @@ from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
 from rft_ros.tool.mesh_frame import MeshFrame
-from rft_ros.tool.reduce import reduced_for_any_motion
+from rft_ros.tool.reduction_cache import reduced_once
 from rft_ros.tool.refine import refined_plates
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def tool_of_mesh(
         corners = corners[ConvexHull(corners).vertices]
     plates, reduction = facets, ""
     if tolerance > 0.0:
-        plates, reduction = reduced_for_any_motion(facets, corners, tolerance)
+        plates, reduction = reduced_once(facets, corners, tolerance)
     return Tool(name, file, plates, facets, vertices, faces, check_mesh(mesh), corners, reduction)
 
 

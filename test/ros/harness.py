@@ -39,7 +39,7 @@ _NUMBERS = itertools.count()
 class InlineWorker:
     """Loads a model's files in this process, which has the mesh library in memory; the node asks it as its own."""
 
-    def load(self, files: Mapping[str, Values]) -> dict[str, object]:
+    def load(self, files: Mapping[str, Values], _given_up: object = None) -> dict[str, object]:
         if "tool" in files and str(files["tool"]["mesh.file"]).isidentifier():
             others = {part: values for part, values in files.items() if part != "tool"}
             return load_files(others) | {"tool": _shipped(*files["tool"].items())}

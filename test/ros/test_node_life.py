@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import TwistStamped, WrenchStamped
-from harness import WAIT, InlineWorker, numbers, predicted_by_the_core, stamp_of
+from harness import WAIT, InlineWorker, numbers, parameters, predicted_by_the_core, stamp_of
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from recordings import cdr
 from rosgraph_msgs.msg import Clock
@@ -131,6 +132,18 @@ def test_the_status_service_says_what_is_in_force(rft, tmp_path):
 def test_a_parameter_it_does_not_know_is_named(start_node):
     rft = start_node("-p", "mesh.file:=plate", "-p", "medium.zeeta:=2.0").wait_ready()
     rft.until(lambda: "no parameter 'medium.zeeta'" in rft.said())
+
+
+def test_setting_a_misspelt_parameter_is_refused_with_its_name_and_the_nearest_one(rft):
+    for service in (SetParameters, SetParametersAtomically):
+        request = service.Request(parameters=parameters({"medium.zeeta": 2.0}))
+        if service is SetParameters:
+            result = rft.call(service, "set_parameters", request).results[0]
+        else:
+            result = rft.call(service, "set_parameters_atomically", request).result
+        assert not result.successful
+        assert "'medium.zeeta'" in result.reason
+        assert "'medium.zeta'" in result.reason
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.node.swap import Swap, ToolWorker
+from rft_ros.node import tool_worker
+from rft_ros.node.swap import Swap
+from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.parameters import defaults, files_of
 from rft_ros.tool import load_tool
 
@@ -52,10 +54,30 @@ def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_p
     assert os.getpriority(os.PRIO_PROCESS, pid) == max(os.getpriority(os.PRIO_PROCESS, 0), 10)
 
 
-def test_a_worker_that_ends_while_it_loads_fails_its_swap_and_is_replaced(worker):
+TRIANGLE = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+
+
+@pytest.fixture
+def big(tmp_path):
+    """A mesh that takes longer to load than this process needs to see that it has begun."""
+    file = tmp_path / "big.stl"
+    file.write_text("solid big\n" + TRIANGLE * 20_000 + "endsolid big\n")
+    return str(file)
+
+
+def stopped_at_work(worker):
+    """Stop the worker's process once it has begun to load."""
+    end = time.monotonic() + 60.0
+    while worker.used is None:
+        assert time.monotonic() < end
+        time.sleep(0.001)
     os.kill(worker.process.pid, signal.SIGSTOP)
+
+
+def test_a_worker_that_ends_while_it_loads_fails_its_swap_and_is_replaced(worker, big):
     with ThreadPoolExecutor(1) as thread:
-        loading = thread.submit(loaded, worker, "sphere")
+        loading = thread.submit(loaded, worker, big)
+        stopped_at_work(worker)
         os.kill(worker.process.pid, signal.SIGKILL)
         with pytest.raises(InputError, match="ended; set it again"):
             loading.result()
@@ -77,14 +99,84 @@ def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap_once_there_are_
     assert loaded(worker, "plate").name == "plate"
 
 
+def test_a_worker_that_was_killed_while_idle_refuses_nothing_even_if_it_dies_only_now(worker):
+    """It is dead when the request is sent, and the node cannot know it yet."""
+    os.kill(worker.process.pid, signal.SIGSTOP)
+    with ThreadPoolExecutor(1) as thread:
+        loading = thread.submit(loaded, worker, "sphere")
+        time.sleep(0.1)
+        os.kill(worker.process.pid, signal.SIGKILL)
+        assert loading.result().name == "sphere"
+
+
+def test_a_worker_that_gets_no_core_is_replaced_by_one_of_the_nodes_own_priority(worker, big, monkeypatch):
+    loaded(worker, "sphere")
+    low = worker.process.pid
+    monkeypatch.setattr(tool_worker, "_STARVED", (0.0, 2.0))  # no process can have two cores
+    assert loaded(worker, big).name == "big"
+    assert worker.process.pid != low
+
+
+def test_a_file_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, monkeypatch):
+    """As /proc/kmsg, or a disk that has gone."""
+    with monkeypatch.context() as patched:
+        patched.setattr(tool_worker, "_BLOCKED", (0.0, 1e9))
+        with pytest.raises(InputError, match=r"mesh\.file '.*big\.stl' has given nothing to read for 0 s; give a"):
+            loaded(worker, big)
+    assert loaded(worker, "plate").name == "plate"
+
+
+def swapped(pending):
+    while (found := pending.poll()) is None:
+        time.sleep(0.01)
+    return found
+
+
 def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
     values = {**defaults(), "tolerance": 0.0}
     pending = Swap(worker, values, on_cold_cache=lambda: None)
     os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for ever
     for name in ("ellipsoid", "sphere"):
-        pending.want({**values, "mesh.file": name})
-        assert pending.preparing == f"mesh.file '{name}'"
-    while (succeeded := pending.poll()) is None:
-        time.sleep(0.01)
-    assert succeeded
+        pending.want(pending.prepare({**values, "mesh.file": name}))
+        assert pending.preparing.startswith(f"mesh.file '{name}' for 0 s")
+    assert not swapped(pending).undo
     assert pending.parts["tool"].name == "sphere"
+
+
+@pytest.mark.parametrize(
+    "others", [{"learning.mode": "observe"}, {"twist_source": "pose_difference"}, {"ground.cell": 0.01}], ids=str
+)
+def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big, others, monkeypatch):
+    monkeypatch.setattr(tool_worker, "_STARVED", (1e9, 0.0))  # it stands still while this test looks
+    values = {**defaults(), "tolerance": 0.0}
+    pending = Swap(worker, values, on_cold_cache=lambda: None)
+    values["mesh.file"] = big
+    pending.want(pending.prepare(values))
+    stopped_at_work(worker)
+    process = worker.process.pid
+    for changed in ({}, others, {**others, "medium.zeta": 0.5}):
+        pending.want(pending.prepare({**values, **changed}))
+        assert f"mesh.file '{big}' for " in pending.preparing
+    os.kill(process, signal.SIGCONT)
+    while pending.preparing:
+        assert not swapped(pending).undo
+    assert worker.process.pid == process
+    assert pending.parts["tool"].name == "big"
+    assert (pending.parts["ground"] is None) == ("ground.cell" not in others)
+    assert pending.prepared.settings.learning_mode == others.get("learning.mode", "off")
+
+
+def test_a_tool_that_cannot_be_used_undoes_its_own_parameters_and_no_others(worker, tmp_path):
+    bad = tmp_path / "bad.stl"
+    bad.write_text("solid nothing\nendsolid nothing\n")
+    values = {**defaults(), "tolerance": 0.0}
+    pending = Swap(worker, values, on_cold_cache=lambda: None)
+    pending.want(pending.prepare({**values, "mesh.file": str(bad), "ground.cell": 0.01}))
+    undone = []
+    while pending.preparing:
+        undone.append(swapped(pending).undo)
+    (parameters,) = filter(None, undone)
+    assert parameters["mesh.file"] == "plate"
+    assert "ground.cell" not in parameters
+    assert pending.parts["ground"] is not None
+    assert pending.parts["tool"].name == "plate"
