@@ -79,7 +79,7 @@ class Swap:
         self._read = self.prepared.read
 
     def prepare(self, values: Values) -> Prepared:
-        """What these values bring. Raises InputError where they cannot come into force; meshes and maps are not read yet."""
+        """What these values bring; meshes and maps are not read yet. InputError for what cannot come into force."""
         made = self._made(values, generation=self.prepared.model.generation + 1)
         if made.files["tool"] != self._files["tool"]:
             checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
