@@ -30,6 +30,8 @@ def meshes() -> dict[str, Points]:
         "sphere": unit_sphere(10, 10, 10) * 25.0,
         # root tip of Treers et al. 2021: z = -34.5 (1 - (r/10)²), tip down, origin at its base's centre
         "root_tip": paraboloid(radius=10.0, length=34.5, around=28, along=18, across=5),
+        # a scoop of 3 mm walls, open to -x and upwards: origin at the middle of its upper rim
+        "scoop": cells(scoop(22, 16, 9)) * 3.0 - [33.0, 24.0, 27.0],
     }
 
 
@@ -56,6 +58,29 @@ def cuboid(nx: int, ny: int, nz: int) -> Points:
         inner = outer[:, ::-1].copy()
         inner[:, :, axis] = -1.0
         faces += [outer, inner]
+    return np.concatenate(faces)
+
+
+def scoop(length: int, width: int, height: int) -> NDArray[np.bool_]:
+    """Solid cells of a box of these numbers of cells without its front and top; its walls are one cell thick."""
+    solid = np.ones((length, width, height), dtype=bool)
+    solid[:-1, 1:-1, 1:] = False
+    return solid
+
+
+def cells(solid: NDArray[np.bool_]) -> Points:
+    """The surface of solid unit cells, two triangles for each face between a solid cell and an empty one."""
+    faces = []
+    padded = np.pad(solid, 1)
+    for axis in range(3):
+        u, v = (axis + 1) % 3, (axis + 2) % 3
+        for side in (1, -1):
+            open_cells = np.argwhere(padded & ~np.roll(padded, -side, axis=axis)) - 1.0
+            quads = np.repeat(open_cells[:, None], 4, axis=1)
+            quads[:, :, axis] += 0.5 * (1 + side)
+            quads[:, [1, 2] if side > 0 else [3, 2], u] += 1.0
+            quads[:, [2, 3] if side > 0 else [2, 1], v] += 1.0
+            faces += [quads[:, [0, 1, 2]], quads[:, [0, 2, 3]]]
     return np.concatenate(faces)
 
 

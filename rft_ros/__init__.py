@@ -18,6 +18,11 @@ __all__ += ["alpha_y_model", "checked_states", "law_named", "load_tool", "medium
 _HOMES = "rft_ros.rft", "rft_ros.tool", "rft_ros.parameters", "rft_ros.estimator"
 
 
+def __dir__() -> list[str]:
+    """The names of `__all__` too, for completion: they are not there before their first use."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> object:
     """Import a name of `__all__` at its first use: numba takes half a second, in which `rft_node` hears signals."""
     if name in __all__:

@@ -28,6 +28,7 @@ __all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]
 
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
+_TOUCHES = 1e-3  # m: a recording that begins at the surface may be deeper by the noise of its poses
 _OFFSET, _OFFSET_SHARE = 0.2, 0.01  # N, and share of the recording's peak: a mean force in the air that is no noise
 _WRONG = 0.5  # median error over which the set-up is the likely cause
 
@@ -120,6 +121,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()] + _warnings(whole, phases)
+    warnings += _warnings_of_poses(rows)
     return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)
 
 
@@ -192,6 +194,17 @@ def _warnings(whole: Group, phases: dict[str, PhaseGroup]) -> list[str]:
         found.append(f"the load cell reads {load:.3g} N in the air: {advice}")
     if (error := whole.median_relative_error) is not None and error > _WRONG:
         found.append(f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG")
+    return found
+
+
+def _warnings_of_poses(rows: Rows) -> list[str]:
+    """That the recording begins in the grains, or that poses or mesh are in another unit."""
+    answered, found = rows[rows["reason"] < 0], list[str]()
+    if impossible := int(np.count_nonzero(answered["quality_flags"] & int(QualityFlag.IMPOSSIBLE))):
+        found.append(f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)")
+    elif len(answered) and (depth := float(answered["depth"][0])) > _TOUCHES:
+        advice = "if it was in the air, check mesh.origin, mesh.quaternion and surface_height"
+        found.append(f"the first estimate is {1e3 * depth:.1f} mm deep in the grains: {advice}")
     return found
 
 

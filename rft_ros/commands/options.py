@@ -8,7 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.bags.phases import lowest_points
 from rft_ros.bags.playback import ReplayOptions, read_replay_options
+from rft_ros.estimator.plausible import sentence_on
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
 from rft_ros.rft import MEDIA, Law
@@ -20,6 +25,11 @@ BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
 PLACED = ("--scale", "--origin", "--rotate")
 OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")
 OF_RECORDING = ("--params", "--remap", "--start", "--end")
+
+_Array = NDArray[np.float64]
+
+_TOUCHES = 1e-6  # m: a tool that begins at the surface is deeper by rounding
+_AT_ONCE = 512  # states whose lowest points are found together
 
 _ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)"
 _TOLERANCE = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
@@ -93,9 +103,33 @@ def warn_of_law(law: Law) -> None:
 
 
 def warn_of(tool: Tool) -> None:
-    """Print the issues of a tool's mesh on stderr."""
-    for issue in tool.issues.values():
-        print(f"warning: {tool.name}: {issue}", file=sys.stderr, flush=True)
+    """Print the faults of a tool's mesh on stderr. That it is concave is a property, which `rft check-mesh` names."""
+    for kind, issue in tool.issues.items():
+        if kind != "concave":
+            print(f"warning: {tool.name}: {issue}", file=sys.stderr, flush=True)
+
+
+def warn_of_motion(tool: Tool, times: _Array, states: _Array, forces: _Array, *, surface_height: float) -> None:
+    """Print on stderr what cannot be of a motion, and that its first state is in the grains.
+
+    `times` [s], shape [n], `states`, shape [n, 13], `forces` [N], shape [n, 3]; `surface_height` [m].
+    """
+    depth, size = surface_height - _lowest(tool, states), np.linalg.norm(forces, axis=1)
+    doubtful = {int(k) for k in (depth.argmax(), depth.argmin(), size.argmax())}
+    for k in sorted(doubtful):
+        if sentence := sentence_on(tool, depth=float(depth[k]), force=float(size[k])):
+            print(f"warning: t = {times[k]:g} s: {sentence}", file=sys.stderr, flush=True)
+            return
+    if len(states) > 1 and depth[0] > _TOUCHES:  # one state is no motion
+        begins = f"the first state is {1e3 * depth[0]:.1f} mm deep in the grains, with a force of {size[0]:.2f} N"
+        advice = "to begin at the surface, begin at the tool's lowest point (rft check-mesh), or set --surface-height"
+        print(f"warning: {begins}; {advice}", file=sys.stderr, flush=True)
+
+
+def _lowest(tool: Tool, states: _Array) -> _Array:
+    """World z of the tool's lowest point at each state [m], shape [n]."""
+    parts = np.array_split(states, 1 + len(states) // _AT_ONCE)
+    return np.concatenate([lowest_points(tool.corners, part)[0] for part in parts])
 
 
 def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:

@@ -1,6 +1,7 @@
 """Commands that compute wrenches at given states: predict them, and draw them."""
 
 import argparse
+import sys
 from pathlib import Path
 
 from rft_ros.bags.playback import Played, states_of
@@ -40,6 +41,9 @@ def predict(arguments: argparse.Namespace) -> int:
     with busy("computing"):  # the first call compiles
         where = f"states file '{arguments.states}'"
         result = wrenches_along(model, times, states, surface_height=height, where=where)
+    options.warn_of_motion(tool, times, states, result[:, :3], surface_height=height)
+    if "concave" in tool.issues:  # here, where numbers are written, and in no other command about the same tool
+        print(f"note: {tool.name}: {tool.issues['concave']}", file=sys.stderr, flush=True)
     write_wrenches(arguments.output, times, result)
     wet = int((result[:, COLUMNS.index("submerged_area")] > 0.0).sum())
     print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
@@ -87,6 +91,7 @@ def view(arguments: argparse.Namespace) -> int:
     else:
         played = states_of(source, values, model, chosen)
     *moving, ground = played
+    options.warn_of_motion(tool, *moving, surface_height=height)
     learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
         scene = animate(tool.name, tool, model.law, *moving, surface_height=height, ground=ground)

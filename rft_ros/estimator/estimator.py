@@ -12,7 +12,7 @@ from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
-from rft_ros.estimator.quality import QualityMonitor, inertial_speed
+from rft_ros.estimator.quality import QualityMonitor, ReadingInAir, inertial_speed
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
 from rft_ros.estimator.sigma import without_learning
 from rft_ros.estimator.withdrawal import Withdrawal
@@ -47,7 +47,7 @@ class Estimator:
         self.settings, self.model = settings, model
         self.learning: Learning | None = None
         self._memory: Memory | None = None
-        self._comparison = Comparison(self.counts)
+        self._comparison, self._air = Comparison(self.counts), ReadingInAir()
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
@@ -92,6 +92,10 @@ class Estimator:
         if self.learning is not None:
             self.learning.leave()
         return True
+
+    def issues(self) -> list[str]:
+        """Why load cell or model cannot be right: with learning of `ISSUES`, without it only a force in the air."""
+        return self._air.issues() if self.learning is None else self.learning.issues()
 
     def unknown_frames(self) -> dict[str, str]:
         """By reason: a sentence on the frames refused last under these settings, unless transforms link them now."""
@@ -142,6 +146,8 @@ class Estimator:
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             error, on = s.zeta_error or _UNKNOWN_ZETA_ERROR, s.learning_mode != "off"
             self.learning = Learning(lag=s.learning_lag, strength_error=error) if on else None
+        if s.load_cell != old.load_cell:
+            self._air.forget()
         if (learning := self.learning) is None:
             return
         learning.lag, learning.reach = s.learning_lag, m.tool.plates.reach
@@ -255,6 +261,8 @@ class Estimator:
         self.surface = surface = self._ground.under(state, self.settings.surface_height)
         row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
+        if in_grains:
+            self._air.add_in_grains(force)
         self._poses.append((pose, "the tool was in the grains" if in_grains else ""))
         self._withdrawal.follow(motion, force, in_grains=in_grains)
         answer = self._corrected(motion, row)
@@ -266,7 +274,7 @@ class Estimator:
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         self._learn_readings()  # its own reading may have come already, and sets the flag SURPRISE
         flags = self._quality.flags(
-            motion, surface, self.settings, self.model.law, in_grains=in_grains, depth=self.depth,
+            motion, surface, self.settings, self.model.law, force=force, in_grains=in_grains, depth=self.depth,
             withdrawn=self._withdrawal.active, learning=self.learning,
         )  # fmt: skip
         return Estimate(pose.stamp, wrench, sigma, motion.speed, area, self.model.generation, flags)
@@ -310,8 +318,9 @@ class Estimator:
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
     def _learn_readings(self) -> None:
-        """Update what is believed of the grains with each reading that was compared since the last call."""
-        readings = self._comparison.readings()
-        if self.learning is not None:
-            for reading in readings:
+        """Take each reading compared since the last call: into the belief of the grains, or the mean in the air."""
+        for reading in self._comparison.readings():
+            if self.learning is not None:
                 self.learning.learn(reading.stamp, reading.force, repeated=reading.repeated, in_air=reading.in_air)
+            elif reading.in_air:
+                self._air.add_in_air(reading.force)

@@ -8,7 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.learning.surprise import ISSUES, OFFSET
 from rft_ros.estimator.motion import Motion
+from rft_ros.estimator.plausible import HIGHEST, LARGEST_FORCE, deepest, is_plausible_tool
+from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import Law, edge_share, has_inertia, rotation_matrix
@@ -16,7 +19,7 @@ from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
-__all__ = ["QualityFlag", "QualityMonitor", "Trust"]
+__all__ = ["QualityFlag", "QualityMonitor", "ReadingInAir", "Trust"]
 __all__ += ["flag_names", "inertial_speed", "sentences", "trust"]
 
 
@@ -45,6 +48,11 @@ class QualityFlag(IntFlag):
     UNEVEN = 1024, "ground uneven over the width of the tool"
     DISAGREEMENT = 2048, "load cell and model disagree beyond what grains explain"
     MESH = 4096, "a mesh with faults, which count in the force"
+    IMPOSSIBLE = (
+        8192,
+        "buried by ten times its size, 50 m above the grains, over 10 m or under 1 mm large, or a force over 500 kN:"
+        " poses are in metres and mesh.scale in metres per mesh unit, so look for millimetres",
+    )
 
 
 class Trust(str, Enum):
@@ -55,9 +63,12 @@ class Trust(str, Enum):
     NO = "NO"
 
 
+_NO_TRUST = QualityFlag.INERTIAL | QualityFlag.IMPOSSIBLE
+
+
 def trust(quality_flags: int) -> Trust:
     """The trust in an estimate with these flags, a bitwise or of `QualityFlag`."""
-    if quality_flags & QualityFlag.INERTIAL:
+    if quality_flags & _NO_TRUST:
         return Trust.NO
     return Trust.CAUTION if quality_flags else Trust.OK
 
@@ -79,7 +90,37 @@ _EDGE_SHARE = 0.4  # of the wet area; more than the narrow sides of a plate that
 _DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
 _STEEP_SLOPE = math.tan(math.radians(15.0))
 _UNEVEN_SHARE = 0.25  # of the depth
+_AIR_SAMPLES = 64  # of the mean in the air
+_FELT, _FELT_SHARE = 0.2, 0.1  # N in the air, and share of the model's greatest force: as with learning
 _EVERY = 8  # estimates between two evaluations of the slow flags
+
+
+class ReadingInAir:
+    """The mean compensated force in the air, where a tared cell reads nothing; for an estimator that does not learn."""
+
+    def __init__(self) -> None:
+        self._greatest = 0.0  # of the model's forces so far [N]
+        self.forget()
+
+    def forget(self) -> None:
+        """Drop what was read: the load cell was tared, or has other settings."""
+        self._mean, self._count = (0.0, 0.0, 0.0), 0
+
+    def add_in_grains(self, predicted: Vector) -> None:
+        """Take the model's force in the grains [N]."""
+        self._greatest = max(self._greatest, math.hypot(*predicted))
+
+    def add_in_air(self, measured: Vector) -> None:
+        """Add a compensated force in the air [N], world axes."""
+        self._count = n = min(self._count + 1, _AIR_SAMPLES)
+        (x, y, z), (a, b, c) = self._mean, measured
+        self._mean = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
+
+    def issues(self) -> list[str]:
+        """That the load cell reads a force in the air, as learning says it, or nothing."""
+        enough = 2 * self._count >= _AIR_SAMPLES
+        reads = math.hypot(*self._mean) > max(_FELT, _FELT_SHARE * self._greatest)
+        return [ISSUES[OFFSET]] if enough and reads else []
 
 
 def inertial_speed(law: Law) -> float:
@@ -91,9 +132,10 @@ class QualityMonitor:
     """Sets the quality flags of one tool's successive estimates."""
 
     def __init__(self, tool: Tool) -> None:
-        self._plates, self._path = tool.plates, _Path(tool)
+        self._plates, self._path, self._deepest = tool.plates, _Path(tool), deepest(tool)
         self._of_tool = QualityFlag.CONCAVE.value if "concave" in tool.issues else 0
         self._of_tool |= QualityFlag.MESH.value if tool.issues.keys() - _HARMLESS else 0
+        self._of_tool |= 0 if is_plausible_tool(tool) else QualityFlag.IMPOSSIBLE.value
         self._countdown = self._slow = 0
 
     def flags(
@@ -103,6 +145,7 @@ class QualityMonitor:
         settings: Settings,
         law: Law,
         *,
+        force: Vector,
         in_grains: bool,
         depth: Callable[[], float],
         withdrawn: bool,
@@ -110,15 +153,22 @@ class QualityMonitor:
     ) -> int:
         """Flags of the next estimate: bitwise or of `QualityFlag`.
 
-        `depth`: returns the depth of the lowest point [m]; called only if needed. `withdrawn`: `Withdrawal.active`.
+        `force`: of the model [N]. `depth`: returns the depth of the lowest point [m]; called only if needed.
+        `withdrawn`: `Withdrawal.active`.
         """
         flags, f = 0, QualityFlag  # whose operations take a microsecond, so integers are joined
         if learning is not None:
             flags = (f.SURPRISE.value if learning.surprise else 0) | (f.DISAGREEMENT.value if learning.disagrees else 0)
+        x, y, z = motion.pose.position
+        sunk = surface.height + surface.slope[0] * x + surface.slope[1] * y - z  # depth of the tool frame's origin
         if not in_grains:
             self._path.clear()
             self._countdown = 0
-            return flags
+            return flags | (f.IMPOSSIBLE.value if sunk < -HIGHEST else 0)
+        # the lowest point is within reach of the origin; where it is takes longer to find
+        may_be_deep = sunk + self._plates.reach > self._deepest
+        if math.hypot(*force) > LARGEST_FORCE or (may_be_deep and depth() > self._deepest):
+            flags |= f.IMPOSSIBLE.value
         flags |= f.WITHDRAWAL.value if withdrawn else 0
         limit = inertial_speed(law)
         if motion.speed > (limit if has_inertia(law) else _FAST_SPEED):

@@ -28,6 +28,7 @@ class Diagnostics:
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
         self._ongoing: dict[str, int] = {}  # reports since the last one that had the problem
         self._idle = True  # no pose came before the last report
+        self._answered = False  # no estimate has been given yet
         self._begin()
 
     def _begin(self) -> None:
@@ -45,6 +46,11 @@ class Diagnostics:
         self._latencies.append(latency)
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
+        if not self._answered and estimate.submerged_area > 0.0:
+            depth, check = 1e3 * self._estimator.depth(), "mesh.origin, mesh.quaternion and surface_height"
+            where = f"the first estimate is {depth:.1f} mm deep in the grains: if the tool is in the air, check {check}"
+            self._node.get_logger().warning(where)
+        self._answered = True
 
     def summary(self) -> str:
         """The tool in force and the swap; InputError that also names what is wrong."""
@@ -65,11 +71,12 @@ class Diagnostics:
         counts = Counter(self._estimator.counts)
         new, self._reported = counts - self._reported, counts
         bad = sorted(new.keys() - _NORMAL - {"estimates"})
-        array = DiagnosticArray()
+        array, learning, issues = DiagnosticArray(), self._estimator.learning, self._estimator.issues()
         array.header.stamp = now.to_msg()
-        array.status = [self._inputs(now.nanoseconds, bad), self._estimates(new["estimates"]), self._model()]
-        if (learning := self._estimator.learning) is not None:
-            bad += learning.issues()
+        of_inputs = bad if learning is not None else bad + issues  # those of learning have a status of their own
+        array.status = [self._inputs(now.nanoseconds, of_inputs), self._estimates(new["estimates"]), self._model()]
+        bad += issues
+        if learning is not None:
             bad += [f"grains {learning.surprise} than learned"] if learning.surprise else []
             array.status.append(self._medium(learning))
         self._publisher.publish(array)

@@ -34,7 +34,9 @@ class Parameter:
     applies: Literal["live", "restart"] = "live"
 
 
-MESH = "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate)"
+MESH = (
+    "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate, scoop)"
+)
 """What names a mesh."""
 
 _ZERO3 = (0.0, 0.0, 0.0)

@@ -54,13 +54,8 @@ def _area_vectors(vertices: Array, faces: Indices) -> Array:
     return np.asarray(0.5 * np.cross(b - a, c - a))
 
 
-def _size(tool: Tool) -> float:
-    """Largest extent [m]."""
-    return float(np.ptp(tool.corners, axis=0).max())
-
-
 def _keeps_shape(tool: Tool, vertices: Array, faces: Indices) -> bool:
-    size, used = _size(tool), vertices[np.unique(faces)]
+    size, used = tool.size, vertices[np.unique(faces)]
     ends, drawn_ends = ([p.min(axis=0), p.max(axis=0)] for p in (tool.corners, used))
     if np.abs(np.subtract(ends, drawn_ends)).max() > _EXTENT_ERROR * size:
         return False
@@ -80,7 +75,7 @@ def _largest_gap(tool: Tool, vertices: Array, faces: Indices) -> float:
     of = random.choice(len(faces), _SAMPLES, p=area / area.sum())
     weights = random.dirichlet((1.0, 1.0, 1.0), _SAMPLES)
     points = np.einsum("nk,nkd->nd", weights, vertices[faces[of]])
-    there = np.hstack([points, _TURN * _size(tool) * vectors[of] / area[of, None]])
+    there = np.hstack([points, _TURN * tool.size * vectors[of] / area[of, None]])
     gaps = np.asarray(KDTree(there).query(_places_of_facets(tool))[0])
     return float(gaps.max())
 
@@ -89,7 +84,7 @@ def _places_of_facets(tool: Tool) -> Array:
     """Centroid and scaled normal of each facet [m], shape [n, 6]."""
     vectors = _area_vectors(tool.vertices, tool.faces)
     normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    return np.hstack([tool.vertices[tool.faces].mean(axis=1), _TURN * _size(tool) * normals])
+    return np.hstack([tool.vertices[tool.faces].mean(axis=1), _TURN * tool.size * normals])
 
 
 def _nearest_facets(tool: Tool, vertices: Array, faces: Indices) -> Indices:
@@ -98,5 +93,5 @@ def _nearest_facets(tool: Tool, vertices: Array, faces: Indices) -> Indices:
 
     vectors = _area_vectors(vertices, faces)
     normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    there = np.hstack([vertices[faces].mean(axis=1), _TURN * _size(tool) * normals])
+    there = np.hstack([vertices[faces].mean(axis=1), _TURN * tool.size * normals])
     return np.asarray(KDTree(_places_of_facets(tool)).query(there)[1], dtype=np.int64)

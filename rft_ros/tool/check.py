@@ -54,7 +54,7 @@ def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
         issues["duplicate_facets"] = f"facets that repeat another, so that its force counts again: {repeated:,}"
     if (share := _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)) > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
-        issues["concave"] = f"{hollow}; if grains fill them, use the convex hull (docs/where-it-fails.md)"
+        issues["concave"] = f"{hollow}; if grains fill them, use the convex hull (rft check-mesh says how)"
     extent = float(mesh.extents.max())
     step, factor = (1e-3 if extent > _LARGEST else 1e3), 1.0
     while not _SMALLEST <= extent * factor <= _LARGEST:

@@ -1,9 +1,11 @@
 """A tool: the plates of a mesh, and the mesh to draw it."""
 
+import shlex
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +24,8 @@ if TYPE_CHECKING:
     import trimesh
 
 __all__ = ["Tool", "centroid_plates", "describe_tool", "load_tool", "tool_of_mesh"]
+
+_SAME_AREA = 1e-4  # of the area
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,6 +47,11 @@ class Tool:
     issues: dict[MeshIssue, str]
     corners: NDArray[np.float64]
     reduction: str = ""
+
+    @property
+    def size(self) -> float:
+        """Largest extent along an axis of the tool frame [m]."""
+        return max(float(column.max() - column.min()) for column in self.corners.T)
 
     def lowest_point(self, rotation: NDArray[np.float64]) -> float:
         """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3]."""
@@ -121,8 +130,33 @@ def describe_tool(tool: Tool) -> list[str]:
     below = -1e3 * tool.lowest_point(np.eye(3))
     side = "below" if below >= 0.0 else "above"
     lines.append(f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)")
-    lines.append(f"area: {tool.facets.area * 1e6:.1f} mm²")
+    lines.append(f"area: {_area(tool)}")
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
         volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
         lines.append(f"volume: {volume * 1e9:.1f} mm³")
-    return lines + [f"warning: {issue}" for issue in tool.issues.values()]
+    lines += [f"warning: {issue}" for kind, issue in tool.issues.items() if kind != "concave"]
+    if "concave" in tool.issues:
+        lines.append(f"note: {tool.issues['concave']}")
+        lines += _hull_command(tool)
+    return lines
+
+
+def _area(tool: Tool) -> str:
+    """The area of the mesh, and that of the curved surface that its facets sample, if that is larger."""
+    mesh = float(centroid_plates(tool.vertices, tool.faces).area)
+    restored = tool.facets.area
+    if abs(restored - mesh) < _SAME_AREA * mesh:
+        return f"{mesh * 1e6:.1f} mm²"
+    return (
+        f"{mesh * 1e6:.1f} mm² of facets; {restored * 1e6:.1f} mm² as computed, of the curved surface that they sample"
+    )
+
+
+def _hull_command(tool: Tool) -> list[str]:
+    """The line that writes the convex hull of the mesh beside it."""
+    path = Path(tool.file)
+    if not tool.file or path.suffix.lower() == SUFFIX:
+        return []
+    hull = f"{path.stem}_hull.stl"
+    code = f"import trimesh; trimesh.load({str(path)!r}, force='mesh').convex_hull.export({hull!r})"
+    return [f"to write the convex hull: python3 -c {shlex.quote(code)}"]

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of
 from recordings import cdr
 
@@ -199,3 +200,14 @@ def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_repl
         read_parameter_file(file)
     assert f"rft_node: {refusal.value}" in rft.said()
     assert "Traceback" not in rft.said()
+
+
+def test_the_node_says_that_it_begins_in_the_grains_and_that_the_cell_reads_a_force_in_the_air(start_node):
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    rft.ask(rft.moment(), z=-0.005)
+    rft.until(lambda: "the first estimate is 6.6 mm deep in the grains" in rft.said())
+    assert rft.set(surface_height=-1.0) == (True, "")
+    rft.until(lambda: rft.send(rft.moment(), z=0.5, force=(0.0, 0.0, 8.0)) or "in the air: call ~/tare" in rft.said())
+    level, message, _ = rft.diagnostic("inputs")
+    assert level == DiagnosticStatus.WARN
+    assert "the load cell reads a force in the air" in message

@@ -212,3 +212,16 @@ def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
     assert (np.diff(found["stamp"]) > 0).all()
     assert found["depth"].max() == every["depth"].max()
     assert np.abs(found["compensated"]).max() == np.abs(every["compensated"]).max()
+
+
+def test_a_recording_that_begins_in_the_grains_and_one_in_millimetres_have_a_warning(tmp_path):
+    bag = write_ros2(tmp_path / "plunge", list(plunge())[:600])
+    begins = replay(bag, tmp_path / "deep", values(surface_height=0.1, sensor__bias=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0)))
+    assert any("mm deep in the grains" in w and "mesh.quaternion" in w for w in begins.warnings), begins.warnings
+    millimetres = [
+        (role, time, stamp, (*(1e3 * v for v in values[:3]), *values[3:]) if role == "pose" else values)
+        for role, time, stamp, values in plunge()
+    ]
+    summary = replay(write_ros2(tmp_path / "mm", millimetres), tmp_path / "out", values())
+    assert any("millimetres" in w for w in summary.warnings), summary.warnings
+    assert summary.trust["NO"] > 300

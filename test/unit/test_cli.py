@@ -2,8 +2,10 @@
 
 import io
 import os
+import shlex
 import signal
 import subprocess
+import sys
 from contextlib import redirect_stderr, redirect_stdout
 from pathlib import Path
 
@@ -141,6 +143,31 @@ def test_check_mesh_says_what_a_mesh_holds_and_ends_with_1_where_it_finds_someth
         assert "facets: 2,352" in done.stdout
         assert words in done.stdout
     refused(rft("check-mesh", "gone.stl", cwd=tmp_path), "gone.stl")
+
+
+def test_a_concave_tool_is_no_fault_and_its_hull_is_a_line_away(tmp_path):
+    done = rft("check-mesh", "scoop", cwd=tmp_path)
+    assert done.returncode == 0, done.stdout
+    (line,) = (line for line in done.stdout.splitlines() if line.startswith("to write the convex hull: "))
+    command = shlex.split(line.partition(": ")[2])
+    assert subprocess.run([sys.executable, *command[1:]], cwd=tmp_path, check=False).returncode == 0
+    hull = rft("check-mesh", "scoop_hull.stl", cwd=tmp_path)
+    assert (hull.returncode, "hollows" in hull.stdout) == (0, False)
+    (tmp_path / "states.csv").write_text(STATE)
+    for command, output, notes in (("predict", "out.csv", 1), ("view", "out.html", 0), ("reduce", "out.npz", 0)):
+        before = ["scoop", "--tolerance", "0.3"] if command == "reduce" else ["states.csv", "--mesh", "scoop"]
+        assert rft(command, *before, "-o", output, cwd=tmp_path).stderr.count("hollows") == notes
+
+
+def test_the_area_of_the_facets_is_told_from_that_of_the_surface_that_they_sample(tmp_path):
+    (line,) = (s for s in rft("check-mesh", "sphere", cwd=tmp_path).stdout.splitlines() if s.startswith("area: "))
+    assert "mm² of facets; " in line
+    assert "of the curved surface" in line
+
+
+def test_the_names_of_the_package_are_completed():
+    code = "import rft_ros; print(set(rft_ros.__all__) <= set(dir(rft_ros)))"
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "True\n"
 
 
 def printing_to(stream: io.TextIOBase, *arguments: str) -> int:

@@ -10,7 +10,7 @@ from refusals import refusal
 from rft_ros.installation import share_directory
 from rft_ros.tool import locate_mesh
 
-SHIPPED = ("abb_plate", "ellipsoid", "plate", "root_tip", "sphere")
+SHIPPED = ("abb_plate", "ellipsoid", "plate", "root_tip", "scoop", "sphere")
 
 
 @pytest.fixture
