@@ -115,7 +115,8 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
     axes = rotation(qx, qy, qz, qw)
     placed, lowest = np.empty_like(corners), 0  # the corners in world axes
     for k in range(corners.shape[0]):
-        placed[k] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
+        # number by number: to assign arrays or tuples compiles numba's error for shapes that differ, for 2 s
+        placed[k, 0], placed[k, 1], placed[k, 2] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
     px, py, pz = state[0], state[1], state[2]
     before, q = kept[_POSITION:_QUATERNION], kept[_QUATERNION:_LEVEL]
@@ -148,7 +149,9 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
             x, y = px + mx + ahead * vx, py + my + ahead * vy
             h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
             h -= sx * mx + sy * my  # what lies ahead of the tool's middle acts there
-        kept[:_LEVEL], kept[_LEVEL] = state[:_LEVEL], level
+        for k in range(_LEVEL):
+            kept[k] = state[k]
+        kept[_LEVEL] = level
         kept[_HEIGHT], kept[_SLOPE], kept[_SLOPE + 1], kept[_ROUGHNESS] = h - sx * px - sy * py, sx, sy, rough
     deepest, height, sx, sy = -1e300, kept[_HEIGHT], kept[_SLOPE], kept[_SLOPE + 1]
     for k in range(corners.shape[0]):

@@ -49,11 +49,12 @@ def _on_the_stack(_: Any) -> Any:
     return types.CPointer(types.float64)(), generate
 
 
-def wide_vectors() -> None:
+def wide_vectors() -> object:
     """Let LLVM use vectors of 512 bits in the compiled function that calls this, where the processor has them.
 
     On Intel's it would use half as wide ones, since clocks once fell with wide ones; the steps take a tenth longer.
     """
+    return _wide_vectors  # what compiled code does here, named so that the key of the cache holds its code
 
 
 @intrinsic

@@ -1,33 +1,43 @@
 """Compilation by numba, and the cache of machine code on disk.
 
-LLVM inlines small functions (`inlined`) into loops (`compiled`). The cache has one file per loop, argument types,
-sources and processor. If a file is missing, damaged or cannot be written, the loop is compiled; no call fails.
+LLVM inlines small functions (`inlined`) into loops (`compiled`). The cache has one file for each loop, argument types,
+code and processor. Its key holds the code of the loop and of all that the loop is made of, and not the text of files:
+a comment, or a function beside them, changes nothing. If a file is missing, damaged or cannot be written, the loop is
+compiled; no call fails.
+
+What is used of numba beyond its documented interface, each for the reason given where it is used: `Dispatcher._cache`,
+`CompileResult._reduce` and `_rebuild`, `dumps`, `rtsys`, and `codegen.magic_tuple`.
 """
 
 import hashlib
 import inspect
 import os
 import pickle
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from enum import Enum
 from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar
 
 import numba
-from llvmlite.binding import add_symbol
-from numba.core.caching import FunctionCache
-from numba.core.runtime._nrt_python import c_helpers
+import numpy as np
+from numba import types
+from numba.core.caching import NullCache
+from numba.core.compiler import CompileResult
+from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.extending import register_jitable
 
-__all__ = ["OPTIONS", "STEP", "compiled", "inlined", "machine_code"]
+__all__ = ["OPTIONS", "STEP", "compiled", "inlined", "machine_code", "machine_code_folders"]
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}}
 """Reassociation lets LLVM vectorise sums over plates. The compiled code fixes their order, the same for one state and
 for many. NaN and infinity keep their meaning."""
 
 STEP: dict[str, Any] = {**OPTIONS, "forceinline": True, "no_cfunc_wrapper": True}
-"""Options of a loop that another one contains, but that a process beside can compile meanwhile."""
+"""Options of a function that LLVM inlines into the loop which calls it, and that C never calls."""
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -45,12 +55,12 @@ def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
     """Compile a function for each combination of argument types, or load its machine code from the cache on disk.
 
-    It may call `inlined` functions of its own package and of `rft_ros.rft`: changes there invalidate the cache.
+    A change of its code, of a function or a constant that it uses, and so on, makes it compile again. Of a function
+    with a `numba.extending.overload` only the Python code is looked at: let that name what the overload calls.
     `options`: passed to `numba.njit`.
     """
     made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
-    with suppress(OSError, RuntimeError):  # without a writable folder every process compiles
-        made._cache = _Cache(made.py_func)
+    made._cache = _Cache(made.py_func, options)  # numba's `cache=True` sets its own `FunctionCache` here
     return made
 
 
@@ -64,45 +74,150 @@ def machine_code(function: Any, arguments: tuple[object, ...]) -> Callable[..., 
     return function.get_overload(signature)
 
 
-class _Cache(FunctionCache):
-    """numba's cache without its index file, which a truncated write or a renamed class makes unreadable.
+def machine_code_folders(folder: Path) -> list[Path]:
+    """Where machine code of a package in `folder` may lie, the first choice first.
 
-    The index also numbers files, so that two processes that compile at once can use the same number, it tracks only the
-    loop's source file, and numba reads it with the compiler in memory: 0.4 s and 26 MB.
+    NUMBA_CACHE_DIR, if it is set. Else `__pycache__` beside the package, and for who may not write there the user's
+    cache. It does not lie inside the package: pip would leave it there when the package is removed, and Python would
+    take the folder that is left for the package.
+    """
+    name = f"{folder.name}_{_digest(str(folder))}"
+    if chosen := numba.config.CACHE_DIR:
+        return [Path(chosen) / name]
+    folders = [folder / "__pycache__"]
+    with suppress(RuntimeError):  # a user without a home
+        cache = os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+        folders.append(Path(cache) / "rft_ros" / name)
+    return folders
+
+
+class _Cache(NullCache):
+    """The cache of one compiled function, in place of numba's own.
+
+    numba's watches the file of the loop only, and not those of the functions in it. It also keeps an index, which a
+    truncated write or a renamed class makes unreadable, and which two processes that compile at once can spoil: it
+    numbers the files.
     """
 
-    def __init__(self, function: Callable[..., object]) -> None:
-        super().__init__(function)
-        files = sorted({*Path(__file__).parent.glob("*.py"), *Path(inspect.getfile(function)).parent.glob("*.py")})
-        self._sources = _digest(numba.__version__.encode(), *(file.read_bytes() for file in files))
+    def __init__(self, function: FunctionType, options: dict[str, Any]) -> None:
+        self.function, self.options = function, options
+        module = function.__module__
+        package = Path(inspect.getfile(function)).resolve().parents[module.count(".")]
+        self._folders = machine_code_folders(package)
+        self._name = f"{module}.{function.__qualname__}.{sys.implementation.cache_tag}"
 
-    def _file(self, signature: Any, codegen: Any) -> Path:
-        types = _digest(repr((signature, codegen.magic_tuple())).encode())
-        return Path(self.cache_path) / f"{self._impl.filename_base}.{self._sources}.{types}.nbc"
+    @property
+    def cache_path(self) -> str:
+        return str(self._folders[0])
+
+    def _files(self, signature: tuple[Any, ...], codegen: Any) -> list[Path]:
+        """Names with the code in the last part but two: any other is of older code."""
+        # the processor and its features: machine code for others may not run on this one
+        types = _digest(repr((signature, codegen.magic_tuple())))
+        code = _digest(numba.__version__, *_code(self, signature))
+        return [folder / f"{self._name}.{code}.{types}.nbc" for folder in self._folders]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        for name, address in c_helpers.items():  # numba's own way compiles its runtime first: 20 MB
-            add_symbol(name if name.startswith("_") else f"NRT_{name}", address)
-        with suppress(Exception):  # unpickling another numba's file can raise almost anything
-            content = self._file(sig, target_context.codegen()).read_bytes()
-            if hashlib.sha256(content[32:]).digest() == content[:32]:
-                return self._impl.rebuild(target_context, pickle.loads(content[32:]))
+        # Machine code calls numba's runtime. numba's own way, `target_context.refresh`, prepares the whole compiler
+        # for that: 1 s and 30 MB in each process.
+        rtsys.initialize(target_context)
+        for file in self._files(sig, target_context.codegen()):
+            with suppress(Exception):  # unpickling another numba's file can raise almost anything
+                content = file.read_bytes()
+                if hashlib.sha256(content[32:]).digest() == content[:32]:
+                    return CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        file = self._file(sig, data.codegen)
-        part = file.with_name(f"{file.name}.{os.getpid()}")
-        content = dumps(self._impl.reduce(data))
-        try:
-            self._impl.locator.ensure_cache_path()
-            part.write_bytes(hashlib.sha256(content).digest() + content)
-            part.replace(file)  # atomic: no process reads a partial file
-            for other in file.parent.glob(f"{self._impl.filename_base.rpartition('-')[0]}-*.nbc"):  # at any line
-                if f".{self._sources}." not in other.name:
-                    other.unlink(missing_ok=True)  # from older sources
-        except OSError:
-            part.unlink(missing_ok=True)
+        content = dumps(data._reduce())  # `pickle` alone cannot take numba's environments
+        for file in self._files(sig, data.codegen):
+            part = file.with_name(f"{file.name}.{os.getpid()}")
+            try:
+                file.parent.mkdir(parents=True, exist_ok=True)
+                part.write_bytes(hashlib.sha256(content).digest() + content)
+                part.replace(file)  # atomic: no process reads a partial file
+                code = file.name.split(".")[-3]
+                for other in file.parent.glob(f"{self._name}.*.nbc"):
+                    if other.name.split(".")[-3] != code:
+                        other.unlink(missing_ok=True)
+                return
+            except OSError:
+                with suppress(OSError):
+                    part.unlink(missing_ok=True)
 
 
-def _digest(*parts: bytes) -> str:
-    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[:16]
+def _digest(*parts: str) -> str:
+    return hashlib.sha256(b"".join(hashlib.sha256(part.encode()).digest() for part in parts)).hexdigest()[:16]
+
+
+def _code(cache: _Cache, signature: tuple[Any, ...]) -> Iterator[str]:
+    """All that the machine code of a function is made from, as text: its code and, in turn, all that its names mean."""
+    packages = {__name__.partition(".")[0], cache.function.__module__.partition(".")[0]}
+    seen: set[int] = set()
+    left: list[Any] = [STEP, cache, *signature]
+    while left:
+        value = left.pop()
+        if isinstance(value, np.ndarray):
+            yield f"{value.dtype} {value.shape} {value.tobytes().hex()}"
+        elif isinstance(value, dict):
+            left += value.items()
+        elif isinstance(value, set | frozenset):
+            left += sorted(value, key=repr)
+        elif isinstance(value, tuple | list):
+            left += [type(value), *value]
+        elif isinstance(value, bool | int | float | complex | str | bytes | np.generic | np.dtype | None):
+            yield repr(value)
+        elif id(value) not in seen:
+            seen.add(id(value))
+            left += _parts(value, packages)
+
+
+def _parts(value: Any, packages: set[str]) -> Iterator[Any]:
+    """What something is made of that compiled code names, or that is the type of an argument.
+
+    Nothing where that belongs to none of these packages: numba's version is part of the key.
+    """
+    if isinstance(value, _Cache):
+        yield from (value.options, value.function)
+    elif isinstance(getattr(value, "_cache", None), _Cache):  # a compiled function that another one contains
+        yield value._cache
+    elif isinstance(value, types.BaseTuple):
+        yield from (getattr(value, "instance_class", None), *value.types)
+    elif isinstance(value, type):
+        yield getattr(value, "_fields", None)  # of a named tuple, whose numba type does not tell their order
+        yield dict(getattr(value, "__members__", {}))  # of an enum
+    elif isinstance(value, Enum):
+        yield value.value
+    elif callable(value):
+        function = inspect.unwrap(value)  # numba's intrinsics wrap a function
+        if isinstance(function, FunctionType) and str(function.__module__).partition(".")[0] in packages:
+            yield from _parts_of_function(function, packages)
+
+
+def _parts_of_function(function: FunctionType, packages: set[str]) -> Iterator[Any]:
+    """Its bytecode, without line numbers, and what its names, its closure and its defaults stand for."""
+    yield from (function.__defaults__, function.__kwdefaults__)
+    codes = [function.__code__]
+    while codes:
+        code = codes.pop()
+        yield from (code.co_code, code.co_names, code.co_varnames, code.co_freevars, code.co_flags, code.co_argcount)
+        for constant in code.co_consts:
+            if isinstance(constant, CodeType):
+                codes.append(constant)
+            else:
+                yield constant
+        yield from _meant(code.co_names, function.__globals__, packages)
+    for cell in function.__closure__ or ():
+        with suppress(ValueError):  # not filled yet
+            yield cell.cell_contents
+
+
+def _meant(names: tuple[str, ...], namespace: Mapping[str, Any], packages: set[str]) -> Iterator[Any]:
+    """The values of names; of modules of these packages too, as of `LOAD` in `row.LOAD`."""
+    spaces = [namespace]
+    for space in spaces:
+        for value in (space.get(name) for name in names):
+            if not isinstance(value, ModuleType):
+                yield value
+            elif value.__name__.partition(".")[0] in packages and vars(value) not in spaces:
+                spaces.append(vars(value))

@@ -18,9 +18,9 @@ from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import EDGE_SHARE, SUMS
-from rft_ros.rft.memory import TRACTIONS, Memory, remember
+from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
-from rft_ros.rft.traction import Law, packed_law, tractions
+from rft_ros.rft.traction import Law, packed_law
 
 __all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "prepared"]
 __all__ += ["wrenches", "wrenches_in_time"]
@@ -200,14 +200,3 @@ def _loop() -> Callable[..., None]:
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
     scene = _scene(plates, agarwal2023(), 0.0, LEVEL)
     return machine_code(SUMS, (*scene, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
-
-
-def compile_tractions() -> None:
-    """Compile the law's part of the loop, which takes a quarter of its time, in another process than the loop."""
-    machine_code(tractions, (agarwal2023().packed, np.zeros(1), np.uint64(0), 0))
-
-
-def compile_memory() -> None:
-    """Compile the memory's part before the loop, so that `compile_tractions` beside ends before the loop needs it."""
-    chunk, place, still = np.zeros(1), np.uint64(0), ((0.0,) * 3, (0.0,) * 9)
-    machine_code(remember, (chunk, place, chunk, place, still, 0.0, LEVEL, 1.0))

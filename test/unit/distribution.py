@@ -39,10 +39,10 @@ def share_machine_code(package: Path) -> None:
 
     Without effect where numba's cache is not in the checkout, or the copy's sources differ: then the copy compiles.
     """
-    for file in (ROOT / "rft_ros").rglob("__pycache__/*.nb?"):
-        target = package / file.relative_to(ROOT / "rft_ros")
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy2(file, target)
+    folder = package.parent / "__pycache__"
+    folder.mkdir(exist_ok=True)
+    for file in (ROOT / "__pycache__").glob("rft_ros.*.nbc"):
+        shutil.copy2(file, folder)
 
 
 def required(lines: Iterable[str], *, extra: str) -> Iterable[Distribution]:

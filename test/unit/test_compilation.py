@@ -1,16 +1,20 @@
-"""The cache of machine code: never stale, never in the way."""
+"""The cache of machine code: never stale, never in the way, and made again only where the code has changed."""
 
 import os
 import shutil
 import subprocess
 import sys
+from enum import IntEnum
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from numba.core import config
 
-from rft_ros.rft.compilation import compiled
+from rft_ros.rft.compilation import compiled, inlined
 from rft_ros.rft.frames import rotation
 
 PACKAGE = Path(__file__).resolve().parents[2] / "rft_ros"
@@ -21,13 +25,30 @@ MODULE = """
 import numpy as np
 from rft_ros.rft.compilation import compiled
 from rft_ros.rft.frames import rotation
+from rft_ros.tool import numbers
+from rft_ros.tool.numbers import ZERO, nothing
 
 @compiled
 def turned(quaternion):
-    return rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])[1] + 0.25
+    moved = 0.25 + ZERO + numbers.NO_MORE + nothing()
+    return rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])[1] + moved
 
 if __name__ != "__main__":
     print(turned(np.array([0.1, 0.2, 0.3, 0.9])), sum(turned.stats.cache_misses.values()))
+"""
+
+
+NUMBERS = """
+from numba import types
+from numba.extending import intrinsic
+
+ZERO = 0.0
+NO_MORE = 0.0
+OTHER = 3.0
+
+@intrinsic
+def nothing(_):
+    return types.float64(), lambda context, *_: context.get_constant(types.float64, 0.0)
 """
 
 
@@ -81,35 +102,173 @@ def test_a_cache_that_cannot_be_written_does_not_fail_a_call(cache):
     assert kept(cache) == []
 
 
-def test_another_process_finds_the_code_and_edited_sources_are_compiled_again_despite_an_old_time_stamp(tmp_path):
-    """The function's own file, and that of a function that became part of it; of the same size and time as before."""
-    for file in (PACKAGE / "rft").glob("*.py"):
-        copy = tmp_path / "rft_ros" / "rft" / file.name
-        copy.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copy(file, copy)
-    module = tmp_path / "rft_ros" / "tool" / "turned.py"
-    module.parent.mkdir()
-    module.write_text(MODULE, encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
-    environment["PYTHONDONTWRITEBYTECODE"] = "1"  # bytecode goes by the source's size and time only
+class Elsewhere:
+    """`turned` in new processes, in a copy of the core with a package beside it."""
 
-    def answer_elsewhere():
+    def __init__(self, folder: Path) -> None:
+        for file in (PACKAGE / "rft").glob("*.py"):
+            copy = folder / "rft_ros" / "rft" / file.name
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(file, copy)
+        self.folder, self.cache = folder, folder / "cache"
+        (folder / "rft_ros" / "tool").mkdir()
+        self.file("tool/turned.py").write_text(MODULE, encoding="utf-8")
+        self.file("tool/numbers.py").write_text(NUMBERS, encoding="utf-8")
+
+    def file(self, name: str) -> Path:
+        return self.folder / "rft_ros" / name
+
+    def answer(self) -> tuple[float, int]:
+        """The number, and how many functions were compiled for it."""
+        environment = {**os.environ, "PYTHONPATH": str(self.folder), "NUMBA_CACHE_DIR": str(self.cache)}
+        environment["PYTHONDONTWRITEBYTECODE"] = "1"  # bytecode goes by the source's size and time only
         command = [sys.executable, "-c", "import rft_ros.tool.turned"]
-        done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True)
+        done = subprocess.run(command, env=environment, cwd=self.folder, capture_output=True, text=True)
         assert (done.returncode, done.stderr) == (0, "")
         number, count = done.stdout.split()
         return float(number), int(count)
 
-    number = turned(QUATERNION)
-    assert answer_elsewhere() == (number, 1)
-    assert answer_elsewhere() == (number, 0)
-    frames = tmp_path / "rft_ros" / "rft" / "frames.py"
-    for file, old, new in ((frames, "xy - wz, xz + wy", "xy + wz, xz + wy"), (module, "+ 0.25", "+ 0.75")):
-        was, text = file.stat(), file.read_text(encoding="utf-8")
-        assert old in text
-        file.write_text(text.replace(old, new), encoding="utf-8")
-        os.utime(file, ns=(was.st_atime_ns, was.st_mtime_ns))
-        before, (number, count) = number, answer_elsewhere()
-        assert number != before
-        assert count == 1
-        assert len(kept(tmp_path / "cache")) == 1, "code of the former source was left behind"
+
+@pytest.fixture(scope="module")
+def compiled_elsewhere(tmp_path_factory):
+    """`turned`, compiled in another process."""
+    there = Elsewhere(tmp_path_factory.mktemp("elsewhere"))
+    assert there.answer() == (turned(QUATERNION), 1)
+    assert there.answer() == (turned(QUATERNION), 0)
+    return there
+
+
+@pytest.fixture
+def elsewhere(compiled_elsewhere):
+    """The same, as it was before the test."""
+    files = {file: file.read_bytes() for file in compiled_elsewhere.folder.rglob("*") if file.is_file()}
+    yield compiled_elsewhere
+    for file in compiled_elsewhere.folder.rglob("*"):
+        if file.is_file() and file not in files:
+            file.unlink()
+    for file, content in files.items():
+        file.write_bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("rft/frames.py", "xy - wz, xz + wy", "xy + wz, xz + wy"),  # a function that became part of it
+        ("tool/turned.py", "0.25", "0.75"),
+        ("tool/numbers.py", "ZERO = 0.0", "ZERO = 0.5"),
+        ("tool/numbers.py", "NO_MORE = 0.0", "NO_MORE = 0.5"),  # read as an attribute of its module
+        ("tool/numbers.py", "types.float64, 0.0)", "types.float64, 0.5)"),  # in an intrinsic's code
+    ],
+)
+def test_code_that_has_changed_is_compiled_again_despite_a_file_of_the_same_size_and_time(elsewhere, name, old, new):
+    file = elsewhere.file(name)
+    was, text = file.stat(), file.read_text(encoding="utf-8")
+    assert old in text
+    file.write_text(text.replace(old, new), encoding="utf-8")
+    os.utime(file, ns=(was.st_atime_ns, was.st_mtime_ns))
+    number, count = elsewhere.answer()
+    assert number != turned(QUATERNION)
+    assert count == 1
+    assert len(kept(elsewhere.cache)) == 1, "code of the former source was left behind"
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new"),
+    [
+        ("rft/media.py", "\n\n", "\n\n# a comment\n\n"),
+        ("rft/frames.py", "\n\n", "\n\n# a comment\n\n"),  # in a file that the loop comes from, before its functions
+        ("rft/frames.py", "import", "def beside(x):\n    return x + 1\n\n\nimport"),
+        ("tool/numbers.py", "OTHER = 3.0", "OTHER = 4.0"),
+        ("tool/turned.py", "    moved = ", "    # a comment\n\n    moved = "),
+    ],
+)
+def test_what_a_loop_is_not_made_of_may_change_without_compiling_it_again(elsewhere, name, old, new):
+    file = elsewhere.file(name)
+    docstring, mark, text = file.read_text(encoding="utf-8").partition('"""\n')
+    head, text = (docstring + mark, text) if mark else ("", docstring)
+    assert old in text
+    file.write_text(head + text.replace(old, new, 1), encoding="utf-8")
+    assert elsewhere.answer() == (turned(QUATERNION), 0)
+
+
+def test_what_runs_leaves_nothing_in_the_folder_of_an_installed_package(elsewhere):
+    """pip leaves what it did not install; Python takes a folder that is left for a package, and no command runs."""
+    command = [sys.executable, "-c", "import rft_ros.tool.turned"]
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {
+        "PYTHONPATH": str(elsewhere.folder)
+    }
+    subprocess.run(command, env=environment, cwd=elsewhere.folder, capture_output=True, check=True)
+    left = {file.suffix for file in (elsewhere.folder / "rft_ros").rglob("*") if file.is_file()}
+    assert left <= {".py", ".pyc"}
+    assert len(list((elsewhere.folder / "__pycache__").glob("rft_ros.*.nbc"))) == 1
+
+
+def test_who_may_not_write_beside_the_package_keeps_machine_code_in_the_cache_of_the_user(elsewhere):
+    beside = elsewhere.folder / "__pycache__"
+    beside.mkdir(exist_ok=True)
+    beside.rmdir()
+    beside.write_text("no folder")  # root may write into any folder
+    environment = {k: v for k, v in os.environ.items() if k != "NUMBA_CACHE_DIR"} | {
+        "PYTHONPATH": str(elsewhere.folder)
+    }
+    environment |= {"XDG_CACHE_HOME": str(elsewhere.folder / "of_the_user"), "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-c", "import rft_ros.tool.turned"]
+    said = [subprocess.check_output(command, env=environment, cwd=elsewhere.folder, text=True) for _ in range(2)]
+    assert [line.split()[1] for line in said] == ["1", "0"]
+    assert len(kept(elsewhere.folder / "of_the_user" / "rft_ros")) == 1
+
+
+# How a number gets into a compiled function.
+WAYS = {
+    "literal": "def f(x):\n    return x + {0}",
+    "global": "N = {0}\ndef f(x):\n    return x + N",
+    "default": "def f(x, n={0}):\n    return x + n",
+    "array": "N = np.array([1.0, {0}])\ndef f(x):\n    return x + N[1]",
+    "table": "N = (1.0, (2.0, {0}))\ndef f(x):\n    return x + N[1][1]",
+    "closure": "def made(n):\n    def f(x):\n        return x + n\n    return f\nf = made({0})",
+    "inlined": "@inlined\ndef n():\n    return {0}\ndef f(x):\n    return x + n()",
+    "twice": "@inlined\ndef m():\n    return {0}\n@inlined\ndef n():\n    return m()\ndef f(x):\n    return x + n()",
+    "compiled": "@compiled\ndef n():\n    return {0}\ndef f(x):\n    return x + n()",
+    "enum": "class N(IntEnum):\n    A = {0}\ndef f(x):\n    return x + N.A.value",
+    "named_tuple": "class N(NamedTuple):\n    a: float\nn = N({0})\ndef f(x):\n    return x + n.a",
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+@settings(max_examples=3)
+@given(values=st.lists(st.integers(0, 50), min_size=2, max_size=3))
+def test_a_number_that_becomes_part_of_the_code_is_never_an_old_one(tmp_path_factory, way, values):
+    config.CACHE_DIR = str(tmp_path_factory.mktemp("cache"))
+    before = None
+    try:
+        for value in values:
+            function = compiled(_function(way, value))
+            assert function(1.0) == 1.0 + value
+            assert sum(function.stats.cache_misses.values()) == (0 if value == before else 1)
+            before = value
+    finally:
+        config.reload_config()
+
+
+def _function(way: str, value: int):
+    namespace = {"__name__": __name__, "np": np, "inlined": inlined, "compiled": compiled}
+    namespace |= {"IntEnum": IntEnum, "NamedTuple": NamedTuple}
+    exec(compile(WAYS[way].format(value), __file__, "exec"), namespace)
+    return namespace["f"]
+
+
+class There(NamedTuple):
+    a: float
+    b: float
+
+
+def difference(point):
+    return point.a - point.b
+
+
+@pytest.mark.usefixtures("cache")
+def test_fields_of_an_argument_that_change_places_make_the_code_anew():
+    """Of types of one name: numba's type of a named tuple does not tell the order of its fields."""
+    here, back = There, NamedTuple("There", [("b", float), ("a", float)])
+    for kind in (here, back, here):
+        assert compiled(difference)(kind(a=3.0, b=1.0)) == 2.0
