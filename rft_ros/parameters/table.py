@@ -96,7 +96,13 @@ PARAMETERS = (
         applies="restart",
     ),
     Parameter("feedforward.limit", (20.0, 2.0), "Largest force and torque of feed-forward.", "N, N m", (0.0, 1e4)),
-    Parameter("feedforward.rise_time", 0.2, "Time from zero to the limit, and back.", "s", (0.01, 1.0)),
+    Parameter(
+        "feedforward.rise_time",
+        0.2,
+        "Time from zero to the limit, and back; when the node ends, at most 0.25 s.",
+        "s",
+        (0.01, 1.0),
+    ),
     Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)),
     Parameter("ground.cell", 0.0, "Side of a cell of a map of the ground. 0.0: a level plane.", "m", (0.0, 1.0)),
     Parameter(

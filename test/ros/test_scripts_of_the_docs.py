@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
+
 from rft_ros.cli import main
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "node.md"
@@ -40,3 +42,17 @@ def test_the_script_records_a_bag_that_replays(rft, tmp_path):
         command += ["--remap", f"~/{topic}:={rft.name}/{topic}"]
     assert main(command) == 0
     assert (tmp_path / "out" / "estimates.csv").read_text().count("\n") > 50
+
+
+def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_path):
+    states = np.zeros((60, 14))  # from the surface down, at 20 mm/s
+    states[:, 0] = 0.01 * np.arange(60)
+    states[:, 3], states[:, 7], states[:, 10] = -0.02 * states[:, 0], 1.0, -0.02
+    header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
+    np.savetxt(tmp_path / "states.csv", states, delimiter=",", comments="", header=header)
+    feeder = subprocess.Popen(script(rft, "loadtxt"), cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    rft.until(lambda: feeder.poll() is not None)
+    said = feeder.communicate()[0].splitlines()
+    assert feeder.returncode == 0
+    assert len(said) > 30
+    assert float(said[-1].split()[2]) > 0.5

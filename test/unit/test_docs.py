@@ -3,6 +3,7 @@
 import importlib.util
 import re
 import shlex
+from inspect import signature
 from pathlib import Path
 
 import pytest
@@ -14,6 +15,7 @@ from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import defaults, read_parameter_file
 from rft_ros.rft import MEDIA
 from rft_ros.rft import velocity_weights as weights
+from rft_ros.sweeps.motions import FAMILIES
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
@@ -55,6 +57,15 @@ def test_every_parameter_in_the_docs_is_one_of_the_node():
     for page in PAGES:
         named = re.findall(r"`((?:mesh|medium|alpha_y|sensor)\.(?!py\b)[a-z_]+)", page.read_text(encoding="utf-8"))
         assert set(named) <= set(defaults()), page.name
+
+
+def test_the_page_of_design_studies_has_every_parameter_of_every_family_of_motion_with_its_default():
+    text = (ROOT / "docs" / "sweep.md").read_text(encoding="utf-8")
+    for name, family in FAMILIES.items():
+        (row,) = re.findall(rf"^- `{name}`: .*(?:\n  .*)*", text, flags=re.MULTILINE)
+        for parameter in signature(family).parameters.values():
+            number = f"{parameter.default:g}"
+            assert re.search(rf"`{parameter.name}`\s+\({number}\b", row), f"{name}: {parameter.name} ({number})"
 
 
 def test_the_readme_names_every_command():
