@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+import rft_ros
+import rft_ros.simulation
 from rft_ros import rft
 from rft_ros.cli import parser
 from rft_ros.estimator.quality import QualityFlag
@@ -57,6 +59,14 @@ def test_every_parameter_in_the_docs_is_one_of_the_node():
     for page in PAGES:
         named = re.findall(r"`((?:mesh|medium|alpha_y|sensor)\.(?!py\b)[a-z_]+)", page.read_text(encoding="utf-8"))
         assert set(named) <= set(defaults()), page.name
+
+
+def test_the_python_reference_has_every_public_name():
+    text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^::: (\S+)$", text, flags=re.MULTILINE)
+    assert sorted(listed) == sorted(
+        f"{module.__name__}.{name}" for module in (rft_ros, rft_ros.simulation) for name in module.__all__
+    )
 
 
 def test_the_page_of_design_studies_has_every_parameter_of_every_family_of_motion_with_its_default():
