@@ -48,6 +48,8 @@ def partly_compiled(tmp_path: Path) -> Path:
     shutil.copytree(package, tmp_path / "rft_ros")
     lacks = shutil.ignore_patterns("rft_ros.estimator.learning.*", "rft_ros.estimator.motion.*")
     shutil.copytree(package.parent / "__pycache__", tmp_path / "__pycache__", ignore=lacks)
+    for name in ("package.xml", "meshes", "config"):  # which make the folder a checkout
+        (tmp_path / name).symlink_to(package.parent / name)
     return tmp_path
 
 
