@@ -29,7 +29,7 @@ __all__ += ["read_text", "read_yaml", "refuse_overwriting", "resolved", "whole",
 
 _MAX_BYTES = 256 * 2**20  # that are read of a file, or that the arrays of an NPZ file may have
 _MAX_NUMBERS = _MAX_BYTES // 8  # of one array or table; each may become a double
-_MAX_YAML = 2**20
+MAX_YAML = 2**20
 _MAX_HEADER = 2**16  # characters
 _GIVE = "give the path of one that does"
 _KINDS = {
@@ -213,7 +213,7 @@ _Loader.add_implicit_resolver(
 
 def read_yaml(file: Path, what: str) -> Any:
     """Content of a YAML file. InputError, which calls the file `what`, where it cannot be read or is not YAML."""
-    text = read_text(file, what, limit=_MAX_YAML)
+    text = read_text(file, what, limit=MAX_YAML)
     try:
         return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
 from rft_ros.estimator.messages import Role
 from rft_ros.ground import HeightMap
-from rft_ros.parameters import NODE, LoadCell, Values, node_parameters, settings_of
+from rft_ros.parameters import NODE, LoadCell, Values, section_parameters, settings_of
 from rft_ros.progress import bar
 
 __all__ = ["Played", "ReplayOptions", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
@@ -47,7 +47,7 @@ class ReplayOptions:
 
 def read_replay_options(file: Path) -> ReplayOptions:
     """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node ignores them."""
-    section = node_parameters(file, keys=[_SECTION])
+    section: dict[str, Any] = {**section_parameters(file, _SECTION)}
     remap = section.pop("remap", ())
     try:
         if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):

@@ -21,7 +21,7 @@ from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, trust
 from rft_ros.files import read_yaml
 from rft_ros.parameters import Value
-from rft_ros.parameters.file import flat
+from rft_ros.parameters.sections import flat
 
 __all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary"]
 __all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]

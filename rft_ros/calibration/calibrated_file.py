@@ -7,26 +7,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.penetration import BEDS_DIFFER
 from rft_ros.calibration.track import Track
+from rft_ros.errors import InputError
 from rft_ros.files import resolved, whole
-from rft_ros.parameters import FILES, defaults, parameter_tree
-from rft_ros.parameters.file import flat, node_keys, path_beside
+from rft_ros.parameters import FILES, defaults, read_sections, sections_for
+from rft_ros.parameters.file import path_beside
+from rft_ros.parameters.sections import parameter_file_text
 
 __all__ = ["SECTION", "alpha_y_table", "rounded", "write_calibrated"]
 
 SECTION = "rft_calibration"
 """Top-level key of the record, which the node ignores."""
-
-
-class _Dumper(yaml.SafeDumper):
-    """Lists of numbers on one line, all else in blocks."""
-
-    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:  # noqa: ARG002
-        return super().represent_sequence(tag, sequence, all(isinstance(v, int | float) for v in sequence))
 
 
 def rounded(value: float, error: float) -> float:
@@ -46,16 +40,18 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     The rest is that of the parameter file `source`, also for other nodes; comments and the nesting of names are lost.
     The same bags and parameters give the same bytes. Raises InputError if a file cannot be written.
     """
-    tree = parameter_tree(source)
-    tree.pop(SECTION, None)
+    sections = [section for section in read_sections(source) if section.key != SECTION]
+    for section in sections:
+        if section.fault:
+            raise InputError(f"parameter file '{source}': {section.fault}")
+    tree: dict[str, dict[str, dict[str, Any]]] = {s.key: {"ros__parameters": {**s.parameters}} for s in sections}
     parameters: dict[str, Any] = {}
-    for key in node_keys(tree):
-        if isinstance(tree[key], dict):
-            parameters = tree[key]["ros__parameters"] = dict(flat(tree[key]["ros__parameters"]))
-            for name in parameters.keys() & set(FILES):
-                # a path is relative to the source; the new one to the new file
-                found = path_beside(resolved(source).parent, name, path := str(parameters[name]))
-                parameters[name] = path if found == path else os.path.relpath(found, resolved(file).parent)
+    for section in sections_for(sections):
+        parameters = tree[section.key]["ros__parameters"]  # at last those that override the others
+        for name in parameters.keys() & set(FILES):
+            # a path is relative to the source; the new one to the new file
+            found = path_beside(resolved(source).parent, name, path := str(parameters[name]))
+            parameters[name] = path if found == path else os.path.relpath(found, resolved(file).parent)
 
     numbers = {f.name: [rounded(v, e) for v, e in zip(f.values, f.errors, strict=True)] for f in result.fitted}
     parameters |= {n: v if len(v) > 1 else v[0] for n, v in numbers.items() if n in defaults()}
@@ -64,9 +60,9 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], BEDS_DIFFER):.3g}")
     if "sensor.bias" in numbers:
         # it replaces the tare, which would refuse a bag that begins in the grains
-        section = tree.get("rft_replay", {}).get("ros__parameters", {})
-        section.pop("tare", None)
-        if not section:
+        of_replay = tree.get("rft_replay", {}).get("ros__parameters", {})
+        of_replay.pop("tare", None)
+        if not of_replay:
             tree.pop("rft_replay", None)
     bags = [f"{t.name} ({datetime.fromtimestamp(t.begin // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%SZ})" for t in tracks]
     texts = {}
@@ -81,7 +77,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         "bags": bags,
         "fitted": {
             f.name.partition(" ")[0].replace(".", "_"): {
-                "value": [*numbers[f.name]],  # another list, or YAML has an alias, which ROS cannot read
+                "value": numbers[f.name],
                 "standard_error": [float(f"{e:.3g}") for e in f.errors],
                 "unit": f.unit,
                 "goodness": f.goodness,
@@ -94,7 +90,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     # ROS cannot read empty lists
     tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
-    texts[file] = head + yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+    texts[file] = head + parameter_file_text(tree)
     for place, text in texts.items():  # a table before the file that names it
         with whole(place, "calibrated file") as part:
             part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8

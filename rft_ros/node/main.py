@@ -13,6 +13,7 @@ import threading
 import time
 
 from rft_ros.errors import InputError
+from rft_ros.node.arguments import parameter_files
 
 _GRACE = 0.4  # s
 
@@ -52,14 +53,20 @@ def _stop_on_signal() -> threading.Event:
 
 
 def _refused_arguments() -> str:
-    """A sentence about arguments that ROS would ignore, so that the node does not run with defaults by mistake."""
+    """A sentence about arguments that ROS would ignore or wait for, so that the node does not run with defaults."""
+    from rft_ros.files import MAX_YAML, checked_file
+
     try:
         from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
         from rclpy.utilities import remove_ros_args
     except ImportError as error:
         return f"the node needs ROS 2 ({error}); source a ROS 2 setup file"
     try:
+        for file in parameter_files():
+            checked_file(file, "parameter file", limit=MAX_YAML)  # ROS would wait for the end of a pipe
         left = remove_ros_args(sys.argv)[1:]
+    except InputError as error:
+        return str(error)
     except UnknownROSArgsError as error:
         return f"unknown ROS argument {str(error).strip('[]')}"
     except RCLError:
@@ -77,13 +84,12 @@ def _run(stop: threading.Event) -> str:
     from rclpy.exceptions import ParameterException
     from rclpy.signals import SignalHandlerOptions
 
-    from rft_ros.node.node_parameters import parameter_files
     from rft_ros.node.rft_node import RftNode, executor_of
-    from rft_ros.parameters import parameter_tree
+    from rft_ros.parameters import read_sections
 
     try:
         for file in parameter_files():
-            parameter_tree(file)  # refuses it in the words of a replay; ROS's are longer
+            read_sections(file)  # refuses it in the words of a replay; ROS's are longer
         try:
             rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
             node = RftNode(worker)

@@ -1,10 +1,7 @@
 """The parameter table as ROS parameters: declared, validated before a change, applied after it."""
 
-import itertools
-import sys
 from array import array
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Mapping
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -13,7 +10,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.parameters.file import FILES, flat, parameter_tree, path_beside
+from rft_ros.node.arguments import given_parameters, parameter_files
+from rft_ros.parameters import read_sections
+from rft_ros.parameters.file import FILES, checked_names, node_parameters, path_beside
 from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults, unknown_parameter
 
 _Prepared = TypeVar("_Prepared")
@@ -55,27 +54,39 @@ class NodeParameters(Generic[_Prepared]):
         self._prepared: tuple[dict[str, Value], _Prepared] | None = None
         """The change that was accepted last, and what it brings."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
+        own_name = node.get_fully_qualified_name()
+        self._check_given(own_name, {name: _plain(p.value) for name, p in overrides.items()})
         values = defaults()
         for p in PARAMETERS:
             # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
             if p.name in overrides:
                 values[p.name] = checked(p.name, _plain(overrides[p.name].value))
             if p.name in FILES:
-                values[p.name] = _resolved(p.name, values[p.name])
+                values[p.name] = _resolved(p.name, values[p.name], own_name)
             node.declare_parameter(p.name, _plain(values[p.name]), _descriptor(p), ignore_override=True)
         self.values: Values = values
         """The checked values in force; replaced, not changed, when parameters are set."""
-        logger, own_name = node.get_logger(), node.get_fully_qualified_name()
-        for file in parameter_files():
-            names = [key.partition(".ros__parameters.")[2] for key, _ in flat(parameter_tree(file))]
-            if names and not any(name in overrides for name in names):
-                logger.warning(f"no section of {file} is for {own_name}: ROS takes nothing from it")
+        logger = node.get_logger()
         for name in overrides:
             if not name.startswith("qos_overrides.") and not node.has_parameter(name):
                 logger.warning(f"there is no parameter '{name}'; it is ignored")
         node.add_pre_set_parameters_callback(self._on_pre_set)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_post_set)
+
+    def _check_given(self, own_name: str, overrides: Mapping[str, Any]) -> None:
+        """Raise InputError where the files' values cannot be used, or ROS's parser made others of them."""
+        for file in parameter_files():
+            sections = read_sections(file)
+            checked_names(file, node_parameters(file, own_name))
+            if any(s.parameters for s in sections) and not any(s.is_for(own_name) for s in sections):
+                warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
+                self._node.get_logger().warning(warning)
+        for name, value in given_parameters(own_name).items():
+            if name in overrides and repr(value) != repr(overrides[name]):  # 1 is not 1.0 here, and nan is nan
+                why = "ROS mixes values of one name up whose types differ"
+                advice = "give it once, or each time with the same type, such as 1.0"
+                raise InputError(f"{name} is {value!r}, but ROS takes {overrides[name]!r}: {why}; {advice}")
 
     def set_all(self, values: Values, *, why: str) -> str:
         """Set parameters together, from within the node; `why` goes into the log. Returns why not, or ""."""
@@ -128,18 +139,13 @@ class NodeParameters(Generic[_Prepared]):
             self._apply(prepared)
 
 
-def parameter_files() -> list[Path]:
-    """The parameter files on the command line."""
-    return [Path(value) for option, value in itertools.pairwise(sys.argv) if option == "--params-file"]
-
-
 def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, array | tuple) else value
 
 
-def _resolved(name: str, path: str) -> str:
+def _resolved(name: str, path: str, own_name: str) -> str:
     """The path in a parameter of `FILES`; one that a parameter file names is made absolute, from that file's folder."""
-    for file in reversed(parameter_files()):  # ROS takes the last file's value
-        if any(key.endswith(f"ros__parameters.{name}") and v == path for key, v in flat(parameter_tree(file))):
+    for file in reversed(parameter_files()):
+        if node_parameters(file, own_name).get(name) == path:
             return path_beside(file.absolute().parent, name, path)
     return path

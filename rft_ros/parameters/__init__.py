@@ -5,12 +5,14 @@ from rft_ros.parameters.file import (
     NODE,
     named_files,
     node_parameters,
-    parameter_tree,
     read_alpha_y_table,
     read_parameter_file,
+    section_parameters,
+    sections_for,
     write_parameter_file,
 )
 from rft_ros.parameters.medium_file import is_medium_file, read_medium, read_stress_map, write_medium
+from rft_ros.parameters.sections import Section, read_sections
 from rft_ros.parameters.settings import (
     LoadCell,
     Model,
@@ -31,5 +33,5 @@ __all__ += ["LoadCell", "Model", "Settings"]
 __all__ += ["files_of", "load_files", "medium_of", "model_of", "read_small_file", "settings_of", "small_files_of"]
 __all__ += ["tool_of"]
 __all__ += ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
-__all__ += ["named_files", "node_parameters", "parameter_tree"]
+__all__ += ["Section", "named_files", "node_parameters", "read_sections", "section_parameters", "sections_for"]
 __all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

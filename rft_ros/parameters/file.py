@@ -1,86 +1,77 @@
 """Files of parameters: parameter files, read without ROS as ROS reads them, and written; tables of α_y."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_text, read_yaml, whole
+from rft_ros.files import read_text, whole
+from rft_ros.parameters.sections import Given, Section, parameter_file_text, read_sections
 from rft_ros.parameters.table import Value, Values, checked, defaults
 from rft_ros.rft import Table
 from rft_ros.tool import is_mesh_path, locate_mesh
 
-__all__ = ["FILES", "NODE", "flat", "named_files", "node_keys", "node_parameters", "parameter_tree"]
-__all__ += ["path_beside", "read_alpha_y_table", "read_parameter_file", "write_parameter_file"]
+__all__ = ["FILES", "NODE", "checked_names", "named_files", "node_parameters", "path_beside", "read_alpha_y_table"]
+__all__ += ["read_parameter_file", "section_parameters", "sections_for", "write_parameter_file"]
 
 NODE = "/rft"
 """The node's full name, without a namespace."""
 
 
-def node_keys(tree: Mapping[str, Any], node: str = NODE) -> list[str]:
-    """The top-level keys that hold a node's parameters; a later key overrides an earlier one.
+def sections_for(sections: Iterable[Section], node: str = NODE) -> list[Section]:
+    """The sections that hold a node's parameters; a later one overrides an earlier one.
 
     For /rft, if there are none, the one of rft in a namespace, as `ros2 param dump` writes it.
     """
-    bare = node.strip("/")
-    found = [key for key in ("/**", bare, f"/{bare}", f"/**/{bare.rpartition('/')[2]}") if key in tree]
-    others = [key for key in tree if isinstance(key, str) and key.endswith(NODE)]
+    sections = list(sections)
+    found = [section for section in sections if section.is_for(node)]
+    others = [section for section in sections if section.name.endswith(NODE)]
     return others if node == NODE and not found and len(others) == 1 else found
 
 
-def parameter_tree(file: Path) -> dict[str, Any]:
-    """The content of a parameter file, by node, nested or flat. Raises InputError for what ROS cannot read either."""
-    tree = read_yaml(file, "parameter file")
-    if not isinstance(tree, dict):
-        raise InputError(f"parameter file '{file}' has no node name at its top level, such as '/**'")
-    for name, value in flat(tree):
-        if isinstance(value, list) and len({type(v) for v in value}) > 1:
-            name = name.partition(".ros__parameters.")[2] or name
-            needed = "ROS takes lists of one type only, such as [0.0, 0.5]"
-            raise InputError(f"parameter file '{file}': {name} is {value}; {needed}")
-    return tree
+def node_parameters(file: Path, node: str = NODE) -> dict[str, Given]:
+    """The parameters that a file gives a node, by name with dots. Raises InputError for what ROS reads otherwise."""
+    return _merged(file, sections_for(read_sections(file), node))
 
 
-def node_parameters(file: Path, node: str = NODE, *, keys: Iterable[str] | None = None) -> dict[str, Any]:
-    """The flat parameters of a node, or of these top-level keys, of which a later one overrides an earlier one."""
-    tree = parameter_tree(file)
-    found: dict[str, Any] = {}
-    for key in node_keys(tree, node) if keys is None else keys:
-        section = tree.get(key)
-        if section is None:
-            continue
-        if not isinstance(section, dict) or not isinstance(section.get("ros__parameters"), dict):
-            raise InputError(f"parameter file '{file}': '{key}' has no 'ros__parameters'")
-        found.update(flat(section["ros__parameters"]))
+def section_parameters(file: Path, name: str) -> dict[str, Given]:
+    """The parameters of the section of this name alone; empty where there is none."""
+    return _merged(file, [section for section in read_sections(file) if section.name == f"/{name}"])
+
+
+def _merged(file: Path, sections: Iterable[Section]) -> dict[str, Given]:
+    found: dict[str, Given] = {}
+    for section in sections:
+        if section.fault:
+            raise InputError(f"parameter file '{file}': {section.fault}")
+        found |= section.parameters
     return found
 
 
-def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Names, joined by dots, and values of a nested mapping."""
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            yield from flat(value, f"{prefix}{key}.")
-        else:
-            yield f"{prefix}{key}", value
-
-
-def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
-    """Every parameter: the file's value for the node, checked, or the default; paths as by `path_beside`."""
-    values = defaults()
-    given = node_parameters(file, node)
-    if not given:
-        there = ", ".join(map(str, parameter_tree(file)))
-        raise InputError(f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}")
+def checked_names(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
+    """The values that a file gives parameters of the table, checked. InputError names the file too."""
+    values = {}
     for name, value in given.items():
+        if name == "use_sim_time" and not isinstance(value, bool):
+            raise InputError(f"parameter file '{file}': use_sim_time is {value!r}; it must be true or false")
         if name == "use_sim_time" or name.startswith("qos_overrides."):
             continue
         try:
             values[name] = checked(name, value)
         except InputError as error:
             raise InputError(f"parameter file '{file}': {error}") from None
+    return values
+
+
+def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
+    """Every parameter: the file's value for the node, checked, or the default; paths as by `path_beside`."""
+    given = node_parameters(file, node)
+    if not given:
+        there = ", ".join(section.key for section in read_sections(file))
+        raise InputError(f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}")
+    values = defaults() | checked_names(file, given)
     for name in FILES:
         values[name] = path_beside(file.parent, name, values[name])
     return values
@@ -107,9 +98,9 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
     for name in FILES:
         plain[name] = path_beside(Path.cwd(), name, plain[name])
-    tree = {"/**": {"ros__parameters": plain}}
+    text = parameter_file_text({"/**": {"ros__parameters": plain}})
     with whole(file, "parameter file") as part:
-        part.write_text(f"# {comment}\n" + yaml.safe_dump(tree, sort_keys=False), encoding="utf-8")
+        part.write_text(f"# {comment}\n{text}", encoding="utf-8")
 
 
 _MAX_TABLE = 4 * 2**20  # 180 x 360 pairs have half of it

@@ -58,7 +58,9 @@ class Harness:
 
     def __init__(self, *arguments: str, reliable: bool = False) -> None:
         arguments = self._named(arguments, reliable)
-        argv = mock.patch.object(sys, "argv", ["rft_node", *arguments])  # where it looks for its parameter files
+        argv = mock.patch.object(
+            sys, "argv", ["rft_node", "--ros-args", *arguments]
+        )  # where it looks for its parameter files
         with argv, mock.patch.object(rft_node, "DIAGNOSTICS_PERIOD", 0.1):
             self._rft = rft_node.RftNode(InlineWorker(), arguments=["--ros-args", *arguments])
         self._open(rft_node.executor_of(self._rft))

@@ -1,5 +1,6 @@
 """Starting and ending: signals at any time, arguments that cannot be used, executors, compiling ahead."""
 
+import os
 import shutil
 import signal
 import subprocess
@@ -184,6 +185,14 @@ def test_a_refusal_is_one_line_and_exit_status_2(start_process, argument, words)
     rft = start_process("-p", "mesh.file:=plate", *(("-p", argument) if ":=" in argument else ("--", argument)))
     assert rft.process.wait(WAIT) == 2
     assert rft.said().startswith(f"rft_node: {words}")
+    assert len(rft.said().splitlines()) == 1
+
+
+def test_a_parameter_file_that_is_a_pipe_is_refused_and_not_waited_for(start_process, tmp_path):
+    os.mkfifo(tmp_path / "cell.yaml")
+    rft = start_process("--params-file", str(tmp_path / "cell.yaml"))
+    assert rft.process.wait(WAIT) == 2
+    assert rft.said().startswith(f"rft_node: parameter file '{tmp_path / 'cell.yaml'}' is a pipe")
     assert len(rft.said().splitlines()) == 1
 
 

@@ -119,7 +119,8 @@ def test_reasons_and_flags_that_did_not_occur_count_as_zero_and_what_has_no_valu
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("", "holds no metrics"),
+        ("", "is empty"),
+        ("{}", "holds no metrics"),
         ("estimates: [", "is not YAML"),
         ("estimates: {max: 2026-02-30}", "is not YAML: day is out of range for month"),
         ("estimates: 5", "estimates is 5; it must be {min: NUMBER, max: NUMBER}"),

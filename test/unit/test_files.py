@@ -165,8 +165,8 @@ def test_a_refusal_does_not_quote_the_file(tmp_path, reader):
 
 @pytest.mark.parametrize("text", ["a: &x 1.0\nb: *x\n", "base: &x {a: 1.0}\nb: {<<: *x}\n"])
 def test_yaml_that_ros_does_not_read_is_refused(tmp_path, text):
-    (tmp_path / "cell.yaml").write_text(text)
-    assert "line 2 has an alias" in refusal(READERS["cell.yaml"], tmp_path / "cell.yaml")
+    (tmp_path / "study.yaml").write_text(text)
+    assert "line 2 has an alias" in refusal(read_yaml, tmp_path / "study.yaml", "study")
 
 
 @pytest.mark.parametrize(

@@ -151,14 +151,14 @@ def test_the_node_may_be_named_in_any_of_ross_ways(read, key):
     assert read(f"{key}:\n  ros__parameters:\n    max_rate: 50.0\n")["max_rate"] == 50.0
 
 
-def test_the_nodes_own_section_overrides_the_one_for_all_nodes_and_what_every_ros_node_has_is_ignored(read):
-    values = read(
-        "rft:\n  ros__parameters:\n    max_rate: 50.0\n"
-        "/**:\n  ros__parameters:\n    max_rate: 10.0\n    surface_height: 0.2\n"
-        "    use_sim_time: true\n    qos_overrides./tf.depth: 3\n"
-        "other_node:\n  ros__parameters:\n    speed: 3\n"
-    )
-    assert (values["max_rate"], values["surface_height"]) == (50.0, 0.2)
+def test_a_later_section_overrides_an_earlier_one_as_in_ros_and_what_every_ros_node_has_is_ignored(read):
+    own = "rft:\n  ros__parameters:\n    max_rate: 50.0\n"
+    every = "/**:\n  ros__parameters:\n    max_rate: 10.0\n    surface_height: 0.2\n"
+    every += "    use_sim_time: true\n    qos_overrides./tf.depth: 3\n"
+    other = "other_node:\n  ros__parameters:\n    speed: 3\n    list: []\n    speed: 4\n"
+    for text, rate in ((every + own, 50.0), (own + every, 10.0), (other + own + other.replace("node", "name"), 50.0)):
+        assert read(text)["max_rate"] == rate
+    assert read(own + every)["surface_height"] == 0.2
 
 
 def test_numbers_with_an_exponent_are_numbers_as_they_are_to_ros_and_names_that_only_look_like_them_stay_names(read):
@@ -172,8 +172,9 @@ def test_numbers_with_an_exponent_are_numbers_as_they_are_to_ros_and_names_that_
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("a: [1, 2\n", "is not YAML: while parsing a flow sequence"),
+        ("rft: {ros__parameters: {a: [1, 2\n", "is not YAML: while parsing a flow sequence"),
         ("rft: &a {ros__parameters: *a}", "is not YAML: line 1 has an alias (*)"),
+        ("rft: {ros__parameters: {a: &a 1, b: *a}}", "is not YAML: line 1 has an alias (*)"),
         ("- 1\n- 2\n", "has no node name at its top level, such as '/**'"),
         ("rft:\n  medium.zeta: 1.0\n", "'rft' has no 'ros__parameters'"),
         ("rft: 3\n", "'rft' has no 'ros__parameters'"),

@@ -1,0 +1,139 @@
+"""Node and commands read parameter files alike: random ones, and those that once differed."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hostile_parameters import hostile_file
+from refusals import refusal
+
+from rft_ros.errors import InputError
+from rft_ros.parameters import defaults, read_parameter_file, read_sections
+
+READ = Path(__file__).with_name("read_as_a_node.py")
+
+
+def as_a_node(*files, nodes=("/rft",), arguments=()):
+    """For each file and node: the values that the real parameters of a node have, or why they are refused."""
+    command = [sys.executable, READ, json.dumps([*map(str, files)]), json.dumps(nodes), *arguments]
+    environment = {**os.environ, "RCUTILS_LOGGING_USE_STDOUT": "0"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr[-2000:]
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def for_node(file, node):
+    return [section for section in read_sections(file) if section.is_for(node)]
+
+
+def as_a_command(file, node="/rft"):
+    try:
+        return json.loads(json.dumps(read_parameter_file(file, node)))
+    except InputError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_node_and_commands_agree_on_random_parameter_files(tmp_path, seed):
+    random, nodes = np.random.default_rng(seed), ("/rft", "/cell/rft")
+    files = [tmp_path / f"{k}.yaml" for k in range(120)]
+    for k, file in enumerate(files):
+        file.write_text(hostile_file(random, strange=(0.03, 0.5)[k % 2]), encoding="utf-8", newline="")
+    answers = as_a_node(*files, nodes=nodes)
+    used = 0
+    for file, of_nodes in zip(files, answers, strict=True):
+        for node, theirs in zip(nodes, of_nodes, strict=True):
+            ours = as_a_command(file, node)
+            if "has no parameters for the node" in ours or (isinstance(ours, dict) and not for_node(file, node)):
+                continue  # the node takes nothing from the file; for /rft, a command takes what is rft's in a namespace
+            if isinstance(ours, str) and "Trying to set parameter 'use_sim_time'" in theirs:
+                continue  # both refuse the file; in the node, ROS is the first to
+            assert ours == theirs, (file.read_text(), node)
+            used += not isinstance(ours, str)
+    assert used > 20
+
+
+SECTION = "/**:\n  ros__parameters:\n"
+"""The beginning of a file for all nodes."""
+
+
+REFUSED = [
+    (SECTION + "    <<: {mesh.file: sphere}\n", ("<<", "write its values out")),
+    (SECTION + "    base: &b {mesh.file: sphere}\n    <<: *b\n", ("alias", "write its values out")),
+    (SECTION + "    mesh.file: plate\n    mesh.file: sphere\n", ("'mesh.file' stands twice", "remove one")),
+    (SECTION + "    mesh.file: plate\n    mesh: {file: sphere}\n", ("'mesh.file' stands twice", "remove one")),
+    (SECTION + "    mesh: {file: plate}\n    mesh: {scale: 1.0}\n", ("'mesh' stands twice", "remove one")),
+    (
+        SECTION + "    mesh: {file: plate}\nrft:\n  ros__parameters: {}\n" + SECTION + "    law: treers2021\n",
+        ("'/**'", "one"),
+    ),
+    (SECTION + "    medium.zeta: ~\n", ("medium.zeta is '~'", "number")),
+    (SECTION + "    medium.zeta: '0.3'\n", ("medium.zeta is '0.3'", "number")),
+    (SECTION + "    medium.zeta: !!str 0.3\n", ("medium.zeta is '0.3'", "number")),
+    (SECTION + "    medium.zeta: 0b11\n", ("medium.zeta", "write it out")),
+    (SECTION + "    medium.zeta:\n", ("medium.zeta has no value", "give it one")),
+    (SECTION + "    mesh: {}\n    medium.zeta: 0.3\n", ("'mesh'", "remove it")),
+    (SECTION + "    mesh.file: off\n", ("mesh.file is False", "string")),
+    (SECTION + "    mesh.file: 010\n", ("mesh.file is 8", "string")),
+    (SECTION + "    medium.zetta: 1.0\n", ("medium.zetta", "did you mean 'medium.zeta'?")),
+    (SECTION + "    mesh.origin: [0, 0.0, 0]\n", ("mesh.origin is [0, 0.0, 0]", "one type only")),
+    ("a/b:\n  c/d:\n    ros__parameters: {}\n", ("'c/d'", "write both in one")),
+    (SECTION + "    mesh.file: plate\n---\n" + SECTION + "    mesh.file: sphere\n", ("documents", "file for each")),
+]
+"""Files, and words of the sentence that refuses them."""
+
+
+def test_what_ros_would_read_otherwise_is_refused_in_node_and_commands_alike(tmp_path):
+    files = [tmp_path / f"cell{k}.yaml" for k in range(len(REFUSED))]
+    for file, (text, _) in zip(files, REFUSED, strict=True):
+        file.write_text(text)
+    for file, (said,), (_, words) in zip(files, as_a_node(*files), REFUSED, strict=True):
+        assert refusal(read_parameter_file, file) == said
+        assert all(word in said for word in (file.name, *words)), said
+
+
+def test_a_time_that_is_not_true_or_false_is_refused_in_node_and_commands_alike(tmp_path):
+    file = tmp_path / "cell.yaml"
+    file.write_text(SECTION + "    use_sim_time: 1\n")
+    assert "use_sim_time is 1; it must be true or false" in refusal(read_parameter_file, file)
+    assert "use_sim_time" in as_a_node(file)[0][0]
+
+
+ORDERED = {
+    "rft:\n  ros__parameters: {mesh.file: sphere}\n/**:\n  ros__parameters: {mesh.file: plate}\n": "plate",
+    "/**:\n  ros__parameters: {mesh.file: plate}\nrft:\n  ros__parameters: {mesh.file: sphere}\n": "sphere",
+    "/rft:\n  ros__parameters: {mesh.file: sphere}\n/*:\n  ros__parameters: {mesh.file: plate}\n": "plate",
+    "/**/rft:\n  ros__parameters: {mesh.file: plate}\n'*':\n  ros__parameters: {mesh: {file: sphere}}\n": "sphere",
+}
+"""Files of several sections for the node, and the mesh that the later one gives."""
+
+NUMBERS = {"1e-1": 0.1, "1": 1.0, "010": 8.0, "0x1p-3": 0.125, ".5": 0.5, "!!float 2": 2.0, "|-\n      3": 3.0}
+"""Numbers in ROS's ways."""
+
+
+def test_later_sections_override_and_numbers_are_read_in_ross_ways_in_node_and_commands_alike(tmp_path):
+    texts = [*ORDERED, *(f"{SECTION}    medium.zeta: {text}\n" for text in NUMBERS)]
+    files = [tmp_path / f"cell{k}.yaml" for k in range(len(texts))]
+    for file, text in zip(files, texts, strict=True):
+        file.write_text(text)
+    expected = [{"mesh.file": mesh} for mesh in ORDERED.values()] + [{"medium.zeta": z} for z in NUMBERS.values()]
+    for file, (theirs,), values in zip(files, as_a_node(*files), expected, strict=True):
+        assert read_parameter_file(file) == defaults() | values
+        assert theirs == json.loads(json.dumps(defaults() | values))
+
+
+def test_values_of_two_types_that_ros_mixes_up_are_refused(tmp_path):
+    """ROS keeps the integer 1 of the file, and forgets the 0.5 that comes after it."""
+    file, other = tmp_path / "cell.yaml", tmp_path / "other.yaml"
+    file.write_text(f"{SECTION}    medium.zeta: 1\n")
+    other.write_text(f"{SECTION}    medium.zeta: 0.5\n")
+    for arguments in (("-p", "medium.zeta:=0.5"), ("--params-file", str(other))):
+        ((said,),) = as_a_node(file, arguments=arguments)
+        assert all(word in said for word in ("medium.zeta is 0.5", "1", "types", "such as 1.0"))
+    file.write_text(f"{SECTION}    medium.zeta: 1.0\n")
+    ((values,),) = as_a_node(file, arguments=("-p", "medium.zeta:=0.5"))
+    assert values["medium.zeta"] == 0.5
