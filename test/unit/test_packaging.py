@@ -12,6 +12,7 @@ from importlib.metadata import packages_distributions
 from xml.etree import ElementTree
 
 import pytest
+import yaml
 from distribution import ROOT, manifest, metadata, third_party_imports, without_ros
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -117,6 +118,18 @@ def test_dependencies_without_a_rosdep_key_are_listed_for_installation_by_pip():
     for name in names:
         assert name in comments
         assert name in by_hand
+
+
+def test_the_citation_has_name_version_and_licence_of_the_manifest():
+    package, _ = manifest()
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    assert {"cff-version", "message", "authors"} <= set(citation)  # which the format requires
+    assert [citation["title"], citation["version"], citation["license"]] == [
+        package.name,
+        package.version,
+        *package.licenses,
+    ]
+    assert citation["references"][0]["doi"] in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning:catkin_pkg")
