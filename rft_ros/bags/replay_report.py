@@ -30,7 +30,7 @@ _LEARNED = (
     ("Strength", 1.0, {0: "vertical", 1: "horizontal"}),
     ("Turn [deg]", math.degrees(1.0), {2: "turn"}),
     ("Surface [mm]", 1e3, {3: "surface"}),
-    ("Surprise [std. deviations]", 1.0, {8: "surprise"}),
+    ("Surprise<br>[std. deviations]", 1.0, {8: "surprise"}),
 )
 _NAMES = {  # Okabe and Ito's palette, distinguishable with any kind of colour vision
     "#333333": ("measured", "turn", "surface", "surprise"),
@@ -110,13 +110,13 @@ def _panels(rows: int, columns: int = 1, *, height: int = 640) -> Any:
     """A plotly Figure of panels; those of a column share their x axis. `height` [px]."""
     from plotly.subplots import make_subplots
 
-    spacing = {"vertical_spacing": 0.04, "horizontal_spacing": 0.09}
+    spacing = {"vertical_spacing": 0.05, "horizontal_spacing": 0.09}
     return make_subplots(rows=rows, cols=columns, shared_xaxes="columns", **spacing).update_layout(
         template="plotly_white",
         font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
         height=height,
-        margin={"l": 70, "r": 20, "t": 80, "b": 55},
-        legend={"orientation": "h", "x": 0.0, "y": 1.0, "xanchor": "left", "yanchor": "bottom"},
+        margin={"l": 85, "r": 20, "t": 80, "b": 55},
+        legend={"orientation": "h", "x": 0.0, "y": 1.02, "xanchor": "left", "yanchor": "bottom"},
     )
 
 
@@ -196,7 +196,7 @@ def _flags(rows: Rows, time: _Array) -> Figure:
 
 
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
-    panels = _panels(len(_LEARNED), 2)
+    panels = _panels(len(_LEARNED), 2, height=900)
     for row, (label, unit, columns) in enumerate(_LEARNED, start=1):
         for column, (x, x_label) in enumerate(((time, _TIME), (depth, _DEPTH)), start=1):
             at = (row, column)

@@ -202,6 +202,16 @@ def test_what_is_learned_is_drawn_over_time_and_over_depth():
     np.testing.assert_allclose(over_depth.x, [math.nan] * 2 + [*range(8)], atol=1e-6)
 
 
+def test_no_title_of_an_axis_is_longer_than_its_panel():
+    for figure in replay_charts(poses(QualityFlag.WAKE, [3, 4], learned=[0.5] * 9)):
+        layout = figure.drawn.layout
+        room = layout.height - layout.margin.t - layout.margin.b
+        for axis in figure.drawn.select_yaxes():
+            low, high = axis.domain
+            longest = max(map(len, (axis.title.text or "").split("<br>")))
+            assert 7.0 * longest <= (high - low) * room, axis.title.text  # px; a letter is 7 wide at this size
+
+
 def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
     random = np.random.default_rng(5)
     every = np.zeros(30_000, ROW)
