@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import trimesh
 import yaml
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.bags.playback import read_replay_options
@@ -28,7 +29,7 @@ from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrench
 from rft_ros.tool import Tool, load_tool
 from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run
 from studies.paper import law
-from studies.result import BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
+from studies.result import BLUE, GREY, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = [
     "CHOICES",
@@ -40,6 +41,7 @@ __all__ = [
     "bag_series",
     "dem_model",
     "dem_series",
+    "followed_force",
     "learned",
     "model_rows",
     "pass_errors",
@@ -330,8 +332,6 @@ def with_layer(series: Series, at: float, factor: float) -> Array:
 def study() -> StudyResult:
     """Errors without and with learning, coverage, and surprise."""
     rows: list[tuple[str, ...]] = []
-    figure = new_figure(12.0, 4.0)
-    panels = figure.subplots(1, 3)
     percent = "{:.1f} %".format
     for choice in CHOICES:
         dem = [dem_series(name, choice) for name in RUNS]
@@ -364,18 +364,6 @@ def study() -> StudyResult:
             )
         )
         rows.append(_surprise_row(choice, [*dem, *(dem_series(name, choice) for name in _FRESH)], real))
-    for axes, run in zip(panels, (dem[-1], dem[0], dem_series(_BLOCK, CHOICES[-1])), strict=True):
-        result = learned(run, lag=LAGS[0])
-        axes.plot(1e3 * run.path, run.forces[:, 2], color=BLUE, lw=0.7, label="simulated, up")
-        axes.plot(1e3 * run.path, run.rows[:, 2], color=VERMILION, ls="--", label="model")
-        axes.plot(1e3 * run.path, result.out[:, 2], color=ORANGE, label="learned, 2 mm before")
-        low, high = result.out[:, 2] - result.out[:, 8], result.out[:, 2] + result.out[:, 8]
-        axes.fill_between(1e3 * run.path, low, high, color=ORANGE, alpha=0.3, lw=0)
-        for k in result.reports():
-            axes.axvline(1e3 * run.path[k], color=BLUE, lw=0.8)
-        axes.set_title(RUNS.get(run.name, run.name), fontsize=8)
-        label_axes(axes, x="Path of the fastest point [mm]", y="Force [N]")
-    panels[0].legend(fontsize=7)
     header = (
         "what",
         "fixed model",
@@ -385,10 +373,30 @@ def study() -> StudyResult:
     return StudyResult(
         name="learning",
         title="The medium learned from the measured force",
-        figure=figure,
+        figure=followed_force(),
         numbers={"learning": {h: [row[i] for row in rows] for i, h in enumerate(header)}},
         table=TextTable(header=header, rows=tuple(rows)),
     )
+
+
+def followed_force() -> Figure:
+    """Upward force over path in three runs: how soon the learned prediction follows the grains."""
+    figure = new_figure(12.0, 3.6)
+    names = {"ellipsoid_straight": "Ellipsoid, pushed down", _FRESH[0]: "Upright plate, pushed down and dragged"}
+    names[_BLOCK] = "Plate, pushed down on a buried ball"
+    for axes, (name, title) in zip(figure.subplots(1, 3), names.items(), strict=True):
+        run = dem_series(name, CHOICES[-1])
+        result = learned(run, lag=LAGS[0])
+        path, up, sigma = 1e3 * run.path, result.out[:, 2], result.out[:, 8]
+        axes.plot(path, run.forces[:, 2], color=BLUE, lw=0.8, label="measured (simulated grains)")
+        axes.plot(path, run.rows[:, 2], color=VERMILION, ls="--", label="fixed model")
+        axes.plot(path, up, color=ORANGE, label="learned, 2 mm before, ± σ")
+        axes.fill_between(path, up - sigma, up + sigma, color=ORANGE, alpha=0.3, lw=0)
+        for k in result.reports():
+            axes.axvline(path[k], color=GREY, lw=0.8, ls=":", label="surprise reported")
+        label_axes(axes, x="Path in the grains [mm]", y="Force, upwards [N]", title=title)
+    axes.legend(fontsize=8)
+    return figure
 
 
 def _surprise_row(choice: Choice, dem: list[Series], recordings: list[Series]) -> tuple[str, ...]:
