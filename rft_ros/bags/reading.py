@@ -125,8 +125,10 @@ class Recording:
         start: float | None = None,
         end: float | None = None,
         optional: Collection[Role] = frozenset[Role]({"wrench", "surface"}),
+        refuse_types: bool = True,
     ) -> None:
         self.bag = bag
+        self.mistyped: dict[Role, str] = {}  # without `refuse_types`: the topics of another type, in words
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
         self.time = 0  # receive time of the last sample [ns]
@@ -134,6 +136,7 @@ class Recording:
         self._topics = dict(topics)
         self._offsets = (start, end)
         self._optional = optional
+        self._refuse_types = refuse_types
         self._readers: list[_Reader] = []
         self._why = ""
 
@@ -259,13 +262,18 @@ class Recording:
         found: dict[str, list[str]] = {}
         for topic, msgtype in sorted({(c.topic, c.msgtype) for reader in self._readers for c in reader.connections}):
             found.setdefault(topic, []).append(msgtype)
-        for role, topic in self._topics.items():
+        for role, topic in list(self._topics.items()):
             wanted, types = TYPES[role], found.get(topic, [])
             if types == [wanted] or (not types and role in self._optional):
                 continue
             fault = f" has no {role} topic '{topic}'"
             if types:
-                fault = f": {role} topic '{topic}' is {' and '.join(types)}; it must be {wanted}"
+                is_not = f"is {' and '.join(types)}; it must be {wanted}"
+                if not self._refuse_types:
+                    self.mistyped[role] = f"{topic} {is_not}"
+                    del self._topics[role]
+                    continue
+                fault = f": {role} topic '{topic}' {is_not}"
             fits = next((t for t, types in found.items() if types == [wanted]), "TOPIC")
             advice = f"{_INSTEAD.get(role, '')}--remap {NAMES[role]}:={fits}"
             there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())

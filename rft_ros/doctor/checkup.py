@@ -16,7 +16,7 @@ from rft_ros.estimator.transforms import Placement
 from rft_ros.ground import Cloud
 from rft_ros.parameters import Model, Values, settings_of
 
-__all__ = ["Checkup"]
+__all__ = ["Checkup", "delayed"]
 
 _Array = NDArray[np.float64]
 
@@ -28,6 +28,7 @@ _BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the gr
 _CONTACT = 0.005, 0.1  # m, and share of the depth: greatest error of surface_height
 _STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
 _RARE = 0.01  # share of poses
+_SOONEST = 0.02  # quantile of the ages at arrival that tells what clocks and drivers do, without delays on the way
 _START = 1_000_000_000  # ns in which the first transforms and twists may be missing
 _EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
 _ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench", Cloud: "surface"}
@@ -82,17 +83,38 @@ class Checkup:
                 if counts["estimates"] == 1 and time - self._began <= _START:
                     self._at_start = self._at_start or Counter(counts)
 
-    def findings(self) -> list[Finding]:
-        """The findings, after the last sample."""
+    def findings(self, *, complete: bool = True) -> list[Finding]:
+        """The findings, after the last sample; causes come before what follows from them.
+
+        `complete`: whether no message was lost on its way here.
+        """
         rows = self._run.rows()
         poses, rows = len(rows), rows[~np.isnan(rows["compensated"][:, 0])]
+        late = list(self._of_lateness())
         mesh = self._of_tool(rows)
         error = _error_of_surface(rows) if mesh.ok and len(rows) else None
         surface = self._of_surface(error)
-        found = [mesh, surface, *self._of_inputs(), *self._of_frames(), *self._of_mount()]
+        found = [*late, *self._of_inputs(), *self._of_frames(), mesh, surface, *self._of_mount()]
         if len(rows) and mesh.ok and (error is None or surface.ok):  # else the forces are of another depth
-            found += self._of_load_cell(rows)
-        return [*found, *self._of_reasons(poses)]
+            found += self._of_load_cell(rows, complete=complete and not late)
+        if complete and not late:  # else samples are missing that the node may have had
+            found += self._of_reasons(poses)
+        return [*found, self._of_estimates(poses)]
+
+    def _ages(self, role: Role) -> _Array:
+        """Ages of a role's stamped messages when they arrived [s], shape [n]."""
+        return np.array([1e-9 * (time - stamp) for time, stamp, _ in self._heard[role] if stamp > 0])
+
+    def _of_lateness(self) -> Iterator[Finding]:
+        limit = self._estimator.settings.max_input_age
+        for role, topic in self._topics.items():
+            ages = self._ages(role)
+            if role != "surface" and delayed(ages, limit):
+                said = (
+                    f"messages on {topic} arrive {1e3 * ages.min():.0f} to {1e3 * ages.max():.0f} ms after their stamps"
+                )
+                busy = "this machine is too busy to judge, or the driver sends in bursts"
+                yield Finding(False, f"machine: {said}: {busy}; end other work, and run again")
 
     def _of_tool(self, rows: Rows) -> Finding:
         tool = self._estimator.model.tool
@@ -125,7 +147,9 @@ class Checkup:
                 yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
             times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
-            seconds, age = (times[-1] - times[0]) * 1e-9, float(np.median(times - stamps)) * 1e-9
+            seconds, ages = (times[-1] - times[0]) * 1e-9, self._ages(role)
+            # a message may be delayed on its way, and none comes before it is sent: the soonest ones tell the clocks
+            age = float(np.quantile(ages, _SOONEST)) if len(ages) else 0.0
             if unstamped := int((stamps <= 0).sum()):
                 yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
             elif abs(age) > limit and role != "surface":
@@ -135,17 +159,33 @@ class Checkup:
                 rate = f"{(len(heard) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
                 named = " and ".join(np.unique(frames))
                 frame = f", frame {named}" if named else ""
-                yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * age:.0f} ms old")
+                yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * np.median(ages):.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
-        for reason, sentence in self._estimator.unknown_frames().items():
+        unknown = self._estimator.unknown_frames()
+        world = self._estimator.settings.world_frame
+        of_poses, of_twists = ({frame for *_, frame in self._heard.get(role, ())} for role in ("pose", "twist"))
+        if unknown.keys() >= {Reason.POSE_FRAME_UNKNOWN, Reason.TWIST_FRAME_UNKNOWN} and of_poses == of_twists:
+            del unknown[Reason.POSE_FRAME_UNKNOWN], unknown[Reason.TWIST_FRAME_UNKNOWN]
+            named = " and ".join(map(repr, sorted(of_poses)))
+            cause = f"poses and twists have frame_id {named}, which is not world_frame {world!r}"
+            mend = f"set world_frame: {min(of_poses)}, or publish the transform between the two on /tf_static"
+            yield Finding(False, f"frames: {cause}; {mend}")
+        for reason, sentence in unknown.items():
             mend = "set the parameter to one that there is, or publish the transform between the two on /tf_static"
             if reason.startswith("tf_") and reason != Reason.TF_FRAME_UNKNOWN:
                 mend = "stop or mend one of its publishers"
+            if reason.startswith("tf_") and self._transforms_unstamped():
+                continue  # they are refused for their stamps, so that frames are unknown
             if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
                 yield Finding(False, f"frames: {sentence}; {mend}")
         if frames := self._estimator.transforms.frames():
             yield Finding(True, f"frames: {', '.join(frames)}")
+
+    def _transforms_unstamped(self) -> bool:
+        """Whether most transforms have no stamp; the finding on their topic says so."""
+        stamps = [stamp for _, stamp, _ in self._heard.get("tf", ())]
+        return 2 * sum(stamp <= 0 for stamp in stamps) > len(stamps)
 
     def _of_mount(self) -> Iterator[Finding]:
         """The sensor's place in the parameters and on /tf_static, if both have it."""
@@ -162,7 +202,7 @@ class Checkup:
         there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
         yield Finding(False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or mend one of the two")
 
-    def _of_load_cell(self, rows: Rows) -> Iterator[Finding]:
+    def _of_load_cell(self, rows: Rows, *, complete: bool) -> Iterator[Finding]:
         wet, predicted, measured = rows["depth"] > 0.0, rows["predicted"][:, :3], rows["compensated"][:, :3]
         seen = (~wet).sum() >= _ENOUGH
         air = measured[~wet].mean(axis=0) if seen else np.zeros(3)
@@ -170,7 +210,7 @@ class Checkup:
         ok, said = True, f"{load:.3g} N in the air"
         if self._tare:
             said += f"; a replay tares over its first {self._tare:g} s; for the node call ~/tare in the air"
-        elif not seen:
+        elif not seen and complete:
             ok, said = False, f"in the air at fewer than {_ENOUGH} poses; lift the tool out and run again"
         elif load > _FELT:
             ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
@@ -179,7 +219,8 @@ class Checkup:
         pushed = wet & (rows["state"][:, 9] <= 0.5 * rows["speed"])
         predicted, measured = predicted[pushed], measured[pushed] - air
         if len(predicted) < _ENOUGH or np.abs(predicted).max() < _FELT or np.abs(measured).max() < 0.1 * _FELT:
-            yield Finding(False, "sign: no push was seen; push the tool down into the grains and run again")
+            if complete:
+                yield Finding(False, "sign: no push was seen; push the tool down into the grains and run again")
             return
         yield (direction := self._of_direction(predicted, measured))
         if direction.ok:
@@ -199,7 +240,7 @@ class Checkup:
             found: _Array = ((predicted * force).sum(axis=0) / np.maximum(scale, 1e-12))[axes]
             return found
 
-        found, cell = alike(measured), self._estimator.settings.load_cell
+        found, cell, place = alike(measured), self._estimator.settings.load_cell, self._of_place()
         shown = ", ".join(f"{name} {r:.2f}" for name, r in zip(np.array([*"xyz"])[axes], found, strict=True))
         if (found >= _ALIKE).all():
             return Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
@@ -210,22 +251,43 @@ class Checkup:
             turn = min(turns, key=lambda t: t.magnitude())
             turned = _listed((Rotation.from_quat(cell.quaternion) * turn).as_quat())
             by = f"as if the cell were turned by {np.degrees(turn.magnitude()):.0f} degrees"
-            advice.append(f"set sensor.quaternion, such as {turned}, {by}")
-        advice = advice or ["check sensor.quaternion, sensor.sign, mesh.origin and surface_height"]
+            advice.append(f"{place[0]}, such as {turned}, {by}")
+        advice = advice or [f"check {place[1]}, sensor.sign, mesh.origin and surface_height"]
         which = "; a drag along x and y tells which" if len(advice) > 1 else ""
         off = f"measured and predicted force do not agree along each axis (correlation {shown})"
         return Finding(False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}")
+
+    def _of_place(self) -> tuple[str, str]:
+        """What to mend where the cell is turned, and what to check: `sensor.quaternion`, or the transforms used."""
+        s = self._estimator.settings
+        if s.sensor_source != "tf":
+            return "set sensor.quaternion", "sensor.quaternion"
+        links = ", ".join(self._estimator.transforms.links(s.tool_frame, s.sensor_frame))
+        between = f"from tool_frame {s.tool_frame!r} to sensor_frame {s.sensor_frame!r} on /tf_static ({links})"
+        return f"mend the transform {between} to a quaternion", f"the transform {between}"
 
     def _of_reasons(self, poses: int) -> Iterator[Finding]:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}
         counts = self._estimator.counts
         for reason in Reason:
             told = reason in _EXPECTED or reason.value in named or reason.value.endswith("stamp_zero")
+            told |= reason.value.startswith("tf_") and self._transforms_unstamped()
             count = counts[reason.value] - self._at_start[reason.value]
             if not told and count > _RARE * max(poses, 1):
                 yield Finding(False, f"{reason}: {count} times at {poses} poses; docs/node.md, Reasons, says why")
-        advice = "" if counts["estimates"] else "; mend what stands above first"
-        yield Finding(not advice, f"estimates: {counts['estimates']} at {poses} poses{advice}")
+
+    def _of_estimates(self, poses: int) -> Finding:
+        made = self._estimator.counts["estimates"]
+        advice = "" if made else "; fix the findings above first"
+        return Finding(made > 0, f"estimates: {made} at {poses} poses{advice}")
+
+
+def delayed(ages: _Array, limit: float) -> bool:
+    """Whether ages at arrival [s], shape [n], are of messages that were delayed on their way by more than a limit [s].
+
+    A wrong clock or a slow driver makes all of them old; a busy machine delivers some of them in time.
+    """
+    return len(ages) > 0 and float(np.median(ages) - np.quantile(ages, _SOONEST)) > limit
 
 
 def _error_of_surface(rows: Rows) -> tuple[float, float] | None:

@@ -14,8 +14,13 @@ __all__ = ["examine_bag"]
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
     checkup = Checkup(cell.values, cell.model, named=cell.named, topics=cell.topics, tare=options.tare)
-    with Recording(bag, cell.topics, start=options.start, end=options.end, optional=tuple(cell.topics)) as recording:
+    every = tuple(cell.topics)
+    with Recording(
+        bag, cell.topics, start=options.start, end=options.end, optional=every, refuse_types=False
+    ) as recording:
         for sample in recording:
             checkup.push(sample, recording.time)
-    damage = [Finding(False, f"bag: {recording.damage}")] if recording.damage else []
-    return [*damage, *checkup.findings()]
+    found = [Finding(False, f"{role}: {sentence}") for role, sentence in recording.mistyped.items()]
+    if recording.damage:
+        found.append(Finding(False, f"bag: {recording.damage}"))
+    return [*found, *checkup.findings()]

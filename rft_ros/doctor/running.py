@@ -1,17 +1,24 @@
 """Examine a running cell: the node's parameters, the publishers of its inputs, and what they send."""
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+
 from rft_ros.doctor.cell import Cell
-from rft_ros.doctor.checkup import Checkup
+from rft_ros.doctor.checkup import Checkup, delayed
 from rft_ros.doctor.finding import Finding
+from rft_ros.estimator import Sample, Stamped
 from rft_ros.estimator.messages import UNREADABLE, decoder
 from rft_ros.files import resolved
-from rft_ros.node.listen import Topic, listener
+from rft_ros.node.listen import Message, Topic, listener
 from rft_ros.parameters import FILES, Value, Values
 
 __all__ = ["examine_running"]
+
+_MOST_LOST = 0.01  # share of a topic's messages
 
 
 def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
@@ -22,25 +29,63 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
     with listener(node) as ros:
         running = ros.parameters(list(cell.values))
         messages, topics = ros.listen(cell.topics, seconds)
+    if running is not None:
+        of_node = _of_node(node, running, cell.values, cell.file)
+    elif ros.found:
+        of_node = Finding(False, f"node: {node} is there and does not answer; this machine is too busy, or it hangs")
+    else:
+        advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
+        of_node = Finding(False, f"node: no node {node} was found; {advice}")
     # all estimates are made after listening: to listen takes no more than a look into the queues now and then
     values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values  # a tare sets it
     checkup = Checkup(values, cell.model, named=cell.named, topics=cell.topics)
+    for sample, received in _as_if_in_time(list(_samples(messages)), limit=values["max_input_age"]):
+        checkup.push(sample, received)
+    of_topics = [finding for topic in topics for finding in _of_topic(topic)]
+    lost = [finding for topic in topics for finding in _of_losses(topic, messages)]
+    return [*lost, of_node, *of_topics, *checkup.findings(complete=not lost)]
+
+
+def _samples(messages: Sequence[Message]) -> Iterator[tuple[Sample, int]]:
+    """The samples that can be read, each with the time at which it was received [ns]."""
     decode = {message.role: decoder(message.role, ros1=False) for message in messages}
     for message in messages:
-        try:
-            sample = decode[message.role](message.data)
-        except UNREADABLE:
-            continue
-        checkup.push(sample, message.received)
-    of_topics = [finding for topic in topics for finding in _of_topic(topic)]
-    return [_of_node(node, running, cell.values, cell.file), *of_topics, *checkup.findings()]
+        with suppress(*UNREADABLE):
+            yield decode[message.role](message.data), message.received
 
 
-def _of_node(node: str, running: Values | None, values: Values, file: Path) -> Finding:
+def _as_if_in_time(received: list[tuple[Sample, int]], *, limit: float) -> list[tuple[Sample, int]]:
+    """The same samples; where a busy machine has delayed them, in the order of their stamps, as they were sent."""
+    ages = defaultdict[type, list[float]](list)  # [s], by the kind of sample
+    for sample, time in received:
+        if isinstance(sample, Stamped):
+            ages[type(sample)].append(1e-9 * (time - sample.stamp))
+    if not any(delayed(np.array(of_kind), limit) for of_kind in ages.values()):
+        return received
+
+    def sent(one: tuple[Sample, int]) -> int:
+        sample, _ = one
+        if isinstance(sample, Stamped):
+            return sample.stamp
+        return max((transform.stamp for transform in sample if not transform.fixed), default=0)
+
+    return sorted(received, key=sent)
+
+
+def _of_losses(topic: Topic, messages: Sequence[Message]) -> Iterator[Finding]:
+    """Whether messages of a topic were lost on the way, by the numbers that its publisher gave them."""
+    if len(topic.publishers) != 1:  # each publisher counts its own, and a message does not say whose it is
+        return
+    numbers = [message.number for message in messages if message.role == topic.role and message.number is not None]
+    sent = max(numbers) - min(numbers) + 1 if numbers else 0
+    lost = sent - len(numbers)
+    if lost > _MOST_LOST * sent:
+        said = f"{lost} of {sent} messages on {topic.name} were lost on the way"
+        yield Finding(False, f"machine: {said}: this machine is too busy to judge; end other work, and run again")
+
+
+def _of_node(node: str, running: Values, values: Values, file: Path) -> Finding:
     """Whether the node runs with the parameters of `file`, `values`."""
-    if running is None:
-        advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
-        return Finding(False, f"node: no node {node} was found; {advice}")
     differs = [
         f"{name} {running[name]} (file: {values[name]})"
         for name in values

@@ -154,6 +154,8 @@ class Transforms:
             return Reason.TF_INVALID, "the stamp is zero"
         if last is None and len(self._links) >= _MOST_FRAMES:
             return Reason.TF_INVALID, f"there are {_MOST_FRAMES:,} frames already"
+        if parent == child:
+            return Reason.TF_LOOP, "a frame cannot be its own parent"
         known = last is not None and last.parent == parent
         ancestors = self._line(parent)
         if not known and child in ancestors:
@@ -223,6 +225,11 @@ class Transforms:
         if frame in self._links or any(history[-1].parent == frame for history in self._links.values()):
             missing = f"no {'fixed transforms' if fixed else 'transforms'} link {parameter} {frame!r} and {other!r}"
         return f"{missing}; there are {', '.join(self.frames()) or 'none'}"
+
+    def links(self, target: str, source: str) -> list[str]:
+        """The transforms on the way between two frames, such as ``'tool' in 'flange' (fixed)``; none if not linked."""
+        up, down = self._way(target, source) or ([], [])
+        return [_described(self._links[name][-1]) for name in (*up, *down)]
 
     def _line(self, frame: str, stamp: float = math.inf) -> list[str]:
         """A frame and its ancestors at a stamp [ns]."""

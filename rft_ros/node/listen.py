@@ -28,12 +28,15 @@ _ORDER: tuple[Role, ...] = ("tf_static", "tf", "wrench", "twist", "surface", "po
 
 
 class Message(NamedTuple):
-    """A serialised message of a role. `published` and `received`: by the middleware's clock of each side [ns]."""
+    """A serialised message of a role, received at a time of the middleware [ns].
+
+    `number`: its place among all messages of its publisher; None where the middleware does not count.
+    """
 
     role: Role
     data: bytes
-    published: int
     received: int
+    number: int | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,12 +75,16 @@ class Listener:
 
     def __init__(self, name: str) -> None:
         self._name, self._node = name, rclpy.create_node(_OURS)
+        self._discovered = time.monotonic() + _DISCOVERY
+        self.found = False
+        """Whether there is such a node, even if it does not answer."""
 
     def parameters(self, names: list[str]) -> Values | None:
         """The node's values of these parameters, checked; None if no such node answers."""
         client = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
         if not client.wait_for_service(_DISCOVERY):
             return None
+        self.found = True
         future = client.call_async(GetParameters.Request(names=names))
         rclpy.spin_until_future_complete(self._node, future, timeout_sec=_DISCOVERY)
         found = (future.result().values if future.done() else None) or []
@@ -92,6 +99,8 @@ class Listener:
         if transforms_come() or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
         subscriptions = {role: self._subscribe(role, topic) for role, topic in wanted.items()}
+        while time.monotonic() < self._discovered and not all(map(self._node.count_publishers, wanted.values())):
+            time.sleep(_PERIOD)
         messages, end = list[Message](), time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             time.sleep(min(left, _PERIOD))  # the middleware's own threads receive meanwhile
@@ -127,4 +136,4 @@ def _waiting(role: Role, subscription: Subscription) -> Iterator[Message]:
     with subscription.handle:
         while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
             data, info = taken
-            yield Message(role, data, info["source_timestamp"], info["received_timestamp"])
+            yield Message(role, data, info["received_timestamp"], info["publication_sequence_number"])

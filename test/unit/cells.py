@@ -48,17 +48,22 @@ def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.floa
     return np.array([to_cell.wrench(tuple(row)) for row in world])
 
 
-def record(path: Path) -> Path:
+def record(
+    path: Path, *, told: Placement = MOUNT, stamped: bool = True, extra: tuple[TransformSample, ...] = ()
+) -> Path:
     """Topics of a right cell, /tf and /tf_static that say the same, and the cell without stamps, and untouched.
 
-    At 100 Hz; messages arrive 1 ms after their stamps.
+    At 100 Hz; messages arrive 1 ms after their stamps. `told`: the sensor in the tool by /tf_static, with `extra` fixed
+    transforms. `stamped`: whether the transforms on /tf have stamps.
     """
     states, random = motion(100.0), np.random.default_rng(3)
     readings = 1.1 * loads(states) + 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
     messages = []
     for k, (state, reading) in enumerate(zip(states.tolist(), readings.tolist(), strict=True)):
         stamp = START + k * STEP
-        place = TransformSample(stamp, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[3:7],))
+        place = TransformSample(
+            stamp if stamped else 0, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[3:7],)
+        )
         now = (
             ("/rft/wrench_measured", WRENCH, cdr("wrench", stamp, reading)),
             ("/unstamped", WRENCH, cdr("wrench", 0, reading)),
@@ -68,10 +73,10 @@ def record(path: Path) -> Path:
             ("/tf", TF, transforms_cdr(place)),
         )
         messages += [(stamp + 1_000_000, *one) for one in now]
-    mount = TransformSample(START, "tool", "ft_sensor", *MOUNT)
+    mount = TransformSample(START, "tool", "ft_sensor", *told)
     arm = TransformSample(START, "world", "base", (0.4, 0.1, 0.0), (0.0, 0.0, 0.0, 1.0))
     late = START + 81_000_000  # as publishers are found one after the other
-    return write_messages(path, [*messages, (late, "/tf_static", TF, transforms_cdr(mount, arm))])
+    return write_messages(path, [*messages, (late, "/tf_static", TF, transforms_cdr(mount, arm, *extra))])
 
 
 def record_of_a_newcomer(path: Path, *, offset: tuple[float, ...]) -> Path:

@@ -1,11 +1,14 @@
 """`rft doctor` names what is wrong with a recorded cell, says what to do, and finds nothing wrong with a good one."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from cells import MOUNT, PARAMETERS, SURFACE, loads, motion, record
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
@@ -13,14 +16,23 @@ from rft_ros.bags.playback import topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
-from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
+from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
+from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import defaults, model_of
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
 TURNED = (Rotation.from_quat(MOUNT.quaternion) * TURN).as_quat().tolist()
 WRONG = "sign or quaternion: measured and predicted force do not agree along each axis"
 FAULTS = {
-    "wrong frame": ("frames: pose frame_id 'world' is not world_frame 'map'; set the", {"world_frame": "map"}),
+    "wrong frame": (
+        "frames: poses and twists have frame_id 'world', which is not world_frame 'map'; set world_frame: world",
+        {"world_frame": "map"},
+    ),
+    "wrong type": (
+        "wrench: /rft/pose is geometry_msgs/msg/PoseStamped; it must be",
+        {},
+        "~/wrench_measured:=/rft/pose",
+    ),
     "wrong sign": (f"{WRONG} ... ; set sensor.sign: 1", {"sensor.sign": -1.0}),
     "no twist": ("twist: nothing on /none; set twist_source: pose_difference", {}, "~/twist:=/none"),
     "no stamps": ("wrench: 1050 messages on /unstamped have no stamp", {}, "~/wrench_measured:=/unstamped"),
@@ -59,9 +71,10 @@ def bag(tmp_path_factory):
 
 @pytest.fixture
 def examined(bag, tmp_path, capsys):
-    """The findings on the cell with these parameters and remaps."""
+    """The findings on the cell, or on another recording of it, with these parameters and remaps."""
+    usual = bag
 
-    def of(parameters, *remaps, node="/**", replayed=None, arguments=()):
+    def of(parameters, *remaps, node="/**", replayed=None, arguments=(), bag=usual):
         named = {k: v for k, v in (PARAMETERS | parameters).items() if v is not None}
         tree = {node: {"ros__parameters": named}} | ({"rft_replay": {"ros__parameters": replayed}} if replayed else {})
         (tmp_path / "my_cell.yaml").write_text(yaml.safe_dump(tree))
@@ -160,3 +173,79 @@ def test_a_straight_push_cannot_tell_a_sign_from_a_turned_cell(examined):
     assert found.startswith(f"FIX {WRONG}")
     assert "set sensor.sign: 1, or set sensor.quaternion, such as [" in found
     assert found.endswith("; a drag along x and y tells which")
+
+
+def test_a_wrong_frame_of_poses_and_twists_is_the_first_cause_and_asks_for_one_parameter(examined):
+    first, *others = faults(examined({"world_frame": "map"}))
+    assert "set world_frame: world" in first
+    assert not any("tool_frame" in line for line in (first, *others))
+
+
+def test_a_topic_of_another_type_does_not_hide_the_other_checks(examined):
+    lines = examined({"surface_height": SURFACE + 0.1}, "~/wrench_measured:=/rft/pose")
+    assert any(line.startswith("OK  pose: 100 Hz") for line in lines)
+    assert any(line.startswith("OK  twist: 100 Hz") for line in lines)
+    assert any(line.startswith("OK  mesh ellipsoid") for line in lines)
+
+
+TF = {"pose_source": "tf", "sensor.frame_source": "tf"}
+
+
+def test_a_wrong_fixed_transform_of_the_sensor_is_named_and_not_a_parameter_that_is_not_used(examined, tmp_path):
+    told = record(tmp_path / "told", told=Placement(MOUNT.position, tuple(TURNED)))
+    for parameters in (TF, {"sensor.frame_source": "tf"}):
+        (found,) = faults(examined(parameters, bag=told))
+        assert found.startswith(f"FIX {WRONG}")
+        assert "'ft_sensor' in 'tool' (fixed)" in found
+        assert "/tf_static" in found
+        assert "sensor.quaternion" not in found
+        right = re.search(r"such as \[(.*?)\]", found)[1].split(", ")
+        off = Rotation.from_quat([float(number) for number in right]).inv() * Rotation.from_quat(MOUNT.quaternion)
+        assert off.magnitude() < 1e-3
+
+
+def test_transforms_without_stamps_are_the_only_cause_named(examined, tmp_path):
+    first, *others = faults(examined(TF, bag=record(tmp_path / "unstamped", stamped=False)))
+    assert first.startswith("FIX tf: 1050 messages on /tf have no stamp")
+    assert all(line.startswith("FIX estimates: 0 at 0 poses") for line in others)
+
+
+def test_a_frame_that_is_its_own_parent_is_named_with_what_is_wrong(examined, tmp_path):
+    loop = TransformSample(START, "camera", "camera", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    (found,) = faults(examined(TF, bag=record(tmp_path / "loop", extra=(loop,))))
+    assert "'camera' in 'camera' (fixed): a frame cannot be its own parent" in found
+
+
+def of_cell_with_delays(delays):
+    """The faults of a right cell whose messages arrive so late [s], shape [n]."""
+    states, values = motion(100.0), {**defaults(), **PARAMETERS}
+    checkup, pushed = Checkup(values, model_of(values), named=PARAMETERS, topics=topics_of(values)), []
+    arrival = 0
+    for k, (state, load) in enumerate(zip(states.tolist(), loads(states).tolist(), strict=True)):
+        stamp = START + k * STEP
+        arrival = max(arrival, stamp + round(1e9 * delays[k % len(delays)]))  # none overtakes another
+        pushed += [
+            (arrival, WrenchSample(stamp, "ft_sensor", tuple(load))),
+            (arrival, TwistSample(stamp, "world", tuple(state[7:10]), tuple(state[10:]))),
+            (arrival, PoseSample(stamp, "world", tuple(state[:3]), tuple(state[3:7]))),
+        ]
+    for arrival, sample in sorted(pushed, key=lambda one: one[0]):
+        checkup.push(sample, arrival)
+    return [finding.text for finding in checkup.findings() if not finding.ok]
+
+
+@given(st.lists(st.floats(0.0, 0.6), min_size=3, max_size=20))
+@settings(max_examples=8, deadline=None)
+def test_messages_that_a_busy_machine_delays_are_no_fault_of_the_clocks_or_of_the_cell(stops):
+    """It stands still for so long [s] once in a second, and then takes all that has come meanwhile."""
+    delays = np.concatenate([np.maximum(stop - 0.01 * np.arange(100), 0.001) for stop in stops])
+    wrong = of_cell_with_delays(delays)
+    assert all(text.startswith("machine: ") and "too busy to judge" in text for text in wrong), wrong
+
+
+@pytest.mark.parametrize("off", [0.3, -0.3])
+def test_clocks_that_differ_are_named_also_where_messages_are_delayed(off):
+    random = np.random.default_rng(1)
+    wrong = of_cell_with_delays(off + 0.05 * random.random(500))
+    assert any("stamps on /rft/pose are 0.3" in text or "stamps on /rft/pose are 0.2" in text for text in wrong), wrong
+    assert all("clocks" in text for text in wrong)
