@@ -252,7 +252,7 @@ class Checkup:
             turned = _listed((Rotation.from_quat(cell.quaternion) * turn).as_quat())
             by = f"as if the cell were turned by {np.degrees(turn.magnitude()):.0f} degrees"
             advice.append(f"{place[0]}, such as {turned}, {by}")
-        advice = advice or [f"check {place[1]}, sensor.sign, mesh.origin and surface_height"]
+        advice = advice or [f"check {place[1]}, sensor.sign, mesh.origin, mesh.quaternion and surface_height"]
         which = "; a drag along x and y tells which" if len(advice) > 1 else ""
         off = f"measured and predicted force do not agree along each axis (correlation {shown})"
         return Finding(False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}")

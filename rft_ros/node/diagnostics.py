@@ -1,5 +1,6 @@
 """/diagnostics at 1 Hz: inputs, estimates, model and what was learned, each OK, WARN or ERROR (REP 107)."""
 
+import math
 from collections import Counter
 
 import numpy as np
@@ -28,7 +29,7 @@ class Diagnostics:
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
         self._ongoing: dict[str, int] = {}  # reports since the last one that had the problem
         self._idle = True  # no pose came before the last report
-        self._answered = False  # no estimate has been given yet
+        self._first_depth: float | None = None  # of the first estimate [m]; -inf in the air, and once it was logged
         self._begin()
 
     def _begin(self) -> None:
@@ -46,11 +47,8 @@ class Diagnostics:
         self._latencies.append(latency)
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
-        if not self._answered and estimate.submerged_area > 0.0:
-            depth, check = 1e3 * self._estimator.depth(), "mesh.origin, mesh.quaternion and surface_height"
-            where = f"the first estimate is {depth:.1f} mm deep in the grains: if the tool is in the air, check {check}"
-            self._node.get_logger().warning(where)
-        self._answered = True
+        if self._first_depth is None:
+            self._first_depth = self._estimator.depth() if estimate.submerged_area > 0.0 else -math.inf
 
     def summary(self) -> str:
         """The tool in force and the swap; InputError that also names what is wrong."""
@@ -81,6 +79,11 @@ class Diagnostics:
             array.status.append(self._medium(learning))
         self._publisher.publish(array)
         self._log_changes(bad)
+        if self._first_depth is not None and self._first_depth > 0.0:
+            depth, check = 1e3 * self._first_depth, "mesh.origin, mesh.quaternion and surface_height"
+            where = f"the first estimate is {depth:.1f} mm deep in the grains: if the tool is in the air, check {check}"
+            self._node.get_logger().warning(where)
+            self._first_depth = -math.inf
         self._idle = not self._received["pose"]
         self._begin()
 
