@@ -20,7 +20,7 @@ from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import EDGE_SHARE, SUMS
 from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
-from rft_ros.rft.traction import Law, packed_law
+from rft_ros.rft.traction import Law, packed_law, tractions
 
 __all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "prepared"]
 __all__ += ["wrenches", "wrenches_in_time"]
@@ -200,3 +200,8 @@ def _loop() -> Callable[..., None]:
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
     scene = _scene(plates, agarwal2023(), 0.0, LEVEL)
     return machine_code(SUMS, (*scene, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
+
+
+def compile_tractions() -> None:
+    """Compile the law's part of the loop, which the loop loads when it is compiled later."""
+    machine_code(tractions, (agarwal2023().packed, np.zeros(1), np.uint64(0), 0))

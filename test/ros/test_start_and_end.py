@@ -57,7 +57,7 @@ def partly_compiled(tmp_path: Path) -> Path:
 def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(start_process, partly_compiled):
     rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "learning.mode:=apply", folder=partly_compiled)
     wait_until(lambda: "compiling, ten seconds or more, first start only" in rft.said(), "the node compiles")
-    wait_until(lambda: len(descendants(rft.process.pid)) >= 2, "compiler and tool worker run")
+    wait_until(lambda: len(descendants(rft.process.pid)) >= 2, "compilers and tool worker run")
     children = descendants(rft.process.pid)
     assert rft.stop(signal.SIGTERM) == 0
     wait_until(lambda: not alive(children), "the children end")
