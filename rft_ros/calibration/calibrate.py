@@ -1,15 +1,16 @@
 """Fit the load cell, the surface, ζ, λ and α_y to recordings: each with its error, or why it is not identifiable."""
 
-from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable
-from rft_ros.calibration.memory_length import fit_memory_length
-from rft_ros.calibration.penetration import fit_surface, fit_zeta
+from rft_ros.calibration.contact import Contact, find_contacts
+from rft_ros.calibration.fitting import FitResults, NotIdentifiable
+from rft_ros.calibration.grains import fit_grains
+from rft_ros.calibration.memory_length import LOST_MOTION
+from rft_ros.calibration.recorded import Grains
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
@@ -28,20 +29,10 @@ _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m
 
 
 @dataclass(slots=True)
-class Calibration:
-    """Fitted values; the reason by name for each that is not identifiable; how α_y becomes parameters."""
+class Calibration(FitResults):
+    """Results of all fits; how α_y becomes parameters."""
 
-    fitted: list[FittedValue] = field(default_factory=list)
-    not_identifiable: dict[str, str] = field(default_factory=dict)
     alpha_y: AlphaYFit | None = None
-
-    @contextmanager
-    def or_reason(self, name: str) -> Iterator[None]:
-        """Run the block; if it raises NotIdentifiable, record the reason under `name`."""
-        try:
-            yield
-        except NotIdentifiable as reason:
-            self.not_identifiable[name] = str(reason)
 
 
 def calibrate(
@@ -68,16 +59,17 @@ def calibrate(
     inertial = model_of(at_one, tool=tracks[0].tool).law
     law = replace(inertial, density=0.0, mobilization_length=0.0)
 
+    given = Grains(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
+    contacts: list[Contact] = []
     height = air = settings.surface_height
-    height_error = 0.0
     try:  # in any case: what counts as air depends on it
         for _ in range(_ROUNDS if has_inertia(inertial) else 1):
-            surface, highest = fit_surface(tracks, sensor.cell, law)
-            tracks = [_without_inertia(t, sensor.cell, inertial, law, surface.values[0]) for t in recorded]
+            contacts = find_contacts(tracks, sensor.cell, law)
+            start = float(np.mean([contact.surface for contact in contacts]))
+            tracks = [_without_inertia(t, sensor.cell, inertial, law, start) for t in recorded]
         if "surface" in parts:
-            (height,), (height_error,) = surface.values, surface.errors
-            result.fitted.append(surface)
-        air = max(height, highest)
+            height = start
+        air = max(height, *(contact.surface for contact in contacts))
     except NotIdentifiable as reason:
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
@@ -88,15 +80,12 @@ def calibrate(
             sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air + _CLEAR)
             result.fitted += fitted
             result.not_identifiable |= reasons
-    zeta, zeta_error = values["medium.zeta"], 0.0
-    if "zeta" in parts:
-        with result.or_reason("medium.zeta"):
-            fitted = fit_zeta(tracks, sensor, law, surface=height, surface_error=height_error)
-            (zeta,), (zeta_error,) = fitted[0].values, fitted[0].errors
-            result.fitted += fitted
-    if "mobilization" in parts:
-        with result.or_reason("medium.mobilization_length"):
-            result.fitted.append(fit_memory_length(tracks, sensor, law, surface=height))
+    grains = fit_grains(tracks, sensor, law, contacts=contacts, given=given, parts=parts)
+    result.fitted += grains.fitted
+    result.not_identifiable |= grains.not_identifiable
+    found = {fit.name: (fit.values[0], fit.errors[0]) for fit in grains.fitted}
+    height, height_error = found.get("surface_height", (height, 0.0))
+    zeta, zeta_error = found.get("medium.zeta", (values["medium.zeta"], 0.0))
     if "alpha_y" in parts:
         with result.or_reason("alpha_y"):
             if not isinstance(law, Treers2021):

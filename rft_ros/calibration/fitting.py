@@ -3,23 +3,26 @@
 Load-cell noise is filtered and grains slip in bursts: errors for independent samples would be several times too small.
 """
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
 
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
-__all__ = ["Fit", "FittedValue", "Measurement", "NotIdentifiable", "fit_curve", "fit_each", "fit_measurements"]
-__all__ += ["fit_series", "mean_of"]
+__all__ = ["Curve", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "best_start"]
+__all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "fit_series", "mean_of", "scatter_of_mean"]
 
 Array = NDArray[np.float64]
 
-_GRID = 24  # values of the nonlinear parameter tried before the best one is refined
+_MOST_STEPS, _HALVINGS, _CONVERGED = 12, 5, 1e-2  # of Gauss and Newton; the last in steps for derivatives
+_MOST_ALIKE = 0.999  # greatest correlation of successive samples of noise
+_BLOCKS = 24  # means of the residuals in which errors of the model show
 
 _Result = TypeVar("_Result")
 
@@ -59,6 +62,22 @@ class FittedValue:
                 raise NotIdentifiable(f"the fitted {error}") from None
 
 
+@dataclass(slots=True)
+class FitResults:
+    """Fitted values; the reason by name for each that is not identifiable."""
+
+    fitted: list[FittedValue] = field(default_factory=list)
+    not_identifiable: dict[str, str] = field(default_factory=dict)
+
+    @contextmanager
+    def or_reason(self, name: str) -> Iterator[None]:
+        """Run the block; if it raises NotIdentifiable, record the reason under `name`."""
+        try:
+            yield
+        except NotIdentifiable as reason:
+            self.not_identifiable[name] = str(reason)
+
+
 class Fit(NamedTuple):
     """Coefficients, shape [k], their covariance, and the residuals, shape [n].
 
@@ -81,7 +100,7 @@ class Fit(NamedTuple):
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
+def _series_fit(coefficients: Array, jacobian: Array, residuals: Array, bread: Array) -> Fit:
     """A fit to a time series, with the covariance under serially correlated residuals; `jacobian`: shape [n, k].
 
     Newey and West's estimate (Econometrica 55, 1987) on scores whitened by the residuals' lag-one correlation (Andrews,
@@ -99,7 +118,6 @@ def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
     for lag in range(1, lags + 1):
         product = scores[lag:].T @ scores[:-lag]
         total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
     # the coefficients and the kernel's width reduce the degrees of freedom
     covariance = bread @ total @ bread / (1.0 - rho) ** 2 * n / max(n - k - lags, 1)
     return Fit(coefficients, covariance, residuals, bread @ jacobian.T)
@@ -108,30 +126,129 @@ def _series_fit(coefficients: Array, jacobian: Array, residuals: Array) -> Fit:
 def fit_series(design: Array, observed: Array) -> Fit:
     """Least squares of a time series, shape [n], any unit, on the columns of `design`, shape [n, k]."""
     coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
-    return _series_fit(coefficients, design, observed - design @ coefficients)
+    return _series_fit(
+        coefficients, design, observed - design @ coefficients, np.asarray(np.linalg.pinv(design.T @ design))
+    )
 
 
-def fit_curve(observed: Array, columns: Callable[[float], Array], *, low: float, high: float) -> Fit:
-    """Least squares of a time series, shape [n], any unit, on `columns` of a parameter from low to high, shape [n, k].
+class Curve(NamedTuple):
+    """A model with k coefficients: of parameters, which it is not linear in, to its columns for the linear ones.
 
-    Coefficients: the parameter, then that of each column.
+    `columns`: from the parameters, shape [p], to shape [n, axes, k - p]. `steps`: changes of the parameters for
+    derivatives. `low`, `high`: their limits. `expected`, `expected_error`: what is known of them, inf for nothing.
     """
 
-    def misfit(parameter: float) -> float:
-        x = columns(parameter)
-        # normal equations are fast and accurate enough for at most two columns
-        xx, xy = x.T @ x, x.T @ observed
-        return float(-(xy @ np.linalg.pinv(xx) @ xy))
+    columns: Callable[[Array], Array]
+    steps: Array
+    low: Array
+    high: Array
+    expected: Array
+    expected_error: Array
 
-    grid = np.linspace(low, high, _GRID)
-    best = int(np.argmin([misfit(p) for p in grid]))
-    bounds = grid[max(best - 1, 0)], grid[min(best + 1, _GRID - 1)]
-    parameter = float(minimize_scalar(misfit, bounds=bounds, method="bounded", options={"xatol": 1e-9}).x)
-    x = columns(parameter)
-    linear = np.linalg.lstsq(x, observed, rcond=None)[0]
-    step = 1e-4 * (high - low)
-    slope = (columns(parameter + step) - columns(parameter - step)) @ linear / (2.0 * step)
-    return _series_fit(np.append(parameter, linear), np.column_stack([slope, x]), observed - x @ linear)
+    def linear(self, parameters: Array, observed: Array) -> tuple[Array, Array, Array]:
+        """The columns, the linear coefficients for these parameters, and the residuals, shape [n, axes]."""
+        columns = self.columns(parameters)
+        matrix = columns.reshape(observed.size, -1)
+        linear = np.asarray(np.linalg.lstsq(matrix, observed.ravel(), rcond=None)[0], dtype=np.float64)
+        return columns, linear, observed - (matrix @ linear).reshape(observed.shape)
+
+
+def best_start(curve: Curve, observed: Array, starts: Iterable[Array]) -> Array:
+    """The parameters among `starts` with the least residual."""
+    return min(starts, key=lambda start: float(np.sum(curve.linear(start, observed)[2] ** 2)))
+
+
+def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
+    """Least squares of a time series, shape [n, axes], any unit, by Gauss and Newton from `start` on.
+
+    Coefficients: the parameters, then that of each column. The residuals have the shape of `observed`.
+    """
+    parameters, known = np.array(start, dtype=np.float64), np.isfinite(curve.expected_error)
+    weight = np.where(known, 1.0 / np.where(known, curve.expected_error, 1.0) ** 2, 0.0)
+    expected = np.where(known, curve.expected, 0.0)
+    columns, linear, residuals = curve.linear(parameters, observed)
+    for _ in range(_MOST_STEPS):
+        slopes = []
+        for k, step in enumerate(curve.steps):
+            after, before = parameters.copy(), parameters.copy()
+            after[k], before[k] = min(after[k] + step, curve.high[k]), max(before[k] - step, curve.low[k])
+            slopes.append((curve.columns(after) - curve.columns(before)) @ linear / (after[k] - before[k]))
+        jacobian = np.concatenate([np.stack(slopes, axis=-1), columns], axis=-1)
+        size, total = len(parameters), jacobian.reshape(observed.size, -1)
+        variance = max(_variances(jacobian, residuals)[1], 1e-300)
+        bend = total.T @ total / variance
+        bend[range(size), range(size)] += weight
+        pull = total.T @ residuals.ravel() / variance
+        pull[:size] += weight * (expected - parameters)
+        change = np.linalg.lstsq(bend, pull, rcond=None)[0][:size]
+
+        def cost(at: Array, left: Array, variance: float = variance) -> float:
+            return float(np.sum(left**2)) / variance + float(weight @ (at - expected) ** 2)
+
+        for halving in range(_HALVINGS):
+            moved = np.clip(parameters + 0.5**halving * change, curve.low, curve.high)
+            found = curve.linear(moved, observed)
+            if cost(moved, found[2]) <= cost(parameters, residuals):
+                break
+        else:
+            break
+        small = np.abs(moved - parameters) < _CONVERGED * curve.steps
+        parameters, (columns, linear, residuals) = moved, found
+        if small.all():
+            break
+    inverse = np.asarray(np.linalg.pinv(bend, hermitian=True), dtype=np.float64)
+    covariance = _covariance(jacobian, residuals, inverse / variance)
+    covariance += (inverse[:, :size] * weight) @ inverse[:size]
+    return Fit(np.append(parameters, linear), covariance, residuals, inverse @ total.T / variance)
+
+
+def fit_linear(columns: Array, observed: Array) -> Fit:
+    """Least squares of a time series, shape [n, axes], any unit, on columns of shape [n, axes, k]."""
+    matrix = columns.reshape(observed.size, -1)
+    coefficients = np.asarray(np.linalg.lstsq(matrix, observed.ravel(), rcond=None)[0], dtype=np.float64)
+    residuals = observed - (matrix @ coefficients).reshape(observed.shape)
+    inverse = np.asarray(np.linalg.pinv(matrix.T @ matrix, hermitian=True), dtype=np.float64)
+    return Fit(coefficients, _covariance(columns, residuals, inverse), residuals, inverse @ matrix.T)
+
+
+def _correlated(columns: Array, residuals: Array) -> tuple[Array, float]:
+    """Variance of `columns`.T @ noise, columns of shape [n, k], and of one sample, times what its correlation adds.
+
+    The noise is a process of first order with the variance and the correlation of the residuals, shape [n].
+    """
+    n, power = len(residuals), float(residuals @ residuals)
+    rho = float(residuals[1:] @ residuals[:-1]) / power if power > 0.0 else 0.0
+    rho = float(np.clip(rho + (1.0 + 3.0 * rho) / n, -0.5, _MOST_ALIKE))  # an estimate from n samples is too small
+    before = lfilter([1.0], [1.0, -rho], columns, axis=0)
+    after = lfilter([1.0], [1.0, -rho], columns[::-1], axis=0)[::-1]
+    one = power / max(n - columns.shape[1], 1)
+    return one * columns.T @ (before + after - columns), one * (1.0 + rho) / (1.0 - rho)
+
+
+def _variances(jacobian: Array, residuals: Array) -> tuple[Array, float]:
+    """Sum over the axes of `_correlated`, and the mean over the axes of its second number."""
+    each = [_correlated(jacobian[:, k], residuals[:, k]) for k in range(residuals.shape[1])]
+    return np.sum([variance for variance, _ in each], axis=0), float(np.mean([one for _, one in each]))
+
+
+def _covariance(jacobian: Array, residuals: Array, inverse: Array) -> Array:
+    """Covariance of coefficients: the greatest of three estimates, by the error of the first coefficient.
+
+    Two take the residuals for a stationary process, sample by sample and in means over a 24th of the time, in which
+    slow errors of the model show; the third (Newey and West) takes each residual where it is, such as at a corner.
+    """
+    n, axes, k = jacobian.shape
+    blocks = np.array_split(np.arange(n), _BLOCKS) if n >= 2 * _BLOCKS else []
+    found = [inverse @ _variances(jacobian, residuals)[0] @ inverse]
+    if blocks:
+        sums = np.array([jacobian[rows].sum(axis=0) for rows in blocks])
+        means = np.array([residuals[rows].mean(axis=0) for rows in blocks])
+        found.append(inverse @ _variances(sums, means)[0] @ inverse)
+    apart = [
+        _series_fit(np.zeros(k), jacobian[:, axis], residuals[:, axis], inverse).covariance for axis in range(axes)
+    ]
+    found.append(np.sum(apart, axis=0))
+    return max(found, key=lambda covariance: float(covariance[0, 0]))
 
 
 def fit_measurements(design: Array, observed: Array, errors: Array) -> Fit:
@@ -149,13 +266,21 @@ def fit_measurements(design: Array, observed: Array, errors: Array) -> Fit:
     return Fit(found, (inverse * variance) @ inverse.T, residuals, inverse)
 
 
-def mean_of(name: str, measurements: Sequence[Measurement], unit: str, goodness: str) -> FittedValue:
-    """Mean of repeated measurements; its error is the greater of that from their scatter and of their own."""
-    values, n = [m.value for m in measurements], len(measurements)
-    own = float(np.linalg.norm([m.error for m in measurements])) / n
-    between = float(np.std(values, ddof=1)) / n**0.5 if n > 1 else 0.0
+def scatter_of_mean(values: Sequence[float]) -> float:
+    """Standard error of a mean from the scatter of what it is the mean of; 0 for one value."""
+    return float(np.std(values, ddof=1)) / len(values) ** 0.5 if len(values) > 1 else 0.0
+
+
+def mean_of(
+    name: str, measurements: Sequence[Measurement], unit: str, goodness: str, *, error: float | None = None
+) -> FittedValue:
+    """Mean of repeated measurements; its error is `error`, or the greater of that from their scatter and their own."""
+    values = [m.value for m in measurements]
+    if error is None:
+        own = float(np.linalg.norm([m.error for m in measurements])) / len(values)
+        error = max(own, scatter_of_mean(values))
     each = ", ".join(f"{m.bag} {m.value:.3g} ± {m.error:.2g}" for m in measurements)
-    return FittedValue(name, (float(np.mean(values)),), (max(own, between),), unit, goodness, each)
+    return FittedValue(name, (float(np.mean(values)),), (error,), unit, goodness, each)
 
 
 def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:

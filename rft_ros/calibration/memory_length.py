@@ -4,70 +4,105 @@ A stop alone does not identify λ: the force persists for any λ above 0. The fo
 so does its build-up if a recording begins with the tool at rest in the grains.
 """
 
-from collections.abc import Sequence
-from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FittedValue, Measurement, NotIdentifiable, fit_curve, fit_each, mean_of
-from rft_ros.calibration.tool_weight import Sensor
-from rft_ros.calibration.track import Track, Turn, turns_in_grains
-from rft_ros.rft import SLACK, Law, Memory, wrenches_in_time
+from rft_ros.calibration.fitting import Curve, NotIdentifiable, best_start, fit_curve
+from rft_ros.calibration.recorded import Grains, Recorded
+from rft_ros.calibration.track import Turn
 
-__all__ = ["fit_memory_length"]
+__all__ = ["LOST_MOTION", "LOST_MOTION_ERROR", "SHORTEST", "AtOnce", "TurnFit", "fit_turn", "length_by_place"]
 
-_SHORTEST, _LONGEST = 1e-4, 0.1  # range of λ that is searched [m]
+Array = NDArray[np.float64]
+
+SHORTEST, _LONGEST = 1e-4, 0.1
+"""Range of λ that is searched [m]."""
+
+LOST_MOTION, LOST_MOTION_ERROR = 5e-6, 5e-6
+"""Path [m] that an arm loses when it turns back, by backlash or in the dead band of noisy poses, before any fit."""
+
+_MOST_LOST = 2e-4  # greatest lost motion [m]
+_GRID = 16  # values of λ that are tried before the best one is refined
+_STEPS = np.array([0.03, 1e-6])  # changes of log λ and of the lost motion [m] for derivatives
+_MOVED, _HELD = 2e-6, 1e-9  # change of a lost motion [m] that is held, and how closely
 _UNSURE = 0.5  # greatest accepted standard error of λ, relative to λ
 _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
 
 
-def _fit_turn(track: Track, turn: Turn, sensor: Sensor, law: Law, surface: float) -> Measurement:
-    """λ of one turn: least squares of the force's components over log λ, with a free scale."""
-    measured = track.grain_forces(sensor.cell)[turn.rows]
-    where = f"{track.name}, {track.time[turn.at]:.1f} s after its beginning"
+class AtOnce(NotIdentifiable):
+    """The force follows the turn at once: λ is below what the recording resolves."""
+
+
+class TurnFit(NamedTuple):
+    """log λ [log m] of one turn and its standard error, the lost motion [m], and what a zero of the load cell adds.
+
+    `by_zero`: shape [3], world axes [1/N]. `misfit`: RMS residual over the greatest force; `scale`: of the force.
+    """
+
+    logarithm: float
+    error: float
+    lost_motion: float
+    by_zero: Array
+    misfit: float
+    scale: float
+
+    def check(self, recording: Recorded, turn: Turn) -> None:
+        """Raise NotIdentifiable if the turn does not determine λ."""
+        where, length = _place(recording, turn), float(np.exp(self.logarithm))
+        if self.logarithm < np.log(SHORTEST) + 0.02 * np.log(_LONGEST / SHORTEST):
+            raise AtOnce(
+                f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
+            )
+        if self.error > _UNSURE or length > turn.after or self.misfit > _UNLIKE or self.scale <= 0.0:
+            raise NotIdentifiable(
+                f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * self.error:.0f} %, the force {self.scale:.2g}"
+                f" times the model's, its RMS residual {100 * self.misfit:.0f} % of the greatest; λ must be below the"
+                f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _UNSURE:.0f} %, the"
+                f" factor over 0, and the residual at most {100 * _UNLIKE:.0f} %"
+            )
+
+
+def _place(recording: Recorded, turn: Turn) -> str:
+    return f"{recording.track.name}, {recording.track.time[turn.at]:.1f} s after its beginning"
+
+
+def length_by_place(recording: Recorded, turn: Turn, surface: float, found: TurnFit) -> float:
+    """How log λ changes with the place of the turn [1/m], from a fit with the lost motion held elsewhere."""
+    moved = found.lost_motion + _MOVED
+    other = fit_turn(recording, turn, surface, start=found._replace(lost_motion=moved), held=True)
+    return (other.logarithm - found.logarithm) / _MOVED
+
+
+def fit_turn(
+    recording: Recorded, turn: Turn, surface: float, *, start: TurnFit | None = None, held: bool = False
+) -> TurnFit:
+    """λ of one turn: least squares of the force's components over log λ, with a free scale; `surface`: height [m].
+
+    `start`: a fit with nearly the same surface, whose lost motion is `held` or fitted again. Raises NotIdentifiable
+    where the load cell measures no force.
+    """
+    measured = recording.forces[turn.rows]
     peak = float(np.linalg.norm(measured, axis=1).max())
     if not peak > 0.0:
-        raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
+        raise NotIdentifiable(f"{_place(recording, turn)}: the load cell measures no force of the grains")
 
-    since = slice(turn.first, int(turn.rows[-1]) + 1)
-    plates, states = track.tool.plates, track.states[since]
-    durations = np.diff(track.time[since], prepend=track.time[turn.first])
+    def columns(parameters: Array) -> Array:
+        length, lost_motion = float(np.exp(parameters[0])), float(parameters[1])
+        return recording.predicted(Grains(surface, length, lost_motion), turn.first, turn.rows)[:, :, None]
 
-    def columns(logarithm: float) -> NDArray[np.float64]:
-        """Forces as the node predicts them, from an empty memory on."""
-        grains, memory = replace(law, mobilization_length=float(np.exp(logarithm))), Memory(plates, slack=SLACK)
-        forces = wrenches_in_time(plates, grains, states, durations, memory, surface_height=surface)[:, :3]
-        return forces[turn.rows - turn.first].T.reshape(-1, 1)
-
-    low, high = np.log(_SHORTEST), np.log(_LONGEST)
-    found = fit_curve(measured.T.ravel(), columns, low=low, high=high)
-    by_zero = found.inverse[0] @ np.repeat([0.0, 0.0, sensor.zero_error], len(measured))
-    logarithm, scale = found.coefficients.tolist()
-    length, relative, misfit = float(np.exp(logarithm)), float(np.hypot(found.errors[0], by_zero)), found.rms / peak
-    if logarithm < low + 0.02 * (high - low):
-        raise NotIdentifiable(
-            f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
-        )
-    if relative > _UNSURE or length > turn.after or misfit > _UNLIKE or scale <= 0.0:
-        raise NotIdentifiable(
-            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * relative:.0f} %, the force {scale:.2g} times the"
-            f" model's, its RMS residual {100 * misfit:.0f} % of the greatest; λ must be below the"
-            f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _UNSURE:.0f} %, the factor"
-            f" over 0, and the residual at most {100 * _UNLIKE:.0f} %"
-        )
-    return Measurement(track.name, length, length * relative, misfit)
-
-
-def fit_memory_length(tracks: Sequence[Track], sensor: Sensor, law: Law, *, surface: float) -> FittedValue:
-    """`medium.mobilization_length`: the mean λ over turns. Raises NotIdentifiable if no turn determines it.
-
-    `law`: at any ζ. `surface`: height [m].
-    """
-    turns = fit_each(
-        _fit_turn,
-        ((track, turn, sensor, law, surface) for track in tracks for turn in turns_in_grains(track, surface)),
-        none="the tool never turns in the grains, and no recording begins with it at rest there",
-    )
-    goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns]):.1f} % of the greatest force around turns"
-    return mean_of("medium.mobilization_length", turns, "m", goodness)
+    low, high = np.array([np.log(SHORTEST), 0.0]), np.array([np.log(_LONGEST), _MOST_LOST])
+    expected, error = np.array([0.0, LOST_MOTION]), np.array([np.inf, LOST_MOTION_ERROR])
+    if start is not None and held:
+        expected, error = np.array([0.0, start.lost_motion]), np.array([np.inf, _HELD])
+    curve = Curve(columns, _STEPS, low, high, expected, error)
+    if start is None:
+        grid = [np.array([logarithm, LOST_MOTION]) for logarithm in np.linspace(low[0], high[0], _GRID)]
+        begin = best_start(curve, measured, grid)
+    else:
+        begin = np.array([start.logarithm, start.lost_motion])
+    found = fit_curve(curve, measured, begin)
+    logarithm, lost_motion, scale = found.coefficients.tolist()
+    by_zero = found.inverse[0].reshape(measured.shape).sum(axis=0)
+    return TurnFit(logarithm, float(found.errors[0]), lost_motion, by_zero, found.rms / peak, scale)

@@ -19,7 +19,8 @@ from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.tool import Tool
 
-__all__ = ["Rows", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals", "turns_in_grains"]
+__all__ = ["GAP", "Rows", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals"]
+__all__ += ["turns_in_grains"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -27,7 +28,9 @@ Rows = NDArray[np.int64]
 _BOTTOMLESS = -1e9  # a surface height [m] that no tool reaches: the estimator also answers poses at rest in the grains
 _SMOOTHING = 0.1  # time over which velocities are averaged before they classify the motion [s]
 
-_GAP = 0.5  # a longer time between samples [s] ends a segment
+GAP = 0.5
+"""A longer time between samples [s] ends a segment."""
+
 _FEWEST = 20  # samples of a usable segment in motion
 _SETTLING = 0.1  # time [s] that is left out after a stop and before a start: the arm vibrates and velocities lag
 _SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
@@ -160,7 +163,7 @@ class Turn(NamedTuple):
 
 def _segments(mask: NDArray[np.bool_], time: Array) -> list[Rows]:
     rows = np.flatnonzero(mask)
-    broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > _GAP)
+    broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > GAP)
     return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]
 
 

@@ -1,0 +1,271 @@
+"""The surface, ζ and λ of the grains, fitted together, with errors that contain how each depends on the others.
+
+Each value has its own part of a recording: the surface the first contact, ζ the whole way down, λ the way after a turn.
+Grains with memory resist fully only after a distance, so that the first contact that is found depends on λ, and λ and ζ
+depend on the surface. The fits are therefore repeated with each other's results until those no longer change.
+
+The errors. Each fit has its own standard error, from the noise and its correlation. The derivative of each fit by what
+it takes from the others, found by fitting again with that changed, makes a linear system for the errors of all. The
+zero of the load cell is an error that all fits share. What noise of the poses does is found by adding more (after Cook
+and Stefanski, Journal of the American Statistical Association 89, 1994).
+"""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.contact import Contact, fit_contact
+from rft_ros.calibration.fitting import (
+    FitResults,
+    FittedValue,
+    Measurement,
+    NotIdentifiable,
+    fit_each,
+    mean_of,
+    scatter_of_mean,
+)
+from rft_ros.calibration.memory_length import SHORTEST, AtOnce, TurnFit, fit_turn, length_by_place
+from rft_ros.calibration.penetration import Penetration, deep_enough, difference, fit_penetration
+from rft_ros.calibration.recorded import Grains, Recorded, recorded
+from rft_ros.calibration.tool_weight import Sensor
+from rft_ros.calibration.track import Rows, Track, Turn, down_strokes, turns_in_grains
+from rft_ros.rft import Law
+
+__all__ = ["fit_grains"]
+
+Array = NDArray[np.float64]
+
+_ROUNDS = 8  # of fits with each other's results
+_SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
+_HEIGHT_STEP, _LENGTH_STEP = 5e-5, 0.1
+"""Changes of the surface height [m] and of log λ for derivatives: over several poses, between which fits may jump."""
+
+_UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
+
+_LEFT_AT_CORNERS = 0.5  # of the noise of a pose, after smoothing
+_SHAKEN = 2  # fits to poses with more noise
+
+_SURFACE, _LENGTH, _ZETA = range(3)
+"""The three values, by their rows in the system of errors."""
+
+
+@dataclass(slots=True, eq=False)
+class _Fits:
+    """The parts of the recordings that identify each value, none where it is not fitted, and the fits to them.
+
+    Turns and ways down have the number of their recording.
+    """
+
+    recordings: list[Recorded]
+    grains: Grains
+    contacts: list[Contact] = field(default_factory=list)
+    turns: list[tuple[int, Turn]] = field(default_factory=list)
+    ways_down: list[tuple[int, Rows]] = field(default_factory=list)
+    found_contacts: list[Measurement] = field(default_factory=list)
+    found_turns: list[TurnFit] = field(default_factory=list)
+
+    def surfaces(self, grains: Grains) -> list[Measurement]:
+        """The surface height at each contact."""
+        return [fit_contact(self.recordings[contact.number], contact, grains) for contact in self.contacts]
+
+    def lengths(self, surface: float) -> list[TurnFit]:
+        """λ of each turn."""
+        pairs = zip(self.turns, self.found_turns, strict=True)
+        return [fit_turn(self.recordings[k], turn, surface, start=start) for (k, turn), start in pairs]
+
+    def penetrations(self, grains: Grains) -> list[Penetration]:
+        """ζ of each way down."""
+        return [fit_penetration(self.recordings[k], stroke, grains) for k, stroke in self.ways_down]
+
+    def settle(self) -> None:
+        """Fit the surface and λ with each other's results until those no longer change."""
+        for _ in range(_ROUNDS):
+            before = self.grains
+            if self.turns:
+                self.found_turns = self.lengths(self.grains.surface)
+                length = float(np.exp(np.mean([turn.logarithm for turn in self.found_turns])))
+                self.grains = self.grains._replace(length=length)
+            if self.contacts:
+                self.found_contacts = self.surfaces(self.grains)
+                surface = float(np.mean([contact.value for contact in self.found_contacts]))
+                self.grains = self.grains._replace(surface=surface)
+            changed = abs(self.grains.surface - before.surface)
+            if changed < _SETTLED or not (self.turns and self.contacts):
+                break
+
+    def values(self, *, surface: float, log_length: float) -> Array:
+        """Surface [m], log λ and ζ as fitted with these of the others; 0 for what is not fitted."""
+        grains = self.grains._replace(surface=surface, length=float(np.exp(log_length)))
+        found = np.zeros(3)
+        if self.contacts:
+            found[_SURFACE] = np.mean([contact.value for contact in self.surfaces(grains)])
+        if self.turns:
+            found[_LENGTH] = np.mean([turn.logarithm for turn in self.lengths(surface)])
+        if self.ways_down:
+            found[_ZETA] = np.mean([way.zeta.value for way in self.penetrations(grains)])
+        return found
+
+    def errors(self, own: Array, zero_error: float) -> Array:
+        """Standard errors of the surface [m], log λ and ζ, from the own error of each; `zero_error` [N], one axis."""
+        surface = self.grains.surface
+        log_length = float(np.log(self.grains.length)) if self.grains.length > 0.0 else -np.inf
+        by = np.zeros((3, 3))  # the derivative of each value's fit by the others
+        higher, lower = (
+            self.values(surface=surface + step, log_length=log_length) for step in (_HEIGHT_STEP, -_HEIGHT_STEP)
+        )
+        by[:, _SURFACE] = (higher - lower) / (2.0 * _HEIGHT_STEP)
+        if self.grains.length > 0.0:
+            longer, shorter = (
+                self.values(surface=surface, log_length=log_length + step) for step in (_LENGTH_STEP, -_LENGTH_STEP)
+            )
+            by[:, _LENGTH] = (longer - shorter) / (2.0 * _LENGTH_STEP)
+        by[[_SURFACE, _LENGTH], [_SURFACE, _LENGTH]] = 0.0
+        by_zero = np.zeros((3, 3))
+        if self.turns:
+            by_zero[_LENGTH] = np.mean([turn.by_zero for turn in self.found_turns], axis=0)
+        if self.ways_down:
+            by_zero[_ZETA] = np.mean([way.by_zero for way in self.penetrations(self.grains)], axis=0)
+        sources = np.hstack([np.diag(own), np.diag(self._by_poses(surface, log_length)), zero_error * by_zero])
+        return np.asarray(np.linalg.norm(np.linalg.solve(np.eye(3) - by, sources), axis=1))
+
+    def _by_poses(self, surface: float, log_length: float) -> Array:
+        """What noise of the poses changes: RMS of fits with twice as much, which would all but repeat without any.
+
+        λ has in addition what a shift of the turn changes, by the noise that smoothing leaves in a pose at a corner.
+        """
+        changes = []
+        for seed in range(_SHAKEN):
+            rng = np.random.default_rng(seed)
+            shaken = replace(self, recordings=[recording.shaken(rng) for recording in self.recordings])
+            if all(a is b for a, b in zip(shaken.recordings, self.recordings, strict=True)):
+                return np.zeros(3)
+            changes.append(shaken.values(surface=surface, log_length=log_length))
+        at = self.values(surface=surface, log_length=log_length)
+        found = np.sqrt(np.mean((np.array(changes) - at) ** 2, axis=0))
+        if self.turns:
+            shifts = [
+                _LEFT_AT_CORNERS
+                * self.recordings[k].noise()
+                * length_by_place(self.recordings[k], turn, surface, found_turn)
+                for (k, turn), found_turn in zip(self.turns, self.found_turns, strict=True)
+            ]
+            found[_LENGTH] = np.hypot(found[_LENGTH], np.linalg.norm(shifts) / len(shifts))
+        return np.asarray(found)
+
+
+def _error_of_mean(values: Sequence[float], errors: Sequence[float]) -> float:
+    """Standard error of a mean: the greater of that from the values' scatter and that from their own errors."""
+    return max(float(np.linalg.norm(errors)) / len(errors), scatter_of_mean(values))
+
+
+def _fitted_turn(number: int, recording: Recorded, turn: Turn, surface: float) -> tuple[int, Turn, TurnFit]:
+    found = fit_turn(recording, turn, surface)
+    found.check(recording, turn)
+    return number, turn, found
+
+
+def _fit_turns(fits: _Fits) -> None:
+    """Find the turns that determine λ. Raises NotIdentifiable if none does."""
+    surface = fits.grains.surface
+    turns = (
+        (k, recording, turn, surface)
+        for k, recording in enumerate(fits.recordings)
+        for turn in turns_in_grains(recording.track, surface)
+    )
+    none = "the tool never turns in the grains, and no recording begins with it at rest there"
+    found = fit_each(_fitted_turn, turns, none=none)
+    fits.turns = [(number, turn) for number, turn, _ in found]
+    fits.found_turns = [turn for _, _, turn in found]
+
+
+def _fit_ways_down(fits: _Fits, own: Array, zero_error: float) -> list[Measurement]:
+    """ζ of each way down that determines it, with all of its errors. Raises NotIdentifiable if none does."""
+    surface = fits.grains.surface
+    strokes = (
+        (k, recording, stroke, surface)
+        for k, recording in enumerate(fits.recordings)
+        for stroke in down_strokes(recording.track, below=surface)
+    )
+    fits.ways_down = fit_each(deep_enough, strokes, none="no vertical penetration in the grains")
+    shared = fits.errors(own, zero_error)[_ZETA]
+
+    def checked(way_down: tuple[int, Rows], found: Penetration) -> tuple[tuple[int, Rows], Measurement]:
+        error = float(np.hypot(found.zeta.error, shared))
+        found.check(error)
+        return way_down, found.zeta._replace(error=error)
+
+    pairs = zip(fits.ways_down, fits.penetrations(fits.grains), strict=True)
+    good = fit_each(checked, pairs, none="")
+    fits.ways_down = [way_down for way_down, _ in good]
+    return [zeta for _, zeta in good]
+
+
+def fit_grains(
+    tracks: Sequence[Track],
+    sensor: Sensor,
+    law: Law,
+    *,
+    contacts: Sequence[Contact],
+    given: Grains,
+    parts: Collection[str],
+) -> FitResults:
+    """Fit what `parts` names of surface, zeta and mobilization; the rest is as `given`.
+
+    `law`: at ζ = 1, without memory and inertia. `contacts`: of these tracks; the surface is fitted to them.
+    """
+    result, own = FitResults(), np.zeros(3)
+    recordings = [recorded(track, sensor.cell, law) for track in tracks]
+    fits = _Fits(recordings, given)
+    if "surface" in parts and contacts:
+        fits.contacts = list(contacts)
+        fits.grains = given._replace(surface=float(np.mean([contact.surface for contact in contacts])))
+    if "mobilization" in parts:
+        try:
+            _fit_turns(fits)
+        except AtOnce as reason:
+            fits.grains = fits.grains._replace(length=SHORTEST)
+            result.not_identifiable["medium.mobilization_length"] = str(reason)
+        except NotIdentifiable as reason:
+            own[_LENGTH] = _UNKNOWN_LENGTH
+            result.not_identifiable["medium.mobilization_length"] = str(reason)
+    fits.settle()
+    heights = [Measurement(m.bag, m.value, m.error, m.misfit) for m in fits.found_contacts]
+    if heights:
+        own[_SURFACE] = _error_of_mean([m.value for m in heights], [m.error for m in heights])
+    if fits.turns:
+        turns = fits.found_turns
+        own[_LENGTH] = _error_of_mean([turn.logarithm for turn in turns], [turn.error for turn in turns])
+    strengths: list[Measurement] = []
+    if "zeta" in parts:
+        with result.or_reason("medium.zeta"):
+            strengths = _fit_ways_down(fits, own, sensor.zero_error)
+            found = fits.penetrations(fits.grains)
+            own[_ZETA] = _error_of_mean([p.zeta.value for p in found], [p.zeta.error for p in found])
+    surface_error, length_error, zeta_error = fits.errors(own, sensor.zero_error).tolist()
+
+    if heights:
+        goodness = f"RMS up to {100 * max(m.misfit for m in heights):.1f} % of the force's rise"
+        result.fitted.append(mean_of("surface_height", heights, "m", goodness, error=surface_error))
+    if strengths:
+        goodness = f"RMS up to {100 * max(m.misfit for m in strengths):.1f} % of the peak{difference(strengths)}"
+        result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error))
+        deepest = max(fits.penetrations(fits.grains), key=lambda p: p.depth)
+        source = f"deepest penetration, {deepest.zeta.bag}"
+        result.fitted.append(
+            FittedValue("medium.calibrated_depth", (deepest.depth,), (surface_error,), "m", "", source)
+        )
+    if fits.turns:
+        goodness = (
+            f"RMS {100.0 * np.mean([t.misfit for t in fits.found_turns]):.1f} % of the greatest force around turns"
+        )
+        length = fits.grains.length
+        each = ", ".join(
+            f"{recordings[k].track.name} {np.exp(t.logarithm):.3g} ± {np.exp(t.logarithm) * t.error:.2g}"
+            for (k, _), t in zip(fits.turns, fits.found_turns, strict=True)
+        )
+        name = "medium.mobilization_length"
+        with result.or_reason(name):
+            result.fitted.append(FittedValue(name, (length,), (length * length_error,), "m", goodness, each))
+    return result

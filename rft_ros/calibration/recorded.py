@@ -1,0 +1,84 @@
+"""A recording as the fits of the grains use it: its motion without noise, the measured force, and the model's force."""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.smoothing import noise_of_poses, shaken_states, smoothed_states
+from rft_ros.calibration.track import GAP, Rows, Track
+from rft_ros.estimator import LoadCell
+from rft_ros.rft import Law, Memory, wrenches, wrenches_in_time
+
+__all__ = ["Grains", "Recorded", "recorded"]
+
+Array = NDArray[np.float64]
+
+_CLEAR = 0.001  # height above the surface [m] at which the memory is surely empty
+
+
+class Grains(NamedTuple):
+    """What the fits share: the surface height [m]; λ [m], 0 without memory; the arm's lost motion at a turn [m]."""
+
+    surface: float
+    length: float
+    lost_motion: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Recorded:
+    """One recording of n moments, for `law` at ζ = 1.
+
+    `states`: shape [n, 13], without the noise of the poses, at rest with velocity 0. `heights` of the tool's lowest
+    point [m], shape [n]. `forces`: measured force of the grains, world axes [N], shape [n, 3].
+    """
+
+    track: Track
+    law: Law
+    states: Array
+    heights: Array
+    forces: Array
+
+    def before_contact(self, row: int, surface: float) -> int:
+        """The last row before `row` at which the tool is in the air or poses are missing; 0 if it never is."""
+        apart = np.flatnonzero(np.diff(self.track.time[: row + 1]) > GAP) + 1
+        in_air = np.flatnonzero(self.heights[: row + 1] > surface + _CLEAR)
+        return int(max(apart.max(initial=0), in_air.max(initial=0)))
+
+    def predicted(self, grains: Grains, first: int, rows: Rows) -> Array:
+        """Force on the tool at `rows`, with a memory that is empty at the row `first`, world axes [N], shape [m, 3]."""
+        plates, last = self.track.tool.plates, int(rows[-1])
+        if grains.length <= 0.0:
+            return wrenches(plates, self.law, self.states[rows], surface_height=grains.surface, threads=1)[:, :3]
+        law = replace(self.law, mobilization_length=grains.length)
+        durations = np.diff(self.track.time[first : last + 1], prepend=self.track.time[first])
+        memory = Memory(plates, slack=grains.lost_motion)
+        states = self.states[first : last + 1]
+        found = wrenches_in_time(plates, law, states, durations, memory, surface_height=grains.surface)
+        return np.asarray(found[rows - first, :3])
+
+    def noise(self) -> float:
+        """Standard deviation of one coordinate of the tool's fastest point [m]; 0 where the poses have no noise."""
+        track = self.track
+        return noise_of_poses(track.time, track.states, gap=GAP, reach=track.tool.plates.reach)
+
+    def shaken(self, rng: np.random.Generator) -> "Recorded":
+        """The recording with so much more noise of the poses that they have twice as much; itself if they have none."""
+        track = self.track
+        states = shaken_states(track.time, track.states, gap=GAP, times=3.0**0.5, rng=rng)
+        return self if states is None else replace(self, states=_moving_states(track, states))
+
+
+def _moving_states(track: Track, states: Array) -> Array:
+    """The states without the noise of the poses, at rest with velocity 0."""
+    smooth = smoothed_states(track.time, states, gap=GAP)
+    speed, spin = np.linalg.norm(smooth[:, 7:13].reshape(-1, 2, 3), axis=2).T
+    smooth[speed + spin * track.tool.plates.reach < track.rest_speed, 7:13] = 0.0
+    return smooth
+
+
+def recorded(track: Track, cell: LoadCell, law: Law) -> Recorded:
+    """Prepare a recording; `law`: without memory and inertia, at ζ = 1."""
+    states, forces = _moving_states(track, track.states), track.grain_forces(cell)
+    return Recorded(track=track, law=law, states=states, heights=track.heights(), forces=forces)

@@ -1,0 +1,145 @@
+"""Where a tool was and how it moved, from all poses of a recording: without their noise, and with its corners.
+
+Each pose is replaced by the value of a straight line through its neighbours, before, after or on both sides. The line
+is the longest one whose value agrees with that of every shorter one within the noise (intersection of confidence
+intervals: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6, 1997). So the line is long on a straight
+way and short at a corner, where an average over a fixed time would round the corner off by tenths of a millimetre.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import correlate1d
+
+__all__ = ["noise_of_poses", "shaken_states", "smoothed_states"]
+
+Array = NDArray[np.float64]
+
+_LONGEST = 0.25  # time [s] that the lines span
+_GROWTH = 1.6  # of the line's number of poses from one try to the next
+_AGREE = 3.0  # standard deviations within which two estimates of a pose agree
+_QUIET = 1e-8  # noise [m], [rad/2] that needs no smoothing: rounding
+_CALM, _CHI2_OF_CALM = 0.8, 4.642
+"""Share of the third differences that contain no corner, and that quantile of chi-squared with 3 degrees of freedom."""
+_ROUNDED = 9  # decimals of velocities: rounding must not decide whether a wall along the motion leads
+
+
+class _Line(NamedTuple):
+    """Estimates from one kind of line at n poses: values and slopes in time, shape [n, 7]; deviation over the noise."""
+
+    value: Array
+    slope: Array
+    deviation: Array
+
+
+def _noise(places: Array) -> Array:
+    """Standard deviation of one number of position [m] and of quaternion, shape [7], from the third differences."""
+    third = np.diff(places, n=3, axis=0)
+    found = []
+    for columns, free in ((slice(0, 3), 3), (slice(3, 7), 3)):
+        squares = np.sort(np.sum(third[:, columns] ** 2, axis=1))
+        variance = squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0 if len(squares) else 0.0
+        found += [np.sqrt(variance * free / 3.0)] * (columns.stop - columns.start)
+    return np.array(found)
+
+
+def _line(time: Array, places: Array, before: int, after: int) -> _Line:
+    """Lines through the poses from `before` to `after` places beside each; the deviation is inf without so many."""
+    size, n = before + after + 1, len(time)
+    number = np.arange(size) - 0.5 * (size - 1)
+    mean, slope = np.full(size, 1.0 / size), number / (number @ number)
+    begin = size // 2  # the filter's result that is of the first `size` poses
+    inner = slice(before, n - after)
+
+    def over(weights: Array, columns: Array) -> Array:
+        return np.asarray(correlate1d(columns, weights, axis=0)[begin : begin + n - size + 1])
+
+    rate = over(slope, places) / over(slope, time)[:, None]
+    late = over(mean, time) - time[inner]
+    found = _Line(places.copy(), np.zeros_like(places), np.full(n, np.inf))
+    found.value[inner] = over(mean, places) - rate * late[:, None]
+    found.slope[inner] = rate
+    lever = 0.5 * (after - before)
+    found.deviation[inner] = np.sqrt(1.0 / size + lever * lever / (number @ number))
+    return found
+
+
+def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
+    """Of each kind of line the longest that agrees with the shorter ones; of the kinds the one of least deviation."""
+    n = len(time)
+    step = max(float(np.median(np.diff(time))), 1e-6)
+    most = min(round(_LONGEST / step), n - 1)
+    # the line to the pose before has no noise less than the pose
+    best = _line(time, places, 1, 0)
+    best.slope[0], best.deviation[0] = best.slope[1], 1.0
+    best.value[0] = places[0]
+    for before, after in ((1, 0), (0, 1), (1, 1)):
+        low, high = places - _AGREE * noise, places + _AGREE * noise
+        agrees, count = np.ones(n, dtype=np.bool_), 1
+        while count * (before + after) <= most:
+            line = _line(time, places, before * count, after * count)
+            agrees &= np.isfinite(line.deviation)
+            spread = _AGREE * np.where(agrees, line.deviation, 0.0)[:, None] * noise
+            low, high = np.maximum(low, line.value - spread), np.minimum(high, line.value + spread)
+            agrees &= (low <= high).all(axis=1)
+            better = agrees & (line.deviation < best.deviation - 1e-9)
+            for kept, new in zip(best, line, strict=True):
+                kept[better] = new[better]
+            count = max(count + 1, round(_GROWTH * count))
+    return best
+
+
+def _apart(time: Array, gap: float) -> list[NDArray[np.int64]]:
+    """The rows of each part without a longer time between two poses than `gap` [s]; parts of under four left out."""
+    parts = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > gap) + 1)
+    return [rows for rows in parts if len(rows) >= 4]
+
+
+def _alike(places: Array) -> Array:
+    """The places with quaternions whose signs do not change: q and -q are one attitude."""
+    turned = np.sign(np.sum(places[1:, 3:] * places[:-1, 3:], axis=1))
+    signs = np.append(1.0, np.cumprod(np.where(turned < 0.0, -1.0, 1.0)))
+    return np.hstack([places[:, :3], signs[:, None] * places[:, 3:]])
+
+
+def noise_of_poses(time: Array, states: Array, *, gap: float, reach: float) -> float:
+    """Standard deviation of one coordinate of a point at `reach` [m] from the tool frame's origin [m]; 0: rounding."""
+    noise = [_noise(_alike(states[rows, :7])) for rows in _apart(time, gap)]
+    if not noise:
+        return 0.0
+    place, turn = np.median(noise, axis=0)[[0, 3]].tolist()
+    found = float(np.hypot(place, 2.0 * reach * turn))
+    return found if max(place, turn) > _QUIET else 0.0
+
+
+def shaken_states(time: Array, states: Array, *, gap: float, times: float, rng: np.random.Generator) -> Array | None:
+    """The states, shape [n, 13], with noise of the poses added, `times` what they have; None where that is rounding."""
+    result, shaken = states.copy(), False
+    for rows in _apart(time, gap):
+        noise = _noise(_alike(states[rows, :7]))
+        noise[noise <= _QUIET] = 0.0
+        shaken |= bool(noise.any())
+        result[rows, :7] += times * noise * rng.normal(size=(len(rows), 7))
+    result[:, 3:7] /= np.linalg.norm(result[:, 3:7], axis=1)[:, None]
+    return result if shaken else None
+
+
+def smoothed_states(time: Array, states: Array, *, gap: float) -> Array:
+    """The states with poses without noise, and the velocities of those, shape [n, 13], columns `rft_ros.rft.STATE`.
+
+    `time` [s], shape [n]. A longer time between two poses than `gap` [s] separates what is smoothed. Poses whose noise
+    is rounding stay as they are.
+    """
+    result = states.copy()
+    for rows in _apart(time, gap):
+        places = _alike(states[rows, :7])
+        noise = _noise(places)
+        middle = places.mean(axis=0)
+        line = _longest_lines(time[rows], places - middle, np.maximum(noise, _QUIET))
+        value = np.where(noise > _QUIET, line.value + middle, states[rows, :7])
+        value[:, 3:] /= np.linalg.norm(value[:, 3:], axis=1)[:, None]
+        turn, w, at, at_w = line.slope[:, 3:6], line.slope[:, 6:], places[:, 3:6], places[:, 6:]
+        spin = 2.0 * (at_w * turn - w * at - np.cross(turn, at))
+        result[rows] = np.hstack([value, np.round(np.hstack([line.slope[:, :3], spin]), _ROUNDED)])
+    return result
