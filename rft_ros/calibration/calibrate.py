@@ -10,6 +10,7 @@ from rft_ros.calibration.contact import Contact, find_contacts
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import fit_grains
 from rft_ros.calibration.memory_length import LOST_MOTION
+from rft_ros.calibration.plausibility import refuse_implausible
 from rft_ros.calibration.recorded import Grains
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
 from rft_ros.calibration.track import Track
@@ -23,7 +24,6 @@ __all__ = ["PARTS", "Calibration", "calibrate"]
 PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
 """What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
 
-_LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
 _ROUNDS = 5  # the surface and the force of inertia depend on each other
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 
@@ -40,12 +40,11 @@ def calibrate(
 ) -> Calibration:
     """Fit `parts` to the tracks; take what is not fitted, or not identifiable, from `values`, the node's parameters.
 
-    Raises InputError for a reading over 1e6 N or N m, and where fixed transforms should tell the load cell's place and
-    do not.
+    Raises InputError for a recording that `refuse_implausible` refuses, and where fixed transforms should tell the load
+    cell's place and do not.
     """
     for track in tracks:
-        if not (largest := float(np.abs(track.readings).max())) <= _LARGEST:
-            raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; the limit is {_LARGEST:g}")
+        refuse_implausible(track)
     settings, result, recorded = settings_of(values), Calibration(), tracks
     cell = settings.load_cell
     if settings.sensor_source == "tf":

@@ -22,7 +22,6 @@ Array = NDArray[np.float64]
 
 _MOST_STEPS, _HALVINGS, _CONVERGED = 12, 5, 1e-2  # of Gauss and Newton; the last in steps for derivatives
 _MOST_ALIKE = 0.999  # greatest correlation of successive samples of noise
-_BLOCKS = 24  # means of the residuals in which errors of the model show
 
 _Result = TypeVar("_Result")
 
@@ -218,7 +217,7 @@ def _correlated(columns: Array, residuals: Array) -> tuple[Array, float]:
     """
     n, power = len(residuals), float(residuals @ residuals)
     rho = float(residuals[1:] @ residuals[:-1]) / power if power > 0.0 else 0.0
-    rho = float(np.clip(rho + (1.0 + 3.0 * rho) / n, -0.5, _MOST_ALIKE))  # an estimate from n samples is too small
+    rho = float(np.clip(rho, -0.5, _MOST_ALIKE))
     before = lfilter([1.0], [1.0, -rho], columns, axis=0)
     after = lfilter([1.0], [1.0, -rho], columns[::-1], axis=0)[::-1]
     one = power / max(n - columns.shape[1], 1)
@@ -232,18 +231,13 @@ def _variances(jacobian: Array, residuals: Array) -> tuple[Array, float]:
 
 
 def _covariance(jacobian: Array, residuals: Array, inverse: Array) -> Array:
-    """Covariance of coefficients: the greatest of three estimates, by the error of the first coefficient.
+    """Covariance of coefficients: the greater of two estimates, by the error of the first coefficient.
 
-    Two take the residuals for a stationary process, sample by sample and in means over a 24th of the time, in which
-    slow errors of the model show; the third (Newey and West) takes each residual where it is, such as at a corner.
+    One takes the residuals for a stationary process; the other (Newey and West) each residual where it is, such as at a
+    corner.
     """
-    n, axes, k = jacobian.shape
-    blocks = np.array_split(np.arange(n), _BLOCKS) if n >= 2 * _BLOCKS else []
+    _, axes, k = jacobian.shape
     found = [inverse @ _variances(jacobian, residuals)[0] @ inverse]
-    if blocks:
-        sums = np.array([jacobian[rows].sum(axis=0) for rows in blocks])
-        means = np.array([residuals[rows].mean(axis=0) for rows in blocks])
-        found.append(inverse @ _variances(sums, means)[0] @ inverse)
     apart = [
         _series_fit(np.zeros(k), jacobian[:, axis], residuals[:, axis], inverse).covariance for axis in range(axes)
     ]

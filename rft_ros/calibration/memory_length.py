@@ -27,7 +27,7 @@ _MOST_LOST = 2e-4  # greatest lost motion [m]
 _GRID = 16  # values of λ that are tried before the best one is refined
 _STEPS = np.array([0.03, 1e-6])  # changes of log λ and of the lost motion [m] for derivatives
 _MOVED, _HELD = 2e-6, 1e-9  # change of a lost motion [m] that is held, and how closely
-_UNSURE = 0.5  # greatest accepted standard error of λ, relative to λ
+_UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
 _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
 
 

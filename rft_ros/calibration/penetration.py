@@ -71,7 +71,8 @@ def fit_penetration(recording: Recorded, stroke: Rows, grains: Grains) -> Penetr
     fit = fit_linear(modelled[:, 2:, None], measured)
     scale = float(np.linalg.norm(forces) * np.linalg.norm(modelled))
     alike = float(np.sum(forces * modelled)) / scale if scale > 0.0 else 0.0
-    misfit = fit.rms / float(np.abs(measured).max())
+    peak = float(np.abs(measured).max())
+    misfit = fit.rms / peak if peak > 0.0 else 0.0
     zeta = Measurement(recording.track.name, float(fit.coefficients[0]), float(fit.errors[0]), misfit)
     return Penetration(zeta, depth, np.array([0.0, 0.0, fit.inverse[0].sum()]), alike)
 

@@ -50,7 +50,9 @@ class Recorded:
         """Force on the tool at `rows`, with a memory that is empty at the row `first`, world axes [N], shape [m, 3]."""
         plates, last = self.track.tool.plates, int(rows[-1])
         if grains.length <= 0.0:
-            return wrenches(plates, self.law, self.states[rows], surface_height=grains.surface, threads=1)[:, :3]
+            # a law without memory has no force at rest, and a hand that pushes stops in between
+            states = self.track.smooth_states()[rows]
+            return wrenches(plates, self.law, states, surface_height=grains.surface, threads=1)[:, :3]
         law = replace(self.law, mobilization_length=grains.length)
         durations = np.diff(self.track.time[first : last + 1], prepend=self.track.time[first])
         memory = Memory(plates, slack=grains.lost_motion)

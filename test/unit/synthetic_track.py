@@ -29,9 +29,10 @@ def law(zeta=1.0, alpha_y=None):
 
 
 def parameters(**given):
-    """The node's parameters for `TOOL`, names with __ for dots."""
+    """The node's parameters for `TOOL`, without memory; names with __ for dots."""
     named = {name.replace("__", "."): value for name, value in given.items()}
-    return {**defaults(), "mesh.file": "abb_plate", "mesh.scale": 0.001, "tolerance": 0.0, **named}
+    of_tool = {"mesh.file": "abb_plate", "mesh.scale": 0.001, "tolerance": 0.0}
+    return {**defaults(), **of_tool, "medium.mobilization_length": 0.0, **named}
 
 
 class Path:

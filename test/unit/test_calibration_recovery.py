@@ -23,9 +23,7 @@ from synthetic_track import (
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.fitting import Measurement, NotIdentifiable
-from rft_ros.calibration.memory_length import fit_memory_length
 from rft_ros.calibration.penetration import difference
-from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import turns_in_grains
 from rft_ros.estimator import PoseSample
 from rft_ros.estimator.motion import PoseDifference
@@ -82,7 +80,7 @@ def test_the_mobilization_length_is_recovered(path, tmp_path):
 
     def fit(readings):
         track = track_of(time, states, readings, tool=blade)
-        return [fit_memory_length([track], Sensor(LOAD_CELL), law(), surface=0.0)]
+        return calibrate([track], known(), parts=("mobilization",)).fitted
 
     assert_recovered(fit, read_by(LOAD_CELL, states, grains), {"medium.mobilization_length": (LENGTH,)})
 
@@ -126,11 +124,12 @@ def test_velocities_from_poses_give_lambda_within_15_percent(path):
     difference.span(window=0.2, max_age=0.1)
     for row, t in zip(poses, time, strict=True):
         stamp = 1 + round(1e9 * t)
-        known = difference.push(PoseSample(stamp, "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist())))
-        row[7:13] = difference.twist if known else 0.0
+        moves = difference.push(PoseSample(stamp, "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist())))
+        row[7:13] = difference.twist if moves else 0.0
     track = track_of(time, poses, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
-    found = fit_memory_length([track], Sensor(LOAD_CELL), law(), surface=0.0)
+    (found,) = calibrate([track], known(), parts=("mobilization",)).fitted
     assert found.values[0] == pytest.approx(0.003, rel=0.15)
+    assert abs(found.values[0] - 0.003) < 3.0 * found.errors[0]
 
 
 def test_a_line_of_alpha_y_from_plates_dragged_along_themselves():
