@@ -5,22 +5,24 @@ from bisect import bisect_left
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Channel, DataEnd, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
+from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, unpacked
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder
-from rft_ros.files import opened, resolved
+from rft_ros.files import checked_file, resolved
 
 __all__ = ["NAMES", "Recording", "bag_name"]
 
@@ -43,6 +45,7 @@ _LATEST = 100_000_000  # greatest delay of a message in its file that is still s
 _TOGETHER = 256  # messages sorted at a time
 _CHUNK_HEAD = 49  # bytes before the records of an uncompressed chunk (https://mcap.dev/spec)
 _SUFFIXES = (".mcap", ".db3", ".bag")
+_MOST_METADATA = 2**24  # bytes
 
 
 def bag_name(bag: Path) -> str:
@@ -55,7 +58,8 @@ def _is_ros1(bag: Path) -> bool:
 
 
 def _opened(path: Path, opened: ExitStack) -> _Reader:
-    reader = Reader1(path) if _is_ros1(path) else Reader2(path)
+    limited = LimitedPath(path)
+    reader = Reader1(limited) if _is_ros1(path) else Reader2(limited)
     reader.open()
     opened.callback(reader.close)
     return reader
@@ -64,14 +68,16 @@ def _opened(path: Path, opened: ExitStack) -> _Reader:
 def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
     """Write what comes before the damage of an .mcap file to a whole one: messages on `topics`, one on each other.
 
-    Returns whether nothing is missing: the file is only not of ROS 2, or without its index.
+    Returns whether nothing is missing: the file is only not of ROS 2, or without its index. Raises nothing for damage,
+    but LimitError for a chunk or a record that is too large, after all that comes before it is written.
     """
     names, channels, every = {0: "unknown type"}, dict[int, tuple[int, str]](), False
+    limit: LimitError | None = None
     met = set[str]()  # the first message on any topic tells when the bag begins
-    with opened(file, "bag", limit=None) as damaged, copy.open("wb") as whole:
+    with LimitedPath(file).open("rb") as damaged, copy.open("wb") as whole:
         writer = Writer(whole, compression=CompressionType.NONE)
         writer.start("ros2")
-        with suppress(Exception):  # mcap's parsers raise anything on damage
+        try:
             for r in _records(damaged):
                 if isinstance(r, Schema):
                     names[r.id] = r.name
@@ -88,7 +94,13 @@ def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
                 elif isinstance(r, DataEnd):
                     every = True
                     break
+        except LimitError as error:
+            limit = error
+        except Exception:
+            pass
         writer.finish()  # type: ignore[no-untyped-call]
+    if limit:
+        raise limit
     return every
 
 
@@ -96,14 +108,18 @@ def _records(stream: BinaryIO) -> Iterator[McapRecord]:
     """The records of an MCAP file, those in chunks too, also in one that is cut unless it is compressed."""
     at = 0
     try:
-        for record in StreamReader(stream, validate_crcs=True).records:
-            yield record
+        for record in StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_BYTES).records:
+            if isinstance(record, Chunk):
+                content = unpacked(record.data, record.compression, record.uncompressed_size)
+                yield from breakup_chunk(replace(record, compression="", data=content), validate_crc=True)
+            else:
+                yield record
             at = stream.tell()
     except EndOfFile:
         stream.seek(at)
         head = stream.read(_CHUNK_HEAD)
         if head[:1] == bytes([Opcode.CHUNK]) and not any(head[37:41]):  # length of the compression's name
-            yield from StreamReader(stream, skip_magic=True).records
+            yield from StreamReader(stream, skip_magic=True, record_size_limit=MOST_BYTES).records
 
 
 class Recording:
@@ -230,7 +246,13 @@ class Recording:
         """The bag by rosbags; if that fails, its files up to the first damaged one, an .mcap up to its damage."""
         bag, described = self.bag, (self.bag / "metadata.yaml").exists()
         bag.stat()  # is it there?
-        inside, suffixes = (bag.iterdir(), _SUFFIXES[:2]) if bag.is_dir() else ([bag], _SUFFIXES)
+        inside, suffixes = ([*bag.iterdir()], _SUFFIXES[:2]) if bag.is_dir() else ([bag], _SUFFIXES)
+        for file in inside:
+            named = bag.is_dir() or file.suffix in suffixes
+            if named and file.exists() and not (file.is_file() or file.is_dir()):
+                checked_file(file, "bag")  # refuses it: reading would wait
+        if described and (bag / "metadata.yaml").stat().st_size > _MOST_METADATA:
+            checked_file(bag / "metadata.yaml", "bag", limit=_MOST_METADATA)
         files = [file for file in inside if file.suffix in suffixes and file.is_file()]
         files.sort(key=lambda file: (len(file.name), file.name))  # part 10 of a split bag comes after part 9
         if not (files or described):
@@ -252,7 +274,11 @@ class Recording:
                     self._why = f"{why}; try '{_REPAIRS[file.suffix]}'"
                     return
                 copy = Path(opened.enter_context(TemporaryDirectory())) / file.name
-                every = _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
+                every = False
+                try:
+                    every = _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
+                except LimitError as limit:
+                    why = f"{file.name} is damaged: {limit}"
                 yield _opened(copy, opened)
                 if not every:
                     self._why = why

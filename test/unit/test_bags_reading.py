@@ -91,7 +91,7 @@ def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
         refused(tmp_path / name, "is not a bag" if name == "notes.txt" else name)
     refused(Path("/dev/null"), "is not a bag")
     os.mkfifo(tmp_path / "pipe.mcap")
-    refused(tmp_path / "pipe.mcap", "is not a bag")
+    refused(tmp_path / "pipe.mcap", "is a pipe")
     ros1 = write_ros1(tmp_path / "whole.bag", moments())
     sqlite = next(write_ros2(tmp_path / "whole", moments(), plugin=StoragePlugin.SQLITE3).glob("*.db3"))
     for whole, repair in ((ros1, "rosbag reindex"), (sqlite, "sqlite3 FILE .recover")):

@@ -1,0 +1,87 @@
+"""Files of bags within limits: rosbags and mcap allocate what a file's lengths say, and unpack chunks to any size."""
+
+import io
+from bz2 import BZ2Decompressor
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import zstandard
+from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
+from rosbags.rosbag1 import reader as rosbag1
+from rosbags.rosbag2 import storage_mcap
+
+__all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "unpacked"]
+
+MOST_BYTES = 256 * 2**20
+"""Of a record or a chunk; recorders write chunks of up to some MiB."""
+
+_LONGEST_LINE = 2**12
+
+
+class LimitError(ValueError):
+    """What a file asks for and is not given: why, in words that follow its name."""
+
+
+class LimitedPath(type(Path())):  # type: ignore[misc]
+    """A path whose binary file reads at most `MOST_BYTES` at once, for readers that believe a damaged length."""
+
+    def open(self, mode: str = "r", *arguments: Any, **options: Any) -> Any:
+        """As `Path.open`."""
+        return _LimitedFile(io.FileIO(self)) if mode == "rb" else super().open(mode, *arguments, **options)
+
+
+class _LimitedFile(io.BufferedReader):
+    """Raises LimitError where a read would be longer than the limit."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        everything = size is None or size < 0
+        data = super().read(MOST_BYTES + 1 if everything or size is None else min(size, MOST_BYTES + 1))
+        if len(data) > MOST_BYTES:
+            raise LimitError(f"a record has more than the limit of {MOST_BYTES / 2**20:.0f} MiB")
+        if size == 1 and data == b"\0":  # the type of an MCAP record; gigabytes of zeros are as many empty ones
+            raise LimitError("a record has the type 0, as in a part that is filled with zeros")
+        return data
+
+    def readline(self, size: int | None = -1, /) -> bytes:  # noqa: ARG002 - only the first line is read so
+        return super().readline(_LONGEST_LINE)
+
+
+def unpacked(data: bytes, compression: str, size: int | None = None) -> bytes:
+    """A chunk's content by lz4, bz2, zstd or none (""); LimitError where it has not `size` bytes, or over the limit.
+
+    No more than the limit is ever unpacked, whatever the chunk says of itself.
+    """
+    if size is not None and size > MOST_BYTES:
+        raise _too_large(size)
+    most = (MOST_BYTES if size is None else size) + 1
+    if compression == "lz4":
+        content = LZ4FrameDecompressor().decompress(data, max_length=most)
+    elif compression == "bz2":
+        content = BZ2Decompressor().decompress(data, max_length=most)
+    elif compression == "zstd":
+        with zstandard.ZstdDecompressor().stream_reader(io.BytesIO(data), read_across_frames=True) as stream:
+            content = stream.read(most)
+    elif compression in ("", "none"):
+        content = data
+    else:
+        raise LimitError(f"a chunk is compressed by '{compression[:40]}'; record it with zstd, lz4 or none")
+    if len(content) > MOST_BYTES:
+        raise _too_large(len(content))
+    if size is not None and len(content) != size:
+        raise LimitError(f"a chunk says that it has {size:,} bytes and has others")
+    return bytes(content)
+
+
+def _too_large(size: int) -> "LimitError":
+    most = f"the limit is {MOST_BYTES / 2**20:.0f} MiB; record with smaller chunks"
+    return LimitError(f"a chunk unpacks to {size / 2**20:.0f} MiB or more; {most}")
+
+
+def _limited(compression: str) -> Callable[..., bytes]:
+    return lambda data, size=None: unpacked(data, compression, size)
+
+
+# rosbags has no option for a limit. Its tables of decompressors are where every chunk passes.
+storage_mcap.DECOMPRESSORS.update({name: _limited(name) for name in ("lz4", "zstd")})
+rosbag1.decompressors.update({name: _limited(name) for name in ("lz4", "bz2")})
