@@ -19,7 +19,7 @@ _SURFACE, _FORCE, _PATH = "#C2A878", "#0072B2", "#555555"
 TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
 """Colour scale of the traction, relative to the greatest."""
 
-_ZOOM = 1.35  # of the scene: it fills the height of its figure
+_ZOOM_TALL, _ZOOM_FLAT, _FLAT = 1.1, 1.35, 0.7  # sizes at which scenes as tall as wide, and of 0.7 of it, fill a figure
 _PERIOD = 83  # ms from frame to frame
 _MOMENTS, _FEWEST_MOMENTS = 60, 3
 _FACES = 600_000  # of all moments, which are 10 to 20 MB: of a finer mesh fewer moments are drawn
@@ -110,6 +110,8 @@ def animation_figure(scene: Animation) -> Any:
     low[2], high[2] = min(low[2], scene.surface_height), max(high[2], scene.surface_height)
     margin = (high - low).max() * np.array([0.2, 0.2, 0.06])  # so that a deep scene is no narrow column
     low, high = low - margin, high + margin
+    height = (high - low)[2] / (high - low).max()
+    zoom = np.interp(height, (_FLAT, 1.0), (_ZOOM_FLAT, _ZOOM_TALL))
     sizes = np.linalg.norm(scene.forces, axis=1)
     starts = scene.placed.mean(axis=1)
     ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * scene.forces
@@ -158,9 +160,9 @@ def animation_figure(scene: Animation) -> Any:
         scene={
             **axes,
             "aspectmode": "manual",  # with "data", a wide scene is larger than the page
-            "aspectratio": dict(zip("xyz", (_ZOOM * (high - low) / (high - low).max()).tolist(), strict=True)),
+            "aspectratio": dict(zip("xyz", (zoom * (high - low) / (high - low).max()).tolist(), strict=True)),
             # view the loaded faces: the force points into the tool
-            "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if scene.forces[scene.first, 2] <= 0.0 else -0.5}},
+            "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if scene.forces[scene.first, 2] <= 0.0 else -0.75}},
         },
         legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
         updatemenus=[{**menu, "buttons": [button("Play", None, each), button("Pause", [None], at_once)]}],

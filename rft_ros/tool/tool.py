@@ -1,5 +1,6 @@
 """A tool: the plates of a mesh, and the mesh to draw it."""
 
+import json
 import shlex
 from collections.abc import Sequence
 from contextlib import suppress
@@ -157,6 +158,6 @@ def _hull_command(tool: Tool) -> list[str]:
     path = Path(tool.file)
     if not tool.file or path.suffix.lower() == SUFFIX:
         return []
-    hull = f"{path.stem}_hull.stl"
-    code = f"import trimesh; trimesh.load({str(path)!r}, force='mesh').convex_hull.export({hull!r})"
+    file, hull = (json.dumps(name, ensure_ascii=False) for name in (str(path), f"{path.stem}_hull.stl"))
+    code = f'import trimesh; trimesh.load({file}, force="mesh").convex_hull.export({hull})'
     return [f"to write the convex hull: python3 -c {shlex.quote(code)}"]
