@@ -15,8 +15,8 @@ from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
-from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import Values, model_of, settings_of
+from rft_ros.rft.placement import Placement
 from rft_ros.tool import Tool
 
 __all__ = ["GAP", "Rows", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals"]

@@ -9,10 +9,11 @@ import numpy as np
 from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison
 from rft_ros.estimator.samples import PATIENCE, TIME_JUMP, PoseSample, Reason, RefusedError, TwistSample, WrenchSample
-from rft_ros.estimator.transforms import Placement, Transforms
+from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud, Ground
 from rft_ros.parameters import Settings
 from rft_ros.rft import rotation_matrix, unit_quaternion
+from rft_ros.rft.placement import Placement
 
 __all__ = ["Intake"]
 

@@ -5,6 +5,7 @@ from enum import Enum
 from typing import NamedTuple, TypeVar
 
 from rft_ros.ground import Cloud
+from rft_ros.rft.placement import Quaternion, Vector, Wrench
 
 __all__ = ["ABSURD", "PATIENCE", "TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason"]
 __all__ += ["RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
@@ -19,11 +20,6 @@ TIME_JUMP = 1_000_000_000
 PATIENCE = 1_000_000_000
 """Time [ns] of other inputs' stamps to wait for a load-cell sample or a transform: a process may stall by less."""
 
-Vector = tuple[float, float, float]
-"""x, y, z."""
-Wrench = tuple[float, float, float, float, float, float]
-"""Force [N] and torque [N m]: fx, fy, fz, tx, ty, tz."""
-
 
 class PoseSample(NamedTuple):
     """Pose of the tool frame in `frame`: stamp [ns], position [m], quaternion xyzw."""
@@ -31,7 +27,7 @@ class PoseSample(NamedTuple):
     stamp: int
     frame: str
     position: Vector
-    quaternion: tuple[float, float, float, float]
+    quaternion: Quaternion
 
 
 class TwistSample(NamedTuple):
@@ -61,7 +57,7 @@ class TransformSample(NamedTuple):
     parent: str
     child: str
     position: Vector
-    quaternion: tuple[float, float, float, float]
+    quaternion: Quaternion
     fixed: bool = False
 
 

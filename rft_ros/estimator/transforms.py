@@ -2,61 +2,17 @@
 
 import math
 from collections import deque
-from typing import NamedTuple
 
-from rft_ros.estimator.samples import ABSURD, TIME_JUMP, Reason, TransformSample, Vector, Wrench, around
+from rft_ros.estimator.samples import ABSURD, TIME_JUMP, Reason, TransformSample, around
 from rft_ros.rft import unit_quaternion
+from rft_ros.rft.placement import Placement, Quaternion
 
-__all__ = ["Placement", "Transforms"]
+__all__ = ["Transforms"]
 
 _HISTORY = 1024  # transforms kept of a moving frame on the way: 2 s at 500 Hz, twice the patience of a pose
 _LONGEST_NAME = 255
 _MOST_FRAMES = 4096
 _MOST_LISTED = 20
-
-Quaternion = tuple[float, float, float, float]
-
-
-class Placement(NamedTuple):
-    """Pose of one frame in another: position [m], quaternion xyzw."""
-
-    position: Vector
-    quaternion: Quaternion
-
-    def rotate(self, v: Vector) -> Vector:
-        """A vector in the inner frame's axes, in the outer frame's."""
-        x, y, z, w = self.quaternion
-        a, b, c = v
-        p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
-        return a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p
-
-    def wrench(self, inner: Wrench) -> Wrench:
-        """A wrench [N], [N m] in the inner frame's axes about its origin, in the outer frame's about its own."""
-        a, b, c = self.rotate(inner[:3])
-        d, e, f = self.rotate(inner[3:])
-        x, y, z = self.position
-        return a, b, c, d + y * c - z * b, e + z * a - x * c, f + x * b - y * a
-
-    def of(self, inner: "Placement") -> "Placement":
-        """The placement in the outer frame of what has the placement `inner` in this frame."""
-        a, b, c = self.rotate(inner.position)
-        px, py, pz = self.position
-        x, y, z, w = self.quaternion
-        p, q, r, s = inner.quaternion
-        turned = (
-            w * p + x * s + y * r - z * q,
-            w * q - x * r + y * s + z * p,
-            w * r + x * q - y * p + z * s,
-            w * s - x * p - y * q - z * r,
-        )
-        return Placement((px + a, py + b, pz + c), turned)
-
-    def inverse(self) -> "Placement":
-        """The outer frame in the inner one."""
-        x, y, z, w = self.quaternion
-        back = Placement((0.0, 0.0, 0.0), (-x, -y, -z, w))
-        a, b, c = back.rotate(self.position)
-        return Placement((-a, -b, -c), back.quaternion)
 
 
 def _placed(history: deque[TransformSample], stamp: float, max_age: int) -> Placement | Reason:

@@ -10,9 +10,9 @@ from rclpy.node import Node
 from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.estimator.messages import wrench_cdr
 from rft_ros.estimator.quality import Trust, trust
-from rft_ros.estimator.transforms import Placement
 from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
+from rft_ros.rft.placement import Placement
 
 FEEDFORWARD_PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6

@@ -8,9 +8,9 @@ from recordings import POSE, START, STEP, TF, TWIST, WRENCH, cdr, transforms_cdr
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import TransformSample
-from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import defaults, model_of
 from rft_ros.rft import STATE, wrenches
+from rft_ros.rft.placement import Placement
 
 SURFACE = 0.12
 ZETA = 0.4

@@ -17,8 +17,8 @@ from rft_ros.bags.reading import Recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
-from rft_ros.estimator.transforms import Placement
 from rft_ros.parameters import defaults, model_of
+from rft_ros.rft.placement import Placement
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
 TURNED = (Rotation.from_quat(MOUNT.quaternion) * TURN).as_quat().tolist()

@@ -11,7 +11,8 @@ from one_plate import MS, SECOND, START, estimator, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, LoadCell, Reason, TransformSample
-from rft_ros.estimator.transforms import Placement, Transforms
+from rft_ros.estimator.transforms import Transforms
+from rft_ros.rft.placement import Placement
 
 AGE = 100 * MS
 numbers = st.floats(-2.0, 2.0)
