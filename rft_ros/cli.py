@@ -32,7 +32,7 @@ _COMMANDS = {
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),
     "doctor": ("doctor", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
     "demo": ("demo", "Run a virtual arm, a real node and a live table (needs ROS)."),
-    "warm-up": ("warm_up", "Compile all that node and replay can need: no start or change of a parameter waits."),
+    "warm-up": ("warm_up", "Compile what the node and a replay can need, so that neither waits later."),
 }
 """The module of `rft_ros.commands` that each command is in, and what it does."""
 

@@ -15,8 +15,8 @@ def demo_options(command: argparse.ArgumentParser) -> None:
     out, seconds = "folder for bag and report (default out/demo)", "how long the arm moves [s] (default 12)"
     command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
     command.add_argument("--seconds", type=options.number, default=12.0, metavar="S", help=seconds)
-    feels = "a simulated arm that feels the node's forces (needs mujoco)"
-    command.add_argument("--mujoco", action="store_true", help=feels)
+    coupled = "a simulated arm that the node's forces act on (needs mujoco)"
+    command.add_argument("--mujoco", action="store_true", help=coupled)
 
 
 def demo(arguments: argparse.Namespace) -> int:

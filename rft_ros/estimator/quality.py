@@ -35,19 +35,22 @@ class QualityFlag(IntFlag):
         return flag
 
     NONE = 0
-    FAST = 1, "faster than the model was checked (0.025 m/s; with medium.density 1 m/s)"
-    INERTIAL = 2, "so fast that inertia matters (0.2 m/s; with medium.density unchecked over 1 m/s)"
-    NEAR_REST = 4, "so slow that noise decides the direction"
-    WAKE = 8, "in its own wake, where grains are looser"
-    CONCAVE = 16, "a hollow tool, whose shadowed facets count in full"
-    WITHDRAWAL = 32, "rising, where grains let go sooner than the law says"
-    KNIFE_EDGE = 64, "faces moving along themselves, where a degree changes much of the force"
-    DEEP = 128, "deeper than the calibration"
+    FAST = 1, "faster than the model was checked at (0.025 m/s; with medium.density 1 m/s)"
+    INERTIAL = (
+        2,
+        "so fast that inertia matters (over 0.2 m/s; with medium.density over 1 m/s: not checked)",
+    )
+    NEAR_REST = 4, "so slow that noise decides the direction of the motion"
+    WAKE = 8, "in the wake of its own motion, where the grains are looser"
+    CONCAVE = 16, "a hollow tool: facets that others shadow count in full"
+    WITHDRAWAL = 32, "moving up: the measured force vanishes sooner than the predicted one"
+    KNIFE_EDGE = 64, "faces that move along themselves: an error of one degree changes much of the force"
+    DEEP = 128, "deeper than medium.calibrated_depth"
     SURPRISE = 256, "grains harder or softer than learned"
-    STEEP = 512, "ground tilted by over 15 degrees"
-    UNEVEN = 1024, "ground uneven over the width of the tool"
-    DISAGREEMENT = 2048, "load cell and model disagree beyond what grains explain"
-    MESH = 4096, "a mesh with faults, which count in the force"
+    STEEP = 512, "the ground is tilted by over 15 degrees"
+    UNEVEN = 1024, "the ground is uneven over the width of the tool"
+    DISAGREEMENT = 2048, "load cell and model differ by more than grains can explain"
+    MESH = 4096, "a mesh with faults, which falsify the force"
     IMPOSSIBLE = (
         8192,
         "buried by ten times its size, 50 m above the grains, over 10 m or under 1 mm large, or a force over 500 kN:"

@@ -65,7 +65,7 @@ def listener(name: str) -> Iterator["Listener"]:
     try:
         yield Listener(name)
     except NameValidationException as error:
-        raise InputError(f"{reason_of(error).rstrip(' ^')}; mend --node or --remap") from None
+        raise InputError(f"{reason_of(error).rstrip(' ^')}; correct --node or --remap") from None
     finally:
         rclpy.try_shutdown()
 
