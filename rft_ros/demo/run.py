@@ -18,11 +18,11 @@ from rft_ros.node.recorded_node import WRENCHES, RecordedNode, ros_outlives_sign
 from rft_ros.simulation.mujoco_grains import import_mujoco
 
 _ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real ROS 2 node predicts and learns."
-_MUJOCO = "a six-axis MuJoCo arm presses a plate into grains and drags it. The forces that a real ROS 2 node predicts act on it."
+_MUJOCO = "a six-axis MuJoCo arm presses a plate into grains and drags it. A real ROS 2 node's forces act on it."
 
 
 def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool) -> None:
-    """Record a virtual arm for `seconds`, or with `mujoco` one that the node's forces act on; InputError if it fails."""
+    """Record a virtual arm for `seconds`, or with `mujoco` one on which the node's forces act. Raises InputError."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     if mujoco:
