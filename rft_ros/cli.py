@@ -73,7 +73,8 @@ class _Parser(argparse.ArgumentParser):
         self.register("type", Path, expanded)  # a shell leaves the ~ of --output=~/out.csv to the program
 
     def error(self, message: str) -> NoReturn:
-        self.exit(2, f"{self.prog.rpartition('/')[2]}: {message}; see {self.prog} --help\n")
+        name = self.prog.rpartition("/")[2].replace("'", "")  # the path of `program` may be quoted
+        self.exit(2, f"{name}: {message}; see {self.prog} --help\n")
 
 
 class _Help(argparse.HelpFormatter):

@@ -1,6 +1,7 @@
 """Folders of shared files in this installation, its version, and how to run ``rft``."""
 
 import os
+import shlex
 import shutil
 import sys
 import sysconfig
@@ -15,13 +16,13 @@ _CHECKOUT = Path(__file__).resolve().parents[1]  # where rft_ros runs from one
 
 
 def program() -> str:
-    """What to type for ``rft``: its name if it is on the PATH, else what runs it in the sourced workspace or venv."""
+    """What to type for ``rft``, quoted for a shell: its name if it is on the PATH, else what runs it here."""
     if shutil.which("rft"):
         return "rft"
     if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / "rft").is_file() for prefix in _ament_prefixes()):
         return "ros2 run rft_ros rft"
     script = Path(sys.executable).parent / "rft"
-    return str(script) if script.is_file() else f"{sys.executable} -m rft_ros.cli"
+    return shlex.quote(str(script)) if script.is_file() else f"{shlex.quote(sys.executable)} -m rft_ros.cli"
 
 
 def release() -> str:

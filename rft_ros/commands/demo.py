@@ -1,6 +1,7 @@
 """`rft demo`: a virtual arm, a real node and a live table; then the same offline."""
 
 import argparse
+import shlex
 from pathlib import Path
 
 from rft_ros.bags.playback import ReplayOptions
@@ -35,7 +36,8 @@ def demo(arguments: argparse.Namespace) -> int:
     tare = 1.5 if arguments.mujoco else 2.0  # s in which the arm rests in the air
     bag, out = arguments.output / "bag", arguments.output / "replay"
     run(bag, parameters, seconds=arguments.seconds, mujoco=arguments.mujoco)
-    print(f"the same offline: {program()} replay {bag} --params {parameters} --tare {tare:g} -o {out}")
+    arguments_of_replay = ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
+    print(f"the same offline: {program()} {shlex.join(arguments_of_replay)}")
     summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
     print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
     return 0

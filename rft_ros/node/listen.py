@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError, reason_of
 from rft_ros.estimator.messages import Role
+from rft_ros.node.start import start_ros
 from rft_ros.node.topics import INPUTS, message_class, transforms_come, type_name
 from rft_ros.parameters import Values, checked
 
@@ -61,7 +62,7 @@ class Topic:
 @contextmanager
 def listener(name: str) -> Iterator["Listener"]:
     """A listener beside the node `name`. Raises InputError where it, or a topic in the block, is no name of ROS."""
-    rclpy.init(args=[])  # the command line's --remap is not ROS's
+    start_ros(args=[])  # the command line's --remap is not ROS's
     try:
         yield Listener(name)
     except NameValidationException as error:

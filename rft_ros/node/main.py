@@ -85,13 +85,14 @@ def _run(stop: threading.Event) -> str:
     from rclpy.signals import SignalHandlerOptions
 
     from rft_ros.node.rft_node import RftNode, executor_of
+    from rft_ros.node.start import start_ros
     from rft_ros.parameters import read_sections
 
     try:
         for file in parameter_files():
             read_sections(file)  # refuses it in the words of a replay; ROS's are longer
         try:
-            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
+            start_ros(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
             node = RftNode(worker)
         except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
             return str(error).partition(", at ")[0]

@@ -24,6 +24,7 @@ from std_srvs.srv import Trigger
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import Wrench
+from rft_ros.node.start import start_ros
 from rft_ros.node.stiffness import stiffness_sums
 from rft_ros.node.topics import type_name
 
@@ -42,7 +43,7 @@ _PATIENCE = 1.0  # s; an answer that has not come by then is lost
 def ros_outlives_signals() -> Iterator[None]:
     """ROS on this machine, which a signal does not end before the node's process has ended."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
+    start_ros(signal_handler_options=SignalHandlerOptions.NO)
     try:
         rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way
         yield

@@ -20,6 +20,7 @@ from rft_ros.node.rft_node import executor_of
 from rft_ros.tool import locate_mesh
 
 PLATE = locate_mesh("plate")
+CELL = PLATE.parents[1] / "config" / "default.yaml"
 
 
 def descendants(pid: int) -> set[int]:
@@ -194,6 +195,20 @@ def test_a_parameter_file_that_is_a_pipe_is_refused_and_not_waited_for(start_pro
     assert rft.process.wait(WAIT) == 2
     assert rft.said().startswith(f"rft_node: parameter file '{tmp_path / 'cell.yaml'}' is a pipe")
     assert len(rft.said().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "command", [("-m", "rft_ros.node.main"), ("-m", "rft_ros.cli", "doctor", str(CELL)), ("-m", "rft_ros.cli", "demo")]
+)
+def test_a_home_in_which_ros_cannot_write_its_log_is_a_sentence_that_names_ros_log_dir(tmp_path, command):
+    environment = {**os.environ, "HOME": "/proc/nowhere"}
+    for name in ("ROS_LOG_DIR", "ROS_HOME"):
+        environment.pop(name, None)
+    arguments = ["-o", str(tmp_path / "out")] if "demo" in command else []
+    done = subprocess.run([sys.executable, *command, *arguments], env=environment, capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "set ROS_LOG_DIR to a folder in which this user may write" in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
 
 
 def test_help_is_printed_without_starting_the_node(start_process):

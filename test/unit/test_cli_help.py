@@ -105,6 +105,16 @@ def test_hints_name_a_command_that_works_here(empty_path, tmp_path, monkeypatch)
 
 
 @pytest.mark.usefixtures("empty_path")
+def test_a_command_to_type_is_quoted_for_a_shell(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "my venv" / "bin" / "python"))
+    assert program() == f"'{sys.executable}' -m rft_ros.cli"
+    executable(tmp_path / "my venv" / "bin" / "rft")
+    assert shlex.split(program()) == [str(tmp_path / "my venv" / "bin" / "rft")]
+    with pytest.raises(SystemExit):
+        parser(program()).parse_args(["predict"])
+
+
+@pytest.mark.usefixtures("empty_path")
 def test_help_and_errors_show_the_command_that_works_here(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     typed = program()
