@@ -28,7 +28,7 @@ MODULES = {
     "python3-collada": "collada",
 }
 NO_KEY_ON_NOBLE = {"numba", "mcap", "plotly", "fast_simplification"}
-EXTRAS = {"distributed", "mujoco"}
+EXTRAS = {"distributed", "matplotlib", "mujoco"}
 
 
 def test_the_wheel_holds_every_module_and_every_shared_file(wheel):
