@@ -7,6 +7,7 @@ as for the mesh.
 """
 
 import io
+import json
 import logging
 import math
 import os
@@ -42,6 +43,7 @@ _SCHEMES = "package://", "file://"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
 _MOST_FACETS = 2_000_000
+_MOST_PARTS = 10_000  # of a scene; a reader takes a millisecond for each
 _FOLDED = math.pi - 1e-3  # rad between the normals of facets that lie on each other
 _SLIVER = 1e-6  # of the largest facet: the area of one that rounding may have turned over
 _FARTHEST = 1e6  # of the farthest vertex: beyond this, rounding deforms the mesh
@@ -116,10 +118,22 @@ def read_mesh(path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
     return mesh
 
 
+def _parts_of_glb(data: bytes) -> int:
+    """The nodes of a GLB file's scene, each of which may show one mesh again; 0 for a damaged file."""
+    try:
+        nodes = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["nodes"]
+        return len(nodes)
+    except (ValueError, LookupError, TypeError, RecursionError):
+        return 0
+
+
 def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     import trimesh
 
     suffix = path.suffix.lower()
+    if suffix == ".glb" and (parts := _parts_of_glb(data)) > _MOST_PARTS:
+        most = f"the limit is {_MOST_PARTS:,}; export it as one mesh"
+        raise InputError(f"mesh file '{path}' has {parts:,} parts; {most}")
     binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
     if suffix in (".obj", ".stl") and not binary_stl:
         # trimesh needs another package for text that is not UTF-8, such as a name or a comment

@@ -1,7 +1,9 @@
 """Reading mesh files: every format, placed and scaled; and the sentence for each file that cannot be used."""
 
+import json
 import re
 import sys
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -183,3 +185,52 @@ def test_missing_reader_is_named(tmp_path, monkeypatch):
     path = written(tmp_path, suffix="dae")
     monkeypatch.setitem(sys.modules, "collada", None)
     assert "pip install pycollada" in refused(path)
+
+
+def test_a_scene_of_very_many_parts_is_refused_before_it_is_put_together(tmp_path):
+    scene = trimesh.Scene()
+    scene.add_geometry(soup(TRIANGLES))
+    data = bytearray(scene.export(file_type="glb"))
+    size = int.from_bytes(data[12:16], "little")
+    content = json.loads(data[20 : 20 + size])
+    content["nodes"] = [{"mesh": 0}] * 200_000
+    content["scenes"] = [{"nodes": [*range(200_000)]}]
+    text = json.dumps(content).encode()
+    text += b" " * (-len(text) % 4)
+    body = len(text).to_bytes(4, "little") + b"JSON" + text + data[20 + size :]
+    (tmp_path / "many.glb").write_bytes(
+        b"glTF" + (2).to_bytes(4, "little") + (12 + len(body)).to_bytes(4, "little") + body
+    )
+    assert "has 200,000 parts; the limit is 10,000; export it as one mesh" in refused(tmp_path / "many.glb")
+
+
+@pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "dae", "glb"])
+def test_a_mesh_that_claims_gigabytes_or_names_other_files_is_refused_or_loaded_without_them(tmp_path, suffix):
+    """Counts of 4e9 that no data follows, external buffers and materials, entities that grow or are devices."""
+    ply = "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\n"
+    ply += "property float z\nelement face 4000000000\nproperty list uchar int vertex_indices\nend_header\n"
+    entities = '<!ENTITY a "1111111111">' + "".join(
+        f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghij")
+    )
+    dae = (
+        f"<?xml version='1.0'?><!DOCTYPE x [{entities}<!ENTITY z SYSTEM 'file:///dev/zero'>]><COLLADA>&j;&z;</COLLADA>"
+    )
+    buffers = [{"byteLength": 2**32, "uri": "/dev/zero"}]
+    content = {
+        "asset": {"version": "2.0"},
+        "buffers": buffers,
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
+    }
+    content |= {"accessors": [{"componentType": 5126, "count": 2**30, "type": "VEC3"}], "nodes": [{"mesh": 0}]}
+    text = json.dumps(content | {"scenes": [{"nodes": [0]}]}).encode()
+    text += b" " * (-len(text) % 4)
+    glb = b"glTF" + (2).to_bytes(4, "little") + (20 + len(text)).to_bytes(4, "little")
+    files = {
+        "ply": ply.encode() + bytes(600),
+        "stl": bytes(80) + (4_000_000_000).to_bytes(4, "little") + bytes(500),
+        "obj": b"mtllib /dev/zero\nusemtl a\nv 0 0 0\nv 1 0 0\nf 1 2 9\n",
+        "dae": dae.encode(),
+        "glb": glb + len(text).to_bytes(4, "little") + b"JSON" + text,
+    }
+    (tmp_path / f"mesh.{suffix}").write_bytes(files[suffix])
+    assert "is not a valid" in refused(tmp_path / f"mesh.{suffix}")
