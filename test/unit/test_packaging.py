@@ -28,6 +28,7 @@ MODULES = {
     "python3-collada": "collada",
 }
 NO_KEY_ON_NOBLE = {"numba", "mcap", "plotly", "fast_simplification"}
+BROUGHT = {"llvmlite": "numba", "lz4": "mcap", "zstandard": "mcap"}  # modules, and the package that requires each
 EXTRAS = {"distributed", "matplotlib", "mujoco"}
 
 
@@ -55,7 +56,7 @@ def test_every_package_that_is_imported_is_required(wheel):
     of_ros = {dependency.name for dependency in package.exec_depends}  # one requirement brings them all
     of_dask = {"distributed"}  # dask[distributed]
     required = {canonicalize_name(Requirement(line).name) for line in metadata(wheel)["Requires-Dist"]}
-    by_module = packages_distributions() | {"llvmlite": ["numba"]}  # which brings it
+    by_module = packages_distributions() | {module: [package] for module, package in BROUGHT.items()}
     missing = {
         module
         for module in third_party_imports() - of_ros - of_dask
@@ -104,7 +105,7 @@ def test_each_dependency_is_imported_and_each_import_is_a_dependency():
     package, _ = manifest()
     keys = {d.name for d in package.exec_depends}
     imported = third_party_imports()
-    own = imported - NO_KEY_ON_NOBLE - EXTRAS - {"llvmlite"}  # numba brings it
+    own = imported - NO_KEY_ON_NOBLE - EXTRAS - set(BROUGHT)
     assert {MODULES.get(key, key) for key in keys} == own | {"collada"}  # by which trimesh reads DAE
 
 
