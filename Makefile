@@ -8,7 +8,7 @@ PYTHON_VERSION = $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_i
 VENV_VERSION = $(shell $(BIN)/python -c 'import pip, sys; print("%d.%d" % sys.version_info[:2])' 2> /dev/null)
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 
-.PHONY: demo test lint studies chart docs lines dist bench bench-node bench-swaps bench-replay soak fuzz venv clean
+.PHONY: demo test lint studies chart docs lines dist bench bench-node bench-swaps bench-replay bench-doctor soak fuzz venv clean
 
 demo: $(DEMO)
 	$(BIN)/rft demo -o out/demo
@@ -48,6 +48,10 @@ bench-swaps: venv
 
 bench-replay: venv
 	$(BIN)/python -m bench.replay
+
+bench-doctor: venv
+	$(BIN)/python -m bench.doctor
+	$(BIN)/python -m bench.doctor --busy 2
 
 soak: venv
 	PYTHONPATH=.:test/unit $(BIN)/python test/ros/soak.py

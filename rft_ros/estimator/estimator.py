@@ -121,7 +121,7 @@ class Estimator:
         self.settings, self.model = s, m
         self.surface = LocalSurface(s.surface_height)
         new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
-        new_axes = any(getattr(s, name) != getattr(old, name) for name in _AXES)
+        new_axes = settings is not None and any(getattr(s, name) != getattr(old, name) for name in _AXES)
         if settings is not None:
             self._intake.use(s)
             self._kinematics.use(s)
@@ -170,6 +170,7 @@ class Estimator:
 
     def _start_tool(self) -> None:
         """Start with a tool that has no path behind it."""
+        self._sliver = _SLIVER * self.model.tool.plates.area
         self._memory = self._empty_memory()
         self._prepare_step()
         self._withdrawal = Withdrawal()
@@ -181,9 +182,7 @@ class Estimator:
 
     def _prepare_step(self) -> None:
         """Prepare the evaluation of the model in force, with the memory so far."""
-        plates = self.model.tool.plates
-        self._sliver = _SLIVER * plates.area
-        self._step = prepared(plates, self.model.law, self._memory)
+        self._step = prepared(self.model.tool.plates, self.model.law, self._memory)
 
     def _start_run(self) -> None:
         """Start a new run, or in new axes: no path or memory, the ground at the start; the grains' strength stays."""

@@ -132,7 +132,8 @@ class NodeParameters(Generic[_Prepared]):
     def _on_post_set(self, _: list[RosParameter]) -> None:
         if self._prepared is not None:
             changes, prepared = self._prepared
-            said = ", ".join(f"{name} {self.values[name]!r} -> {value!r}" for name, value in sorted(changes.items()))
+            before = self.values
+            said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])
             self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
             self.values = {**self.values, **changes}
             self._prepared = None

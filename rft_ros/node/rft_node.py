@@ -183,8 +183,12 @@ class RftNode(Node):
         return self._swap.prepare(values)
 
     def _apply(self, prepared: Prepared) -> None:
-        self.feedforward.use(prepared.values)
+        only_grains = prepared.settings is self._swap.prepared.settings
         self._swap.want(prepared)
+        if only_grains:
+            self.estimator.use(model=prepared.model)
+            return
+        self.feedforward.use(prepared.values)
         self._use(prepared)
         self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
         self._serialise = wrench_cdr(prepared.values["sensor_frame"])

@@ -14,7 +14,16 @@ from rft_ros.estimator import Model, Settings
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
 from rft_ros.node.tool_worker import ToolWorker, named
-from rft_ros.parameters import Values, files_of, model_of, read_small_file, settings_of, small_files_of
+from rft_ros.parameters import (
+    GRAINS,
+    Values,
+    files_of,
+    model_of,
+    read_small_file,
+    settings_of,
+    small_files_of,
+    with_grains,
+)
 from rft_ros.rft import Medium, Table
 from rft_ros.tool import locate_mesh
 
@@ -25,6 +34,7 @@ __all__ = ["Prepared", "Swap", "Swapped"]
 class Prepared:
     """What checked values of all parameters bring: made once, when they are validated, and applied after it.
 
+    Where only numbers of the grains change, all but `values` and `model` are the same objects as before.
     `settings` and `model` come into force at once, with the tool, the ground and the machine code that are in force.
     `files`, as of `files_of`, and `code`, parts of the machine code, follow once they are loaded. `read`: what the
     `small_files_of` these values hold, by parameter and file.
@@ -80,6 +90,10 @@ class Swap:
 
     def prepare(self, values: Values) -> Prepared:
         """What these values bring; meshes and maps are not read yet. InputError for what cannot come into force."""
+        before = self.prepared
+        changes = {name: value for name, value in values.items() if value != before.values[name]}
+        if changes.keys() <= GRAINS:
+            return replace(before, values=values, model=with_grains(before.model, changes))
         made = self._made(values, generation=self.prepared.model.generation + 1)
         if made.files["tool"] != self._files["tool"]:
             checked_file(locate_mesh(values["mesh.file"]), "mesh.file")

@@ -14,6 +14,7 @@ from rft_ros.parameters.file import (
 from rft_ros.parameters.medium_file import is_medium_file, read_medium, read_stress_map, write_medium
 from rft_ros.parameters.sections import Section, read_sections
 from rft_ros.parameters.settings import (
+    GRAINS,
     LoadCell,
     Model,
     Settings,
@@ -25,13 +26,14 @@ from rft_ros.parameters.settings import (
     settings_of,
     small_files_of,
     tool_of,
+    with_grains,
 )
 from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LoadCell", "Model", "Settings"]
 __all__ += ["files_of", "load_files", "medium_of", "model_of", "read_small_file", "settings_of", "small_files_of"]
-__all__ += ["tool_of"]
+__all__ += ["GRAINS", "tool_of", "with_grains"]
 __all__ += ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
 __all__ += ["Section", "named_files", "node_parameters", "read_sections", "section_parameters", "sections_for"]
 __all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

@@ -1,7 +1,7 @@
 """What parameters stand for: the estimator's settings, the load cell, and the model of tool and medium."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -15,6 +15,7 @@ from rft_ros.tool import Tool, load_tool
 
 __all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files"]
 __all__ += ["medium_of", "model_of", "read_small_file", "settings_of", "small_files_of", "tool_of"]
+__all__ += ["GRAINS", "with_grains"]
 
 _Vector = tuple[float, float, float]
 
@@ -147,6 +148,17 @@ def read_small_file(parameter: str, file: str) -> Medium | Table:
 def medium_of(values: Values) -> Medium:
     """The medium from checked values, of its file if there is one. Raises InputError for what cannot be used."""
     return read_medium(values["medium.file"]) if values["medium.file"] else medium_named(values["medium.name"])
+
+
+GRAINS = frozenset(f"medium.{name}" for name in _OF_MEDIUM)
+"""The parameters that are numbers of the grains: a change of these brings another law, and nothing else."""
+
+
+def with_grains(model: Model, changes: Values) -> Model:
+    """The next model, with other numbers of the grains: `changes` of parameters in `GRAINS`, checked."""
+    given = {name.removeprefix("medium."): value for name, value in changes.items()}
+    used = {name: given[name] for name in given.keys() & type(model.law).__dataclass_fields__.keys()}
+    return replace(model, law=replace(model.law, **used), generation=model.generation + 1)
 
 
 def model_of(

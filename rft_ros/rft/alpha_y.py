@@ -200,7 +200,10 @@ def packed(kind: int, fields: Mapping[str, float], values: ArrayLike = _NO_VALUE
     Raises ValueError or TypeError for what is not finite, or is no table.
     """
     given, table = np.zeros(15), np.array(numbers("alpha_y.values of the law", values, np.shape(values)[1:]))
-    given[: len(fields)] = [number(f"{name} of the law", value) for name, value in fields.items()]
+    if set(map(type, fields.values())) == {float}:
+        given[: len(fields)] = list(fields.values())
+    if not given.any() or not np.isfinite(given).all():  # of another type, or one of them is not finite: it is named
+        given[: len(fields)] = [number(f"{name} of the law", value) for name, value in fields.items()]
     if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
         raise ValueError(f"a table of shape {table.shape} is not finite, or not [2, 2] or larger: use Table.sampled")
     given.flags.writeable = table.flags.writeable = False

@@ -1,14 +1,18 @@
 """Swaps under traffic: no tick is lost, none answered by a mixture of models, and a failed swap undoes itself."""
 
 import itertools
+import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from harness import WAIT, numbers, parameters, predicted_by_the_core, stamp_of
 from rcl_interfaces.srv import SetParameters
+from rclpy.parameter import Parameter
 
+import rft_ros
 from rft_ros.rft import MEDIA
 from rft_ros.tool import locate_mesh
 
@@ -137,3 +141,25 @@ def test_a_medium_of_ones_own_comes_into_force_live_and_a_bad_file_leaves_the_ol
     assert rft.set(medium__zeta=2.0) == (True, "")
     np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), whole, rtol=1e-12)
     assert rft.diagnostic("model")[2]["medium"] == "mine"
+
+
+def test_a_change_of_zeta_is_prepared_once_and_disturbs_nothing_else(start_node):
+    """What validation made is what is applied: few calls, one model, the same settings."""
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    package, calls = str(Path(rft_ros.__file__).parent), []
+    settings = rft._rft.estimator.settings
+
+    def called(frame, event, _argument):
+        if event == "call" and frame.f_code.co_filename.startswith(package):
+            calls.append((frame.f_code.co_filename, frame.f_code.co_name))
+
+    sys.setprofile(called)
+    try:
+        (result,) = rft._rft.set_parameters([Parameter("medium.zeta", value=0.5)])
+    finally:
+        sys.setprofile(None)
+    assert result.successful
+    assert len(calls) <= 40, calls
+    assert [name for _, name in calls].count("__post_init__") == 1
+    assert rft._rft.estimator.settings is settings
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15)

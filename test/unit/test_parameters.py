@@ -11,14 +11,18 @@ from refusals import refusal
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell, Settings
+from rft_ros.estimator.warm_up import needed
 from rft_ros.parameters import (
+    GRAINS,
     PARAMETERS,
     checked,
     defaults,
+    files_of,
     model_of,
     read_alpha_y_table,
     read_parameter_file,
     settings_of,
+    with_grains,
     write_parameter_file,
 )
 from rft_ros.rft import Constant, Linear
@@ -263,3 +267,24 @@ def test_a_file_that_was_written_means_the_same_tool_from_any_folder(tmp_path, m
     assert read_parameter_file(tmp_path / "new" / "saved.yaml") == written
     if not relative:
         assert read(node=f"mesh.file: {mesh}")["mesh.file"] == mesh
+
+
+@pytest.mark.parametrize("name", sorted(GRAINS))
+@pytest.mark.parametrize("law", ["treers2021", "agarwal2023"])
+def test_a_number_of_the_grains_changes_the_law_as_a_new_model_has_it_and_nothing_else(law, name):
+    before = {**defaults(), "law": law}
+    after = {**before, name: before[name] + 0.25}
+    old, new = model_of(before), model_of(after)
+    made = with_grains(old, {name: after[name]})
+    assert made.law == new.law
+    assert [*made.law.packed[1]] == [*new.law.packed[1]]
+    assert (made.tool, made.ground, made.generation) == (old.tool, old.ground, old.generation + 1)
+    assert settings_of(before) == settings_of(after)
+    assert (files_of(before), needed(before)) == (files_of(after), needed(after))
+
+
+def test_every_other_parameter_of_the_law_is_none_of_its_numbers():
+    """A parameter that is not among the numbers is prepared with all else; each of these changes the law."""
+    for name, value in {"medium.name": "poppy_seeds_loose", "alpha_y.model": "linear", "law": "agarwal2023"}.items():
+        assert name not in GRAINS
+        assert model_of({**defaults(), name: value}).law != model_of(defaults()).law

@@ -67,7 +67,7 @@ def big(tmp_path):
 
 def stopped_at_work(worker):
     """Stop the worker's process once it has begun to load."""
-    end = time.monotonic() + 60.0
+    end = time.monotonic() + 600.0
     while worker.used is None:
         assert time.monotonic() < end
         time.sleep(0.001)
