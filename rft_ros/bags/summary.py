@@ -120,7 +120,9 @@ def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
     by_flag = {name: int(np.count_nonzero(flags & QualityFlag[name.upper()])) for name in flag_names(-1)}  # -1: all
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
-    warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()] + _warnings(whole, phases)
+    warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()]
+    tared = tuple(about["bias"]) != tuple(about["parameters"]["sensor.bias"])
+    warnings += _warnings(whole, phases, tared=tared)
     warnings += _warnings_of_poses(rows)
     return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)
 
@@ -185,12 +187,17 @@ def _bin_edges(deepest: float) -> NDArray[np.float64]:
     return np.arange(math.ceil(below / width) + 1, dtype=np.float64) * width
 
 
-def _warnings(whole: Group, phases: dict[str, PhaseGroup]) -> list[str]:
+def _warnings(whole: Group, phases: dict[str, PhaseGroup], *, tared: bool) -> list[str]:
     found = []
     air = [phases["approach"].wrench[axis]["measured"]["mean"] or 0.0 for axis in AXES[:3]]
     peak = whole.wrench["force"]["measured"]["peak"] or 0.0
     if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):
         advice = "replay with --tare, or calibrate sensor.bias and sensor.mass"
+        if tared:
+            advice = (
+                "it was tared, so the tool touches the grains there or its weight turns: check surface_height, and"
+                " calibrate sensor.mass"
+            )
         found.append(f"the load cell reads {load:.3g} N in the air: {advice}")
     if (error := whole.median_relative_error) is not None and error > _WRONG:
         found.append(f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG")

@@ -82,6 +82,7 @@ def calibrate(
     grains = fit_grains(tracks, sensor, law, contacts=contacts, given=given, parts=parts)
     result.fitted += grains.fitted
     result.not_identifiable |= grains.not_identifiable
+    result.warnings += grains.warnings
     found = {fit.name: (fit.values[0], fit.errors[0]) for fit in grains.fitted}
     height, height_error = found.get("surface_height", (height, 0.0))
     zeta, zeta_error = found.get("medium.zeta", (values["medium.zeta"], 0.0))

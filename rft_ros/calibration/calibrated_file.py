@@ -56,8 +56,8 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     numbers = {f.name: [rounded(v, e) for v, e in zip(f.values, f.errors, strict=True)] for f in result.fitted}
     parameters |= {n: v if len(v) > 1 else v[0] for n, v in numbers.items() if n in defaults()}
     for f in result.fitted:
-        if f.name == "medium.zeta":  # of another bed of the same grains
-            parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], BEDS_DIFFER):.3g}")
+        if f.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
+            parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], BEDS_DIFFER, f.spread):.3g}")
     if "sensor.bias" in numbers:
         # it replaces the tare, which would refuse a bag that begins in the grains
         of_replay = tree.get("rft_replay", {}).get("ros__parameters", {})

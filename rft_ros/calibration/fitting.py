@@ -43,6 +43,8 @@ class Measurement(NamedTuple):
 class FittedValue:
     """A fitted quantity with its standard errors, named as the parameter that takes it or "alpha_y (MODEL)".
 
+    `spread`: how far the mean is from what the tools or recordings gave by themselves, relative to that.
+
     Raises NotIdentifiable for values that the parameter does not take.
     """
 
@@ -52,6 +54,7 @@ class FittedValue:
     unit: str
     goodness: str
     source: str
+    spread: float = 0.0
 
     def __post_init__(self) -> None:
         if self.name in defaults():
@@ -63,10 +66,11 @@ class FittedValue:
 
 @dataclass(slots=True)
 class FitResults:
-    """Fitted values; the reason by name for each that is not identifiable."""
+    """Fitted values; the reason by name for each that is not identifiable; sentences on what looks wrong."""
 
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
 
     @contextmanager
     def or_reason(self, name: str) -> Iterator[None]:
@@ -266,7 +270,13 @@ def scatter_of_mean(values: Sequence[float]) -> float:
 
 
 def mean_of(
-    name: str, measurements: Sequence[Measurement], unit: str, goodness: str, *, error: float | None = None
+    name: str,
+    measurements: Sequence[Measurement],
+    unit: str,
+    goodness: str,
+    *,
+    error: float | None = None,
+    spread: float = 0.0,
 ) -> FittedValue:
     """Mean of repeated measurements; its error is `error`, or the greater of that from their scatter and their own."""
     values = [m.value for m in measurements]
@@ -274,7 +284,7 @@ def mean_of(
         own = float(np.linalg.norm([m.error for m in measurements])) / len(values)
         error = max(own, scatter_of_mean(values))
     each = ", ".join(f"{m.bag} {m.value:.3g} ± {m.error:.2g}" for m in measurements)
-    return FittedValue(name, (float(np.mean(values)),), (error,), unit, goodness, each)
+    return FittedValue(name, (float(np.mean(values)),), (error,), unit, goodness, each, spread)
 
 
 def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.calibration.attitude import better_attitude
 from rft_ros.calibration.contact import Contact, fit_contact
 from rft_ros.calibration.fitting import (
     FitResults,
@@ -27,7 +28,7 @@ from rft_ros.calibration.fitting import (
     scatter_of_mean,
 )
 from rft_ros.calibration.memory_length import SHORTEST, AtOnce, TurnFit, fit_turn, length_by_place
-from rft_ros.calibration.penetration import Penetration, deep_enough, difference, fit_penetration
+from rft_ros.calibration.penetration import Penetration, deep_enough, difference, fit_penetration, spread_of
 from rft_ros.calibration.recorded import Grains, Recorded, recorded
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import Rows, Track, Turn, down_strokes, turns_in_grains
@@ -44,6 +45,7 @@ _HEIGHT_STEP, _LENGTH_STEP = 5e-5, 0.1
 
 _UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
 
+_LEAST_ZETA, _GREATEST_ZETA = 0.05, 5.0  # of dry grains, beyond which something else is wrong
 _LEFT_AT_CORNERS = 0.5  # of the noise of a pose, after smoothing
 _SHAKEN = 2  # fits to poses with more noise
 
@@ -249,8 +251,22 @@ def fit_grains(
         goodness = f"RMS up to {100 * max(m.misfit for m in heights):.1f} % of the force's rise"
         result.fitted.append(mean_of("surface_height", heights, "m", goodness, error=surface_error))
     if strengths:
-        goodness = f"RMS up to {100 * max(m.misfit for m in strengths):.1f} % of the peak{difference(strengths)}"
-        result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error))
+        tools = [recordings[k].track.tool for k, _ in fits.ways_down]
+        words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
+        goodness = f"RMS up to {100 * max(m.misfit for m in strengths):.1f} % of the peak{words}"
+        spread = spread_of(strengths, [str(tool.file) for tool in tools])
+        result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error, spread=spread))
+        zeta = result.fitted[-1].values[0]
+        if not _LEAST_ZETA <= zeta <= _GREATEST_ZETA:
+            result.warnings.append(
+                f"medium.zeta is {zeta:.3g}; dry grains have {_LEAST_ZETA:g} to {_GREATEST_ZETA:g}: check mesh.scale,"
+                " mesh.origin, which way the mesh points, and the units of poses and forces"
+            )
+        sunk = [
+            (recordings[k], rows[fits.recordings[k].heights[rows] < fits.grains.surface]) for k, rows in fits.ways_down
+        ]
+        if words := better_attitude(sunk, fits.grains.surface):
+            result.warnings.append(words)
         deepest = max(fits.penetrations(fits.grains), key=lambda p: p.depth)
         source = f"deepest penetration, {deepest.zeta.bag}"
         result.fitted.append(

@@ -13,7 +13,7 @@ from rft_ros.calibration.fitting import Measurement, NotIdentifiable, fit_linear
 from rft_ros.calibration.recorded import Grains, Recorded
 from rft_ros.calibration.track import Rows
 
-__all__ = ["BEDS_DIFFER", "Penetration", "deep_enough", "difference", "fit_penetration"]
+__all__ = ["BEDS_DIFFER", "Penetration", "deep_enough", "difference", "fit_penetration", "spread_of"]
 
 Array = NDArray[np.float64]
 
@@ -22,6 +22,7 @@ BEDS_DIFFER = 0.1
 
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 
+_GROWS = 0.8  # least correlation of ζ and size that is named
 _SHALLOWEST = 0.005  # a penetration's least depth [m]: below it the force depends more on the surface height than on ζ
 _ALIKE = 0.9
 """Least correlation of the measured and the modelled force, over components and moments: below it the RMS residual is
@@ -77,11 +78,28 @@ def fit_penetration(recording: Recorded, stroke: Rows, grains: Grains) -> Penetr
     return Penetration(zeta, depth, np.array([0.0, 0.0, fit.inverse[0].sum()]), alike)
 
 
-def difference(found: Sequence[Measurement]) -> str:
-    """Words on a ζ that differs between penetrations; none where it does not."""
+def spread_of(found: Sequence[Measurement], tools: Sequence[str]) -> float:
+    """How far the mean ζ is from that of each tool, relative to it; for one tool, the relative scatter.
+
+    `tools`: what names the tool of each measurement.
+    """
+    values = np.array([measurement.value for measurement in found])
+    of_tools = [values[[name == tool for name in tools]].mean() for tool in dict.fromkeys(tools)]
+    if len(of_tools) == 1:
+        return float(np.std(values, ddof=1) / values.mean()) if len(values) > 1 else 0.0
+    return float(max(abs(values.mean() / zeta - 1.0) for zeta in of_tools))
+
+
+def difference(found: Sequence[Measurement], sizes: Sequence[float] = ()) -> str:
+    """Words on a ζ that differs between penetrations; none where it does not. `sizes` of their tools [m]."""
     low, high = (f(found, key=lambda p: p.value) for f in (min, max))
     apart = high.value - low.value
     if apart <= max(_NOTEWORTHY * low.value, 3.0 * float(np.hypot(low.error, high.error))):
         return ""
     percent = f"{100 * apart / low.value:.0f} %"
-    return f"; ζ differs by {percent}: tools of different size, and grains that differ, need a ζ of their own"
+    words = f"; ζ differs by {percent}: tools of different size, and grains that differ, need a ζ of their own"
+    if len(sizes) == len(found) and np.ptp(sizes) > 0.1 * max(sizes):
+        values = np.array([measurement.value for measurement in found])
+        if np.corrcoef(sizes, values)[0, 1] > _GROWS:
+            words += f"; ζ grows with the tool's size, {1e3 * min(sizes):.0f} to {1e3 * max(sizes):.0f} mm wide"
+    return words

@@ -22,6 +22,7 @@ _LEAST = 1e-6  # a mass below this [kg] is rounding
 _SURE = 3.0  # standard errors of the mass by which it must exceed 0 to be a mass
 _EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
 _NOTHING = 0.01  # kg; a mass near 0 whose error is below is none: the driver takes off the weight
+_USUAL_MASS, _LEVER = 1.0, 0.1  # kg, m: standard deviations of a tool's mass and centre that nothing tells
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 
@@ -98,11 +99,25 @@ def fit_tool_weight(
         fitted.append(FittedValue("sensor.center_of_mass", *values, "m", goodness, source))
 
     fx, fy, fz, tx, ty, tz = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]]).tolist()
-    cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
     goodness = f"RMS {forces.rms:.3f} N between poses"
     own = np.concatenate([forces.errors[:3], torques.errors[:3]])
+    zero_error = float(np.hypot(own[:3].max(), GRAVITY * error))
+    if (weight := _weight_in_bias(cell, mass_known=not unknown)) > 0.0 and "sensor.center_of_mass" in reasons:
+        own[3:] = np.hypot(own[3:], weight * _LEVER)
+        goodness += "; its torques hold the weight's in these poses"
+        if unknown and cell.mass == 0.0:
+            own[:3] = np.hypot(own[:3], weight * np.abs(units.mean(axis=0)))
+            goodness += ", its forces the weight"
+    cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
     fitted.insert(0, FittedValue("sensor.bias", cell.bias, tuple(own.tolist()), "N, N m", goodness, source))
-    return Sensor(cell, float(np.hypot(own[:3].max(), GRAVITY * error))), fitted, reasons
+    return Sensor(cell, zero_error), fitted, reasons
+
+
+def _weight_in_bias(cell: LoadCell, *, mass_known: bool) -> float:
+    """The weight [N] whose torques the poses do not separate from the bias: of the mass, or of a usual one."""
+    if mass_known or cell.mass > 0.0:
+        return cell.mass * GRAVITY
+    return _USUAL_MASS * GRAVITY
 
 
 def _explained(fit: Fit, observed: NDArray[np.float64]) -> float:

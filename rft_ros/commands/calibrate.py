@@ -64,6 +64,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
         print(f"{f.name}: {' '.join(filter(None, (numbers, f.unit)))} ({how})")
     for name, why in result.not_identifiable.items():
         print(f"{name}: not identifiable: {why}")
+    for sentence in result.warnings:
+        print(f"warning: {sentence}", file=sys.stderr)
     if not result.fitted:
         print("nothing is identifiable from these bags; no file was written")
         return 1

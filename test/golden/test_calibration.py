@@ -138,3 +138,5 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_
     assert "100mm_4 1.81" in zeta["source"]
     assert zeta["value"] == [pytest.approx(1.54, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1
+    assert "ζ grows with the tool's size, 60 to 100 mm wide" in zeta["goodness"]
+    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(0.22, abs=0.02)  # of the smallest tool

@@ -23,7 +23,7 @@ from synthetic_track import (
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.fitting import Measurement, NotIdentifiable
-from rft_ros.calibration.penetration import difference
+from rft_ros.calibration.penetration import difference, spread_of
 from rft_ros.calibration.track import turns_in_grains
 from rft_ros.estimator import PoseSample
 from rft_ros.estimator.motion import PoseDifference
@@ -191,6 +191,15 @@ def test_runs_that_do_not_determine_alpha_y(count, alpha, model, reason):
 def test_penetrations_whose_zeta_differs_are_told(other, told):
     both = [Measurement("a", zeta, 0.01, 0.02) for zeta in (1.0, other)]
     assert (difference(both) != "") == told
+
+
+def test_the_spread_of_zeta_covers_the_tools_and_its_growth_with_their_size_is_said():
+    both = [Measurement(name, zeta, 0.01, 0.02) for name, zeta in (("a", 1.0), ("b", 1.31), ("c", 1.62))]
+    assert spread_of(both, ["a", "b", "c"]) == pytest.approx(0.31)
+    assert spread_of(both[:1], ["a"]) == 0.0
+    assert "ζ grows with the tool's size, 60 to 100 mm wide" in difference(both, [0.06, 0.08, 0.1])
+    assert "grows" not in difference(both, [0.1, 0.08, 0.06])
+    assert "grows" not in difference(both, [0.08, 0.08, 0.08])
 
 
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
