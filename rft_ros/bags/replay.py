@@ -90,6 +90,7 @@ def replay(
             topics=topics,
             parameters=dict(values),
             bias=settings.load_cell.bias,
+            tared=bool(options.tare),
             messages={role: recording.counts[role] for role in ("pose", *topics)},
             reasons=dict(sorted(estimator.counts.items())),
             unknown_frames=dict(sorted(estimator.unknown_frames().items())),

@@ -110,10 +110,10 @@ class Summary(Group):
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
+def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -> Summary:
     """The summary of rows, shape [n], and what else is known about the replay.
 
-    `issues`: at how many poses learning had each sentence.
+    `issues`: at how many poses learning had each sentence. `tared`: the bias is of the recording's own first seconds.
     """
     whole, phases = statistics(rows)
     flags = rows["quality_flags"][rows["reason"] < 0]
@@ -121,7 +121,6 @@ def summary_of(rows: Rows, *, issues: Counter[str], **about: Any) -> Summary:
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()]
-    tared = tuple(about["bias"]) != tuple(about["parameters"]["sensor.bias"])
     warnings += _warnings(whole, phases, tared=tared)
     warnings += _warnings_of_poses(rows)
     return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)

@@ -53,7 +53,12 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             found = path_beside(resolved(source).parent, name, path := str(parameters[name]))
             parameters[name] = path if found == path else os.path.relpath(found, resolved(file).parent)
 
-    numbers = {f.name: [rounded(v, e) for v, e in zip(f.values, f.errors, strict=True)] for f in result.fitted}
+    # the sum of bias and weight is known better than each where poses do not separate them
+    finest = {"sensor.bias": 1e-3}
+    numbers = {
+        f.name: [rounded(v, min(e, finest.get(f.name, e))) for v, e in zip(f.values, f.errors, strict=True)]
+        for f in result.fitted
+    }
     parameters |= {n: v if len(v) > 1 else v[0] for n, v in numbers.items() if n in defaults()}
     for f in result.fitted:
         if f.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
