@@ -15,54 +15,13 @@ __all__ = ["commands_page", "default_yaml", "main", "node_page", "readme"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
-_REASONS = {
-    "the bytes are no message of the topic's type, or the stamp is no time": (Reason.MESSAGE_UNREADABLE,),
-    "NaN, infinity or an absurdly large number": (
-        Reason.POSE_NOT_FINITE,
-        Reason.TWIST_NOT_FINITE,
-        Reason.WRENCH_NOT_FINITE,
-    ),
-    "the quaternion's length differs from 1 by more than 1 %": (Reason.POSE_QUATERNION_NOT_UNIT,),
-    "the frame_id is neither the expected one nor fixed to it": (
-        Reason.POSE_FRAME_UNKNOWN,
-        Reason.TWIST_FRAME_UNKNOWN,
-        Reason.WRENCH_FRAME_UNKNOWN,
-        Reason.SURFACE_FRAME_UNKNOWN,
-    ),
-    "the stamp is zero": (
-        Reason.POSE_STAMP_ZERO,
-        Reason.TWIST_STAMP_ZERO,
-        Reason.WRENCH_STAMP_ZERO,
-        Reason.SURFACE_STAMP_ZERO,
-    ),
-    "the stamp is that of the last pose": (Reason.POSE_REPEATED,),
-    "not after the last one of the same input; one that is 1 s or more before it begins a new run": (
-        Reason.POSE_OUT_OF_ORDER,
-        Reason.TWIST_OUT_OF_ORDER,
-        Reason.WRENCH_OUT_OF_ORDER,
-        Reason.SURFACE_OUT_OF_ORDER,
-    ),
-    "a pose is 1 s or more before the last one; the estimator starts afresh": (Reason.TIME_JUMP,),
-    "sooner after the last answer than `max_rate` allows": (Reason.POSE_RATE_LIMITED,),
-    "`twist_source: pose_difference` does not have enough poses yet": (Reason.POSE_HISTORY_SHORT,),
-    "none stamped at or before the pose has arrived": (Reason.TWIST_MISSING, Reason.WRENCH_MISSING),
-    "the last one is older than the pose by more than `max_input_age`": (Reason.TWIST_STALE, Reason.WRENCH_STALE),
-    "in the grains, every point slower than `rest_speed`; not with memory": (Reason.AT_REST,),
-    "the computed wrench is NaN or infinite": (Reason.ESTIMATE_NOT_FINITE,),
-    "`sensor.frame_source: tf`: no fixed transforms link tool and sensor yet": (Reason.SENSOR_FRAME_UNKNOWN,),
-    "a transform has NaN, infinity, a quaternion not of unit length, no name or no stamp": (Reason.TF_INVALID,),
-    "a transform's stamp is not after the frame's last one": (Reason.TF_OUT_OF_ORDER,),
-    "a frame came with another parent, or fixed where it moved; it is taken, as by tf2": (Reason.TF_TWO_PARENTS,),
-    "a transform would make a frame its own ancestor": (Reason.TF_LOOP,),
-    "no transforms link `tool_frame` and `world_frame`": (Reason.TF_FRAME_UNKNOWN,),
-    "the wanted stamp is before the first transform kept (2 s at 500 Hz)": (Reason.TF_MISSING,),
-    "none after the wanted stamp has come within 1 s of the other inputs' stamps": (Reason.TF_STALE,),
-    "the transforms around the wanted stamp are over `max_input_age` away": (Reason.TF_GAP,),
-    "from Python: a cloud, but `ground.cell` is 0": (Reason.SURFACE_OFF,),
-    "a cloud's stamp is 0.5 s or more before the last pose": (Reason.SURFACE_LATE,),
-    "a cloud comes less than 0.19 s after the last one": (Reason.SURFACE_RATE_LIMITED,),
-}
-"""When a sample is not used, by what went wrong."""
+
+def _reasons() -> dict[str, list[Reason]]:
+    """The reasons by what went wrong, in the order in which they are documented."""
+    found: dict[str, list[Reason]] = {}
+    for reason in Reason:
+        found.setdefault(reason.sentence, []).append(reason)
+    return found
 
 
 def _named(action: argparse.Action) -> str:
@@ -215,7 +174,7 @@ def node_page() -> str:
     tables = {
         "parameters": _parameters(),
         "reasons": _table(
-            *(f"- {', '.join(f'`{r.value}`' for r in reasons)}: {when}" for when, reasons in _REASONS.items())
+            *(f"- {', '.join(f'`{r.value}`' for r in reasons)}: {when}" for when, reasons in _reasons().items())
         ),
         "quality flags": _table(
             *(f"- `{flag_names(f)[0]}`: {sentences(f)}{_TRUST[trust(f)]}" for f in QualityFlag if f)

@@ -79,48 +79,71 @@ Sample = Stamped | tuple[TransformSample, ...]
 """What an estimator is given."""
 
 
+_NOT_FINITE = "NaN, infinity or an absurdly large number"
+_FRAME_UNKNOWN = "the frame_id is neither the expected one nor fixed to it"
+_STAMP_ZERO = "the stamp is zero"
+_OUT_OF_ORDER = "not after the last one of the same input; one that is 1 s or more before it begins a new run"
+_MISSING = "none stamped at or before the pose has arrived"
+_STALE = "the last one is older than the pose by more than `max_input_age`"
+
+
 class Reason(str, Enum):
     """Why a sample was not used, or a pose has no estimate or no residual. Users read the values."""
 
-    MESSAGE_UNREADABLE = "message_unreadable"
-    POSE_NOT_FINITE = "pose_not_finite"
-    POSE_QUATERNION_NOT_UNIT = "pose_quaternion_not_unit"
-    POSE_FRAME_UNKNOWN = "pose_frame_unknown"
-    POSE_STAMP_ZERO = "pose_stamp_zero"
-    POSE_REPEATED = "pose_repeated"
-    POSE_OUT_OF_ORDER = "pose_out_of_order"
-    POSE_RATE_LIMITED = "pose_rate_limited"
-    POSE_HISTORY_SHORT = "pose_history_short"
-    TIME_JUMP = "time_jump"
-    TWIST_MISSING = "twist_missing"
-    TWIST_STALE = "twist_stale"
-    TWIST_NOT_FINITE = "twist_not_finite"
-    TWIST_FRAME_UNKNOWN = "twist_frame_unknown"
-    TWIST_STAMP_ZERO = "twist_stamp_zero"
-    TWIST_OUT_OF_ORDER = "twist_out_of_order"
-    AT_REST = "at_rest"
-    ESTIMATE_NOT_FINITE = "estimate_not_finite"
-    WRENCH_MISSING = "wrench_missing"
-    WRENCH_STALE = "wrench_stale"
-    WRENCH_NOT_FINITE = "wrench_not_finite"
-    WRENCH_FRAME_UNKNOWN = "wrench_frame_unknown"
-    WRENCH_STAMP_ZERO = "wrench_stamp_zero"
-    WRENCH_OUT_OF_ORDER = "wrench_out_of_order"
-    SENSOR_FRAME_UNKNOWN = "sensor_frame_unknown"
-    TF_INVALID = "tf_invalid"
-    TF_OUT_OF_ORDER = "tf_out_of_order"
-    TF_TWO_PARENTS = "tf_two_parents"
-    TF_LOOP = "tf_loop"
-    TF_FRAME_UNKNOWN = "tf_frame_unknown"
-    TF_MISSING = "tf_missing"
-    TF_STALE = "tf_stale"
-    TF_GAP = "tf_gap"
-    SURFACE_OFF = "surface_off"
-    SURFACE_LATE = "surface_late"
-    SURFACE_FRAME_UNKNOWN = "surface_frame_unknown"
-    SURFACE_STAMP_ZERO = "surface_stamp_zero"
-    SURFACE_OUT_OF_ORDER = "surface_out_of_order"
-    SURFACE_RATE_LIMITED = "surface_rate_limited"
+    sentence: str
+    """What went wrong, in words, for the documentation."""
+
+    def __new__(cls, value: str, sentence: str = "") -> "Reason":
+        """A reason and what went wrong; ``Reason("at_rest")`` finds one by its value."""
+        reason = str.__new__(cls, value)
+        reason._value_, reason.sentence = value, sentence
+        return reason
+
+    MESSAGE_UNREADABLE = "message_unreadable", "the bytes are no message of the topic's type, or the stamp is no time"
+    POSE_NOT_FINITE = "pose_not_finite", _NOT_FINITE
+    POSE_QUATERNION_NOT_UNIT = "pose_quaternion_not_unit", "the quaternion's length differs from 1 by more than 1 %"
+    POSE_FRAME_UNKNOWN = "pose_frame_unknown", _FRAME_UNKNOWN
+    POSE_STAMP_ZERO = "pose_stamp_zero", _STAMP_ZERO
+    POSE_REPEATED = "pose_repeated", "the stamp is that of the last pose"
+    POSE_OUT_OF_ORDER = "pose_out_of_order", _OUT_OF_ORDER
+    POSE_RATE_LIMITED = "pose_rate_limited", "sooner after the last answer than `max_rate` allows"
+    POSE_HISTORY_SHORT = "pose_history_short", "`twist_source: pose_difference` does not have enough poses yet"
+    TIME_JUMP = "time_jump", "a pose is 1 s or more before the last one; the estimator starts afresh"
+    TWIST_MISSING = "twist_missing", _MISSING
+    TWIST_STALE = "twist_stale", _STALE
+    TWIST_NOT_FINITE = "twist_not_finite", _NOT_FINITE
+    TWIST_FRAME_UNKNOWN = "twist_frame_unknown", _FRAME_UNKNOWN
+    TWIST_STAMP_ZERO = "twist_stamp_zero", _STAMP_ZERO
+    TWIST_OUT_OF_ORDER = "twist_out_of_order", _OUT_OF_ORDER
+    AT_REST = "at_rest", "in the grains, every point slower than `rest_speed`; not with memory"
+    ESTIMATE_NOT_FINITE = "estimate_not_finite", "the computed wrench is NaN or infinite"
+    WRENCH_MISSING = "wrench_missing", _MISSING
+    WRENCH_STALE = "wrench_stale", _STALE
+    WRENCH_NOT_FINITE = "wrench_not_finite", _NOT_FINITE
+    WRENCH_FRAME_UNKNOWN = "wrench_frame_unknown", _FRAME_UNKNOWN
+    WRENCH_STAMP_ZERO = "wrench_stamp_zero", _STAMP_ZERO
+    WRENCH_OUT_OF_ORDER = "wrench_out_of_order", _OUT_OF_ORDER
+    SENSOR_FRAME_UNKNOWN = (
+        "sensor_frame_unknown",
+        "`sensor.frame_source: tf`: no fixed transforms link tool and sensor yet",
+    )
+    TF_INVALID = "tf_invalid", "a transform has NaN, infinity, a quaternion not of unit length, no name or no stamp"
+    TF_OUT_OF_ORDER = "tf_out_of_order", "a transform's stamp is not after the frame's last one"
+    TF_TWO_PARENTS = (
+        "tf_two_parents",
+        "a frame came with another parent, or fixed where it moved; it is taken, as by tf2",
+    )
+    TF_LOOP = "tf_loop", "a transform would make a frame its own ancestor"
+    TF_FRAME_UNKNOWN = "tf_frame_unknown", "no transforms link `tool_frame` and `world_frame`"
+    TF_MISSING = "tf_missing", "the wanted stamp is before the first transform kept (2 s at 500 Hz)"
+    TF_STALE = "tf_stale", "none after the wanted stamp has come within 1 s of the other inputs' stamps"
+    TF_GAP = "tf_gap", "the transforms around the wanted stamp are over `max_input_age` away"
+    SURFACE_OFF = "surface_off", "from Python: a cloud, but `ground.cell` is 0"
+    SURFACE_LATE = "surface_late", "a cloud's stamp is 0.5 s or more before the last pose"
+    SURFACE_FRAME_UNKNOWN = "surface_frame_unknown", _FRAME_UNKNOWN
+    SURFACE_STAMP_ZERO = "surface_stamp_zero", _STAMP_ZERO
+    SURFACE_OUT_OF_ORDER = "surface_out_of_order", _OUT_OF_ORDER
+    SURFACE_RATE_LIMITED = "surface_rate_limited", "a cloud comes less than 0.19 s after the last one"
 
     __str__ = str.__str__
 
