@@ -13,7 +13,7 @@ __all__ = ["CHARTS", "STUDIES", "main", "run_study"]
 STUDIES = ("horizontal", "plates", "oscillation", "circumnutation", "convergence", "dem", "stability")
 """The studies that `all` runs. A study is a module with ``study()``, which returns a `StudyResult` or several."""
 
-CHARTS = ("chart", "models", "laws", "learning", "ground", "loop")
+CHARTS = ("chart", "models", "laws", "learning", "coverage", "ground", "loop")
 """Studies that take minutes; `all` leaves them out."""
 
 

@@ -5,12 +5,13 @@ Every prediction uses what was learned at least `lag` of path before. The record
 """
 
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 import trimesh
@@ -18,13 +19,13 @@ import yaml
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.sigma import without_learning
 from rft_ros.estimator.withdrawal import is_withdrawn
-from rft_ros.parameters import model_of, read_parameter_file, settings_of
+from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
 from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
 from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run
@@ -70,12 +71,14 @@ _WINDOW = 9  # samples of the centred mean
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Choice:
-    """One way to model: rule, α_y model, mobilization length [m] (0: no memory)."""
+    """One way to model: rule, α_y model, mobilization length [m] (0: no memory), tolerance of the tool (0: all)."""
 
     name: str
     integration: Integration
     alpha_y: str
     mobilization_length: float
+    law: str = "treers2021"
+    tolerance: float = 0.0
 
 
 CHOICES = (
@@ -88,7 +91,8 @@ CHOICES = (
 class Series:
     """The model and the measured force along one run of n samples.
 
-    `states`: shape [n, 13], columns `rft_ros.rft.STATE`; `stamps` [ns]; `speeds` of the tool's fastest point [m/s];
+    `plates`, `law`: of the model. `states`: shape [n, 13], columns `rft_ros.rft.STATE`; `stamps` [ns]; `speeds` of the
+    tool's fastest point [m/s];
     `passing`: withdrawn, or so fast that inertia matters; `rows`: the model, shape [n, 19], columns of `wrenches` with
     sensitivities; `forces`: measured, world axes [N], shape [n, 3]; `judged`: the samples that count; `expected`: what
     they are compared with [N], shape [n, 3]. `zeta_error`: relative standard error of ζ by the calibration; 0: not
@@ -96,7 +100,8 @@ class Series:
     """
 
     name: str
-    reach: float
+    plates: Plates
+    law: Law
     states: Array
     stamps: NDArray[np.int64]
     speeds: Array
@@ -106,6 +111,11 @@ class Series:
     judged: NDArray[np.int64]
     expected: Array
     zeta_error: float = 0.0
+
+    @property
+    def reach(self) -> float:
+        """Greatest distance of the tool's surface from the tool frame's origin [m]."""
+        return self.plates.reach
 
     @property
     def steps(self) -> Array:
@@ -135,7 +145,8 @@ class Learned:
 
 def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learned:
     """A series through the filter, with its own measured forces [N] or others, shape [n, 3]."""
-    learning = Learning(lag=lag, reach=series.reach)
+    error = {"strength_error": series.zeta_error} if series.zeta_error else {}
+    learning = Learning(lag=lag, reach=series.reach, **error)
     measured = series.forces if forces is None else forces
     out, surprise = np.empty((len(series.stamps), 12)), np.full(len(series.stamps), "", "U6")
     steps = series.steps
@@ -156,7 +167,7 @@ def model_rows(plates: Plates, law: Law, states: Array, times: Array, *, surface
 
 
 def series_of(
-    name: str, plates: Plates, states: Array, times: Array, rows: Array, forces: Array, *, rest: float
+    name: str, plates: Plates, law: Law, states: Array, times: Array, rows: Array, forces: Array, *, rest: float
 ) -> Series:
     """A series in which every sample counts, as measured; below the speed `rest` [m/s] the tool is at rest."""
     velocities = states[:, 7:10]
@@ -166,7 +177,8 @@ def series_of(
     passing = withdrawn | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
     return Series(
         name=name,
-        reach=plates.reach,
+        plates=plates,
+        law=law,
         states=states,
         stamps=(1e9 + np.round((times - times[0]) * 1e9)).astype(np.int64),
         speeds=np.where(speeds < rest, 0.0, speeds),
@@ -189,7 +201,7 @@ def dem_series(name: str, choice: Choice) -> Series:
     data = np.loadtxt(DATA / f"{name}.csv", delimiter=",", skiprows=1)
     states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
     rows = model_rows(plates, law_, states, times)
-    series = series_of(name, plates, states, times, rows, forces, rest=1e-9)
+    series = series_of(name, plates, law_, states, times, rows, forces, rest=1e-9)
     moving = np.flatnonzero(np.any(states[:, 7:13] != 0.0, axis=1))
     smooth = np.zeros_like(forces)
     smooth[moving] = _smoothed(forces[moving])
@@ -218,67 +230,78 @@ def _dem_tool(name: str, choice: Choice) -> Tool:
 def bag_series(group: str, choice: Choice) -> list[Series]:
     """The recordings of a group, `abb` or `cmu`, calibrated together; the samples that count are those on the way in.
 
-    [] where the recordings are absent.
+    `wheel`: wheels pressed into the sand of `cmu`, with what was fitted to its round plates. [] where the recordings
+    are absent.
     """
     if not _RECORDINGS.is_dir():
         return []
     with TemporaryDirectory() as folder:
-        bags, meshes = _recordings(group, Path(folder))
-        given = {"integration": choice.integration, "alpha_y.model": choice.alpha_y, "tolerance": 0.0}
-        file, calibrated = Path(folder) / "given.yaml", Path(folder) / "calibrated.yaml"
-        file.write_text(_parameters(group, given, next(iter(meshes.values()), None)))
-        rules = [word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh}")]
-        with redirect_stdout(io.StringIO()):
-            main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(calibrated)])
+        calibrated = _calibrated("cmu" if group == "wheel" else group, choice, Path(folder))
         values, options = read_parameter_file(calibrated), read_replay_options(calibrated)
-        fitted = values["medium.mobilization_length"] or choice.mobilization_length
-        length = fitted if choice.mobilization_length else 0.0
-        found = []
-        for bag in bags:
-            own = {**values, "medium.mobilization_length": length}
-            if bag.name in meshes:
-                own["mesh.file"] = str(meshes[bag.name])
-            track = read_track(bag, own, options)
-            settings, model = settings_of(own), model_of(own)
-            states = track.states.copy()
-            plates, rest = model.tool.plates, settings.rest_speed
-            speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
-            states[speeds < rest, 7:13] = 0.0
-            rows = model_rows(plates, model.law, states, track.time, surface=settings.surface_height)
-            forces = track.grain_forces(settings.load_cell)
-            series = series_of(bag.name, plates, states, track.time, rows, forces, rest=rest)
-            sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
-            deep = settings.surface_height - track.heights() > 0.0
-            inward = np.flatnonzero(sinking & deep & (rows[:, 2] > 0.0) & (series.speeds > 0.0))
-            found.append(replace(series, judged=inward, zeta_error=settings.zeta_error))
-        return found
+        bags, meshes = _recordings(group, Path(folder))
+        return [_recorded(bag, {**values, **meshes.get(bag.name, {})}, options, choice) for bag in bags]
 
 
-def _recordings(group: str, folder: Path) -> tuple[list[Path], dict[str, Path]]:
-    """The bags of a group, and the mesh of each that has one of its own."""
+def _calibrated(group: str, choice: Choice, folder: Path) -> Path:
+    """The parameter file that `rft calibrate` writes for the recordings of a group."""
+    bags, meshes = _recordings(group, folder)
+    first = next(iter(meshes.values()), {})
+    given = {"law": choice.law, "integration": choice.integration, "alpha_y.model": choice.alpha_y, **first}
+    file, calibrated = folder / "given.yaml", folder / "calibrated.yaml"
+    file.write_text(_parameters(group, given))
+    rules = [word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh['mesh.file']}")]
+    with redirect_stdout(io.StringIO()):
+        main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(calibrated)])
+    return calibrated
+
+
+def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice) -> Series:
+    """A recording as a series, with these parameters and the choice's memory."""
+    fitted = values["medium.mobilization_length"] or choice.mobilization_length
+    length = fitted if choice.mobilization_length else 0.0
+    own = {**values, "medium.mobilization_length": length, "tolerance": choice.tolerance}
+    track = read_track(bag, own, options)
+    settings, model = settings_of(own), model_of(own)
+    states = track.states.copy()
+    plates, rest = model.tool.plates, settings.rest_speed
+    speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
+    states[speeds < rest, 7:13] = 0.0
+    rows = model_rows(plates, model.law, states, track.time, surface=settings.surface_height)
+    forces = track.grain_forces(settings.load_cell)
+    series = series_of(bag.name, plates, model.law, states, track.time, rows, forces, rest=rest)
+    sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
+    deep = settings.surface_height - track.heights() > 0.0
+    inward = np.flatnonzero(sinking & deep & (rows[:, 2] > 0.0) & (series.speeds > 0.0))
+    return replace(series, judged=inward, zeta_error=settings.zeta_error)
+
+
+def _recordings(group: str, folder: Path) -> tuple[list[Path], dict[str, dict[str, Any]]]:
+    """The bags of a group, and the mesh's parameters of each that has one of its own."""
     if group == "abb":
         return [_RECORDINGS / "abb_plate" / f"abb_plate_{trial}" for trial in (2, 3)], {}
-    meshes = {}
+    if group == "wheel":
+        wheel = {"mesh.file": str(_RECORDINGS / "cmu_wheel" / "smooth.stl"), "mesh.origin": (30.0, 0.0, 62.5)}
+        bags = [_RECORDINGS / "cmu_wheel_press" / f"old_smooth_{trial}" for trial in (6, 7, 8)]
+        return bags, {bag.name: wheel for bag in bags}
+    meshes: dict[str, dict[str, Any]] = {}
     for name, diameter in _ROUND_PLATES.items():
-        meshes[name] = folder / f"{name}.stl"
-        trimesh.creation.cylinder(radius=0.5 * diameter, height=10.0, sections=96).export(meshes[name])
+        file = folder / f"{name}.stl"
+        trimesh.creation.cylinder(radius=0.5 * diameter, height=10.0, sections=96).export(file)
+        meshes[name] = {"mesh.file": str(file), "mesh.origin": (0.0, 0.0, 5.0)}
     return [_RECORDINGS / "cmu_plate" / name for name in meshes], meshes
 
 
-def _parameters(group: str, given: dict[str, object], mesh: Path | None) -> str:
-    remap = {"remap": ["~/pose:=/tool_pose", "~/wrench_measured:=/ft_sensor/wrench"]}
+def _parameters(group: str, given: Mapping[str, object]) -> str:
+    """The text of the parameter file before the calibration."""
+    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
     if group == "abb":
         content = yaml.safe_load((_ROOT / "config" / "abb_plate.yaml").read_text())
         own = content["/**"]["ros__parameters"]
         own.pop("tolerance", None)
-        return yaml.safe_dump({**content, "/**": {"ros__parameters": {**own, **given}}})
-    own = {
-        "mesh.file": str(mesh),
-        "mesh.scale": 0.001,
-        "mesh.origin": [0.0, 0.0, 5.0],
-        "twist_source": "pose_difference",
-    }
-    return yaml.safe_dump({n: {"ros__parameters": p} for n, p in (("/**", {**own, **given}), ("rft_replay", remap))})
+        return yaml.safe_dump({**content, "/**": {"ros__parameters": {**own, **plain}}})
+    remap = {"remap": ["~/pose:=/tool_pose", "~/wrench_measured:=/ft_sensor/wrench"]}
+    own = {"twist_source": "pose_difference", **plain}
+    return yaml.safe_dump({n: {"ros__parameters": p} for n, p in (("/**", own), ("rft_replay", remap))})
 
 
 def vector_error(series: Series, predicted: Array) -> float:

@@ -302,3 +302,18 @@ def test_without_measurements_it_answers_for_ever():
     for k in range(5000):
         out = learning.predict(START + k * 5_000_000, model, step=1.5e-3)
     assert out[:3] == pytest.approx(model[:3])
+
+
+@pytest.mark.parametrize("lag", [0.002, 0.005])
+def test_sigma_covers_a_vertical_force_that_outgrows_the_model(lag):
+    """A wheel's force grows faster with depth than the model's: every error over the lag has one sign."""
+
+    def within_sigma(factor):
+        series = plunge(depth=0.08)
+        forces = series.forces * [1.0, 1.0, 0.0] + series.forces * [0.0, 0.0, 1.0] * factor(series.path)[:, None]
+        out = run(replace(series, forces=forces), Learning(lag=lag, reach=0.02))
+        errors = np.abs(out[800:, 2] - forces[800:, 2])
+        return np.mean(errors < out[800:, 8])
+
+    assert within_sigma(lambda path: (path / 0.05) ** 1.5) > 0.9
+    assert 0.4 < within_sigma(lambda path: 1.0 + 0.1 * np.sin(path / 0.0004)) < 0.7

@@ -30,7 +30,14 @@ _GATE = 2.2  # a larger innovation, over the root of the trace of its covariance
 _LEVER = 0.07  # deviation of the point where the force acts, over the tool's reach
 _BY_HEIGHT, _MOMENTS = len(COLUMNS), len(COLUMNS) + 3  # where dF/dh and Σ r_j f_l begin in a row of the model
 _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
-_SCALE_RISE, _SCALE_FALL = 0.0025, 0.004  # of the mean of the squared errors, while it grows and while it falls
+_SCALE_RISE, _SCALE_FALL, _SCALE_FALL_VERTICAL = (
+    0.0025,
+    0.0026,
+    0.004,
+)  # of the mean of the squared errors, while it grows and while it falls
+_BIAS_LENGTH = 0.0025  # of the mean of the vertical errors themselves
+_BIAS_GROWTH, _BIAS_LAG_MOST = 150.0, 0.01  # weight of its square over the lag [1/m], up to this lag [m]
+_ERROR_MOST = 3.0  # a larger error, in standard deviations, counts as this
 _SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
 
 
@@ -50,7 +57,8 @@ FILTER = [
     ("prior", _GAUSSIAN),
     ("now", _GAUSSIAN),  # at the pose that is predicted
     ("learned", float),  # path of the last record that updated the filter
-    ("scale", float, 3),  # c of (L5) by component; x and y are equal
+    ("scale", float, 3),  # mean of the squared errors of (L5) by component; x and y are equal
+    ("bias", float),  # mean of the vertical errors of (L5)
     ("fitted", float, 3),  # work space
     ("gain", float, 4),
     ("a", float, (4, 4)),
@@ -63,7 +71,7 @@ def begin(state: Any, strength_error: float) -> None:
     state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
     state["prior"]["p"] = _covariance(strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
     state["latest"] = state["push"] = state["prior"]
-    state["scale"] = 1.0
+    state["scale"], state["bias"] = 1.0, 0.0
 
 
 @inlined
@@ -146,7 +154,7 @@ def _design(h, row):
 
 
 @inlined
-def correct(now, scale, record, row, out, reach, apply):
+def correct(now, state, record, row, out, reach, lag, apply):
     """(L1), (L3) and (L4): write F, H, F', S and r to the record, wrench and deviations to `out`."""
     h = record.h
     _design(h, row)
@@ -158,27 +166,32 @@ def correct(now, scale, record, row, out, reach, apply):
     for i in range(3):
         for j in range(3):
             record.s[i, j] = _form(h[i], now.p, h[j]) + (record.r if i == j else 0.0)
+    growth = _BIAS_GROWTH * min(lag, _BIAS_LAG_MOST)
+    horizontal, vertical = state.scale[0], state.scale[2] + growth * state.bias**2
     for i in range(6):
         model, learned = h[i, 0] + h[i, 1], dot(h[i], now.theta)
         if i < 3:
-            variance = scale[i] * record.s[i, i]
+            variance = (vertical if i == 2 else horizontal) * record.s[i, i]
         else:
-            variance = max(scale[0], scale[2]) * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
+            variance = max(horizontal, vertical) * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
             variance += (_LEVER * reach) ** 2 * square
         out[i] = learned if apply else model
         out[6 + i] = math.sqrt(variance + (learned - out[i]) ** 2)  # without the correction its size is an error too
 
 
 @inlined
-def _adapt(scale, record, step):
-    """c of (L5) from the error of a prediction as it was made."""
-    y, predicted, s = record.y, record.predicted, record.s
+def _adapt(state, record, step):
+    """m and b of (L5) from the error of a prediction as it was made."""
+    y, predicted, s, scale = record.y, record.predicted, record.s, state.scale
     flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
-    vertical = (y[2] - predicted[2]) ** 2 / s[2, 2]
+    vertical = (y[2] - predicted[2]) / math.sqrt(s[2, 2])
     for i in range(3):
-        square = min(vertical if i == 2 else flat, _SQUARE_MOST)
-        length = _SCALE_RISE if square > scale[i] else _SCALE_FALL
+        square = min(vertical**2 if i == 2 else flat, _SQUARE_MOST)
+        fall = _SCALE_FALL_VERTICAL if i == 2 else _SCALE_FALL
+        length = _SCALE_RISE if square > scale[i] else fall
         scale[i] = max(scale[i] + (1.0 - math.exp(-step / length)) * (square - scale[i]), 1e-6)  # else σ could vanish
+    error = min(max(vertical, -_ERROR_MOST), _ERROR_MOST)
+    state.bias += (1.0 - math.exp(-step / _BIAS_LENGTH)) * (error - state.bias)
 
 
 @inlined
@@ -206,7 +219,7 @@ def absorb(state, record):
     """Update with a measured force: c, then growth (L2), then the innovation with the noise of (L3), gated."""
     belief, h, step = state.latest, record.h, record.path - state.learned
     state.learned = record.path
-    _adapt(state.scale, record, step)
+    _adapt(state, record, step)
     grow(belief, step)
     square = trace = 0.0
     for i in range(3):

@@ -84,7 +84,7 @@ def predict(states, records, row, out, stamp, step, passing, apply, lag, reach):
     grow(state.now, max(state.path - state.learned, 0.0))
 
     record = records[state.end % RECORDS]
-    correct(state.now, state.scale, record, row, out, reach, apply)
+    correct(state.now, state, record, row, out, reach, lag, apply)
     last = records[(state.end - 1) % RECORDS].travel
     close = state.end > state.first and state.travel - last < lag / _RECORDS_PER_LAG
     if wet and step > 0.0 and not close:

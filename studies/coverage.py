@@ -1,0 +1,97 @@
+"""How many force components lie within one and two standard deviations of the prediction, on all data at hand.
+
+Of the recordings of each group, in the order of their names, every other one was used to choose the constants of
+`rft_ros/estimator/sigma.py` and of (L5); the table shows the rest apart.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from studies.dem import RUNS
+from studies.learning import CHOICES, LAGS, Choice, Series, bag_series, dem_series, learned, unlearned
+from studies.result import BLACK, BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
+
+__all__ = ["GROUPS", "series_of_group", "study", "within"]
+
+Array = NDArray[np.float64]
+
+GROUPS = {
+    "dem": "simulated grains",
+    "abb": "ABB plate, penetration",
+    "cmu": "round plates, penetration",
+    "wheel": "wheels by the round plates",
+}
+"""Groups of recordings."""
+
+_MORE_RUNS = ("buried_block", "drag_plate_b90_d15_y22")
+_MODES = (None, *LAGS)
+_FACTORS = np.linspace(0.0, 3.0, 61)
+
+
+def series_of_group(group: str, choice: Choice) -> list[Series]:
+    """The recordings of a group of `GROUPS` in the order of their names; [] where they are absent."""
+    if group == "dem":
+        return [dem_series(name, choice) for name in sorted((*RUNS, *_MORE_RUNS))]
+    return sorted(bag_series(group, choice), key=lambda series: series.name)
+
+
+def within(series: Series, *, lag: float | None) -> Array:
+    """Errors over their standard deviations, shape [n, 3], by the fixed model (`lag` None) or learned [m]."""
+    answers = unlearned(series) if lag is None else learned(series, lag=lag).out
+    rows = series.judged
+    error: Array = np.abs(series.forces[rows] - answers[rows, :3]) / answers[rows, 6:9]
+    return error
+
+
+def study() -> StudyResult:
+    """The table by group and half, and the share of components over the number of standard deviations."""
+    rows: list[tuple[str, ...]] = []
+    pooled: dict[float | None, list[Array]] = {mode: [] for mode in _MODES}
+    for choice in CHOICES:
+        of_halves: dict[str, list[list[Array]]] = {"chosen on": [], "kept apart": []}
+        for group, title in GROUPS.items():
+            runs = series_of_group(group, choice)
+            for half, name in enumerate(of_halves):
+                errors = [[within(run, lag=mode) for mode in _MODES] for run in runs[half::2]]
+                of_halves[name] += errors
+                if errors:
+                    rows.append((f"{title}; {choice.name}", name, *_cells(errors)))
+        for name, errors in of_halves.items():
+            rows.append((f"**all**; {choice.name}", name, *_cells(errors)))
+        if choice == CHOICES[-1]:
+            for errors_of_run in of_halves["kept apart"]:
+                for mode, error in zip(_MODES, errors_of_run, strict=True):
+                    pooled[mode].append(error)
+    header = ("what", "recordings", "fixed model", *(f"learned, {1e3 * lag:g} mm before" for lag in LAGS))
+    figure = new_figure(9.0, 4.0)
+    panels = figure.subplots(1, 2, sharey=True)
+    for axes, part, title in zip(panels, (slice(0, 2), slice(2, 3)), ("horizontal", "vertical"), strict=True):
+        for mode, colour in zip(_MODES, (BLUE, VERMILION, ORANGE), strict=True):
+            shares = [np.mean([(e[:, part] < k).mean() for e in pooled[mode]]) for k in _FACTORS]
+            label = "fixed model" if mode is None else f"learned, {1e3 * mode:g} mm before"
+            axes.plot(_FACTORS, 100.0 * np.array(shares), color=colour, label=label)
+        axes.fill_between([0.97, 1.03], 60.0, 80.0, color=BLACK, alpha=0.2, lw=0)
+        axes.fill_between([1.97, 2.03], 93.0, 100.0, color=BLACK, alpha=0.2, lw=0)
+        label_axes(axes, x="Standard deviations", y="Components within [%]", title=title)
+    panels[1].legend(fontsize=8)
+    return StudyResult(
+        name="coverage",
+        title="Force components within one and two standard deviations",
+        figure=figure,
+        numbers={"coverage": {h: [row[i] for row in rows] for i, h in enumerate(header)}},
+        table=TextTable(header=header, rows=tuple(rows)),
+    )
+
+
+def _cells(errors: Sequence[Sequence[Array]]) -> list[str]:
+    """Such as "78, 95 / 74, 95" for each mode: horizontal and vertical within one and two; recordings count alike."""
+    cells = []
+    for mode in range(len(_MODES)):
+        parts = []
+        for part in (slice(0, 2), slice(2, 3)):
+            shares = [100.0 * np.mean([(run[mode][:, part] < k).mean() for run in errors]) for k in (1.0, 2.0)]
+            parts.append(", ".join(f"{share:.0f}" for share in shares))
+        cells.append(" / ".join(parts))
+    return cells
