@@ -3,16 +3,14 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from statistics import mean
-from typing import Any
+from statistics import geometric_mean, mean
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.rft import Integration, Law
+from rft_ros.rft import MEDIA, Integration, Law, Plates
 from rft_ros.tool import Tool, load_tool
+from studies import learning, numpy_rft
 from studies.chart import median_seconds
 from studies.dem import (
     ALONG_ITSELF,
@@ -29,21 +27,19 @@ from studies.dem import (
     read_run,
     settled_error,
 )
-from studies.learning import learned, model_rows, series_of
+from studies.learning import Series, bag_series, learned, model_rows, peak_error, series_of
 from studies.paper import law
 from studies.result import (
     BLACK,
     BLUE,
     GREEN,
-    GREY,
     ORANGE,
     PURPLE,
     VERMILION,
     StudyResult,
     TextTable,
-    label_axes,
-    new_figure,
 )
+from studies.speed_accuracy import Mark, speed_accuracy_figure
 
 __all__ = ["CHOICES", "GROUPS", "Choice", "Judged", "judged_choices", "study"]
 
@@ -90,7 +86,7 @@ class Choice:
         if self.lag == 0.0:
             return run.predicted(law, threads=1)
         rows = model_rows(run.tool.plates, law, run.states, run.times)
-        series = series_of(run.name, run.tool.plates, run.states, run.times, rows, run.forces, rest=1e-9)
+        series = series_of(run.name, run.tool.plates, law, run.states, run.times, rows, run.forces, rest=1e-9)
         return learned(series, lag=self.lag).out[:, :3]
 
 
@@ -102,16 +98,23 @@ CHOICES = (
     Choice(name="published, reduced to 5 %", tolerance=0.05),
     Choice(name="refined", integration="refined"),
     Choice(name="refined, α_y linear", integration="refined", alpha_y="linear"),
-    Choice(name="refined, reduced to 5 %", integration="refined", tolerance=0.05),
     Choice(name="refined, memory 3 mm", integration="refined", mobilization_length=0.003),
     Choice(name="refined, α_y linear, memory 3 mm", integration="refined", alpha_y="linear", mobilization_length=0.003),
-    Choice(name="published, learned", lag=_LAG),
-    Choice(name="refined, α_y linear, learned", integration="refined", alpha_y="linear", lag=_LAG),
     Choice(
-        name="refined, α_y linear, memory 3 mm, learned",
+        name="default",
         integration="refined",
         alpha_y="linear",
         mobilization_length=0.003,
+        tolerance=0.025,
+    ),
+    Choice(name="published, learned", lag=_LAG),
+    Choice(name="refined, α_y linear, learned", integration="refined", alpha_y="linear", lag=_LAG),
+    Choice(
+        name="default, learned",
+        integration="refined",
+        alpha_y="linear",
+        mobilization_length=0.003,
+        tolerance=0.025,
         lag=_LAG,
     ),
     Choice(
@@ -181,54 +184,132 @@ def _tool(file: str, integration: Integration, tolerance: float) -> Tool:
     return load_tool(file, scale=1.0, integration=integration, tolerance=tolerance)
 
 
-def _averaged(judged: Sequence[Judged], group: str) -> dict[Choice, tuple[float, float]]:
-    """Mean time of a run [s] and mean error of each choice over a group of runs."""
-    mine = [j for j in judged if GROUPS[group](j.run)]
-    return {
-        choice: (
-            mean(j.time * j.states for j in mine if j.choice == choice),
-            mean(j.error for j in mine if j.choice == choice),
+_RELEASED = 485e-9
+"""Time of the authors' released code (MATLAB) for a plate and state [s]."""
+
+_NAMES = {
+    "published": "paper's model",
+    "refined": "refined rule",
+    "refined, agarwal2023": "Agarwal et al. 2023",
+    "default": "default",
+    "published, learned": "paper's model, learning",
+    "default, learned": "default, learning",
+}
+"""Choices in the figure, by what they are called there."""
+
+_COLOURS = {
+    "published": ORANGE,
+    "refined": BLUE,
+    "refined, agarwal2023": PURPLE,
+    "default": GREEN,
+    "published, learned": ORANGE,
+    "default, learned": VERMILION,
+}
+
+
+def _mark(choice: Choice, seconds: float, error: float) -> Mark:
+    return Mark(
+        name=_NAMES[choice.name],
+        seconds=seconds,
+        error=error,
+        colour=_COLOURS[choice.name],
+        default=choice.name == "default",
+        side="right" if choice.lag else "left",
+    )
+
+
+def _peers(published: Mark, *, plates: float, by_numpy: float) -> list[Mark]:
+    """The published rule as others compute it: the released code and NumPy; the error is the same."""
+    as_published = replace(published, peer=True, side="right")
+    return [
+        replace(as_published, name="NumPy", seconds=by_numpy),
+        replace(as_published, name="released code", seconds=_RELEASED * plates),
+    ]
+
+
+def _simulated_marks(judged: Sequence[Judged]) -> list[Mark]:
+    """The figure's choices over the eleven runs, and beside them discrete elements."""
+    marks = []
+    for choice in (c for c in CHOICES if c.name in _NAMES):
+        mine = [j for j in judged if j.choice == choice and j.run in RUNS]
+        marks.append(_mark(choice, mean(j.time for j in mine), mean(j.error for j in mine)))
+    runs = [read_run(name) for name in RUNS]
+    plates = mean(j.plates for j in judged if j.choice.name == "published" and j.run in RUNS)
+    by_numpy = mean(_seconds_by_numpy(run.tool.plates, run.states[len(run.states) // 2]) for run in runs)
+    marks += _peers(next(m for m in marks if m.name == _NAMES["published"]), plates=plates, by_numpy=by_numpy)
+    seconds = mean(mean(WALL_SECONDS[run.name]) / len(run.states) for run in runs)
+    elements = Mark(
+        name="discrete elements",
+        seconds=seconds,
+        error=mean(PACKINGS),
+        colour=BLACK,
+        peer=True,
+    )
+    return [*marks, elements]
+
+
+def _seconds_by_numpy(plates: Plates, state: Array) -> float:
+    generic = MEDIA["generic"]
+    call = partial(numpy_rft.wrench, plates, generic, 1.0, numpy_rft.constant(generic), state)
+    return median_seconds([call])[0]
+
+
+_RECORDED = ("abb", "cmu", "wheel")
+
+
+def _real_marks() -> list[Mark]:
+    """The figure's choices over the recordings: the mean of their groups. [] where the recordings are absent."""
+    marks = []
+    series_of_choice: dict[Choice, dict[str, list[Series]]] = {}
+    for choice in (c for c in CHOICES if c.name in _NAMES):
+        modelled = learning.Choice(
+            name=choice.name,
+            integration=choice.integration,
+            alpha_y=choice.alpha_y,
+            mobilization_length=choice.mobilization_length,
+            law=choice.law,
+            tolerance=choice.tolerance,
         )
-        for choice in dict.fromkeys(j.choice for j in mine)
-    }
+        groups = {group: bag_series(group, modelled) for group in _RECORDED}
+        if not all(groups.values()):
+            return []
+        series_of_choice[choice] = groups
+    for choice, groups in series_of_choice.items():
+        errors = []
+        for runs in groups.values():
+            predicted = [learned(run, lag=choice.lag).out if choice.lag else run.rows for run in runs]
+            errors.append(mean(peak_error(run, out) for run, out in zip(runs, predicted, strict=True)))
+        calls = [partial(_evaluated, runs[0], choice.lag) for runs in groups.values()]
+        states = [len(runs[0].states) for runs in groups.values()]
+        times = [seconds / n for seconds, n in zip(median_seconds(calls), states, strict=True)]
+        marks.append(_mark(choice, geometric_mean(times), mean(errors)))
+    published = next(groups for choice, groups in series_of_choice.items() if choice.name == "published")
+    firsts = [runs[0] for runs in published.values()]
+    plates = geometric_mean(len(run.plates) for run in firsts)
+    by_numpy = geometric_mean(_seconds_by_numpy(run.plates, run.states[run.judged[-1]]) for run in firsts)
+    return marks + _peers(marks[0], plates=plates, by_numpy=by_numpy)
 
 
-def _simulated_seconds(group: str) -> tuple[float, float] | None:
-    """Shortest and longest wall time of a group's simulations [s]; None if not recorded."""
-    spans = [span for name, span in WALL_SECONDS.items() if GROUPS[group](name)]
-    if not spans:
-        return None
-    return min(low for low, _ in spans), max(high for _, high in spans)
-
-
-def _colour_of(choice: Choice) -> str:
-    """Orange: published; blue: refined; green: with memory; vermilion: learned; purple: the law of Agarwal et al."""
-    if choice.lag:
-        return VERMILION
-    if choice.law == "agarwal2023":
-        return PURPLE
-    if choice.mobilization_length:
-        return GREEN
-    return ORANGE if choice.integration == "centroid" else BLUE
+def _evaluated(run: Series, lag: float) -> None:
+    """A run's evaluations, and its learning with a lag."""
+    model_rows(run.plates, run.law, run.states, run.stamps * np.float64(1e-9))
+    if lag:
+        learned(run, lag=lag)
 
 
 def study() -> StudyResult:
     """Figure, page, numbers, and a table of errors by choice and group."""
     judged = judged_choices()
-    groups = {group: _averaged(judged, group) for group in GROUPS}
-    choices = list(dict.fromkeys(j.choice for j in judged))
-    rows = tuple(
-        (
-            choice.name,
-            *(f"{100.0 * groups[group][choice][1]:.1f}" for group in GROUPS),
-            f"{1e6 * mean(j.time for j in judged if j.choice == choice):.2g} µs",
-        )
-        for choice in choices
-    )
+    rows = []
+    for choice in CHOICES:
+        mine = [j for j in judged if j.choice == choice]
+        errors = [mean(j.error for j in mine if member(j.run)) for member in GROUPS.values()]
+        rows.append((choice.name, *(f"{100.0 * e:.1f}" for e in errors), f"{1e6 * mean(j.time for j in mine):.2g} µs"))
+    simulated, real = _simulated_marks(judged), _real_marks()
     return StudyResult(
         name="models",
         title="Accuracy of the modelling choices against simulated grains",
-        figure=_draw(groups),
+        figure=speed_accuracy_figure(simulated, real),
         numbers={
             "models": {
                 "run": [j.run for j in judged],
@@ -244,80 +325,15 @@ def study() -> StudyResult:
                 "zeta": [j.zeta for j in judged],
                 "time_us": [1e6 * j.time for j in judged],
                 "median_error": [j.error for j in judged],
-            }
+            },
+            "speed_accuracy": {
+                "data": ["simulated"] * len(simulated) + ["real"] * len(real),
+                "choice": [" ".join(m.name.split()) for m in (*simulated, *real)],
+                "time_us": [1e6 * m.seconds for m in (*simulated, *real)],
+                "mean_error": [m.error for m in (*simulated, *real)],
+            },
         },
         table=TextTable(
-            header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "an evaluation"), rows=rows
+            header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "an evaluation"), rows=tuple(rows)
         ),
-    )
-
-
-def _draw(groups: dict[str, dict[Choice, tuple[float, float]]]) -> Figure:
-    figure = new_figure(18.0, 9.0)
-    panels = figure.subplots(2, 4).ravel()
-    for axes, (group, found) in zip(panels, groups.items(), strict=False):
-        _draw_group(axes, found, _simulated_seconds(group))
-        label_axes(axes, x="Time for a run [s]", y="Median error of the force [%]", title=group)
-    for axes in panels[len(groups) :]:
-        axes.set_axis_off()
-    key = panels[len(groups)]
-    for place, choice in enumerate(next(iter(groups.values()))):
-        y = 0.97 - 0.07 * place
-        key.plot(0.03, y, transform=key.transAxes, **_marker(choice))
-        key.text(0.07, y, f"{place + 1}   {choice.name}", transform=key.transAxes, va="center", fontsize=10)
-    figure.suptitle("Force against simulated grains (discrete elements): accuracy and time of each choice")
-    return figure
-
-
-def _marker(choice: Choice) -> dict[str, Any]:
-    colour = _colour_of(choice)
-    return {
-        "marker": "s" if choice.tolerance else "o",
-        "color": colour,
-        "mfc": "none" if choice.alpha_y == "linear" else colour,
-        "ms": 8,
-        "ls": "",
-    }
-
-
-def _draw_group(axes: Axes, found: dict[Choice, tuple[float, float]], simulated: tuple[float, float] | None) -> None:
-    axes.set_xscale("log")
-    low, high = (100.0 * p for p in PACKINGS)
-    axes.axhspan(low, high, color="0.92", zorder=0)
-    top = 1.18 * max(100.0 * max(error for _, error in found.values()), high)
-    slowest = max(seconds for seconds, _ in found.values())
-    numbered = sorted(enumerate(found.items(), start=1), key=lambda item: item[1][1][1])
-    gap, last = 0.042 * top, -top
-    heights = [last := max(100.0 * error, last + gap) for _, (_, (_, error)) in numbered]
-    for k in range(len(heights)):  # labels that would leave the axes move down
-        heights[-1 - k] = min(heights[-1 - k], 0.97 * top - k * gap)
-    for height, (number, (choice, (seconds, error))) in zip(heights, numbered, strict=True):
-        axes.plot(seconds, 100.0 * error, **_marker(choice))
-        colour = _colour_of(choice)
-        axes.plot([seconds, 4.8 * slowest], [100.0 * error, height], color=colour, lw=0.6, alpha=0.6)
-        axes.text(5.0 * slowest, height, f"{number}: {100.0 * error:.1f} %", fontsize=8, va="center")
-    axes.set_xlim(0.3 * min(seconds for seconds, _ in found.values()), 3e3)
-    axes.set_ylim(0.0, top)
-    if simulated is None:
-        return
-    x = (simulated[0] * simulated[1]) ** 0.5
-    axes.errorbar(
-        x,
-        0.5 * (low + high),
-        yerr=0.5 * (high - low),
-        xerr=[[x - simulated[0]], [simulated[1] - x]],
-        fmt="D",
-        color=BLACK,
-        capsize=3,
-    )
-    text = f"discrete elements,\n{simulated[0]:.0f}–{simulated[1]:.0f} s;\ntwo packings"
-    axes.annotate(text, (x, high), xytext=(0, 6), textcoords="offset points", ha="center", fontsize=8)
-    axes.text(
-        0.01,
-        0.5 * (low + high),
-        " two packings differ",
-        transform=axes.get_yaxis_transform(),
-        fontsize=7,
-        color=GREY,
-        va="center",
     )
