@@ -46,15 +46,14 @@ def main(arguments: list[str] | None = None) -> int:
     model = mujoco.MjModel.from_xml_string(MODEL.format(timestep=given.timestep, meshes=MESHES, bodies=bodies))
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    grains = [MujocoGrains(model, body=name, zeta=0.33, mobilization_length=0.003) for name, _, _ in names]
-    for k, one in enumerate(grains):
-        data.qpos[7 * k + 2] = HEIGHT - one.tool.lowest_point(data.xmat[k + 1].reshape(3, 3))
+    grains = MujocoGrains(model, bodies=[name for name, _, _ in names], zeta=0.33, mobilization_length=0.003)
+    for k, tool in enumerate(grains.tools):
+        data.qpos[7 * k + 2] = HEIGHT - tool.lowest_point(data.xmat[k + 1].reshape(3, 3))
 
     rows = []
     start = data.qpos[2::7].copy()
     while data.time < given.seconds:
-        for one in grains:
-            one.apply(data)
+        grains.apply(data)
         mujoco.mj_step(model, data)
         speed = np.linalg.norm(data.qvel.reshape(-1, 6)[:, :3], axis=1)
         rows.append([data.time, *(start - HEIGHT - data.qpos[2::7]), *speed])

@@ -1,44 +1,30 @@
-"""In the loop: what a simulator or an arm that feels the grains' force does with each way to compute it.
+"""In the loop: bodies in grains beside what else MuJoCo solves, at steps of 0.5 to 5 ms, and what a step costs."""
 
-A plate of 51 x 51 x 3 mm, ζ 0.33 unless varied, λ 3 mm, α_y linear. Bodies fall 10 mm in MuJoCo, free in six
-directions; an impedance arm of three axes holds the plate's orientation, and the force is held over each step.
-"""
-
+import io
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.installation import share_directory
-from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021, wrenches
-from rft_ros.simulation import Grains, GrainsBatch, MujocoGrains
-from rft_ros.simulation.mujoco_grains import import_mujoco
+from rft_ros.rft import wrenches
+from rft_ros.simulation import Grains, GrainsBatch, MujocoGrains, free_body
+from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.simulation.six_axis_arm import SixAxisArm
 from rft_ros.tool import Tool, load_tool
-from studies.result import BLUE, GREEN, VERMILION, StudyResult, TextTable, label_axes, new_figure
+from studies import loop_scenes as scenes
+from studies.loop_scenes import Numbers, law
+from studies.result import BLUE, GREEN, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure, picture
 
-__all__ = ["study"]
+__all__ = ["draw_fall", "study"]
 
 Array = NDArray[np.float64]
 
-LENGTH = 0.003
 PUBLISHED, EXPLICIT, IMPLICIT = "published law", "elastic-plastic, explicit", "elastic-plastic, implicit"
-WAYS = PUBLISHED, EXPLICIT, IMPLICIT
-MASSES = 0.02, 0.1, 0.5, 2.0, 5.0  # kg
-STEPS = 0.0005, 0.001, 0.002, 0.005, 0.01, 0.02  # s
-ARMS = (2.0, 0.2), (2.0, 2.0), (2.0, 20.0), (0.2, 0.5)  # kg, kN/m
-ZETAS = 0.2, 1.0, 3.0
-STILL = 1e-5  # m in 1 s
-_TILT = "0.99 0.12 0.08 0"
-
-
-def law(zeta: float = 0.33) -> Law:
-    """The grains of this study."""
-    return treers2021(
-        MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), zeta=zeta, mobilization_length=LENGTH
-    )
+STEPS = 0.0005, 0.001, 0.002, 0.005  # s
 
 
 class _Published:
@@ -52,49 +38,9 @@ class _Published:
 
 
 def _alone(way: str, tool: Tool, zeta: float) -> Any:
-    """Grains that know no inertia."""
     if way == PUBLISHED:
         return _Published(tool.plates, zeta)
     return Grains(tool, law(zeta))
-
-
-def dropped(mass: float, step: float, way: str, *, zeta: float = 0.33, seconds: float = 2.5) -> dict[str, float]:
-    """A tilted plate that fell: depth [m], creep over the last second [m], speed [m/s], energy given over taken."""
-    mujoco = import_mujoco()
-
-    mesh = share_directory("rft_ros") / "meshes" / "plate.stl"
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{step}"/><asset><mesh name="plate" file="{mesh}" scale=".001 .001 .001"/></asset>'
-        f'<worldbody><body name="body" quat="{_TILT}"><freejoint/><geom type="mesh" mesh="plate" mass="{mass}"'
-        ' contype="0" conaffinity="0"/></body></worldbody></mujoco>'
-    )
-    data = mujoco.MjData(model)
-    grains = MujocoGrains(model, body="body", zeta=zeta, mobilization_length=LENGTH)
-    alone = _alone(way, grains.tool, zeta)
-    mujoco.mj_kinematics(model, data)
-    data.qpos[2] = start = 0.01 - grains.tool.lowest_point(data.xmat[1].reshape(3, 3))
-    rows, took, gave = [], 0.0, 0.0
-    for _ in range(round(seconds / step)):
-        if way == IMPLICIT:
-            wrench = grains.apply(data)
-        else:
-            mujoco.mj_kinematics(model, data)
-            twist = np.concatenate([data.qvel[:3], data.xmat[1].reshape(3, 3) @ data.qvel[3:]])
-            wrench = alone.step(data.xpos[1], np.roll(data.xquat[1], -1), twist, step)
-            data.xfrc_applied[1] = wrench  # the plate's centre of mass is its origin
-        mujoco.mj_step(model, data)
-        work = step * (wrench @ np.concatenate([data.qvel[:3], data.xmat[1].reshape(3, 3) @ data.qvel[3:]]))
-        took, gave = took + max(-work, 0.0), gave + max(work, 0.0)
-        rows.append([*data.qpos[:3], np.linalg.norm(data.qvel[:3])])
-        if not np.isfinite(data.qpos).all() or abs(data.qpos[2]) > 2.0:
-            return {"depth": np.nan, "creep": np.nan, "speed": np.nan, "given": np.nan}
-    late = np.array(rows)[-round(1.0 / step) :]
-    return {
-        "depth": start - 0.01 - late[-1, 2],
-        "creep": float(np.linalg.norm(np.ptp(late[:, :3], axis=0))),
-        "speed": float(late[:, 3].max()),
-        "given": gave / max(took, 1e-12),
-    }
 
 
 def held(
@@ -118,10 +64,15 @@ def held(
     damping = 2.0 * np.sqrt(mass * stiffness)
     rows = []
     for k in range(int(times[-1] / dt)):
-        if k % round(hold / dt) == 0:
-            force = grains.step(x, np.array([0.0, 0, 0, 1]), np.array([*v, 0, 0, 0]), hold)[:3]
         goal = np.array([np.interp(k * dt, times, axis) for axis in command.T])
         push = np.array([load if k * dt > times[1] + 1.0 else 0.0, 0.0, 0.0])
+        if k % round(hold / dt) == 0:
+            known: Any = {}
+            if way == IMPLICIT:  # as the arm's own spring and damper show it over the time for which the force is held
+                one = 1.0 / (mass + hold * damping + hold * hold * stiffness)
+                free = one * (springs * (goal - x - hold * v) - damping * v + push)
+                known = {"inverse_inertia": np.diag([one] * 3 + [0.0] * 3), "free_acceleration": [*free, 0, 0, 0]}
+            force = grains.step(x, np.array([0.0, 0, 0, 1]), np.array([*v, 0, 0, 0]), hold, **known)[:3]
         v = (v + dt / mass * (springs * (goal - x) + force + push)) / (
             1.0 + dt * damping / mass + dt * dt * springs / mass
         )
@@ -140,145 +91,172 @@ def held(
     return {"scatter": float(max(scatters)), "net": net / took, "yielded": yielded, "creep": creep, "speed": speed}
 
 
-def _cpu(calls: int, call: Any) -> float:
-    """CPU time of a call [us], the least of five runs."""
+def _least(calls: int, call: Callable[[], Any]) -> float:
+    """Time of a call [us], the least of ten runs."""
     found = []
-    for _ in range(5):
-        begin = time.process_time()
-        for k in range(calls):
-            call(k)
-        found.append((time.process_time() - begin) / calls * 1e6)
+    for _ in range(10):
+        begin = time.perf_counter()
+        for _ in range(calls):
+            call()
+        found.append((time.perf_counter() - begin) / calls * 1e6)
     return min(found)
 
 
-def costs() -> Iterator[tuple[str, str]]:
-    """Microseconds of CPU of a step, for tools of 190 and 2,352 plates."""
-    mujoco = import_mujoco()
+def _stepped(grains: MujocoGrains, arm: SixAxisArm) -> None:
+    grains.apply(arm.data)
+    import_mujoco().mj_step(arm.model, arm.data)
 
+
+def costs() -> Iterator[tuple[str, str]]:
+    """Microseconds beside MuJoCo's own step, and real-time factors at 1 kHz."""
+    mujoco = import_mujoco()
     for tolerance in (0.025, 0.0):
         arm = SixAxisArm("ellipsoid")
-        grains = MujocoGrains(arm.model, body="tool", zeta=0.33, mobilization_length=LENGTH, tolerance=tolerance)
+        grains = MujocoGrains(arm.model, body="tool", law=law(), tolerance=tolerance)
         arm.start([0.45, 0.0, -0.02])
-
-        def stepped(_k: int, arm: SixAxisArm = arm, grains: MujocoGrains = grains) -> None:
-            grains.apply(arm.data)
-            mujoco.mj_step(arm.model, arm.data)
-
-        plates = f"{len(grains.tool.plates):,} plates"
-        both, alone = _cpu(1000, stepped), _cpu(1000, lambda _k, arm=arm: mujoco.mj_step(arm.model, arm.data))
+        alone = _least(500, partial(mujoco.mj_step, arm.model, arm.data))
+        beside = _least(500, partial(_stepped, grains, arm)) - alone
         batch = GrainsBatch(grains.tool, law(), bodies=256)
         states = np.tile([0, 0, -0.01, 0, 0, 0, 1, 0.001, 0, -0.001, 0, 0, 0], (256, 1))
-
-        def together(k: int, batch: GrainsBatch = batch, states: Array = states) -> None:
-            states[:, 2] = -0.01 - 1e-6 * k
-            batch.step(states, 0.001)
-
-        body = _cpu(20, together) / 256
+        inverse = free_body(0.3, 1e-4 * np.eye(3), [0, 0, 0, 1])
+        known: Any = {"inverse_inertia": inverse, "free_acceleration": np.zeros(6)}
+        body = _least(10, partial(batch.step, states, 0.001, **known)) / 256
         yield (
-            f"{plates}: `mj_step` of a six-axis arm, the grains beside it, a body of 256; real-time factor at 1 kHz",
-            f"{alone:.1f}, {both - alone:.1f}, {body:.1f} µs; {1000.0 / both:.0f}",
+            f"{len(grains.tool.plates):,} plates: a six-axis arm's `mj_step`, grains beside it, one of 256 bodies",
+            f"{alone:.1f}, {beside:.1f}, {body:.1f} µs; real-time factor {1000.0 / (alone + beside):.0f}",
         )
+    for names in (["tool"], ["tool", "b", "c", "d"]):
+        more = "".join(
+            scenes.free_tool("sphere", 0.3, name=name, position=f"{0.3 * k} 0 0") for k, name in enumerate(names)
+        )
+        scene = scenes.Scene(more, 0.001, "Euler", bodies=names)
+        velocity = np.tile([3.0, 0, 0, 0, 0, 0], len(names))
+        position = scene.data.qpos.copy()
+        position[2::7] = -0.01
+
+        def slides(scene: scenes.Scene = scene, position: Array = position, velocity: Array = velocity) -> None:
+            scene.data.qpos[0::7], scene.data.qpos[2::7], scene.data.qvel[:] = position[0::7], position[2::7], velocity
+            scene.grains.apply(scene.data)
+            mujoco.mj_step(scene.model, scene.data)
+
+        spent = _least(300, slides)
+        yield (
+            f"{len(names)} free bodies of {len(scene.grains.tool.plates)} plates at 3 m/s",
+            f"{spent:.1f} µs a step; real-time factor {1000.0 / spent:.0f}",
+        )
+
+
+def _rows() -> Iterator[tuple[str, Callable[[float], Numbers], Callable[[Numbers], str]]]:
+    """Each row's name, its scene at a step, and what it shows of the numbers."""
+
+    def depth_and_creep(found: Numbers) -> str:
+        return f"{found['depth']:.2f} mm, {found['creep']:.1g} mm"
+
+    yield "0.6 kg as one body: depth, creep in 1 s", lambda h: scenes.block(h, as_one=True), depth_and_creep
+    yield "0.3 kg block by contact on 0.3 kg plate", lambda h: scenes.block(h), depth_and_creep
+    for kind in scenes.KINDS:
+        yield (
+            f"{kind}: felt over memory, scatter",
+            lambda h, kind=kind: scenes.pressed(kind, h),  # type: ignore[misc]
+            lambda found: f"{found['felt over memory']:.4f}, {found['scatter']:.1g}",
+        )
+    for speed, stiffness in ((0.01, 2e4), (0.05, 2e5), (0.2, 2e5)):
+        yield (
+            f"lifted at {1e3 * speed:g} mm/s by {1e-3 * stiffness:g} kN/m: error, pull, memory's pull, of the press",
+            lambda h, speed=speed, stiffness=stiffness: scenes.lifted(speed, stiffness, h),  # type: ignore[misc]
+            lambda found: f"{found['error']:.3f}, {found['pull']:.3f}, {found['memory' + chr(39) + 's pull']:.3f}",
+        )
+    for mass in (0.005, 0.1, 0.5):
+        yield (
+            f"{mass:g} kg released from 30 N: rise, work back",
+            lambda h, mass=mass: scenes.released(mass, h),  # type: ignore[misc]
+            lambda found: f"{found['rise']:.2f} mm, {found['back']:.2g} %",
+        )
+    yield "plate slides from 3 m/s: way", lambda h: scenes.slid(h), lambda found: f"{found['way']:.0f} mm"
+    for mesh, mass in (("ellipsoid", 0.05), ("plate", 0.3), ("plate", 5.0)):
+        yield (
+            f"{mesh} of {mass:g} kg falls 10 mm: depth, creep, energy back",
+            lambda h, mesh=mesh, mass=mass: scenes.drop(mesh, mass, h),  # type: ignore[misc]
+            lambda found: f"{depth_and_creep(found)}, {found['back']:.2g} %",
+        )
+    yield (
+        "sphere of 0.3 kg from 1 m/s: depth",
+        lambda h: scenes.drop("sphere", 0.3, h, quaternion="1 0 0 0", speed=1.0),
+        lambda found: f"{found['depth']:.1f} mm",
+    )
+    yield "quadruped stands: creep in 1 s", lambda h: scenes.gait(h), lambda found: f"{found['creep']:.1g} mm"
+    yield (
+        "quadruped trots for 20 s: energy back",
+        lambda h: scenes.gait(h, trots=20.0),
+        lambda found: f"{found['back']:.2g} %",
+    )
 
 
 def study() -> StudyResult:
-    """Drops, holds and times; the table of docs/in-the-loop.md."""
-    drops = {(w, m, s): dropped(m, s, w) for w in WAYS for m in MASSES for s in STEPS}
-    by_zeta = {(w, z): dropped(0.5, 0.002, w, zeta=z) for w in WAYS for z in (0.2, 3.0)}
-    rows: list[tuple[str, ...]] = []
-
-    def add(what: str, value: Any) -> None:
-        rows.append((what, *(value(way) for way in WAYS)))
-
-    add("steps [ms] at which plates of 20 g to 5 kg lie still (0.01 mm in 1 s)", lambda w: _still(drops, w))
-    for what, name in (("creep in 1 s [mm]", "creep"), ("speed then [mm/s]", "speed")):
-        add(
-            f"0.02, 0.5, 5 kg, 2 ms: {what}",
-            lambda w, n=name: _thousandths(drops[w, m, 0.002][n] for m in (0.02, 0.5, 5.0)),
-        )
-    add("0.5 kg, 2 ms, ζ 0.2, 3: creep in 1 s [mm]", lambda w: _thousandths(by_zeta[w, z]["creep"] for z in (0.2, 3.0)))
-    add("greatest energy given back over taken, steps to 5 ms", lambda w: _given(drops, w))
-    for mass in (0.02, 0.5, 5.0):
-        add(f"{mass:g} kg: rest depth at 0.5, 1, 2, 5 ms", lambda w, m=mass: _depths(drops, w, m))
-    ways = PUBLISHED, EXPLICIT
-    for hold in (1, 8):
-        arms = {(w, z, a): held(a[0], 1e3 * a[1], 1e-3 * hold, w, zeta=z) for w in ways for z in ZETAS for a in ARMS}
-        for z in ZETAS:
-            add(
-                f"four arms, force held over {hold} ms, ζ {z:g}: scatter at holds [%]",
-                lambda w, z=z, arms=arms: (
-                    ", ".join(f"{100.0 * arms[w, z, a]['scatter']:.2g}" for a in ARMS) if w in ways else "–"
-                ),
-            )
-        add(
-            f"greatest net work on these arms at {hold} ms, over what the grains take [%]",
-            lambda w, arms=arms: (
-                f"{100.0 * max(arms[w, z, a]['net'] for z in ZETAS for a in ARMS):.0f}" if w in ways else "–"
-            ),
-        )
-    side = {w: held(2.0, 2e3, 1e-3, w, load=1.2)["creep"] for w in (PUBLISHED, EXPLICIT)}
-    add(
-        "2 kg on 2 kN/m, 1 ms: creep in 10 s under half the drag",
-        lambda w: f"{1e3 * side[w]:.3f} mm" if w in side else "–",
-    )
-    rows += [(what, "–", "–", value) for what, value in costs()]
-    figure = new_figure(11.0, 4.8)
-    left, right = figure.subplots(1, 2)
-    for way, colour in zip(WAYS, (VERMILION, BLUE, GREEN), strict=True):
-        for mass, style in ((0.02, ":"), (0.5, "-"), (5.0, "--")):
-            found = [drops[way, mass, s] for s in STEPS]
-            label = f"{way}, {mass:g} kg"
-            left.loglog(
-                1e3 * np.array(STEPS),
-                [max(1e3 * f["creep"], 1e-9) for f in found],
-                style,
-                color=colour,
-                marker="o",
-                ms=3,
-            )
-            right.semilogx(
-                1e3 * np.array(STEPS),
-                [1e3 * f["depth"] for f in found],
-                style,
-                color=colour,
-                marker="o",
-                ms=3,
-                label=label,
-            )
-    label_axes(left, x="Step [ms]", y="Creep in 1 s [mm]", title="A plate that fell in, 1.5 to 2.5 s later")
-    right.set_ylim(0.0, 200.0)
-    label_axes(right, x="Step [ms]", y="Rest depth [mm]", title="Where it rests")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    keys = list(drops)
+    """The table of docs/in-the-loop.md, and the rest depths of bodies that fell in over the step."""
+    rows = [(name, *(shown(scene(h)) for h in STEPS)) for name, scene, shown in _rows()]
+    rows += [(what, "", value, "", "") for what, value in costs()]
+    figure = new_figure(8.0, 4.2)
+    axes = figure.subplots()
+    numbers: dict[str, list[Any]] = {"body": [], "step_s": [], "depth_mm": [], "explicit_mm": []}
+    for (mesh, mass), colour in zip(
+        (("ellipsoid", 0.05), ("sphere", 0.3), ("plate", 0.3), ("plate", 2.0)),
+        (BLUE, ORANGE, GREEN, VERMILION),
+        strict=True,
+    ):
+        fine = scenes.drop(mesh, mass, 0.0001, explicit=True)["depth"]
+        depths = [scenes.drop(mesh, mass, h)["depth"] for h in (*STEPS, 0.01)]
+        steps = 1e3 * np.array([*STEPS, 0.01])
+        axes.semilogx(steps, np.array(depths) / fine, color=colour, marker="o", ms=4, label=f"{mesh}, {mass:g} kg")
+        for h, depth in zip(steps, depths, strict=True):
+            for column, value in zip(numbers, (f"{mesh} {mass:g} kg", 1e-3 * h, depth, fine), strict=True):
+                numbers[column].append(value)
+    axes.axhspan(0.95, 1.05, color="0.93", zorder=0)
+    axes.set_ylim(0.8, 1.1)
+    label_axes(axes, x="Step [ms]", y="Rest depth over that of explicit steps of 0.1 ms", title="")
+    axes.legend(fontsize=8)
     return StudyResult(
         name="loop",
-        title="In the loop: grains that can be leaned on",
+        title="Does the rest depth of a body that fell in depend on the step?",
         figure=figure,
-        numbers={
-            "loop": {
-                "way": [k[0] for k in keys],
-                "mass_kg": [k[1] for k in keys],
-                "step_s": [k[2] for k in keys],
-                **{name: [drops[k][name] for k in keys] for name in ("depth", "creep", "speed", "given")},
-            }
-        },
-        table=TextTable(header=("", *WAYS), rows=tuple(rows)),
+        numbers={"loop": numbers},
+        table=TextTable(header=("", *(f"{1e3 * h:g} ms" for h in STEPS)), rows=tuple(rows)),
     )
 
 
-def _still(drops: Any, way: str) -> str:
-    still = [step for step in STEPS if all(drops[way, mass, step]["creep"] < STILL for mass in MASSES)]
-    return ", ".join(f"{1e3 * step:g}" for step in still) or "none"
+def draw_fall(path: Path) -> None:
+    """Write an animation of an ellipsoid that falls into grains, its plates coloured by their tractions."""
+    from matplotlib import colormaps
+    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+    from PIL import Image
 
-
-def _thousandths(values: Iterable[float]) -> str:
-    return ", ".join("lost" if np.isnan(value) else f"{1e3 * value:.2g}" for value in values)
-
-
-def _given(drops: Any, way: str) -> str:
-    given = [drops[way, m, s]["given"] for m in MASSES for s in STEPS if s <= 0.005]
-    return "net work" if np.isnan(given).any() else f"{100.0 * max(given):.2g} %"
-
-
-def _depths(drops: Any, way: str, mass: float) -> str:
-    depths = [1e3 * drops[way, mass, s]["depth"] for s in (0.0005, 0.001, 0.002, 0.005)]
-    return ", ".join("lost" if np.isnan(d) else f"{d:.1f}" for d in depths) + " mm"
+    scene = scenes.Scene(scenes.free_tool("ellipsoid", 0.3), 0.001, "Euler")
+    scene.data.qpos[3:7] = np.array([0.95, 0.25, 0.1, 0.0]) / np.linalg.norm([0.95, 0.25, 0.1])
+    scene.lay(0.03)
+    tool, pictures = scene.grains.tool, []
+    size = 1.1 * float(np.linalg.norm(tool.corners, axis=1).max())
+    centers, normals = tool.plates.packed[:3].T, tool.plates.packed[3:6].T
+    faces = tool.vertices[tool.faces]
+    middle, out = faces.mean(axis=1), np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    out /= np.linalg.norm(out, axis=1)[:, None]
+    nearest = (((middle[:, None] - centers) / size) ** 2).sum(axis=2) + ((out[:, None] - normals) ** 2).sum(axis=2)
+    plate_of_face = nearest.argmin(axis=1)
+    for k in range(360):
+        scene.advance()
+        if k % 10:
+            continue
+        pressure = np.linalg.norm(scene.grains.tractions(), axis=1)[plate_of_face]
+        figure = new_figure(3.6, 3.0)
+        axes: Any = figure.add_subplot(projection="3d")
+        placed = faces @ scene.data.xmat[scene.body].reshape(3, 3).T + scene.data.xpos[scene.body]
+        axes.add_collection3d(Poly3DCollection(placed, facecolors=colormaps["viridis"](pressure / 8e3)))
+        edge = 1.6 * size
+        bed = np.array([[-edge, -edge, 0], [edge, -edge, 0], [edge, edge, 0], [-edge, edge, 0]])
+        axes.add_collection3d(Poly3DCollection([bed], facecolors="#C2A878", alpha=0.35))
+        axes.set(xlim=(-edge, edge), ylim=(-edge, edge), zlim=(-edge, edge))
+        axes.view_init(elev=8.0, azim=-60.0)
+        axes.set_axis_off()
+        axes.set_title(f"{k:3d} ms   {scene.grains.wrench[2]:5.2f} N up", fontsize=9)
+        pictures.append(Image.open(io.BytesIO(picture(figure))).convert("RGB"))
+    few = [one.quantize(48) for one in pictures]
+    few[0].save(path, save_all=True, append_images=few[1:], duration=60, loop=0, optimize=True)

@@ -16,14 +16,10 @@ def demo_options(command: argparse.ArgumentParser) -> None:
     out, seconds = "folder for bag and report (default out/demo)", "how long the arm moves [s] (default 12)"
     command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
     command.add_argument("--seconds", type=options.number, default=12.0, metavar="S", help=seconds)
-    coupled = "a simulated arm that the node's forces act on (needs mujoco)"
-    command.add_argument("--mujoco", action="store_true", help=coupled)
 
 
 def demo(arguments: argparse.Namespace) -> int:
-    """rft demo --seconds 20 -o out/demo
-    rft demo --mujoco -o out/demo_mujoco
-    """
+    """rft demo --seconds 20 -o out/demo"""
     try:
         from rft_ros.demo.run import demo as run
     except ImportError as error:
@@ -32,10 +28,10 @@ def demo(arguments: argparse.Namespace) -> int:
             " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
         ) from None
 
-    parameters = share_directory("rft_ros") / "config" / ("mujoco_arm.yaml" if arguments.mujoco else "demo.yaml")
-    tare = 1.5 if arguments.mujoco else 2.0  # s in which the arm rests in the air
+    parameters = share_directory("rft_ros") / "config" / "demo.yaml"
+    tare = 2.0  # s in which the arm rests in the air
     bag, out = arguments.output / "bag", arguments.output / "replay"
-    run(bag, parameters, seconds=arguments.seconds, mujoco=arguments.mujoco)
+    run(bag, parameters, seconds=arguments.seconds)
     arguments_of_replay = ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
     print(f"the same offline: {program()} {shlex.join(arguments_of_replay)}")
     summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)

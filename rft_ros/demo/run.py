@@ -10,35 +10,30 @@ from rich.live import Live
 from rich.table import Table
 
 from rft_ros.bags.writing import BagWriter, check_replaceable
-from rft_ros.demo import mujoco_arm, virtual_arm
+from rft_ros.demo import virtual_arm
 from rft_ros.demo.virtual_arm import PAUSE
 from rft_ros.errors import InputError
 from rft_ros.files import whole_folder
 from rft_ros.node.recorded_node import WRENCHES, RecordedNode, ros_outlives_signals
-from rft_ros.simulation.mujoco_grains import import_mujoco
 
 _ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real ROS 2 node predicts and learns."
-_MUJOCO = "a six-axis MuJoCo arm presses a plate into grains and drags it. A real ROS 2 node's forces act on it."
 
 
-def demo(bag: Path, parameters: Path, *, seconds: float, mujoco: bool) -> None:
-    """Record a virtual arm for `seconds`, or with `mujoco` one on which the node's forces act. Raises InputError."""
+def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
+    """Record a virtual arm for `seconds`; InputError if it fails."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
-    if mujoco:
-        import_mujoco()  # says what to install
     check_replaceable(bag)
     console = Console(highlight=False)
-    console.print(f"[bold]rft demo[/bold]: {_MUJOCO if mujoco else _ELLIPSOID}")
+    console.print(f"[bold]rft demo[/bold]: {_ELLIPSOID}")
     with whole_folder(bag.parent, [bag.name]) as part, BagWriter(part / bag.name) as writer, ros_outlives_signals():
         node = RecordedNode(parameters, writer)
         try:
             console.print("waiting for the node, which may have to compile first ...")
             node.wait()
-            moments = mujoco_arm.moments(node.answer) if mujoco else virtual_arm.moments(seconds)
             start, tare_at = time.monotonic(), PAUSE / 2.0
             with Live(console=console, refresh_per_second=8, get_renderable=lambda: _table(node)) as live:
-                for t, state, reading in moments:
+                for t, state, reading in virtual_arm.moments(seconds):
                     start = max(start, time.monotonic() - t)
                     node.spin(start + t)
                     node.send(t, state, reading)

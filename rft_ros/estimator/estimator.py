@@ -64,12 +64,6 @@ class Estimator:
 
     # --- queries
 
-    @property
-    def stiffness(self) -> Array:
-        """`Memory.stiffness` at `state`, in its units, shape [10]; zeros without memory."""
-        row: Array = np.zeros(10) if self._memory is None else self._memory.stiffness[0]
-        return row
-
     def depth(self) -> float:
         """Depth of the lowest point below the surface at the last pose [m]: negative above it, NaN before any."""
         if self._pose is None:

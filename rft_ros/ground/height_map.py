@@ -65,6 +65,25 @@ class HeightMap:
         known = known[:: -(-len(known) // at_most) or 1]
         return np.column_stack([self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)]])
 
+    def filled(self) -> "HeightMap":
+        """A map in which each unknown cell has the height of its nearest known one; the same if nothing is known."""
+        from scipy.ndimage import distance_transform_edt
+
+        unknown = np.isnan(self.heights)
+        if unknown.all() or not unknown.any():
+            return self
+        i, j = distance_transform_edt(unknown, return_distances=False, return_indices=True)
+        return HeightMap(cell=self.cell, corner=self.corner, heights=self.heights[i, j])
+
+    def nearest(self, x: float, y: float) -> float:
+        """Height of the cell at a place [m], or beside the map of the nearest one on its edge; NaN if it is unknown."""
+        n, m = self.heights.shape
+        i, j = (
+            int(np.clip(v / self.cell - first, 0, k - 1))
+            for v, first, k in zip((x, y), self.corner, (n, m), strict=True)
+        )
+        return float(self.heights[i, j])
+
     def heights_at(self, x: Array, y: Array) -> Array:
         """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where nothing is known."""
         around = np.pad(self.heights, 1, constant_values=np.nan)

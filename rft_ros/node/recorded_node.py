@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import InertiaStamped, PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
@@ -25,7 +25,6 @@ from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import Wrench
 from rft_ros.node.start import start_ros
-from rft_ros.node.stiffness import stiffness_sums
 from rft_ros.node.topics import type_name
 
 _Array = NDArray[np.float64]
@@ -36,7 +35,6 @@ WRENCHES = ("predicted", "sigma", "compensated", "residual")
 _QOS = QoSProfile(depth=500)
 _INPUTS = {"pose": PoseStamped, "twist": TwistStamped, "wrench_measured": WrenchStamped}
 _OUTPUTS = {**{f"wrench_{name}": WrenchStamped for name in WRENCHES}, "medium_learned": JointState}
-_PATIENCE = 1.0  # s; an answer that has not come by then is lost
 
 
 @contextmanager
@@ -58,7 +56,7 @@ class RecordedNode:
         self._bag, self._peer = bag, rclpy.create_node("rft_demo")
         self._newest: dict[str, Any] = {}
         self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}
-        for name, kind in {**_OUTPUTS, "stiffness": InertiaStamped}.items():
+        for name, kind in _OUTPUTS.items():
             self._peer.create_subscription(kind, f"/rft/{name}", partial(self._on_answer, name), _QOS)
         self._begin = self._stamp = 0
         command = [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "--params-file", str(parameters)]
@@ -66,8 +64,7 @@ class RecordedNode:
 
     def _on_answer(self, name: str, message: Any) -> None:
         self._newest[name] = message
-        if name in _OUTPUTS:
-            self._record(name, message)
+        self._record(name, message)
 
     def _record(self, name: str, message: Any) -> None:
         self._bag.write_raw(f"/rft/{name}", type_name(type(message)), _stamp(message), serialize_message(message))
@@ -101,19 +98,6 @@ class RecordedNode:
             message.header.stamp = Time(nanoseconds=self._stamp).to_msg()
             self._publishers[name].publish(message)
             self._record(name, message)
-
-    def answer(self, origin: _Array) -> tuple[Wrench, _Array] | None:
-        """Prediction and stiffness at the last state that was sent; None if they are lost.
-
-        The stiffness is as of `stiffness_sums`, about an origin in the world [m], shape [3].
-        """
-        end = time.monotonic() + _PATIENCE
-        names = "wrench_predicted", "stiffness"
-        while not all(name in self._newest and _stamp(self._newest[name]) == self._stamp for name in names):
-            if time.monotonic() > end:
-                return None
-            rclpy.spin_once(self._peer, timeout_sec=0.01)
-        return _wrench(self._newest["wrench_predicted"]), stiffness_sums(self._newest["stiffness"], origin)
 
     def spin(self, end: float) -> None:
         """Take answers until a time of `time.monotonic` [s]. InputError if the node has ended."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from functools import partial
 from time import perf_counter
 
-from geometry_msgs.msg import InertiaStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import TwistStamped, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
@@ -20,7 +20,6 @@ from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
-from rft_ros.node.stiffness import stiffness_message
 from rft_ros.node.swap import Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
@@ -51,7 +50,6 @@ class RftNode(Node):
         self._compensated = publisher(WrenchStamped, "~/wrench_compensated")
         self._residual = publisher(WrenchStamped, "~/wrench_residual")
         self._sigma = publisher(WrenchStamped, "~/wrench_sigma")
-        self._stiffness = publisher(InertiaStamped, "~/stiffness")
         self._learned, self._learned_at = publisher(JointState, "~/medium_learned"), 0
         self.feedforward = FeedForward(self, self.estimator, values)
         self._markers = Markers(self, self.estimator)
@@ -144,18 +142,12 @@ class RftNode(Node):
         answer = self.estimator.push_pose(sample)
         if isinstance(answer, Estimate):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
-            self._publish_stiffness(answer.stamp)
             self.feedforward.estimated(answer)
             self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
             self._publish_learned(answer.stamp)
             self._diagnostics.answered(answer, perf_counter() - start)
             self._markers.estimated(answer)
         self._publish_measurements()
-
-    def _publish_stiffness(self, stamp: int) -> None:
-        if self._stiffness.get_subscription_count():
-            e = self.estimator
-            self._stiffness.publish(stiffness_message(stamp, e.settings.world_frame, e.stiffness, e.state[:3]))
 
     def _publish_learned(self, stamp: int) -> None:
         """Position: a value (turn [rad], surface [m], surprise in standard deviations); effort: its standard error."""

@@ -1,11 +1,14 @@
-"""A step of a body in grains: the wrench to hold over it, from the stiffness of the grains and the body's inertia.
+"""A step of bodies in grains: the wrenches to hold over it, such that they are the grains' own at its end.
 
-Near a state the grains' wrench is w = w_0 - B D, D the displacement over the step (backward Euler): with A the inverse
-inertia of the body as its joints show it, and v_free the twist at the end of the step without the grains,
+The wrench at the end of a step depends on where the step ends, and that on the wrench. With B the stiffness of the
+grains, A the inverse inertia of the bodies as their joints and constraints show it, and v_free their twists at the end
+of the step without the grains, it is to first order (backward Euler)
 
     w = (1 + h² B A)^-1 (w_0 - h B v_free)
 
-Twists are linear then angular, at the body frame's origin, world axes; wrenches are force and torque about it.
+Where bodies move further than the grains stay linear, Newton's method follows the grains' own wrench to where the step
+ends. Twists and wrenches of n bodies are stacked: linear then angular, force then torque, 6 numbers a body, at the body
+frames' origins, world axes.
 """
 
 from math import sqrt
@@ -13,39 +16,43 @@ from math import sqrt
 import numpy as np
 
 from rft_ros.rft.compilation import compiled, inlined
+from rft_ros.simulation.beds import evaluate, stiffness_matrix
 
-__all__ = ["ANSWER", "calm", "held", "measure", "move", "put", "stiffness_matrix"]
+__all__ = ["COUPLED", "advance", "forces_on_plates", "hold", "hold_each"]
 
-ANSWER = np.dtype(
-    [(name, np.float64, 6) for name in ("twist", "change", "wrench", "varied", "row")]
-    + [(name, np.float64, 2) for name in ("uu", "uy", "yy", "samples", "inverse")]
-    + [("share", np.float64)]
+_STRIDE = 1.0 / 30.0
+"""Longest path of a point in a step, in mobilization lengths, over which the grains are taken as linear."""
+
+_TURN = 0.02
+"""Greatest change of the wrench, as a share of it, for which that holds for a body that is pushed back: grains that
+yielded are more than ten times as stiff when the motion turns."""
+
+_MOST, _CLOSE = 20, 0.01
+"""Of Newton's method: the most evaluations, and the change of the wrench, as a share of it, at which it ends."""
+
+_OVERSHOT, _LEVEL = 0.5, 0.1
+"""Residual along a step of Newton's method at its end, as a share of that at its begin: from the first on, with the
+other sign, the step was too long; at the second it is short enough."""
+
+_SLOW, _SUDDEN, _QUICK = 0.002, 0.01, 0.1
+"""Greatest speeds [m/s] to which grains push a body back without loss: of its own, and where something else lets it go,
+at once or by and by."""
+
+_AT_ONCE = 0.5
+"""Share of the push that falls away in one step, from which on a body is released at once."""
+
+_LETS_GO, _FADES = 2.0, 0.9
+"""Factor of the speed at which something lets a body go; what stays of that speed from step to step."""
+
+COUPLED = np.dtype(
+    [(name, np.float64, 6) for name in ("wrench", "free", "last_free")]
+    + [(name, np.float64) for name in ("let_go", "last_let_go", "energy", "strength", "height")]
 )
-"""What `calm` remembers of a body. At the last step: its twist, the twist's change, the held wrench, that wrench's
-change, the grains' own wrench. Of each half, linear and angular: the sums of a regression, their samples, and the
-inverse mass [1/kg] or inertia [1/(kg m²)], 0 while unknown. The share of the stiffness that the last steps showed."""
+"""Of a body: the wrench that it was told last; in the present step and in the last one, its acceleration without the
+grains, and the speed at which other forces let it go [m/s]; the energy that the grains have taken [J], the factor of
+its law's stresses, and the height of its surface [m]."""
 
-_KEEPS, _EXPLAINED, _SAMPLES, _STIFF = 0.9, 0.8, 4.0, 0.05
-"""Of `calm`: share of a sum that stays at each step; least explained variance, samples, and stiffness times inverse
-mass times h², which is 4 where a held spring begins to throw an undamped body."""
-
-_REBOUND = 0.1
-"""Time [s] over which grains that push a body back give way: their elastic zone loses its energy, as grains do, and
-does not ring. With 0.02 s a plate of 20 g gets back 1.4 % of its energy, with 0.1 s 0.6 %."""
-
-
-@compiled
-def stiffness_matrix(sums, b):
-    """Write B [N/m, N, N m], shape [6, 6], of `Memory.stiffness`: the wrench changes by -B times a displacement."""
-    s, x, y, z = sums[0], sums[1], sums[2], sums[3]
-    xx, yy, zz, xy, xz, yz = sums[4], sums[5], sums[6], sums[7], sums[8], sums[9]
-    b[:] = 0.0
-    b[0, 0] = b[1, 1] = b[2, 2] = s
-    b[0, 4], b[0, 5], b[1, 3], b[1, 5], b[2, 3], b[2, 4] = z, -y, -z, x, y, -x
-    b[4, 0], b[5, 0], b[3, 1], b[5, 1], b[3, 2], b[4, 2] = z, -y, -z, x, y, -x
-    b[3, 3], b[4, 4], b[5, 5] = yy + zz, xx + zz, xx + yy
-    b[3, 4], b[3, 5], b[4, 5] = -xy, -xz, -yz
-    b[4, 3], b[5, 3], b[5, 4] = -xy, -xz, -yz
+_TINY = 1e-290  # avoids 0 / 0
 
 
 @inlined
@@ -56,84 +63,48 @@ def _dot(a, b):
     return s
 
 
-@compiled
-def measure(position, quaternion, jacobian, solved, velocity, acceleration, state, inverse, free):
-    """Write a body's state, shape [13], its inverse inertia A, shape [6, 6], and its acceleration, shape [6].
-
-    `quaternion`: wxyz. `jacobian`: shape [6, nv]; `solved`: M^-1 times it, same shape; `velocity`, `acceleration` of
-    the joints, shape [nv]. Returns whether all of it is finite.
-    """
-    state[:3], state[3:6], state[6] = position, quaternion[1:], quaternion[0]
-    total = state[:7].sum()
-    for i in range(6):
-        state[7 + i], free[i] = _dot(jacobian[i], velocity), _dot(jacobian[i], acceleration)
-        total += state[7 + i] + free[i]
-        for j in range(6):
-            inverse[i, j] = _dot(jacobian[i], solved[j])
-            total += inverse[i, j]
-    return np.isfinite(total)
-
-
 @inlined
 def _solve(a, x):
-    """Solve a x = x in place by elimination with pivots, shape [6, 6] and [6]."""
-    for i in range(6):
+    """Solve a x = x in place by elimination with pivots; the zeros of bodies that do not meet cost nothing."""
+    size = len(x)
+    for i in range(size):
         p = i
-        for j in range(i + 1, 6):
+        for j in range(i + 1, size):
             if abs(a[j, i]) > abs(a[p, i]):
                 p = j
-        for k in range(6):
-            a[i, k], a[p, k] = a[p, k], a[i, k]
-        x[i], x[p] = x[p], x[i]
-        for j in range(i + 1, 6):
-            f = a[j, i] / a[i, i]
-            for k in range(i, 6):
-                a[j, k] -= f * a[i, k]
-            x[j] -= f * x[i]
-    for i in range(5, -1, -1):
-        for k in range(i + 1, 6):
+        if p != i:
+            for k in range(i, size):
+                a[i, k], a[p, k] = a[p, k], a[i, k]
+            x[i], x[p] = x[p], x[i]
+        for j in range(i + 1, size):
+            if a[j, i] != 0.0:
+                f = a[j, i] / a[i, i]
+                for k in range(i, size):
+                    a[j, k] -= f * a[i, k]
+                x[j] -= f * x[i]
+    for i in range(size - 1, -1, -1):
+        for k in range(i + 1, size):
             x[i] -= a[i, k] * x[k]
         x[i] /= a[i, i]
 
 
 @compiled
-def held(row, sums, inverse, twist, free, h, reach, wrench, after):
-    """Write the wrench to hold over a step of h [s], shape [6], and the twist at its end, shape [6].
-
-    `row`: of `wrenches_in_time` at the step's begin; `sums`: `Memory.stiffness`. `inverse`: A. `twist`: at the begin;
-    `free`: acceleration without grains. Returns the longest path of a point within `reach` of the origin [m].
-    """
-    b, matrix = np.empty((6, 6)), np.empty((6, 6))
-    stiffness_matrix(sums, b)
-    ahead = twist + h * free
-    for give in (h, h + _REBOUND):
-        for i in range(6):
-            wrench[i] = row[i] - give * _dot(b[i], ahead)
-            for j in range(6):
-                matrix[i, j] = h * give * _dot(b[i], inverse[j])
-            matrix[i, i] += 1.0
-        _solve(matrix, wrench)
-        for i in range(6):
-            after[i] = ahead[i] + h * _dot(inverse[i], wrench)
-        if _dot(after, wrench) <= 0.0:
-            break
-    linear, angular = after[:3], after[3:]
-    return h * (sqrt(_dot(linear, linear)) + reach * sqrt(_dot(angular, angular)))
+def advance(beds, first, coupled, states, rows):
+    """Bring the memory of bodies from `first` on to `states`, shape [n, 13]; write their rows, shape [n, 19]."""
+    for b in range(len(states)):
+        coupled[b].last_free[:], coupled[b].last_let_go = coupled[b].free, coupled[b].let_go
+        evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
 
 
 @compiled
-def put(wrench, origin, center, applied):
-    """Write a wrench about `origin` to `applied` as one about `center`, where MuJoCo applies it."""
-    x, y, z = center[0] - origin[0], center[1] - origin[1], center[2] - origin[2]
-    fx, fy, fz = wrench[0], wrench[1], wrench[2]
-    applied[0], applied[1], applied[2] = fx, fy, fz
-    applied[3] = wrench[3] - (y * fz - z * fy)
-    applied[4] = wrench[4] - (z * fx - x * fz)
-    applied[5] = wrench[5] - (x * fy - y * fx)
+def forces_on_plates(beds, body, states, forces):
+    """Write the force on each plate of a body at its last state, shape [1, 13]: shape [plates, 3], kernel's order."""
+    forces[:] = 0.0
+    evaluate(beds, body, beds.memory[body : body + 1].copy(), states, forces)
 
 
-@compiled
-def move(state, twist, h):
+@inlined
+def _move(state, twist, h):
     """Move a state, shape [13], in place: it takes this twist for h [s], in which it turns little."""
     state[:3] += h * twist[:3]
     state[7:] = twist
@@ -147,59 +118,200 @@ def move(state, twist, h):
 
 
 @inlined
-def _learn(past, half, twist, stiff, h):
-    """Take the last step into one half's regression of the twist's second difference on the held wrench's change.
-
-    Its slope is the inverse mass or inertia. It counts once it explains what happens, if the half is so stiff that held
-    wrenches throw the body, or if the other half is.
-    """
-    uu = uy = yy = square = 0.0
-    for i in range(3 * half, 3 * half + 3):
-        u, y = h * past.varied[i], twist[i] - past.twist[i] - past.change[i]
-        uu, uy, yy, square = uu + u * u, uy + u * y, yy + y * y, square + past.wrench[i] ** 2
-    past.samples[half] = _KEEPS * past.samples[half] + (1.0 if uu > (1e-3 * h) ** 2 * square else 0.0)
-    past.uu[half] = uu = _KEEPS * past.uu[half] + uu
-    past.uy[half] = uy = _KEEPS * past.uy[half] + uy
-    past.yy[half] = yy = _KEEPS * past.yy[half] + yy
-    explains = uy > 0.0 and uy * uy > _EXPLAINED * uu * yy and past.samples[half] > _SAMPLES
-    if explains and (h * h * stiff * uy > _STIFF * uu or past.inverse[1 - half] > 0.0):
-        past.inverse[half] = uy / uu
+def _settle(residual, springs, inverse, h, change):
+    """Write the change of the wrenches that takes away their residual to first order: (1 + h² B A)^-1 of it."""
+    size = len(residual)
+    matrix = np.empty((size, size))
+    for i in range(size):
+        b = i // 6
+        spring = springs[b, i % 6]
+        change[i] = residual[i]
+        for j in range(size):
+            s = 0.0
+            for k in range(6):
+                s += spring[k] * inverse[6 * b + k, j]
+            matrix[i, j] = h * h * s
+        matrix[i, i] += 1.0
+    _solve(matrix, change)
 
 
 @inlined
-def _share_shown(past, row, b, moved):
-    """By how much the grains' wrench fell over the last displacement, as a share of what the stiffness b says."""
-    met = asked = 0.0
+def _follow(ahead, inverse, h, wrench, after):
+    """Write the twists at the end of the step under the wrenches."""
+    for i in range(len(ahead)):
+        after[i] = ahead[i] + h * _dot(inverse[i], wrench)
+
+
+@inlined
+def _path(twist, reach):
+    """Path per second of the fastest point within `reach` [m/s], at most."""
+    return sqrt(_dot(twist[:3], twist[:3])) + reach * sqrt(_dot(twist[3:], twist[3:]))
+
+
+@inlined
+def _size(wrench, reach):
+    return sqrt(_dot(wrench[:3], wrench[:3])) + sqrt(_dot(wrench[3:], wrench[3:])) / reach
+
+
+@inlined
+def _part(b):
+    return slice(6 * b, 6 * b + 6)
+
+
+@inlined
+def _push_back(coupled, wrench, twist, after, ahead, inverse, spring, reach, h):
+    """Take from a wrench that pushes its body back what would throw it.
+
+    Grains follow what lets a pressed body go, such as a servo that rises. Their push throws a body that nothing holds,
+    such as one that was released, and there the elastic zone loses its energy, as grains do, and does not ring. A body
+    is let go as fast as its acceleration without the grains grows along the push. Returns whether it took anything.
+    """
+    square = stiff = fall = free = back = 0.0
+    way = np.empty(6)
     for i in range(6):
-        met += (past.row[i] - row[i]) * moved[i]
-        asked += moved[i] * _dot(b[i], moved)
-    return min(met / asked, 1.0) if asked > 0.0 else 1.0
+        way[i] = _dot(inverse[i], wrench)
+        coupled.free[i] = (ahead[i] - twist[i]) / h
+    for i in range(6):
+        square += wrench[i] * way[i]
+        stiff += way[i] * _dot(spring[i], way)
+        fall += wrench[i] * (coupled.free[i] - coupled.last_free[i])
+        free += wrench[i] * ahead[i]
+        back += wrench[i] * after[i]
+    speed = _path(way, reach)  # of the fastest point, per N s of impulse along the wrench
+    most = _SUDDEN if fall > _AT_ONCE * square else _QUICK
+    let_go = min(max(fall, 0.0) / max(h * stiff, _TINY) * speed, most)
+    coupled.let_go = max(_FADES * coupled.last_let_go, let_go)
+    allowed = max((_SLOW + _LETS_GO * coupled.let_go) * square / max(speed, _TINY), free, 0.0)
+    if back > allowed:
+        wrench *= max(1.0 - (back - allowed) / max(h * square, _TINY), 0.0)
+        return True
+    return False
+
+
+@inlined
+def _average(begin, inverse, h, wrench, after):
+    """Let a body that ploughs on meet the mean of what it meets at both ends of the step, unless that turns it back."""
+    work = 0.0
+    for i in range(6):
+        mean = 0.5 * (wrench[i] + begin[i])
+        twist = after[i]
+        for k in range(6):
+            twist += 0.5 * h * inverse[i, k] * (begin[k] - wrench[k])
+        work += mean * twist
+    if work >= 0.0:
+        return False
+    for i in range(6):
+        wrench[i] = 0.5 * (wrench[i] + begin[i])
+    return True
 
 
 @compiled
-def calm(rows, sums, states, h, reach, answers, out):
-    """Write the wrenches on bodies to hold over h [s], shape [n, 6]: those of `rows`, until a body chatters under them.
+def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
+    """Write the wrenches to hold over h [s] and the twists at its end, shape [6 n], of bodies from `first` on.
 
-    `answers`: of `ANSWER`, shape [n]. Once an inverse mass or inertia is known, the wrench is `held`, with the
-    acceleration without grains that the body had over the last step.
+    `coupled`: of `COUPLED`, shape [n]. `states`, `rows`: of `advance`, shape [n, 13] and [n, 19]. `inverse`: A, shape
+    [6 n, 6 n]; `ahead`: v_free, shape [6 n]. Returns whether Newton's method came to an end, and the longest path of a
+    point [m].
     """
-    after, free, inverse, b = np.empty(6), np.empty(6), np.zeros((6, 6)), np.empty((6, 6))
-    for n in range(len(rows)):
-        row, twist, wrench, past = rows[n, :6], states[n, 7:], out[n], answers[n]
-        wrench[:] = row
-        _learn(past, 0, twist, sums[n, 0], h)
-        _learn(past, 1, twist, sums[n, 4] + sums[n, 5] + sums[n, 6], h)
-        if past.inverse[0] > 0.0 or past.inverse[1] > 0.0:
-            stiffness_matrix(sums[n], b)
-            shown = _share_shown(past, row, b, 0.5 * h * (twist + past.twist))
-            past.share = max(shown, _KEEPS * past.share)
-            for i in range(6):
-                inverse[i, i] = past.inverse[i // 3]
-                free[i] = (twist[i] - past.twist[i]) / h - inverse[i, i] * past.wrench[i]
-            held(row, past.share * sums[n], inverse, twist, free, h, reach, wrench, after)
-            if not np.isfinite(wrench.sum()):  # steps or twists without measure
-                wrench[:] = row
-                past.inverse[:] = 0.0
-        past.change[:] = twist - past.twist
-        past.varied[:] = wrench - past.wrench
-        past.twist[:], past.wrench[:], past.row[:] = twist, wrench, row
+    n = len(states)
+    springs, begin, residual, change = np.empty((n, 6, 6)), np.empty(6 * n), np.empty(6 * n), np.empty(6 * n)
+    for b in range(n):
+        stiffness_matrix(beds.memory[first + b], springs[b])
+        begin[_part(b)] = rows[b, :6]
+        for i in range(6):
+            residual[6 * b + i] = -h * _dot(springs[b, i], ahead[_part(b)])
+            for k in range(6 * n):
+                for j in range(6):
+                    residual[6 * b + i] -= h * h * springs[b, i, j] * inverse[6 * b + j, k] * rows[k // 6, k % 6]
+    _settle(residual, springs, inverse, h, change)
+    wrench[:] = begin + change
+    _follow(ahead, inverse, h, wrench, after)
+    path, linear = 0.0, True
+    for b in range(n):
+        part, reach = _part(b), beds.bodies[first + b].reach
+        path = max(path, h * _path(after[part], reach))
+        turns = _dot(begin[part], after[part]) > 0.0
+        linear &= not (turns and _size(change[part], reach) > _TURN * _size(begin[part], reach))
+    linear &= path <= _STRIDE * beds.length
+    found = linear
+    if not linear:
+        found = _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, after)
+    changed = False
+    for b in range(n):
+        part, own, reach = _part(b), inverse[_part(b), _part(b)], beds.bodies[first + b].reach
+        changed |= _push_back(
+            coupled[b], wrench[part], states[b, 7:], after[part], ahead[part], own, springs[b], reach, h
+        )
+        if not linear and _dot(begin[part], states[b, 7:]) < 0.0 and _dot(wrench[part], after[part]) < 0.0:
+            changed |= _average(begin[part], own, h, wrench[part], after[part])
+    if changed:
+        _follow(ahead, inverse, h, wrench, after)
+    return found, path
+
+
+@inlined
+def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, after):
+    """Find the wrenches that are the grains' own where the step ends, from a guess; returns whether it was found.
+
+    A step of Newton's method goes too far where the grains stiffen on the way. Its length is then found by the rule of
+    false position (Illinois) for the residual along it.
+    """
+    n = len(states)
+    trial, row = np.empty((1, 13)), np.empty((1, 19))
+    residual, change, start = np.empty(6 * n), np.zeros(6 * n), wrench.copy()
+    share, slope, within, low, high, at_low, at_high = 1.0, 0.0, False, 0.0, 1.0, 0.0, 0.0
+    for _ in range(_MOST):
+        for b in range(n):
+            trial[0] = states[b]
+            _move(trial[0], after[_part(b)], h)
+            memory = beds.memory[first + b : first + b + 1].copy()
+            evaluate(beds, first + b, memory, trial, row)
+            stiffness_matrix(memory[0], springs[b])
+            residual[_part(b)] = row[0, :6] - wrench[_part(b)]
+        along = 0.0
+        for i in range(6 * n):
+            along += residual[i] * _dot(inverse[i], change)
+        if not within and along < -_OVERSHOT * slope < 0.0:
+            within, low, high, at_low, at_high = True, 0.0, 1.0, slope, along
+        elif within and along > 0.0:
+            low, at_low, at_high = share, along, 0.5 * at_high
+        elif within:
+            high, at_high, at_low = share, along, 0.5 * at_low
+        within = within and abs(along) > _LEVEL * slope
+        if within:
+            share = (low * at_high - high * at_low) / (at_high - at_low)
+            wrench[:] = start + share * change
+        else:
+            start[:], share = wrench, 1.0
+            _settle(residual, springs, inverse, h, change)
+            slope = 0.0
+            for i in range(6 * n):
+                slope += residual[i] * _dot(inverse[i], change)
+            wrench[:] = start + change
+            close = True
+            for b in range(n):
+                part, reach = _part(b), beds.bodies[first + b].reach
+                largest = max(_size(wrench[part], reach), _size(begin[part], reach))
+                close &= _size(change[part], reach) <= _CLOSE * largest
+            if close:
+                _follow(ahead, inverse, h, wrench, after)
+                return True
+        _follow(ahead, inverse, h, wrench, after)
+    return False
+
+
+@compiled
+def hold_each(beds, first, coupled, states, rows, inverse, free, h, wrenches):
+    """Write the wrenches of bodies that do not meet, shape [n, 6]; `inverse`: [n, 6, 6]; `free`: acceleration, [n, 6].
+
+    Returns how many times Newton's method did not come to an end, and the longest path of a point [m].
+    """
+    after, ahead, failed, longest = np.empty(6), np.empty(6), 0, 0.0
+    for b in range(len(states)):
+        ahead[:] = states[b, 7:] + h * free[b]
+        one = slice(b, b + 1)
+        found, path = hold(
+            beds, first + b, coupled[one], states[one], rows[one], inverse[b], ahead, h, wrenches[b], after
+        )
+        failed, longest = failed + (0 if found else 1), max(longest, path)
+    return failed, longest

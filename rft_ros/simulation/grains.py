@@ -1,8 +1,10 @@
-"""Grains that a simulator steps: a body's pose and twist in, the wrench to hold over the step out."""
+"""Grains that a simulator steps: bodies' poses and twists in, the wrenches to hold over the step out."""
 
 import itertools
-from collections.abc import Callable, Iterator
+import logging
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -10,101 +12,179 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.ground import KEPT, HeightMap, Support
-from rft_ros.rft import Law, Memory, checked_states
+from rft_ros.rft import Law, checked_states
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.wrench import prepared
-from rft_ros.simulation.coupling import ANSWER, calm, stiffness_matrix
+from rft_ros.rft.compilation import machine_code
+from rft_ros.rft.frames import rotation_matrix
+from rft_ros.rft.plates import BLOCK
+from rft_ros.simulation.beds import make_beds, stiffness_matrix, use_law
+from rft_ros.simulation.coupling import COUPLED, advance, forces_on_plates, hold_each
 from rft_ros.tool import Tool
 
-__all__ = ["Grains", "GrainsBatch", "GrainsState"]
+__all__ = ["Grains", "GrainsBatch", "GrainsState", "free_body"]
 
 Array = NDArray[np.float64]
 
-_Part = tuple[slice, Callable[..., None]]  # bodies, and their step
+_MOST_BODIES = 1_000_000
+_LONGEST = 0.02  # m in a step: beyond it a body that slides or falls stops too soon
+_FARTHEST = 1e6  # m or rad in a step: beyond it the wrenches would overflow
 
 GrainsState = dict[str, NDArray[Any]]
 """What grains remember of their bodies, by name."""
 
+_log = logging.getLogger("rft_ros.simulation")
+
 
 class GrainsBatch:
-    """Many bodies of one shape, each in a bed of its own, as in a simulator's parallel environments.
+    """Many bodies, each in a bed of its own, as in a simulator's parallel environments.
 
-    `tool`: the shape, in the body frame (`load_tool`). `law`: of the grains (`treers2021`, `agarwal2023`); with its
-    inertia and its memory. `surface_height` [m]: where `ground`, a map of the ground's
-    height, knows nothing. `threads`: over bodies; a result does not depend on it. Raises ValueError or TypeError.
+    `tool`: the bodies' shape, in the body frame (`load_tool`), or a sequence of one tool for each of the `bodies`.
+    `law`: of the grains (`treers2021`, `agarwal2023`), with its inertia and its memory. `strength`: factor of the law's
+    stresses, and `surface_height` [m]: one number, or one for each body. `ground`: a map of the ground's height, in
+    place of `surface_height`; beside it, and where it knows nothing, its nearest known cell counts. `threads`: over
+    bodies; a result does not depend on it. Raises ValueError or TypeError.
     """
 
     def __init__(
         self,
-        tool: Tool,
+        tool: Tool | Sequence[Tool],
         law: Law,
         *,
         bodies: int,
-        surface_height: float = 0.0,
+        strength: ArrayLike = 1.0,
+        surface_height: ArrayLike = 0.0,
         ground: HeightMap | None = None,
         threads: int = 1,
     ) -> None:
-        if not isinstance(tool, Tool):
-            raise TypeError(f"tool is a {type(tool).__name__}; load one with rft_ros.tool.load_tool")
+        n, self._threads = _whole("bodies", bodies), _whole("threads", threads)
+        self.tools = [tool] * n if isinstance(tool, Tool) else list(tool)
+        for one in self.tools:
+            if not isinstance(one, Tool):
+                raise TypeError(f"tool is a {type(one).__name__}; load one with rft_ros.tool.load_tool")
+        if len(self.tools) != n:
+            raise ValueError(f"tool has {len(self.tools)} tools; there are {n} bodies")
         if not isinstance(ground, HeightMap | None):
             raise TypeError(f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map")
-        for name, value in ("bodies", number("bodies", bodies)), ("threads", number("threads", threads)):
-            if value < 1.0 or value % 1.0:
-                raise ValueError(f"{name} is {value:g}; it must be a whole number of at least 1")
-        n, self._threads = int(bodies), int(threads)
-        bed: Any = {"surface_height": surface_height, "ground": ground}
-        self._new = partial(type(self), tool, law, bodies=n, threads=threads, **bed)
-        self._reach, self._ground, self._support = tool.plates.reach, ground, Support(tool.corners)
-        self._surface = number("surface_height", surface_height)
-        memory, self._answers = Memory(tool.plates, bodies=n), np.zeros(n, ANSWER)
-        self._kept = np.zeros((n, KEPT))
-        self._remembered: GrainsState = {"memory": memory.numbers, "answers": self._answers, "surfaces": self._kept}
-        self._durations, self._rows, self._wrenches = np.zeros(n), np.zeros((n, 19)), np.zeros((n, 6))
-        self.sums = memory.stiffness
-        """`Memory.stiffness` of each body at the last step, in its units, shape [n, 10]."""
-        # Threads take parts as they get ready. With a map each body has a surface of its own, so it is a part.
-        parts = n if ground is not None else 1 if threads == 1 else min(n, 2 * self._threads)
-        edges = np.linspace(0, n, parts + 1).astype(int)
-        slices = [slice(a, b) for a, b in itertools.pairwise(edges)]
-        self._parts: list[_Part] = [(s, prepared(tool.plates, law, memory, bodies=s)) for s in slices]
+        self._new = partial(type(self), tool, law, bodies=n, ground=ground, threads=threads)
+        self.beds, self._law = make_beds([one.plates for one in self.tools], law), law
+        self._ground = None if ground is None else ground.filled()
+        self._supports = {id(one): Support(one.corners) for one in self.tools}
+        self.coupled, self._surfaces = np.zeros(n, COUPLED), np.zeros((n, KEPT))
+        self._duration, self._states = np.zeros(1), np.zeros((n, 13))
+        self._remembered: GrainsState = {
+            "memory": self.beds.memory,
+            "bodies": self.coupled,
+            "surfaces": self._surfaces,
+            "duration": self._duration,
+            "states": self._states,
+        }
+        self.rows = np.zeros((n, 19))
+        """Rows of `wrenches_in_time` at the last states, in its units, shape [n, 19]."""
+        self.last = self.coupled["wrench"]
+        """The wrenches of the last step, as it returned them, shape [n, 6]."""
+        self.failures = 0
+        """Steps of bodies at which Newton's method did not come to an end."""
+        # Threads take parts as they get ready.
+        parts = 1 if threads == 1 else min(n, 2 * self._threads)
+        self._parts = [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())]
         self._pool = ThreadPoolExecutor(self._threads)
-        self.step(np.tile([*np.zeros(6), 1.0, *np.zeros(6)], (n, 1)), 1.0)  # compiles
-        self.reset()
+        self._advance: Any = machine_code(advance, (self.beds, 0, self.coupled, self._states, self.rows))
+        self._hold: Any = None
+        self.reset(strength=strength, surface_height=surface_height)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # threads and views of the arrays can be neither copied nor pickled
         return self._new, (), self.state()
 
-    def step(self, states: ArrayLike, dt: float) -> Array:
+    def step(
+        self,
+        states: ArrayLike,
+        dt: float,
+        *,
+        inverse_inertia: ArrayLike | None = None,
+        free_acceleration: ArrayLike | None = None,
+    ) -> Array:
         """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`: pose of the body frame and twist of its origin now.
-        Torques are about the body frames' origins. The grains remember the poses of the last call. A body that chatters
-        under held wrenches is calmed. Raises ValueError, and forgets nothing, for states that cannot be used.
+        Torques are about the body frames' origins. The grains remember the poses of the last call.
+        `inverse_inertia`: A, shape [n, 6, 6] or [6, 6] for all: how a wrench accelerates a body, in the same axes and
+        about the same point (`free_body`). `free_acceleration` [m/s², rad/s²]: of the body frame without the grains,
+        shape [n, 6] or [6]. With both the step is implicit, for a simulator that adds `dt` times the acceleration to
+        the twist and moves the body by `dt` times the new twist. Without them the wrench is the grains' own at
+        `states`. Raises ValueError, and forgets nothing, for values that cannot be used.
         """
         given = checked_states(states)
-        if len(given) != len(self._rows):
-            raise ValueError(f"states has {len(given)} rows; there are {len(self._rows)} bodies")
+        n = len(self.rows)
+        if len(given) != n:
+            raise ValueError(f"states has {len(given)} rows; there are {n} bodies")
         duration = number("dt", dt, positive=True)
-        rows = self.advance(given, duration)
-        calm(rows, self.sums, given, duration, self._reach, self._answers, self._wrenches)
-        return self._wrenches.copy()
+        if (inverse_inertia is None) != (free_acceleration is None):
+            missing = "inverse_inertia" if inverse_inertia is None else "free_acceleration"
+            raise ValueError(f"{missing} is missing; the implicit step needs inverse_inertia and free_acceleration")
+        if inverse_inertia is None or free_acceleration is None:
+            self.advance(given, duration)
+            wrenches: Array = self.rows[:, :6].copy()
+        else:
+            inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
+            free = _each("free_acceleration", free_acceleration, (n, 6))
+            _refuse_without_bound(duration, given[:, 7:], free, inverse)
+            self.advance(given, duration)
+            wrenches = np.empty((n, 6))
 
-    def advance(self, states: Array, dt: float) -> Array:
-        """Rows of `wrenches_in_time` for checked states, in its units, shape [n, 19], not copied."""
-        self._durations.fill(dt)
-        parts = iter(self._parts)
-        jobs = [self._pool.submit(self._run, parts, states) for _ in range(self._threads - 1)]
-        self._run(parts, states)
-        for job in jobs:
-            job.result()
-        return self._rows
+            def hold(part: slice) -> tuple[int, float]:
+                failed, path = self._hold(*self._held(part, inverse, free, duration, wrenches))
+                return int(failed), float(path)
 
-    def _run(self, parts: Iterator[_Part], states: Array) -> None:
-        for part, step in parts:
-            here, kept = states[part], self._kept[part.start]
-            height, slope, *_ = self._support.local_surface(self._ground, here[0], level=self._surface, kept=kept)
-            step(here, self._durations[part], height, slope, self._rows[part])
+            self._hold = self._hold or machine_code(hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches))
+            failed, paths = zip(*self._in_parts(hold), strict=True)
+            self.failed(sum(failed), dt=duration, path=max(paths))
+        self.last[:] = wrenches
+        return wrenches
+
+    def _held(self, part: slice, inverse: Array, free: Array, dt: float, wrenches: Array) -> tuple[Any, ...]:
+        one = self._states[part], self.rows[part], inverse[part], free[part]
+        return self.beds, part.start, self.coupled[part], *one, dt, wrenches[part]
+
+    def advance(self, states: Array, dt: float) -> None:
+        """Bring the memory, `rows` and the energy to checked states, after which a step of `dt` begins."""
+        if self._ground is not None:
+            self._find_surfaces(states, self._ground)
+        self.coupled["energy"] -= self._duration[0] * (self.last * states[:, 7:]).sum(axis=1)
+        self._duration[0], self._states[:] = dt, states
+        self._in_parts(
+            lambda part: self._advance(self.beds, part.start, self.coupled[part], self._states[part], self.rows[part])
+        )
+
+    def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
+        """What `work` returns of each part of the bodies."""
+        return [work(self._parts[0])] if len(self._parts) == 1 else list(self._pool.map(work, self._parts))
+
+    def _find_surfaces(self, states: Array, ground: HeightMap) -> None:
+        for k, (body, state, kept) in enumerate(zip(self.beds.bodies, states, self._surfaces, strict=True)):
+            support, level = self._supports[id(self.tools[k])], ground.nearest(state[0], state[1])
+            height, (x, y), *_ = support.local_surface(ground, state, level=level, kept=kept)
+            body["height"], body["slope_x"], body["slope_y"] = height, x, y
+
+    def failed(self, times: int, *, dt: float, path: float) -> None:
+        """Count steps that did not converge, or in which a body moved too far [m]; log the first."""
+        if path > _LONGEST and self.rows[:, :6].any():
+            times += 1
+        if times and not self.failures:
+            why = "moves a body too far in grains" if path > _LONGEST else "does not converge"
+            _log.warning("a step of %g s %s (%.2g m), so the wrench is a guess; take shorter steps", dt, why, path)
+        self.failures += times
+
+    @property
+    def wrench(self) -> Array:
+        """The wrenches of the last step, as it returned them, shape [n, 6]."""
+        last: Array = np.array(self.last)
+        return last
+
+    @property
+    def energy(self) -> Array:
+        """Energy that the grains have taken from each body since the last reset [J], shape [n]."""
+        return np.array(self.coupled["energy"])
 
     @property
     def stiffness(self) -> Array:
@@ -112,26 +192,83 @@ class GrainsBatch:
 
         Displacement and rotation vector of the body frame, world axes; units N/m, N and N m.
         """
-        out: Array = np.empty((len(self._rows), 6, 6))
-        for sums, matrix in zip(self.sums, out, strict=True):
-            stiffness_matrix(sums, matrix)
+        out: Array = np.empty((len(self.rows), 6, 6))
+        for memory, matrix in zip(self.beds.memory, out, strict=True):
+            stiffness_matrix(memory, matrix)
         return out
 
-    def reset(self, bodies: ArrayLike | None = None) -> None:
-        """Level beds that remember nothing: those of all bodies, or of these indices."""
+    def tractions(self, body: int = 0) -> Array:
+        """Force per area on each plate of a body at the last step [Pa], shape [plates, 3], world axes.
+
+        In the order of `Tool.plates`, whose `packed` rows give the plates' places and areas, to draw them.
+        """
+        k = int(self._indices(body)[0])
+        plates = self.tools[k].plates
+        forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
+        forces_on_plates(self.beds, k, self._states[k : k + 1], forces)
+        ordered = np.empty((len(plates), 3))
+        ordered[plates.order] = forces[: len(plates)]
+        area = plates.packed[6][:, None]
+        tractions: Array = np.divide(ordered, area, out=np.zeros_like(ordered), where=area > 0.0)
+        return tractions
+
+    def reset(
+        self,
+        bodies: ArrayLike | None = None,
+        *,
+        strength: ArrayLike | None = None,
+        surface_height: ArrayLike | None = None,
+    ) -> None:
+        """New beds that remember nothing: those of all bodies, or of these indices.
+
+        `strength`, `surface_height` [m]: of the new beds, one number or one for each of these bodies; None: as before.
+        """
+        which = self._indices(bodies)
+        form = (len(which),)
+        factors = None if strength is None else _each("strength", strength, form, positive=True)
+        heights = None if surface_height is None else _each("surface_height", surface_height, form)
+        kept = self.coupled[which].copy()
         for array in self._remembered.values():
-            array[slice(None) if bodies is None else np.asarray(bodies) if np.size(bodies) else []] = 0.0
+            if len(array) == len(self.coupled):
+                array[which] = np.zeros((), array.dtype)
+        self.coupled["strength"][which] = kept["strength"] if factors is None else factors
+        self.coupled["height"][which] = kept["height"] if heights is None else heights
+        self._lay(which)
+
+    def _lay(self, which: NDArray[np.int64]) -> None:
+        """Give these bodies' beds their strengths and heights."""
+        for k in which.tolist():
+            one = self.coupled[k]
+            use_law(self.beds, k, replace(self._law, zeta=self._law.zeta * float(one["strength"])))
+            self.beds.bodies[k]["height"] = one["height"]
+
+    def _indices(self, bodies: ArrayLike | None) -> NDArray[np.int64]:
+        n = len(self.coupled)
+        if bodies is None:
+            return np.arange(n)
+        given = np.atleast_1d(np.asarray(bodies))
+        if given.dtype == np.bool_ and given.shape == (n,):
+            return np.flatnonzero(given)
+        whole = given.astype(np.int64) if given.dtype.kind in "iuf" else np.zeros(0, np.int64)
+        if given.ndim != 1 or (given.size and (given.dtype.kind not in "iu" or whole.min() < -n or whole.max() >= n)):
+            raise ValueError(f"bodies is {bodies!r}; give indices of the {n} bodies, 0 to {n - 1}")
+        return np.asarray(whole % n)
 
     def state(self) -> GrainsState:
-        """A copy of what the grains remember, a row for each body; picklable."""
+        """A copy of what the grains remember; picklable."""
         return {name: array.copy() for name, array in self._remembered.items()}
 
     def restore(self, state: GrainsState) -> None:
-        """Go back to a state of these grains, or of others of the same tool, ground and number of bodies."""
+        """Go back to a state of these grains, or of others of the same tools, law, ground and number of bodies."""
         if not isinstance(state, dict) or _forms(state) != _forms(self._remembered):
             raise ValueError("state is of other bodies; restore what state() of grains like these returned")
         for name, array in state.items():
+            fields = [array[field] for field in array.dtype.names] if array.dtype.names else [array]
+            if not all(np.isfinite(field).all() for field in fields):
+                raise ValueError(f"state has values in '{name}' that are not finite; restore what state() returned")
+        for name, array in state.items():
             np.copyto(self._remembered[name], array)
+        self._lay(np.arange(len(self.coupled)))
 
     __setstate__ = restore  # of a copy
 
@@ -140,23 +277,87 @@ def _forms(state: GrainsState) -> dict[str, object]:
     return {name: (np.shape(array), np.asarray(array).dtype) for name, array in state.items()}
 
 
+def _whole(name: str, value: float, most: float = _MOST_BODIES) -> int:
+    x = number(name, value)
+    if not 1.0 <= x <= most or x % 1.0:
+        raise ValueError(f"{name} is {value!r}; it must be a whole number from 1 to {most:,}")
+    return int(x)
+
+
+def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool = False) -> Array:
+    """Values for each body, shape `form`; without the first axis the same for all."""
+    given = np.asarray(values)
+    if given.dtype.kind not in "fiu" or given.shape not in (form, form[1:]):
+        wanted = f"{list(form)} or {list(form[1:])}" if len(form) > 1 else f"{list(form)} or one number"
+        raise ValueError(f"{name} has shape {list(given.shape)} of type {given.dtype}; it must be {wanted}")
+    array = np.array(np.broadcast_to(given, form), dtype=np.float64, order="C")
+    bad = ~np.isfinite(array) | (positive & (array <= 0.0))
+    if bad.any():
+        raise ValueError(f"{name} has the value {array[bad][0]:g}; it must be {'positive' if positive else 'finite'}")
+    return array
+
+
+def _refuse_without_bound(dt: float, twists: Array, free: Array, inverse: Array) -> None:
+    """Refuse steps whose results would overflow."""
+    for name, largest in (("twist", twists), ("free_acceleration", dt * free), ("inverse_inertia", inverse)):
+        size = float(np.abs(largest).max(initial=0.0)) * (1.0 if name == "inverse_inertia" else dt)
+        if not size < _FARTHEST:
+            raise ValueError(f"{name} moves a body by {size:g} m in dt, {dt:g} s; it must be less than {_FARTHEST:g} m")
+
+
 class Grains:
     """One body in one bed; arguments as for `GrainsBatch`."""
 
     def __init__(self, tool: Tool, law: Law, **options: Any) -> None:
         self._one = GrainsBatch(tool, law, bodies=1, **options)
         self.reset, self.state, self.restore = self._one.reset, self._one.state, self._one.restore
+        self.tractions = self._one.tractions
 
-    def step(self, position: ArrayLike, quaternion: ArrayLike, twist: ArrayLike, dt: float) -> Array:
+    def step(
+        self,
+        position: ArrayLike,
+        quaternion: ArrayLike,
+        twist: ArrayLike,
+        dt: float,
+        *,
+        inverse_inertia: ArrayLike | None = None,
+        free_acceleration: ArrayLike | None = None,
+    ) -> Array:
         """The wrench to hold over the next `dt` [s]: force [N] and torque [N m], shape [6], world axes.
 
         Pose of the body frame [m], quaternion xyzw, and twist of its origin now, shape [6]: linear [m/s] and angular
         [rad/s], world axes. The torque is about the origin. Else as `GrainsBatch.step`.
         """
         given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
-        return np.asarray(self._one.step(np.concatenate([numbers(name, v, rows=n) for name, v, n in given]), dt)[0])
+        state = np.concatenate([numbers(name, v, rows=n) for name, v, n in given])
+        response: Any = {"inverse_inertia": inverse_inertia, "free_acceleration": free_acceleration}
+        return np.asarray(self._one.step(state, dt, **response)[0])
+
+    @property
+    def wrench(self) -> Array:
+        """What the last step returned, shape [6]."""
+        return np.asarray(self._one.wrench[0])
+
+    @property
+    def energy(self) -> float:
+        """Energy that the grains have taken from the body since the last reset [J]."""
+        return float(self._one.energy[0])
 
     @property
     def stiffness(self) -> Array:
         """`GrainsBatch.stiffness` of the one body, in its units, shape [6, 6]."""
         return np.asarray(self._one.stiffness[0])
+
+
+def free_body(mass: float, inertia: ArrayLike, quaternion: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+    """The inverse inertia A of a body that is free to move, shape [6, 6], world axes, about the body frame's origin.
+
+    `mass` [kg]; `inertia` about the centre of mass in the body's axes [kg m²], shape [3, 3]; `quaternion` xyzw of the
+    body; `center`: the centre of mass in the body frame [m]. Raises ValueError for what cannot be used.
+    """
+    axes = rotation_matrix(quaternion)
+    turns = np.linalg.inv(axes @ numbers("inertia", inertia, (3,), rows=3) @ axes.T)
+    x, y, z = axes @ numbers("center", center, rows=3)
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    moves = np.eye(3) / number("mass", mass, positive=True) - cross @ turns @ cross
+    return np.block([[moves, cross @ turns], [-turns @ cross, turns]])

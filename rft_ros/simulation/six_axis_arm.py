@@ -9,7 +9,7 @@ from rft_ros.errors import InputError
 from rft_ros.files import read_file
 from rft_ros.installation import share_directory
 from rft_ros.rft.arguments import number
-from rft_ros.simulation.mujoco_grains import import_mujoco
+from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import locate_mesh
 
 __all__ = ["SixAxisArm"]

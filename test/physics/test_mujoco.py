@@ -16,7 +16,6 @@ from rft_ros.installation import share_directory
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.simulation import MujocoGrains
 from rft_ros.simulation.six_axis_arm import SixAxisArm
-from studies import loop
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 
@@ -137,13 +136,6 @@ def test_a_body_too_heavy_for_45_mm_is_held_where_the_law_says(quaternion):
     assert 1.0 < wrenches(grains[0].tool.plates, LAW, state)[0, 2] / (5.0 * 9.81) < 3.0
 
 
-@pytest.mark.parametrize("mass", [0.02, 0.5])
-def test_a_body_that_feels_the_wrench_of_grains_without_inertia_comes_to_rest(mass):
-    found = loop.dropped(mass, 0.002, loop.EXPLICIT)
-    assert found["speed"] < 1e-5
-    assert found["given"] < 0.02
-
-
 def test_a_body_lies_still_on_a_map_with_slopes():
     x, y = (v.ravel() for v in np.mgrid[-40:40, -40:40] * 0.005 + 0.0025)
     hills = HeightMap.unknown(0.005).with_points(x, y, 0.5 * x + 0.003 * np.sin(100.0 * y))
@@ -225,17 +217,18 @@ def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, name, more):
 
 def test_what_cannot_be_used_is_named(monkeypatch):
     model = falling(("plate", 0.3, FLAT))
-    for name in ("tool", None):
+    for name in ("tool", 3):
         with pytest.raises(InputError, match=f"body '{name}' is not in the model; it has body_0"):
             MujocoGrains(model, body=name, **GRAINS)
-    with pytest.raises(ValueError, match="mobilization_length of the law is 0"):
+    with pytest.raises(ValueError, match="mobilization_length is 0"):
         MujocoGrains(model, body="body_0", mobilization_length=0.0)
     with pytest.raises(InputError, match="alpha_y is 'table', which has no file here"):
         MujocoGrains(model, body="body_0", alpha_y="table", **GRAINS)
     ball = mujoco.MjModel.from_xml_string(
-        '<mujoco><worldbody><body name="ball"><freejoint/><geom size="0.02"/></body></worldbody></mujoco>'
+        '<mujoco><worldbody><body name="ball"><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
+        "</worldbody></mujoco>"
     )
-    with pytest.raises(InputError, match=re.escape("body 'ball' has no mesh geoms; give its shape as mesh=FILE")):
+    with pytest.raises(InputError, match=r"body 'ball' has no geoms of .*; give its shape as mesh=FILE"):
         MujocoGrains(ball, body="ball", **GRAINS)
     fixed = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body name="hand" mocap="true"><geom size="0.02"/></body></worldbody></mujoco>'

@@ -9,10 +9,10 @@ import pytest
 from scenes import GENERIC
 
 from rft_ros.ground import HeightMap
-from rft_ros.rft import Memory, alpha_y_model, checked_states, treers2021, wrenches_in_time
-from rft_ros.simulation import Grains, GrainsBatch
+from rft_ros.rft import Memory, alpha_y_model, checked_states, rotation_matrix, treers2021, wrenches_in_time
+from rft_ros.simulation import Grains, GrainsBatch, free_body
 from rft_ros.tool import load_tool
-from studies.loop import EXPLICIT, held
+from studies.loop import EXPLICIT, IMPLICIT, held
 
 LENGTH = 0.003
 LAW = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33, mobilization_length=LENGTH)
@@ -180,28 +180,129 @@ def test_bad_grains_are_refused(plate):
 )
 def test_an_impedance_arm_holds_still_and_gets_no_work(mass, stiffness, hold):
     """It presses 20 mm deep, drags 20 mm, goes back 10 mm, and stays at each."""
-    found = held(mass, stiffness, hold, EXPLICIT)
+    found = held(mass, stiffness, hold, EXPLICIT if hold == 0.001 else IMPLICIT)
     assert found["scatter"] < 0.001
     assert found["net"] < 0.0
 
 
-def test_a_body_that_chatters_is_calmed_and_the_state_keeps_what_was_learned(plate):
-    """A plate of 0.5 kg laid on the bed, free to fall, under wrenches held over 5 ms."""
-    grains, mass, dt = Grains(plate, LAW), 0.5, 0.005
-    x, v, states, held = np.array([0.0, 0.0, 0.0016]), np.zeros(3), [], []
-    for k in range(400):
-        if k == 200:
-            kept = pickle.loads(pickle.dumps(grains.state()))
-        states.append(np.array([*x, 0.0, 0.0, 0.0, 1.0, *v, 0.0, 0.0, 0.0]))
-        held.append(grains.step(*np.split(states[-1], [3, 7]), dt))
-        v = v + dt * (held[-1][:3] / mass - [0.0, 0.0, 9.81])
-        x = x + dt * v
-    assert np.abs(v).max() < 1e-9
-    assert held[-1][2] == pytest.approx(9.81 * mass)
+def fallen(grains, mass, dt, seconds):
+    """A body laid on the bed, free to move, by the loop of examples/numpy_loop.py; returns states, shape [n, 13]."""
+    x, q, v, free = np.array([0, 0, 0.0025]), np.array([0.06, 0.04, 0, 0.9974]), np.zeros(6), -9.81 * np.eye(6)[2]
+    states = []
+    for _ in range(round(seconds / dt)):
+        q = q / np.linalg.norm(q)
+        states.append(np.concatenate([x, q, v]))
+        response = free_body(mass, mass * np.diag([2.2e-4, 2.2e-4, 4.3e-4]), q)
+        w = grains.step(x, q, v, dt, inverse_inertia=response, free_acceleration=free)
+        v = v + dt * (free + response @ w)
+        x = x + dt * v[:3]
+        turn, (qx, qy, qz, qw) = 0.5 * dt * v[3:], q
+        q = q + np.array([*(qw * turn + np.cross(turn, [qx, qy, qz])), -turn @ [qx, qy, qz]])
+    return np.array(states)
+
+
+@pytest.mark.parametrize(("mass", "dt"), [(0.02, 0.005), (0.5, 0.001), (5.0, 0.002)])
+def test_a_free_body_whose_inertia_is_given_comes_to_rest_in_any_simulator(plate, mass, dt):
+    grains = Grains(plate, LAW)
+    states = fallen(grains, mass, dt, 2.5)
+    assert np.abs(states[-round(0.5 / dt) :, :3] - states[-1, :3]).max() < 1e-6
+    assert grains.wrench[2] == pytest.approx(9.81 * mass, rel=1e-3)
+    assert grains.energy > 0.0
+
+
+def test_the_inverse_inertia_of_a_free_body_is_about_the_origin_of_its_frame():
+    mass, inertia, center = 2.0, np.diag([0.01, 0.02, 0.03]), np.array([0.1, -0.02, 0.05])
+    quaternion = np.array([0.1, 0.2, -0.3, 0.927])
+    quaternion /= np.linalg.norm(quaternion)
+    axes = rotation_matrix(quaternion)
+    wrench = np.array([1.0, 2.0, 3.0, 0.4, 0.5, 0.6])
+    arm = axes @ center
+    turn = np.linalg.solve(axes @ inertia @ axes.T, wrench[3:] - np.cross(arm, wrench[:3]))
+    found = free_body(mass, inertia, quaternion, center) @ wrench
+    assert found == pytest.approx(np.concatenate([wrench[:3] / mass - np.cross(turn, arm), turn]))
+
+
+def test_an_implicit_step_comes_back_from_a_state(plate):
+    grains = Grains(plate, LAW)
+    whole = fallen(grains, 0.3, 0.002, 0.4)
+    kept = pickle.loads(pickle.dumps(grains.state()))
+    response = {"inverse_inertia": free_body(0.3, 1e-4 * np.eye(3), [0, 0, 0, 1]), "free_acceleration": np.zeros(6)}
+    state = np.split(whole[-1], [3, 7])
+    first = grains.step(*state, 0.002, **response)
     grains.restore(kept)
-    assert stepped(grains, states[200:], dt).tobytes() == np.array(held[200:]).tobytes()
-    for step in (1e-300, 1e300):
-        assert np.isfinite(grains.step(x, [0, 0, 0, 1], [0, 0, 1, 0, 0, 0], step)).all()
+    assert grains.step(*state, 0.002, **response).tobytes() == first.tobytes()
+
+
+def test_bodies_of_a_batch_have_their_own_strength_height_and_inertia(plate):
+    batch = GrainsBatch(plate, LAW, bodies=3, strength=[1.0, 0.5, 2.0], surface_height=[0.0, 0.001, 0.0])
+    path = pressed()[:70]
+    raised = path.copy()
+    raised[:, 2] += 0.001
+    for k in range(len(path)):
+        found = batch.step([path[k], raised[k], path[k]], 0.01)
+    assert found[1] == pytest.approx(0.5 * found[0], rel=1e-9)
+    assert found[2] == pytest.approx(2.0 * found[0], rel=1e-12)
+    other = copy.deepcopy(batch)
+    batch.reset([2], strength=0.5, surface_height=0.001)
+    for k in range(len(path)):
+        again = batch.step([path[k], path[k], raised[k]], 0.01)
+    assert again[2] == pytest.approx(found[1], rel=1e-12)
+    with pytest.raises(ValueError, match="strength has the value -1"):
+        batch.reset([0], strength=-1.0)
+    batch.restore(other.state())
+    light, heavy = (free_body(mass, mass * 1e-4 * np.eye(3), [0, 0, 0, 1]) for mass in (0.1, 10.0))
+    states, free = np.tile(path[-1], (3, 1)), np.array([0, 0, -9.81, 0, 0, 0])
+    responses = np.array([light, heavy, heavy])
+    found = batch.step(states, 0.01, inverse_inertia=responses, free_acceleration=free)
+    assert abs(found[0, 2] - found[1, 2]) > 0.1
+
+
+def test_tractions_are_the_wrench_plate_by_plate(plate):
+    grains = Grains(plate, LAW)
+    wrench = stepped(grains, pressed())[-1]
+    before = pickle.dumps(grains.state())
+    forces = grains.tractions() * plate.plates.packed[6][:, None]
+    assert forces.sum(axis=0) == pytest.approx(wrench[:3], rel=0.01, abs=0.01)
+    assert pickle.dumps(grains.state()) == before
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda batch: batch.reset([7]), r"bodies is \[7\]; give indices of the 2 bodies"),
+        (lambda batch: batch.reset("a"), "bodies is 'a'; give indices"),
+        (lambda batch: batch.reset([0.5]), "give indices"),
+        (
+            lambda batch: batch.restore({**batch.state(), "memory": np.nan * batch.state()["memory"]}),
+            "'memory'.*finite",
+        ),
+        (lambda batch: batch.step(pressed()[:2], 0.01, inverse_inertia=np.eye(6)), "free_acceleration is missing"),
+        (
+            lambda batch: batch.step(pressed()[:2], 0.01, inverse_inertia=np.eye(5), free_acceleration=0.0),
+            "inverse_inertia",
+        ),
+        (lambda batch: batch.step(pressed()[:2], 1e9, inverse_inertia=np.eye(6), free_acceleration=np.ones(6)), "dt"),
+    ],
+)
+def test_what_bodies_of_a_batch_cannot_take_is_said(plate, call, message):
+    batch = GrainsBatch(plate, LAW, bodies=2)
+    before = pickle.dumps(batch.state())
+    with pytest.raises(ValueError, match=message):
+        call(batch)
+    assert pickle.dumps(batch.state()) == before
+
+
+def test_too_many_bodies_are_refused(plate):
+    with pytest.raises(ValueError, match="bodies is 1000000000"):
+        GrainsBatch(plate, LAW, bodies=1e9)
+
+
+def test_a_tool_that_leaves_the_map_meets_the_height_of_its_edge(plate):
+    ground = HeightMap(cell=0.005, corner=(-20.0, -20.0), heights=np.full((40, 40), 0.004, dtype=np.float32))
+    raised, mapped = Grains(plate, LAW, surface_height=float(np.float32(0.004))), Grains(plate, LAW, ground=ground)
+    states = pressed()
+    states[60:, 0] += np.linspace(0.0, 1.0, 60)  # the map ends after 0.1 m
+    assert np.allclose(stepped(mapped, states), stepped(raised, states), rtol=1e-6, atol=1e-6)
 
 
 def test_a_sideways_load_below_the_drag_moves_nothing_and_one_above_yields_and_stops():

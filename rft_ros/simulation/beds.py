@@ -1,0 +1,108 @@
+"""The grains around many bodies, in flat arrays, so that one compiled step evaluates tools of any numbers of plates."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft import Law, Memory, Plates
+from rft_ros.rft.arguments import number
+from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel import SUMS
+from rft_ros.rft.traction import packed_law
+
+__all__ = ["Beds", "evaluate", "make_beds", "stiffness_matrix", "use_law"]
+
+Array = NDArray[np.float64]
+
+_BODY = np.dtype(
+    [(name, np.int64) for name in ("rows", "rows_end", "bounds", "blocks")]
+    + [(name, np.float64) for name in ("reach", "height", "slope_x", "slope_y")]
+    + [("refined", np.bool_)]
+)
+
+
+class Beds(NamedTuple):
+    """What the compiled step takes of the grains around n bodies.
+
+    `bodies`: shape [n]: where the body's part of `rows` begins and ends and that of `bounds` begins, the number of its
+    blocks, its reach [m], the height of its surface at x = y = 0 [m], the surface's slopes, and whether its plates are
+    refined. `rows`, `bounds`: of `Plates`, one tool after the other. `kind`, `laws`, `table`: the laws' `packed`; row i
+    of `laws` is of body i. `length`: the mobilization length [m]. `memory`: `Memory.numbers`, row i of body i.
+    `duration`: a positive number, so that every evaluation counts the displacement.
+    """
+
+    bodies: NDArray[np.void]
+    rows: Array
+    bounds: Array
+    kind: int
+    laws: Array
+    table: Array
+    length: float
+    memory: Array
+    duration: Array
+
+
+def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
+    """Level beds at height 0 that remember nothing; `plates`: of each body, often the same.
+
+    Raises TypeError for what is not a law, and ValueError for one without memory.
+    """
+    shapes = list({id(p): p for p in plates}.values())
+    which = [next(k for k, shape in enumerate(shapes) if shape is p) for p in plates]
+    rows = np.cumsum([0] + [p.blocks.size for p in shapes])
+    bounds = np.cumsum([0] + [p.bounds.size for p in shapes])
+    memory = np.zeros((len(plates), max(Memory(p).numbers.size for p in shapes)))
+    bodies = np.zeros(len(plates), _BODY)
+    for i, (k, p) in enumerate(zip(which, plates, strict=True)):
+        places = rows[k], rows[k + 1], bounds[k], p.bounds.shape[1]
+        bodies[i] = (*places, p.reach, 0.0, 0.0, 0.0, p.integration == "refined")
+    kind, numbers, table = packed_law(law)
+    length = number("mobilization_length of the law", law.mobilization_length, positive=True)
+    all_rows, all_bounds = (
+        np.concatenate([a.ravel() for a in one]) for one in zip(*(p.form[:2] for p in shapes), strict=True)
+    )
+    laws = np.array([numbers] * len(plates)).view()
+    for array in (all_rows, all_bounds, laws):
+        array.flags.writeable = False  # a part of the types that the kernel is compiled for
+    return Beds(bodies, all_rows, all_bounds, kind, laws, table, length, memory, np.ones(1))
+
+
+def use_law(beds: Beds, body: int, law: Law) -> None:
+    """Give a body a law that differs from the others in its numbers only."""
+    numbers = beds.laws.base
+    assert numbers is not None
+    numbers[body] = packed_law(law)[1]
+
+
+@inlined
+def evaluate(beds, b, memory, states, out):
+    """Write the row of `wrenches_in_time` of body b, shape [1, 19], at its state, shape [1, 13].
+
+    `memory`: its row of `Beds.memory` or a copy, shape [1, m]; it takes the step from the state before. `out` of shape
+    [plates, 3] takes the forces of the plates, in the kernel's order.
+    """
+    p = beds.bodies[b]
+    bounds = beds.bounds[p.bounds : p.bounds + 20 * p.blocks].reshape(20, p.blocks)
+    form = beds.rows[p.rows : p.rows_end], bounds, p.refined, p.reach
+    law = beds.kind, beds.laws[b], beds.table
+    past = True, beds.duration, beds.length, memory
+    SUMS(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
+
+
+@inlined
+def stiffness_matrix(memory, b):
+    """Write B [N/m, N, N m], shape [6, 6], of a row of `Beds.memory`: displaced by d, the body feels -B d more.
+
+    It is that of the last state, from the sums of `Memory.stiffness`.
+    """
+    s, x, y, z = memory[0], memory[1], memory[2], memory[3]
+    xx, yy, zz, xy, xz, yz = memory[4], memory[5], memory[6], memory[7], memory[8], memory[9]
+    b[:] = 0.0
+    b[0, 0] = b[1, 1] = b[2, 2] = s
+    b[0, 4], b[0, 5], b[1, 3], b[1, 5], b[2, 3], b[2, 4] = z, -y, -z, x, y, -x
+    b[4, 0], b[5, 0], b[3, 1], b[5, 1], b[3, 2], b[4, 2] = z, -y, -z, x, y, -x
+    b[3, 3], b[4, 4], b[5, 5] = yy + zz, xx + zz, xx + yy
+    b[3, 4], b[3, 5], b[4, 5] = -xy, -xz, -yz
+    b[4, 3], b[5, 3], b[5, 4] = -xy, -xz, -yz

@@ -1,0 +1,289 @@
+"""Bodies of a MuJoCo model as the grains meet them: their twists, and how wrenches change these over a step.
+
+MuJoCo's acceleration minimises a cost whose Hessian is H = M + Jc^T D Jc: M the inertia of the joints, Jc and D the
+Jacobian and the stiffness of the constraints that act. Its integrators go on with the acceleration Mi^-1 M qacc, where
+Mi = M + h (damping that they take implicitly). So wrenches w on bodies with the Jacobian J change the bodies' twists
+over a step of h by h A w, with A = J Mi^-1 M H^-1 J^T.
+"""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.rft.compilation import compiled, inlined, machine_code
+
+__all__ = ["Mechanism", "import_mujoco"]
+
+Array = NDArray[np.float64]
+
+_QUADRATIC, _CONE = 1, 4  # of mjtConstraintState
+_NO_ROWS = np.zeros(0), np.zeros(0, np.int32), np.zeros(0), np.zeros((3, 0), np.int32)
+_NO_CONES = np.zeros((2, 0), np.int32), np.zeros((0, 36))
+_FASTEST = 1e9  # m/s and rad/s: beyond it squares of squares overflow
+
+
+def import_mujoco() -> Any:
+    """The module, or InputError with the command that installs it."""
+    try:
+        import mujoco  # type: ignore[import-untyped]
+    except ImportError as error:
+        raise InputError(f"rft_ros.simulation needs MuJoCo here ({error}); run pip install mujoco") from None
+    return mujoco
+
+
+class Mechanism:
+    """The bodies with these ids in one model; arrays of n bodies are stacked as in `rft_ros.simulation.coupling`.
+
+    `states`: shape [n, 13], columns and units of `rft_ros.rft.STATE`. `inverse`: A, shape [6 n, 6 n]; `ahead`: the
+    twists at the end of the step without the wrenches, shape [6 n]. World axes.
+    """
+
+    def __init__(self, model: Any, bodies: list[int]) -> None:
+        self._mujoco, self.model, self._bodies = import_mujoco(), model, bodies
+        n, nv = len(bodies), int(model.nv)
+        self.states, self.inverse, self.ahead = np.zeros((n, 13)), np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
+        self._jacobian, self._mass, self._damping = np.zeros((6 * n, nv)), np.zeros((nv, nv)), np.zeros((nv, nv))
+        self._parts = [
+            (self._jacobian[6 * k : 6 * k + 3], self._jacobian[6 * k + 3 : 6 * k + 6], body)
+            for k, body in enumerate(bodies)
+        ]
+        self.data: Any = None
+        self.bind(self._mujoco.MjData(model))
+        self._respond: Any = machine_code(_respond, self._arguments(_NO_ROWS, _NO_CONES, 0.1, np.zeros(6 * n)))
+
+    def bind(self, data: Any) -> None:
+        """Take the arrays of `data`, which stay where they are. Raises ValueError if it is not of this model."""
+        if not isinstance(data, self._mujoco.MjData) or data.model.signature != self.model.signature:
+            raise ValueError("data is not of the model of these grains; make it with mujoco.MjData(model)")
+        self.data = data
+        self._moving = np.array(self._bodies), data.xpos, data.xquat, data.qvel, data.qacc
+
+    def move(self) -> None:
+        """Compute what depends on positions and velocities, without sensors."""
+        self._mujoco.mj_fwdPosition(self.model, self.data)
+        self._mujoco.mj_fwdVelocity(self.model, self.data)
+
+    def accelerate(self) -> None:
+        """Compute the accelerations under the forces that act now."""
+        self._mujoco.mj_forwardSkip(self.model, self.data, 2, 1)
+
+    def measure(self, held: Array, h: float) -> bool:
+        """Take the motion, and the response over a step of h [s]; `held`: the wrenches that act now, shape [6 n].
+
+        Returns whether all of it is finite, and not too fast to be squared.
+        """
+        mujoco, model, data = self._mujoco, self.model, self.data
+        for linear, angular, body in self._parts:
+            mujoco.mj_jacBody(model, data, linear, angular, body)
+        _full_inertia(mujoco, model, data, self._mass)
+        rows, cones = self._constraints() if data.nefc else (_NO_ROWS, _NO_CONES)
+        self._set_damping()
+        fine: bool = self._respond(*self._arguments(rows, cones, h, held))
+        return fine
+
+    def _arguments(self, rows: Any, cones: Any, h: float, held: Array) -> tuple[Any, ...]:
+        inertia = self._mass, self._damping, self._jacobian
+        return self._moving, inertia, rows, cones, h, held, self.states, self.inverse, self.ahead
+
+    def _constraints(self) -> tuple[Any, Any]:
+        """The rows of constraints: Jacobian, state, stiffness, and begin, length and columns of a row if it is sparse.
+
+        And the contacts with elliptic cones: their first rows and dimensions, and their Hessians.
+        """
+        mujoco, model, data = self._mujoco, self.model, self.data
+        sparse = _NO_ROWS[3]
+        if mujoco.mj_isSparse(model):
+            sparse = np.zeros((3, max(data.nefc, data.nJ)), np.int32)
+            sparse[0, : data.nefc], sparse[1, : data.nefc] = data.efc_J_rowadr, data.efc_J_rownnz
+            sparse[2, : data.nJ] = data.efc_J_colind
+        rows = data.efc_J.ravel(), data.efc_state, data.efc_D, sparse
+        if model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL or not data.ncon:
+            return rows, _NO_CONES
+        jar = np.zeros(data.nefc)
+        mujoco.mj_mulJacVec(model, data, jar, data.qacc)
+        mujoco.mj_constraintUpdate(model, data, jar - data.efc_aref, None, 1)  # computes the cones' Hessians
+        return rows, (np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32), data.contact.H)
+
+    def _set_damping(self) -> None:
+        """The damping that the integrator takes implicitly, of joints, and of tendons and actuators too."""
+        mujoco, model, option = self._mujoco, self.model, self.model.opt
+        self._damping[:] = 0.0
+        integrator, kinds = option.integrator, mujoco.mjtIntegrator
+        off = option.disableflags
+        flags = mujoco.mjtDisableBit
+        passive = not off & int(getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)))
+        if integrator == kinds.mjINT_EULER:
+            if passive and not off & int(flags.mjDSBL_EULERDAMP):
+                np.fill_diagonal(self._damping, model.dof_damping)
+        elif integrator != kinds.mjINT_RK4:
+            if passive:
+                np.fill_diagonal(self._damping, model.dof_damping)
+                if model.ntendon and model.tendon_damping.any():
+                    _add_rows(self._damping, self._tendons(), model.tendon_damping)
+            if len(model.actuator_biastype):
+                gains = self._velocity_gains()
+                if gains.any():
+                    data = self.data
+                    layout = data.moment_rownnz, data.moment_rowadr, data.moment_colind
+                    _add_rows(self._damping, _dense(data.actuator_moment, *layout, model.nv), gains)
+
+    def _tendons(self) -> Array:
+        model, data = self.model, self.data
+        layout = data if hasattr(data, "ten_J_rownnz") else model
+        return _dense(data.ten_J, layout.ten_J_rownnz, layout.ten_J_rowadr, layout.ten_J_colind, model.nv)
+
+    def _velocity_gains(self) -> Array:
+        """By how much each actuator's force falls with its velocity, shape [actuators]."""
+        mujoco, model, data = self._mujoco, self.model, self.data
+        gains = np.where(model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE, -model.actuator_biasprm[:, 2], 0.0)
+        by_control = np.where(
+            model.actuator_gaintype == mujoco.mjtGain.mjGAIN_AFFINE, model.actuator_gainprm[:, 2], 0.0
+        )
+        for i in np.flatnonzero(by_control):
+            state = model.actuator_actadr[i]
+            gains[i] -= by_control[i] * (data.ctrl[i] if state < 0 else data.act[state])
+        low, high = model.actuator_forcerange.T
+        free = (data.actuator_force > low) & (data.actuator_force < high)
+        return np.where(free | (model.actuator_forcelimited == 0), gains, 0.0)
+
+
+def _full_inertia(mujoco: Any, model: Any, data: Any, mass: Array) -> None:
+    if hasattr(data, "M"):
+        mujoco.mj_fullM(model, data, mass)
+    else:  # before MuJoCo 4
+        mujoco.mj_fullM(model, mass, data.qM)
+
+
+def _dense(values: Array, counts: Any, begins: Any, columns: Any, width: int) -> Array:
+    """Sparse rows as a matrix."""
+    matrix = np.zeros((len(counts), width))
+    if values.size == matrix.size:
+        return values.reshape(matrix.shape)
+    for i, (count, begin) in enumerate(zip(counts, begins, strict=True)):
+        matrix[i, columns.ravel()[begin : begin + count]] = values.ravel()[begin : begin + count]
+    return matrix
+
+
+def _add_rows(matrix: Array, rows: Array, weights: Array) -> None:
+    matrix += (rows.T * weights) @ rows
+
+
+@inlined
+def _dot(a, b):
+    s = 0.0
+    for k in range(len(a)):
+        s += a[k] * b[k]
+    return s
+
+
+@inlined
+def _factor(a):
+    """LU in place, without pivots, as the matrix has a positive symmetric part; zeros between trees cost nothing."""
+    for i in range(len(a)):
+        for j in range(i + 1, len(a)):
+            if a[j, i] != 0.0:
+                f = a[j, i] / a[i, i]
+                a[j, i] = f
+                for k in range(i + 1, len(a)):
+                    a[j, k] -= f * a[i, k]
+
+
+@inlined
+def _solve(lu, x):
+    """Solve in place for a row x, with the factors of `_factor`."""
+    for i in range(len(lu)):
+        for k in range(i):
+            x[i] -= lu[i, k] * x[k]
+    for i in range(len(lu) - 1, -1, -1):
+        for k in range(i + 1, len(lu)):
+            x[i] -= lu[i, k] * x[k]
+        x[i] /= lu[i, i]
+
+
+@inlined
+def _add_constraints(hessian, rows, cones):
+    """Add Jc^T D Jc of the constraints that act, and of contacts that slide within elliptic cones."""
+    jacobian, state, stiffness, sparse = rows
+    places, cone_hessians = cones
+    nv = len(hessian)
+    dense = np.zeros((6, nv))
+    for i in range(len(state)):
+        if state[i] == _QUADRATIC:
+            _row(jacobian, sparse, i, dense[0])
+            for j in range(nv):
+                if dense[0, j] != 0.0:
+                    for k in range(nv):
+                        hessian[j, k] += stiffness[i] * dense[0, j] * dense[0, k]
+    for c in range(places.shape[1]):
+        first, size = places[0, c], places[1, c]
+        if first >= 0 and state[first] == _CONE:
+            for a in range(size):
+                _row(jacobian, sparse, first + a, dense[a])
+            for a in range(size):
+                for b in range(size):
+                    weight = cone_hessians[c, a * size + b]
+                    for j in range(nv):
+                        if dense[a, j] != 0.0:
+                            for k in range(nv):
+                                hessian[j, k] += weight * dense[a, j] * dense[b, k]
+
+
+@inlined
+def _row(jacobian, sparse, i, dense):
+    nv = len(dense)
+    if sparse.shape[1] == 0:
+        dense[:] = jacobian[i * nv : (i + 1) * nv]
+    else:
+        dense[:] = 0.0
+        for k in range(sparse[0, i], sparse[0, i] + sparse[1, i]):
+            dense[sparse[2, k]] = jacobian[k]
+
+
+@compiled
+def _respond(moving, inertia, rows, cones, h, held, states, inverse, ahead):
+    """Write `Mechanism.states`, `inverse` and `ahead`; returns whether all of it is finite and not too fast."""
+    ids, positions, quaternions, velocity, acceleration = moving
+    mass, damping, jacobian = inertia
+    nv, size = len(mass), len(jacobian)
+    fine = True
+    for b in range(len(ids)):
+        states[b, :3] = positions[ids[b]]
+        w, x, y, z = quaternions[ids[b]]
+        states[b, 3], states[b, 4], states[b, 5], states[b, 6] = x, y, z, w
+        for i in range(6):
+            states[b, 7 + i] = _dot(jacobian[6 * b + i], velocity)
+    hessian = mass.copy()
+    _add_constraints(hessian, rows, cones)
+    _factor(hessian)
+    damped = False
+    for i in range(nv):
+        for j in range(nv):
+            damped |= damping[i, j] != 0.0
+    taken = acceleration.copy()
+    implicit = mass
+    if damped:
+        implicit = mass + h * damping
+        _factor(implicit)
+        for i in range(nv):
+            taken[i] = _dot(mass[i], acceleration)
+        _solve(implicit, taken)
+    solved, x = np.empty((size, nv)), np.empty(nv)
+    for i in range(size):
+        solved[i] = jacobian[i]
+        _solve(hessian, solved[i])
+        if damped:
+            for k in range(nv):
+                x[k] = _dot(mass[k], solved[i])
+            _solve(implicit, x)
+            solved[i] = x
+    for i in range(size):
+        for j in range(size):
+            inverse[i, j] = _dot(jacobian[i], solved[j])
+            fine &= np.isfinite(inverse[i, j])
+    for i in range(size):
+        twist = states[i // 6, 7 + i % 6]
+        ahead[i] = twist + h * (_dot(jacobian[i], taken) - _dot(inverse[i], held))
+        fine &= abs(twist) + abs(ahead[i]) < _FASTEST
+    return fine and np.isfinite(states.sum())

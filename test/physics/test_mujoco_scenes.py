@@ -1,0 +1,242 @@
+"""Bodies in grains beside contacts, welds, limits, servos, other bodies: they feel what the grains remember."""
+
+import numpy as np
+import pytest
+
+from rft_ros.errors import InputError
+from rft_ros.simulation import MujocoGrains
+from rft_ros.simulation.mechanism import Mechanism
+from studies import loop_scenes as scenes
+
+mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
+
+
+@pytest.mark.parametrize(
+    ("step", "integrator", "option"),
+    [
+        (0.002, "Euler", ""),
+        (0.005, "implicitfast", 'cone="elliptic"'),
+        (0.002, "implicit", 'cone="elliptic" jacobian="sparse"'),
+        (0.002, "RK4", ""),
+    ],
+)
+def test_a_block_on_a_plate_rests_as_deep_as_one_body(step, integrator, option):
+    found, one = scenes.block(step, integrator, option=option), scenes.block(step, integrator, as_one=True)
+    assert found["depth"] == pytest.approx(one["depth"], rel=0.05)
+    assert found["creep"] < 1e-3
+    assert found["felt over memory"] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize("kind", scenes.KINDS)
+@pytest.mark.parametrize(("step", "integrator"), [(0.002, "Euler"), (0.005, "implicitfast")])
+def test_a_tool_feels_what_the_grains_remember_whatever_else_bears_on_it(kind, step, integrator):
+    found = scenes.pressed(kind, step, integrator)
+    assert found["felt"] > 5.0
+    assert found["felt over memory"] == pytest.approx(1.0, abs=0.01)
+    assert found["scatter"] < 1e-3
+
+
+@pytest.mark.parametrize(("speed", "stiffness", "step"), [(0.05, 2e5, 0.002), (0.2, 2e4, 0.005), (0.01, 2e6, 0.0005)])
+def test_a_tool_that_is_lifted_feels_no_more_than_the_grains_remember(speed, stiffness, step):
+    found = scenes.lifted(speed, stiffness, step)
+    assert found["error"] < 0.05
+    assert found["pull"] < found["memory's pull"] + 0.05
+
+
+@pytest.mark.parametrize(("mass", "step"), [(0.005, 0.002), (0.1, 0.015), (0.5, 0.005), (0.02, 0.02)])
+def test_a_body_that_is_released_stays_where_it_was_pressed(mass, step):
+    found = scenes.released(mass, step)
+    assert found["rise"] < 1.0
+    assert found["back"] < 0.5
+
+
+def test_a_plate_slides_as_far_in_long_steps_as_in_short_ones():
+    way = scenes.slid(0.0005, explicit=True)["way"]
+    assert scenes.slid(0.002)["way"] == pytest.approx(way, rel=0.03)
+    assert scenes.slid(0.005)["way"] == pytest.approx(way, rel=0.05)
+
+
+@pytest.mark.parametrize(("step", "integrator"), [(0.001, "Euler"), (0.002, "Euler"), (0.01, "implicitfast")])
+def test_a_quadruped_with_stiff_knees_stands_still_and_takes_nothing_from_the_grains(step, integrator):
+    found = scenes.gait(step, integrator)
+    assert found["creep"] < 1e-3
+    assert found["back"] < 1.0
+
+
+def test_many_presses_at_one_place_do_not_drift():
+    found = scenes.presses(0.005, times=40)
+    assert found["drift"] < 1e-3 * found["last"]
+
+
+ARM = """
+<mujoco><option timestep="{step}" integrator="{integrator}" cone="{cone}" jacobian="{jacobian}"/><worldbody>
+<geom type="plane" size="1 1 1"/>
+<body name="base" pos="0 0 0.0495"><freejoint/><geom type="box" size="0.1 0.08 0.05" mass="2"/>
+  <body pos="0 0 0.1"><joint name="ball" type="ball" damping="0.3"/>
+    <geom type="capsule" size="0.02 0.1" mass="0.5" pos="0 0 0.1"/>
+    <body name="tip" pos="0 0 0.25"><joint name="hinge" axis="0 1 0" damping="0.4" limited="true" range="-5 5"/>
+      <geom type="cylinder" size="0.02 0.03" mass="0.2" pos="0.02 0 0"/></body></body></body>
+<body name="other" pos="0.5 0 0.5"><joint name="slide" type="slide" axis="0 0 1" damping="2" frictionloss="0.1"/>
+  <geom type="ellipsoid" size="0.03 0.02 0.02" mass="0.4" contype="0" conaffinity="0"/></body>
+</worldbody>
+<equality><joint joint1="hinge" joint2="slide"/></equality>
+<tendon>
+  <fixed name="cord" damping="0.7"><joint joint="hinge" coef="0.5"/><joint joint="slide" coef="2"/></fixed></tendon>
+<actuator><position joint="hinge" kp="20" kv="3"/>
+  <general tendon="cord" gaintype="affine" gainprm="1 0 -2" biastype="affine" biasprm="0 -3 -1"/></actuator></mujoco>
+"""
+
+
+@pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
+@pytest.mark.parametrize(("cone", "jacobian"), [("pyramidal", "dense"), ("elliptic", "sparse")])
+def test_the_inverse_inertia_is_what_a_small_force_changes_in_a_step_of_mujoco(integrator, cone, jacobian):
+    step = 0.004
+    model = mujoco.MjModel.from_xml_string(ARM.format(step=step, integrator=integrator, cone=cone, jacobian=jacobian))
+    data = mujoco.MjData(model)
+    data.ctrl[:], data.qvel[:3] = 0.4, (0.3, 0.1, 0.0)
+    for _ in range(20):
+        mujoco.mj_step(model, data)
+    bodies = [model.body(name).id for name in ("tip", "other")]
+    mechanism = Mechanism(model, bodies)
+    mechanism.bind(data)
+    mechanism.move()
+    mechanism.accelerate()
+    assert mechanism.measure(np.zeros(12), step)
+    inverse, ahead = mechanism.inverse.copy(), mechanism.ahead.copy()
+    state = np.zeros(mujoco.mj_stateSize(model, mujoco.mjtState.mjSTATE_INTEGRATION))
+    mujoco.mj_getState(model, data, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+    jacobians = np.zeros((12, model.nv))
+    for k, body in enumerate(bodies):
+        mujoco.mj_jacBody(model, data, jacobians[6 * k : 6 * k + 3], jacobians[6 * k + 3 : 6 * k + 6], body)
+
+    def end(force):
+        other = mujoco.MjData(model)
+        mujoco.mj_setState(model, other, state, mujoco.mjtState.mjSTATE_INTEGRATION)
+        other.qfrc_applied[:] = jacobians.T @ force
+        mujoco.mj_step(model, other)
+        return jacobians @ other.qvel
+
+    size = 1e-4
+    found = np.array([(end(size * unit) - end(-size * unit)) / (2.0 * size * step) for unit in np.eye(12)]).T
+    tolerance = 0.05 if integrator == "implicit" else 0.01  # which takes Coriolis forces in
+    assert found == pytest.approx(inverse, abs=tolerance * np.abs(inverse).max())
+    assert end(np.zeros(12)) == pytest.approx(ahead, abs=0.02)
+
+
+BOX = """
+<mujoco><option timestep="0.002"/><worldbody>
+<body name="box" pos="0 0 0.02"><freejoint/><geom type="box" size="0.025 0.025 0.01" mass="0.2"/></body>
+<body name="ball" pos="0.3 0 0.03"><freejoint/><geom type="sphere" size="0.02" mass="0.1"/></body>
+<body name="rod" pos="0.6 0 0.03" quat="0.7 0.7 0 0"><freejoint/><geom type="capsule" size="0.01 0.03" mass="0.1"/>
+</body>
+<body name="can" pos="0.9 0 0.03"><freejoint/><geom type="cylinder" size="0.02 0.02" mass="0.1"/></body>
+<body name="egg" pos="1.2 0 0.03"><freejoint/><geom type="ellipsoid" size="0.02 0.03 0.015" mass="0.1"/></body>
+</worldbody></mujoco>"""
+NAMES = "box", "ball", "rod", "can", "egg"
+
+
+@pytest.fixture(scope="module")
+def five():
+    model = mujoco.MjModel.from_xml_string(BOX)
+    return model, MujocoGrains(model, bodies=NAMES, law=scenes.law())
+
+
+def test_primitive_geoms_are_shapes_and_bodies_of_one_object_rest_as_each_alone(five):
+    model, grains = five
+    sizes = {"box": (0.05, 0.05, 0.02), "ball": (0.04,) * 3, "rod": (0.02, 0.02, 0.08), "can": (0.04,) * 3}
+    sizes["egg"] = (0.04, 0.06, 0.03)
+    for name, tool in zip(NAMES, grains.tools, strict=True):
+        assert np.ptp(tool.corners, axis=0) == pytest.approx(sizes[name], rel=0.02)
+    data, single = mujoco.MjData(model), mujoco.MjData(model)
+    alone = MujocoGrains(model, body="can", law=scenes.law())
+    for _ in range(400):
+        wrenches = grains.apply(data)
+        alone.apply(single)
+        mujoco.mj_step(model, data)
+        mujoco.mj_step(model, single)
+    assert wrenches.shape == (5, 6)
+    assert wrenches[:, 2] == pytest.approx(9.81 * np.array([0.2, 0.1, 0.1, 0.1, 0.1]), rel=0.05)
+    assert data.body("can").xpos == pytest.approx(single.body("can").xpos, abs=1e-4)
+    assert (grains.energy > 0.0).all()
+    assert grains.stiffness.shape == (5, 6, 6)
+    forces = grains.tractions("egg") * grains.tools[4].plates.packed[6][:, None]
+    assert forces.sum(axis=0)[2] == pytest.approx(wrenches[4, 2], rel=0.01)
+
+
+def test_forces_of_the_user_act_beside_the_grains(five):
+    model, grains = five
+    grains.reset()
+    data = mujoco.MjData(model)
+    push = np.array([0.0, 0.0, -3.0, 0.0, 0.0, 0.0])
+    data.xfrc_applied[1] = push  # once: it stays
+    for k in range(500):
+        data.xfrc_applied[2, :3] = (0.0, 0.0, -2.0)  # again and again
+        if k == 250:
+            data.xfrc_applied[3] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+        wrenches = grains.apply(data)
+        mujoco.mj_step(model, data)
+    assert wrenches[:, 2] == pytest.approx([0.2 * 9.81 + 3, 0.1 * 9.81 + 2, 0.1 * 9.81 + 1, 0.981, 0.981], rel=0.05)
+    data.xfrc_applied[:] = 0.0
+    grains.apply(data)
+    kept = grains.state()
+    grains.apply(data)
+    grains.restore(kept)
+    assert np.abs(data.xfrc_applied[1:4, 2] - grains.wrench[:3, 2]).max() < 1e-9
+
+
+def test_two_feet_of_one_body_fall_in_symmetrically():
+    slide = '<joint name="{}" type="slide" axis="0 0 1" stiffness="500" damping="2"/>'
+    foot = f'<body pos="{{}} 0 -0.05" name="{{}}">{slide}<geom type="sphere" size="0.02" mass="0.05"/></body>'
+    feet = foot.format(-0.1, "left", "l") + foot.format(0.1, "right", "r")
+    trunk = '<geom type="box" size="0.1 0.05 0.01" mass="1" contype="0" conaffinity="0"/>'
+    model = mujoco.MjModel.from_xml_string(
+        '<mujoco><option timestep="0.002"/><worldbody><body pos="0 0 0.1"><freejoint/>'
+        f"{trunk}{feet}</body></worldbody></mujoco>"
+    )
+    data, grains = mujoco.MjData(model), MujocoGrains(model, bodies=["left", "right"], law=scenes.law())
+    for _ in range(500):
+        grains.apply(data)
+        mujoco.mj_step(model, data)
+    assert data.qpos[7] == pytest.approx(data.qpos[8], abs=1e-5)
+    assert np.abs(data.qpos[4:7]).max() < 1e-3
+
+
+def test_a_motion_without_bound_is_refused_and_nothing_is_written(five):
+    model, grains = five
+    grains.reset()
+    for qvel, step in ((1e150, 0.002), (0.1, 1e9)):
+        data = mujoco.MjData(model)
+        data.qvel[2], model.opt.timestep = qvel, step
+        with pytest.raises(ValueError, match="without bound"):
+            grains.apply(data)
+        assert np.isfinite(data.xfrc_applied).all()
+        model.opt.timestep = 0.002
+
+
+def test_a_step_that_does_not_hold_is_counted_and_told_once(five, caplog):
+    model, grains = five
+    grains.reset()
+    data = mujoco.MjData(model)
+    data.qvel[[2, 8]] = -30.0
+    model.opt.timestep = 0.02
+    for _ in range(3):
+        grains.apply(data)
+        mujoco.mj_step(model, data)
+    model.opt.timestep = 0.002
+    assert grains.failures > 0
+    assert len([r for r in caplog.records if "shorter steps" in r.getMessage()]) == 1
+
+
+def test_names_and_sizes_that_cannot_be_used_are_said():
+    model = mujoco.MjModel.from_xml_string(BOX)
+    for wrong, message in (
+        ({}, "body="),
+        ({"body": "box", "bodies": ["ball"]}, "bodies="),
+        ({"bodies": ["box", "box"]}, "each of them once"),
+        ({"bodies": []}, "at least one"),
+        ({"body": "box", "mesh": "plate", "scale": 1.0}, "51 m long.*check scale"),
+        ({"body": "box", "mesh": "plate", "scale": 1e-6}, "check scale"),
+        ({"bodies": ["box", "ball"], "mesh": ["plate"]}, "1 files"),
+    ):
+        with pytest.raises(InputError, match=message):
+            MujocoGrains(model, law=scenes.law(), **wrong)
