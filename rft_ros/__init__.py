@@ -19,12 +19,15 @@ _HOMES = "rft_ros.rft", "rft_ros.tool", "rft_ros.parameters", "rft_ros.estimator
 
 
 def __dir__() -> list[str]:
-    """The names of `__all__` too, for completion: they are not there before their first use."""
+    """The module's names, with those of `__all__` that no one has used yet, so that an interpreter completes them."""
     return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> object:
-    """Import a name of `__all__` at its first use: numba takes half a second, in which `rft_node` hears signals."""
+    """Import a name of `__all__` at its first use.
+
+    The import of numba takes half a second. `rft_node` installs its signal handlers first, so that Ctrl-C works then.
+    """
     if name in __all__:
         for home in map(import_module, _HOMES):
             if hasattr(home, name):

@@ -32,15 +32,15 @@ _COMMANDS = {
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),
     "doctor": ("doctor", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
     "demo": ("demo", "Run a virtual arm, a real node and a live table (needs ROS)."),
-    "warm-up": ("warm_up", "Compile what the node and a replay can need, so that neither waits later."),
+    "warm-up": ("warm_up", "Compile the machine code of node and replay now, so that neither waits for it later."),
 }
-"""The module of `rft_ros.commands` that each command is in, and what it does."""
+"""For each command the module of `rft_ros.commands` that has it, and its help text."""
 
 
 def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentParser:
     """The whole command line. `rft`: what the user types to run this program; help and errors show it.
 
-    `only`: the command whose module is imported, which takes half a second (default: all).
+    `only`: import the module of this command alone, since an import takes half a second (default: of all commands).
     """
     whole = _Parser(
         prog=rft,
@@ -66,7 +66,7 @@ class _Parser(argparse.ArgumentParser):
     """Reports wrong usage in one sentence, without argparse's usage text."""
 
     def __init__(self, **options: Any) -> None:
-        from rft_ros.files import expanded  # loads numpy, and Ctrl-C may come meanwhile
+        from rft_ros.files import expanded  # imports numpy; `main` handles a Ctrl-C during it
 
         super().__init__(**options)
         self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse's own takes -1e-3 for an option
@@ -78,7 +78,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 class _Help(argparse.HelpFormatter):
-    """Wraps all but examples."""
+    """Wraps paragraphs, and leaves examples as they are."""
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         return text if "\n" in text else super()._fill_text(text, width, indent)
@@ -90,7 +90,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name need not be UTF-8
     if arguments is None:  # as a program
         arguments = sys.argv[1:]
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C: what is unfinished is removed
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, so that unfinished files are removed
     name = "rft"
     try:
         try:

@@ -1,4 +1,4 @@
-"""The exception for unusable input, and why a file is one."""
+"""The exception for unusable input, and the reasons for which a file cannot be used."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -24,7 +24,7 @@ def reason_of(error: Exception) -> str:
 
 @contextmanager
 def file_errors(what: str, done: Literal["read", "written"]) -> Iterator[None]:
-    """Raise InputError where a file cannot be used in this block: "`what` cannot be read", or written, and why."""
+    """Turn errors of reading or writing a file in this block into InputError: "`what` cannot be read: reason"."""
     try:
         yield
     except (OSError, UnicodeDecodeError) as error:

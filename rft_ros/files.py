@@ -27,8 +27,8 @@ from rft_ros.errors import InputError, file_errors, reason_of
 __all__ = ["checked_file", "checked_folder", "expanded", "opened", "read_arrays", "read_columns", "read_file"]
 __all__ += ["read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
 
-_MAX_BYTES = 256 * 2**20  # that are read of a file, or that the arrays of an NPZ file may have
-_MAX_NUMBERS = _MAX_BYTES // 8  # of one array or table; each may become a double
+_MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
+_MAX_NUMBERS = _MAX_BYTES // 8  # in one array or table; each may become a double
 MAX_YAML = 2**20
 _MAX_HEADER = 2**16  # characters
 _GIVE = "give the path of one that does"
@@ -42,7 +42,7 @@ _KINDS = {
 
 
 def expanded(file: Path | str) -> Path:
-    """The path with ~ as the home folder; one that begins with an unknown user's ~ stays as it is."""
+    """The path with ~ replaced by the home folder. The ~ of an unknown user stays as it is."""
     return Path(os.path.expanduser(file))  # noqa: PTH111 - Path's own raises RuntimeError for an unknown user
 
 
@@ -52,7 +52,7 @@ def resolved(file: Path | str) -> Path:
 
 
 def _status(file: Path, what: str, advice: str) -> os.stat_result:
-    """What the system says of a path, ~ expanded, unopened."""
+    """The system's status of a path, ~ expanded, without opening it."""
     named = f"{what} '{file}'"
     if "\0" in str(file):
         raise InputError(f"{what} {str(file)!r} has a null character; give a path without one")
@@ -69,10 +69,10 @@ def _status(file: Path, what: str, advice: str) -> os.stat_result:
 
 
 def checked_file(file: Path, what: str, *, limit: int | None = _MAX_BYTES, advice: str = _GIVE) -> Path:
-    """The path, ~ expanded, of a regular file of 1 to `limit` bytes (None: any number), unopened.
+    """The path, ~ expanded, of a regular file of 1 to `limit` bytes (None: any number). Does not open the file.
 
-    Raises InputError, which calls the file `what` (such as the option or parameter that names it) and says what to do;
-    `advice`: where nothing is there.
+    Raises InputError. It calls the file `what`, such as the option or parameter that names it, and says what to do.
+    `advice`: what to do if the file does not exist.
     """
     status = _status(file, what, advice)
     _check_kind(status, f"{what} '{file}'")
@@ -90,7 +90,7 @@ def checked_folder(folder: Path, what: str, *, advice: str = _GIVE) -> Path:
 def _check_kind(status: os.stat_result, named: str) -> None:
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{named} is {_KINDS.get(stat.S_IFMT(status.st_mode), 'not a regular file; give one')}")
-    if not status.st_size:  # reading one of the system's, as /proc/kmsg, may wait for ever
+    if not status.st_size:  # the system's own files have no size either, and reading /proc/kmsg may block for ever
         raise InputError(f"{named} is empty, or one of the system's own files, as in /proc; give a file with content")
 
 
@@ -110,7 +110,7 @@ def opened(file: Path, what: str, *, limit: int | None = _MAX_BYTES, advice: str
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """Opens a path that may have become a pipe since it was checked."""
+    """Open a file without blocking, even if a pipe has taken its place since it was checked."""
     return os.open(path, flags | os.O_NONBLOCK)
 
 
@@ -118,7 +118,7 @@ def read_file(file: Path, what: str, *, limit: int = _MAX_BYTES, advice: str = _
     """The bytes of a `checked_file`."""
     with opened(file, what, limit=limit, advice=advice) as stream:
         data = stream.read(limit + 1)
-    _check_size(len(data), f"{what} '{file}'", limit)  # it may have grown
+    _check_size(len(data), f"{what} '{file}'", limit)  # the file may have grown since it was checked
     return data
 
 
@@ -130,7 +130,10 @@ def read_text(file: Path, what: str, *, limit: int = _MAX_BYTES, advice: str = _
 
 
 def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any]]:
-    """Arrays of a `checked_file` in NPZ format, by name, of any shape and unit; no objects, at most 256 MiB."""
+    """The named arrays of a `checked_file` in NPZ format, of any shape and unit, at most 256 MiB in all.
+
+    Raises InputError, also for arrays of Python objects.
+    """
     data = read_file(file, what)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
@@ -149,9 +152,10 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
 
 
 def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """Numbers of a `checked_file` in CSV format, shape [n, columns], any unit; and the line of each row, from 1, [n].
+    """The columns `names` of a `checked_file` in CSV format, shape [n, columns], any unit; and their lines, shape [n].
 
-    Columns as in `names`; the file's header has them in any order, and may have others. InputError quotes no content.
+    Lines are counted from 1. The file's header may name the columns in any order, and others beside them. Raises
+    InputError, which quotes no content of the file.
     """
     # bytes, line by line: a list of all lines would have many times the file's size
     data = read_file(file, what)
@@ -171,7 +175,7 @@ def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[n
             continue
         try:
             cells = [float(cell) for cell in line.decode().split(",")]
-        except ValueError:  # of UTF-8, too
+        except ValueError:  # not a number, or not UTF-8
             cells = []
         if len(cells) != len(header):
             raise InputError(f"{what} '{file}' line {number} is not {len(header)} numbers; correct or remove it")
@@ -186,10 +190,10 @@ def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[n
 
 
 class _Loader(yaml.SafeLoader):
-    """Reads 1e-4 and 1.0e4 as numbers, as ROS does; PyYAML reads strings. Refuses aliases, as ROS does."""
+    """PyYAML's loader with two rules of ROS: 1e-4 and 1.0e4 are numbers and not strings, and aliases are refused."""
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Refuses what PyYAML would merge, or replace by a later value, without a word."""
+        """Refuse merge keys and repeated keys; PyYAML would merge the first and overwrite the second silently."""
         met = set[Any]()
         for key, _ in node.value:
             line = key.start_mark.line + 1
@@ -212,7 +216,7 @@ _Loader.add_implicit_resolver(
 
 
 def read_yaml(file: Path, what: str) -> Any:
-    """Content of a YAML file. InputError, which calls the file `what`, where it cannot be read or is not YAML."""
+    """Content of a YAML file. Raises InputError, which calls the file `what`, if it cannot be read or is not YAML."""
     text = read_text(file, what, limit=MAX_YAML)
     try:
         return yaml.load(text, Loader=_Loader)
@@ -222,9 +226,9 @@ def read_yaml(file: Path, what: str) -> Any:
 
 @contextmanager
 def whole(file: Path, what: str = "output") -> Iterator[Path]:
-    """A new file beside `file`, which takes its place at the end of the block; after an exception, the old one stays.
+    """Yield a new file beside `file`, which replaces it at the end of the block. After an exception the old one stays.
 
-    Makes the folder. What is no regular file, such as /dev/stdout, is written directly. Raises InputError.
+    Makes the folder. A path that is no regular file, such as /dev/stdout, is written directly. Raises InputError.
     """
     with file_errors(f"{what} '{file}'", "written"):
         if file.exists() and not file.is_file():
@@ -246,7 +250,10 @@ def whole(file: Path, what: str = "output") -> Iterator[Path]:
 
 @contextmanager
 def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
-    """A new folder in `folder`; its content takes the place of `names` there at the end, but after an exception."""
+    """Yield a new folder in `folder`. At the end its content moves to `folder`, where `names` are removed first.
+
+    After an exception what was in `folder` stays as it was.
+    """
     with file_errors(f"output folder '{folder}'", "written"):
         part = folder / f".{os.getpid()}.part"
         part.mkdir(parents=True)

@@ -12,11 +12,11 @@ from rft_ros.errors import InputError
 
 __all__ = ["program", "release", "share_directory"]
 
-_CHECKOUT = Path(__file__).resolve().parents[1]  # where rft_ros runs from one
+_CHECKOUT = Path(__file__).resolve().parents[1]  # the source checkout, if rft_ros runs from one
 
 
 def program() -> str:
-    """What to type for ``rft``, quoted for a shell: its name if it is on the PATH, else what runs it here."""
+    """The command line that starts ``rft`` here, quoted for a shell; simply its name if it is on the PATH."""
     if shutil.which("rft"):
         return "rft"
     if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / "rft").is_file() for prefix in _ament_prefixes()):
@@ -34,9 +34,9 @@ def release() -> str:
 
 
 def share_directory(package: str) -> Path:
-    """The package's share folder: by AMENT_PREFIX_PATH, as in ROS, else where pip installs data files.
+    """The package's share folder: in AMENT_PREFIX_PATH, as in ROS, otherwise where pip installs data files.
 
-    For rft_ros a source checkout that it runs from comes between: an older installation's files may not match the code.
+    For rft_ros a source checkout is searched before pip's folders, which may hold files of an older version.
     """
     user = sysconfig.get_path("data", sysconfig.get_preferred_scheme("user"))
     places = [prefix / "share" / package for prefix in _ament_prefixes()]

@@ -1,4 +1,4 @@
-"""States in a CSV file, their wrenches, and the CSV file of those."""
+"""Reads states from a CSV file, computes the wrenches along them, and writes these to a CSV file."""
 
 from pathlib import Path
 
@@ -14,7 +14,10 @@ __all__ = ["read_states", "wrenches_along", "write_wrenches"]
 
 
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times [s], shape [n], and checked states, shape [n, 13], of a CSV with the columns t, px .. wz. InputError."""
+    """Times [s], shape [n], and checked states, shape [n, 13], from a CSV file with the columns t, px .. wz.
+
+    Raises InputError that names the line.
+    """
     table, lines = read_columns(file, "states file", ("t", *STATE))
     times = table[:, 0]
     try:
@@ -38,8 +41,8 @@ def wrenches_along(
 ) -> NDArray[np.float64]:
     """Wrench at each state as `rft_ros.rft.wrenches`, with the model's memory if it has one.
 
-    `times` [s], shape [n]. `surface_height` [m]. `where`: what has the states, for errors. `threads`: without memory.
-    Raises InputError for an order of times that cannot be used, and for a wrench that is not finite.
+    `times` [s], shape [n]. `surface_height` [m]. `where`: how errors call the source of the states. `threads`: how many
+    to use; a model with memory uses one. Raises InputError for times that go back, and for a wrench that is not finite.
     """
     plates, law, durations = model.tool.plates, model.law, np.diff(times, prepend=times[0])
     if law.mobilization_length == 0.0:

@@ -126,7 +126,7 @@ class Estimator:
         if new_ground:
             self._ground = Ground(m.ground, m.tool.corners)
         elif new_tool:
-            self._ground.use(m.tool.corners)
+            self._ground.use_tool(m.tool.corners)
         self._kinematics.reach = m.tool.plates.reach
         if new_axes:
             self._start_run()
@@ -182,7 +182,7 @@ class Estimator:
         """Start a new run, or in new axes: no path or memory, the ground at the start; the grains' strength stays."""
         self._start_tool()
         self._kinematics.begin_again()
-        self._ground.begin_again()
+        self._ground.start_run()
         self.surface = LocalSurface(self.settings.surface_height)
         self._poses.clear()
         if self.learning is not None:
@@ -281,7 +281,7 @@ class Estimator:
             self._intake.begin_again(pose.stamp)
             self._start_run()
         self._pose = pose
-        self._ground.see(pose.stamp, pose.position, pose.quaternion)
+        self._ground.add_pose(pose.stamp, pose.position, pose.quaternion)
         self._comparison.settle(pose.stamp)
         return pose
 

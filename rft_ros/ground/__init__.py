@@ -1,4 +1,4 @@
-"""The ground as a height map, where it is known: from a file or from the points that a depth camera sees.
+"""The ground as a height map, from a file or from the point clouds of a depth camera.
 
 Without a map the ground is the level plane at `surface_height`.
 """

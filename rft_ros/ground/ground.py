@@ -1,9 +1,9 @@
-"""The ground under a tool: the plane that resists it, the map in force, and the clouds of points that will change it.
+"""The ground under a tool: the plane that resists it, the current map, and the clouds that will update the map.
 
-A tool that moves sideways shears a wedge of grains ahead of it, about twice as long as the tool is deep, and the mean
-height of that wedge decides: a plane is fitted to the ground over a disc. Its radius is the tool's depth, at least half
-of its width; it lies ahead by its radius or twice the depth, the smaller, in horizontal motion, under the tool in
-vertical motion (docs/ground.md).
+A tool that moves sideways shears a wedge of grains ahead of it, about twice as long as the tool is deep. The resistance
+depends on the mean height of that wedge, so a plane is fitted to the ground over a disc. The radius of the disc is the
+tool's depth, but at least half of its width. In horizontal motion the disc lies ahead of the tool by its radius or by
+twice the depth, whichever is less; in vertical motion it lies under the tool (docs/ground.md).
 """
 
 import math
@@ -26,24 +26,30 @@ Array = NDArray[np.float64]
 _Camera = tuple[Array, Array] | None
 
 DELAY = 500_000_000
-"""A cloud changes the ground this long [ns] after its stamp, whenever it arrives until then. So the same stamps give
-the same results live and in a replay, and a pose finds the map ready: it takes some hundredths of a second."""
+"""A cloud changes the ground of the poses whose stamps are this much later [ns] or more, whenever it arrives before.
+
+Live and in a replay the same stamps then give the same results. No pose has to wait for the map, which takes some
+hundredths of a second to compute.
+"""
 
 _POSITION, _QUATERNION, _LEVEL, _HEIGHT, _SLOPE, _ROUGHNESS, KEPT = 0, 3, 7, 8, 9, 11, 12
-"""Where what a body keeps of its surface begins: the pose it was found at, the level without a map, the height at
-x = y = 0, two slopes and the roughness; and how many numbers these are."""
+"""Indices into the array that holds the last surface of one body, and the length of that array, `KEPT`.
 
-_CLOUDS = 16
-_PLACES = 2048  # poses kept to find the tool's place at the stamp of a cloud: `DELAY` at 1,000 Hz, four times
+The pose (position, quaternion) and the level at which the surface was found; its height at x = y = 0, two slopes and
+the roughness.
+"""
+
+_CLOUDS = 16  # that wait for a pose
+_PLACES = 2048  # poses kept to look up the tool's place at the stamp of a cloud: 2 s at 1 kHz, four times `DELAY`
 _LEAST_RADIUS = 2.0  # cells, so that a slope can be fitted
-_WEDGE = 2.0  # length of the wedge over depth: the disc of a tool that is wider than deep lies no further ahead
+_WEDGE = 2.0  # length of the wedge over the tool's depth, and most that the disc lies ahead
 _ROUNDS = 4  # radius and depth depend on each other; the fourth round changes the height by less than 1 %
-_DIRECTIONS = 96
-_MOVED = 1e-4  # m
+_DIRECTIONS = 96  # in which the outermost corners of a tool are kept
+_MOVED = 1e-4  # m; a body that has moved less keeps its surface
 
 
 class LocalSurface(NamedTuple):
-    """A plane: world z = height + slope · (x, y); level unless it is from a map.
+    """The plane of the ground at a tool: world z = height + slope · (x, y). Without a map it is level.
 
     `height` at x = y = 0 [m]; `slope`: dz/dx, dz/dy; `roughness`: RMS distance of the ground from the plane [m];
     `depth`: of the tool's deepest point below it [m], negative above.
@@ -56,7 +62,7 @@ class LocalSurface(NamedTuple):
 
 
 def _spiral(n: int) -> tuple[Array, Array, Array]:
-    """Shares of an area, 0 to 1, and the cosines and sines at which a spiral meets them: even over a disc or sphere."""
+    """Points that are spread evenly over a disc or sphere: the share of the area within each, 0 to 1; cosine; sine."""
     k = np.arange(n)
     angle = k * (np.pi * (3.0 - np.sqrt(5.0)))
     return (k + 0.5) / n, np.cos(angle), np.sin(angle)
@@ -68,7 +74,7 @@ _DISC = np.column_stack([np.sqrt(_AREA) * _COS, np.sqrt(_AREA) * _SIN])
 
 @inlined
 def _known(heights, i0, j0, cell, x, y):
-    """Bilinear height at a place from the known cells around it, and their weight, 0 to 1."""
+    """Bilinear interpolation of the known cells around a place: the height, and the weight of these cells, 0 to 1."""
     u, v = x / cell - 0.5 - i0, y / cell - 0.5 - j0
     n, m = heights.shape
     if not (-1.0 < u < n and -1.0 < v < m):
@@ -86,7 +92,10 @@ def _known(heights, i0, j0, cell, x, y):
 
 @inlined
 def _fit(heights, i0, j0, cell, level, disc, x, y, radius):
-    """Least squares of a plane over a disc's known cells, else `level`: height at its centre, slopes, RMS distance."""
+    """Fit a plane to the known cells of a disc by least squares: height at its centre, slopes, RMS distance.
+
+    If no cell is known, the plane at `level`.
+    """
     s = su = sv = suu = suv = svv = sh = suh = svh = shh = 0.0
     for k in range(disc.shape[0]):
         u, v = disc[k, 0], disc[k, 1]
@@ -109,26 +118,28 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):
 
 @compiled
 def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):
-    """Find the plane in `kept` again if the body has moved; returns the body's depth below it."""
-    qx, qy, qz, qw = state[3], state[4], state[5], state[6]
-    ux, uy, uz, wx, wy, wz = state[7], state[8], state[9], state[10], state[11], state[12]
+    """Update the plane in `kept` if the body has moved; returns the depth of the body's deepest point below it."""
+    position, quaternion, velocity, angular_velocity = state[0:3], state[3:7], state[7:10], state[10:13]
+    px, py, pz = position[0], position[1], position[2]
+    qx, qy, qz, qw = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
+    ux, uy, uz = velocity[0], velocity[1], velocity[2]
+    wx, wy, wz = angular_velocity[0], angular_velocity[1], angular_velocity[2]
     axes = rotation(qx, qy, qz, qw)
     placed, lowest = np.empty_like(corners), 0  # the corners in world axes
     for k in range(corners.shape[0]):
-        # number by number: to assign arrays or tuples compiles numba's error for shapes that differ, for 2 s
+        # number by number: for an assignment of arrays numba also compiles an error message, which takes 2 s
         placed[k, 0], placed[k, 1], placed[k, 2] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
-    px, py, pz = state[0], state[1], state[2]
     before, q = kept[_POSITION:_QUATERNION], kept[_QUATERNION:_LEVEL]
     x, y, z = px - before[0], py - before[1], pz - before[2]
     cosine = abs(qx * q[0] + qy * q[1] + qz * q[2] + qw * q[3])
-    moved = np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))  # any point, at most
+    moved = np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))  # most of any point [m]
     if not (moved <= _MOVED and kept[_LEVEL] == level):
         x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
         least = _LEAST_RADIUS * cell
         h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
         h -= sx * x + sy * y
-        bottom = placed[lowest, 2] + least  # in the air the tool's lowest part decides where to look
+        bottom = placed[lowest, 2] + least  # in the air the disc is placed by the lowest part of the tool
         for _ in range(_ROUNDS):
             total = mx = my = mz = square = deepest = 0.0
             for k in range(corners.shape[0]):
@@ -148,7 +159,7 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
                 ahead = min(radius, max(_WEDGE * deepest, least)) / np.sqrt(vx * vx + vy * vy + vz * vz)
             x, y = px + mx + ahead * vx, py + my + ahead * vy
             h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
-            h -= sx * mx + sy * my  # what lies ahead of the tool's middle acts there
+            h -= sx * mx + sy * my  # the height over the disc, which lies ahead, counts at the tool's middle
         for k in range(_LEVEL):
             kept[k] = state[k]
         kept[_LEVEL] = level
@@ -161,10 +172,10 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
 
 
 class Support:
-    """Finds the surface at a tool with these `corners` of its convex hull, in the tool frame [m], shape [k, 3]."""
+    """Finds the surface at one tool. `corners`: of its convex hull, in the tool frame [m], shape [k, 3]."""
 
     def __init__(self, corners: Array) -> None:
-        # the points furthest out in many directions: a fine hull has thousands of corners
+        # Only the outermost corners in many directions are kept, since a fine hull has thousands.
         area, x, y = _spiral(_DIRECTIONS)
         z = 1.0 - 2.0 * area
         flat = np.sqrt(1.0 - z * z)
@@ -177,13 +188,14 @@ class Support:
     ) -> LocalSurface:
         """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] without a map.
 
-        Where the map knows nothing it is exactly (level, 0, 0). `kept`: of one body on one map, `KEPT` numbers, zeros
-        at first: a body that has moved by less than 0.1 mm keeps its surface, since noise at rest has no direction.
+        Where all cells of the map are unknown it is exactly (level, 0, 0). `kept`: the last surface of one body on one
+        map, shape [`KEPT`], at first zeros. It is used again until the body has moved by 0.1 mm: at rest the direction
+        of the velocity is noise, and the disc would jump about.
         """
         if ground is None:
             return LocalSurface(level)
         kept = np.zeros(KEPT) if kept is None else kept
-        i0, j0 = map(float, ground.corner)  # one machine code for all maps
+        i0, j0 = map(float, ground.corner)  # numba compiles once more for each type of argument
         place = ground.heights, i0, j0, ground.cell, level, _DISC
         depth = _local_plane(*place, self._corners, self._reach, state, kept)
         h, sx, sy, rough = kept[_HEIGHT:].tolist()
@@ -203,53 +215,55 @@ class Cloud(NamedTuple):
 
 
 class Ground:
-    """The map in force, `map`, which `level` sets to `start`; None: a level plane.
+    """Keeps the current `map` of the ground, and updates it from clouds. A map of None is a level plane.
 
-    `corners`: of the tool's convex hull [m], shape [k, 3]. `last_cloud`, `newest`: stamps of cloud and pose [ns].
+    `start`: the map before the first cloud. `corners`: of the tool's convex hull [m], shape [k, 3]. `last_cloud` and
+    `newest`: stamps of the last cloud and of the last pose [ns].
     """
 
     def __init__(self, start: HeightMap | None, corners: Array) -> None:
         self._start = start
-        # Clouds become maps in a thread: numba's loops release the GIL, so that a tick does not wait for them.
+        # A thread computes the maps. numba's loops release the GIL, so that a tick does not wait for them.
         self._thread = ThreadPoolExecutor(1)
         self._clouds: deque[tuple[Cloud, _Camera]] = deque(maxlen=_CLOUDS)
         self._places: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque(maxlen=_PLACES)
-        self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()  # when it is due, and the map
-        self.use(corners)
-        self.begin_again()
+        self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()  # the stamp at which a map is due, and the map
+        self.use_tool(corners)
+        self.start_run()
 
-    def use(self, corners: Array) -> None:
-        """Take another tool, by the corners of its hull [m], shape [k, 3]."""
+    def use_tool(self, corners: Array) -> None:
+        """Continue with another tool. `corners`: of its convex hull [m], shape [k, 3]."""
         self._corners, self._support, self._kept = corners, Support(corners), np.zeros(KEPT)
 
     def level(self) -> None:
         """Go back to the map at the start, and drop the clouds that are under way."""
         for _, made in self._waiting:
-            made.result()  # the thread may be at it
+            made.result()  # the thread may still compute it, and would change `_merged`
         self._waiting.clear()
         self._clouds.clear()
-        self.map = self._merged = self._start  # `_merged` is the thread's
+        self.map = self._merged = self._start  # the thread alone uses `_merged` while clouds are under way
         self._kept.fill(0.0)
 
-    def begin_again(self) -> None:
-        """Go back to the start in a new run, or in new axes."""
+    def start_run(self) -> None:
+        """Start a new run, or a run in new axes, with the map at the start."""
         self.level()
         self._places.clear()
         self.last_cloud = self.newest = 0
 
     def add(self, cloud: Cloud, camera: _Camera = None) -> None:
-        """Take a cloud; it waits for the first pose at or after its stamp, which says where the tool was.
+        """Add a cloud. It waits for the first pose at or after its stamp, since points on the tool are left out.
 
-        `camera`: position [m], shape [3], and rotation, shape [3, 3], of the cloud's frame in the world, if another.
+        `camera`: position [m], shape [3], and rotation, shape [3, 3], of the cloud's frame in the world; None: the
+        cloud is in world axes.
         """
         if cloud.stamp < self.last_cloud:
-            self._clouds.clear()  # of the run before, or of a stamp in the future
+            self._clouds.clear()  # they belong to the run before, or had stamps in the future
         self.last_cloud = cloud.stamp
         self._clouds.append((cloud, camera))
         self._merge()
 
-    def see(self, stamp: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
-        """Take the tool's pose, and bring into force what is due at its stamp [ns]; waits for a map that is late."""
+    def add_pose(self, stamp: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
+        """Add the tool's pose, and use the maps that are due at its stamp [ns]. Waits for a map that is late."""
         if self._start is None:
             return
         self.newest = stamp

@@ -1,4 +1,4 @@
-"""A height map: square cells with one height each, from points, from files, and to files."""
+"""A height map: square cells with one height each. It is made from points or read from a file, and written to one."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,13 +18,13 @@ Numbers = NDArray[np.floating]
 _Tool = tuple[Array, Array, Array]  # as for `HeightMap.with_points`
 
 MOST_CELLS = 1 << 21
-"""Greatest number of cells of a map: 8 m² of 2 mm cells, 8 MB. Points that would enlarge it further are left out."""
+"""Greatest number of cells of a map, such as 8 m² of 2 mm cells (8 MB). Points that would enlarge it are left out."""
 
 _FARTHEST = 1e8  # cells from the origin
 _HIGHEST = 1e6  # greatest |height| [m]
 _MARGIN = 2.0  # cells around the tool in which points may be the tool's own
-_REACH = 700.0  # cells; points further from the tool are left out: a stray one does not decide where the map lies
-_JUMP = 3.0  # cells; grains slide at slopes far below this, so a cell that stands out further is an outlier
+_REACH = 700.0  # cells; points further from the tool are left out, so that a stray one does not use up `MOST_CELLS`
+_JUMP = 3.0  # cells; grains cannot be this steep, so a cell that differs more from its neighbours is an outlier
 _LEFT_OUT = np.iinfo(np.int64).min
 _COLUMNS = ("x", "y", "h")
 
@@ -33,9 +33,9 @@ _COLUMNS = ("x", "y", "h")
 class HeightMap:
     """Heights of square cells in the world frame.
 
-    `cell`: side of a cell [m]. `corner`: x and y of the first cell, in cells; cell (i, j) of `heights` covers x from
-    (corner[0] + i) cell, and y likewise. `heights`: world z [m], shape [n, m], copied; NaN where nothing is known.
-    Raises ValueError that names the field that cannot be used.
+    `cell`: side of a cell [m]. `corner`: x and y of the first cell's lower corner, in cells: cell (i, j) of `heights`
+    covers x from (corner[0] + i) cell to (corner[0] + i + 1) cell, and y likewise. `heights`: world z [m], shape
+    [n, m], copied; NaN where the height is unknown. Raises ValueError that names the field that cannot be used.
     """
 
     cell: float
@@ -56,7 +56,7 @@ class HeightMap:
 
     @classmethod
     def unknown(cls, cell: float, corner: tuple[float, float] = (0.0, 0.0)) -> "HeightMap":
-        """A map of which nothing is known; `cell` [m]."""
+        """A map without any known height; `cell` [m]."""
         return cls(cell=cell, corner=corner, heights=np.full((1, 1), np.nan, dtype=np.float32))
 
     def points(self, *, at_most: int = MOST_CELLS) -> Array:
@@ -85,21 +85,21 @@ class HeightMap:
         return float(self.heights[i, j])
 
     def heights_at(self, x: Array, y: Array) -> Array:
-        """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where nothing is known."""
+        """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where it is unknown."""
         around = np.pad(self.heights, 1, constant_values=np.nan)
         i, j = (np.floor(v / self.cell - first).astype(int) + 1 for v, first in zip((x, y), self.corner, strict=True))
         n, m = around.shape
         return np.asarray(around[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
 
     def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: _Tool | None = None) -> "HeightMap":
-        """A map in which each cell that the points hit takes their median height. Releases the GIL while it computes.
+        """A new map, in which each cell that has points takes their median height. Releases the GIL while it computes.
 
         `x`, `y`, `z` [m], shape [n] each. `tool`: position [m], rotation to world, shape [3, 3], and corners in its own
-        frame [m], shape [k, 3]. Left out are points that are not finite, that lie in the corners' box or within two
-        cells of it, or that would enlarge the map over `MOST_CELLS`; and cells over three sides from the median of
-        those around them.
+        frame [m], shape [k, 3]. Some points are left out: those that are not finite, that lie in the box of the tool's
+        corners or within two cells of it, or that would enlarge the map over `MOST_CELLS`. Outliers are left out, too:
+        cells whose height differs from the median of their neighbours by more than three sides of a cell.
         """
-        phase = np.append(np.mod(self.corner, 1.0), 0.0)  # of cells that do not begin at multiples of `cell`
+        phase = np.append(np.mod(self.corner, 1.0), 0.0)  # distance of the cells from multiples of `cell`, in cells
         offset = self.cell * phase
         if tool is None:
             box, reach = np.zeros((6, 3)), np.inf
@@ -126,9 +126,10 @@ class HeightMap:
 
 @compiled
 def _cells_of(p, cell, box, reach, old):
-    """Each point's cell, row 0 `_LEFT_OUT` where it does not count, and the first and end cells of the new map.
+    """The cell of each point, shape [2, n], and the first and end cells i0, j0, i1, j1 of the new map.
 
-    `box`: rows are the tool's position, its axes, its lowest and its highest corner. `old`: first and end cells.
+    Row 0 is `_LEFT_OUT` for a point that is left out. `box`: rows are the tool's position, its axes, its lowest and its
+    highest corner. `old`: the first and end cells of the map so far.
     """
     index = np.full((2, p.shape[1]), _LEFT_OUT)
     i0, j0, i1, j1 = old
@@ -156,7 +157,7 @@ def _cells_of(p, cell, box, reach, old):
 
 @inlined
 def _median(values, n):
-    """Median of the first `n` values, which are sorted in place: Shell's sort, since most cells have few points."""
+    """Median of the first `n` values. Sorts them in place by Shell's sort, which is fast for few points."""
     gap = n
     while gap > 1:
         gap = max(gap * 5 // 11, 1)
@@ -171,7 +172,7 @@ def _median(values, n):
 
 @compiled
 def _medians(z, index, i0, j0, seen):
-    """Write the median height of the points in each cell to `seen`; a counting sort by cell."""
+    """Write the median height of the points in each cell to `seen`. The points are sorted by cell (counting sort)."""
     m = seen.shape[1]
     end = np.zeros(seen.size, dtype=np.int64)
     for k in range(z.shape[0]):
@@ -183,7 +184,7 @@ def _medians(z, index, i0, j0, seen):
     for k in range(z.shape[0]):
         if index[0, k] != _LEFT_OUT:
             c = (index[0, k] - i0) * m + index[1, k] - j0
-            end[c] -= 1  # its first place, after the last point
+            end[c] -= 1  # a cell is filled from its end, so that this becomes the index of its first point
             ordered[end[c]] = z[k]
     for c in range(seen.size):
         n = (end[c + 1] if c + 1 < seen.size else len(ordered)) - end[c]
@@ -199,7 +200,7 @@ def _take_plausible(seen, heights, jump):
         for j in range(seen.shape[1]):
             if np.isnan(seen[i, j]):
                 continue
-            count, alike = 0, True  # if all are alike, so is the median
+            count, alike = 0, True  # if all neighbours are near this height, so is their median: no need to sort
             for a in range(max(i - 1, 0), min(i + 2, seen.shape[0])):
                 for b in range(max(j - 1, 0), min(j + 2, seen.shape[1])):
                     if not np.isnan(seen[a, b]) and (a != i or b != j):
@@ -211,16 +212,16 @@ def _take_plausible(seen, heights, jump):
 
 
 def read_height_map(file: Path | str, cell: float) -> HeightMap:
-    """A height map with cells of side `cell` [m] from a CSV file with the columns x, y, h, or an NPZ file of these [m].
+    """A height map with cells of side `cell` [m] from a CSV file with the columns x, y, h [m], or an NPZ file of these.
 
-    In an NPZ file they have one shape, or x shape [n], y [m] and h [n, m], NaN where nothing is known. Raises
-    InputError for a file that cannot be used or does not fit in `MOST_CELLS`.
+    The arrays of an NPZ file have one shape, or form a grid: x shape [n], y [m], h [n, m], NaN where h is unknown.
+    Raises InputError for a file that cannot be used or does not fit in `MOST_CELLS`.
     """
     file, what, cell = Path(file), f"ground.file '{file}'", number("ground.cell", cell, positive=True)
     if file.suffix.lower() == ".npz":
         x, y, h = read_arrays(file, "ground.file", _COLUMNS)
         if any(v.dtype.kind not in "fiu" for v in (x, y, h)):
-            raise InputError(f"{what} has arrays that are not numbers")
+            raise InputError(f"{what} has arrays that are not numbers; write x, y and h as numbers [m]")
         if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
             i, j = np.nonzero(~np.isnan(h))
             x, y, h = x[i], y[j], h[i, j]
@@ -233,7 +234,7 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
     limit = min(_FARTHEST * cell, _HIGHEST)
     if not np.less(np.abs([x, y, h]), limit).all():  # NaN, too
         raise InputError(f"{what} has values that are not finite or not below {limit:g} m; remove their rows")
-    # the first point lies in the middle of its cell, so that rounding puts no point of a grid into either of two cells
+    # The first point lies in the middle of its cell. The points of a grid then lie far from the borders of cells.
     corner = round(x.min() / cell - 0.5, 6) % 1.0, round(y.min() / cell - 0.5, 6) % 1.0
     n, m = (np.ptp(np.floor(v / cell - first)) + 1.0 for v, first in zip((x, y), corner, strict=True))
     if n * m > MOST_CELLS:
@@ -242,7 +243,7 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:
-    """Write the known cells as CSV, or a grid as NPZ, by the file's suffix. Raises InputError if it cannot."""
+    """Write a grid (NPZ) if the file's suffix is .npz, otherwise the known cells (CSV). Raises InputError."""
     with whole(file, "height map") as part:
         if file.suffix == ".npz":
             axes = zip(ground.corner, ground.heights.shape, strict=True)

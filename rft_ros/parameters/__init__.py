@@ -1,4 +1,4 @@
-"""Parameters: their table, the files that give them, and what they stand for."""
+"""Parameters: the table of all of them, the files that set them, and the settings and models made from their values."""
 
 from rft_ros.parameters.file import (
     FILES,

@@ -1,4 +1,4 @@
-"""Files of parameters: parameter files, read without ROS as ROS reads them, and written; tables of α_y."""
+"""Reads and writes parameter files, and reads tables of α_y. Parameter files mean here what they mean to ROS."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -23,16 +23,22 @@ NODE = "/rft"
 def sections_for(sections: Iterable[Section], node: str = NODE) -> list[Section]:
     """The sections that hold a node's parameters; a later one overrides an earlier one.
 
-    For /rft, if there are none, the one of rft in a namespace, as `ros2 param dump` writes it.
+    `ros2 param dump` writes a namespace before the node's name, such as /cell/rft. If a file has no section for /rft
+    and one such section, that one is taken.
     """
     sections = list(sections)
     found = [section for section in sections if section.is_for(node)]
-    others = [section for section in sections if section.name.endswith(NODE)]
-    return others if node == NODE and not found and len(others) == 1 else found
+    if found or node != NODE:
+        return found
+    in_a_namespace = [section for section in sections if section.name.endswith(NODE)]
+    return in_a_namespace if len(in_a_namespace) == 1 else []
 
 
 def node_parameters(file: Path, node: str = NODE) -> dict[str, Given]:
-    """The parameters that a file gives a node, by name with dots. Raises InputError for what ROS reads otherwise."""
+    """The parameters that a file sets for a node, by name with dots.
+
+    Raises InputError for text that ROS would read as something else than it says.
+    """
     return _merged(file, sections_for(read_sections(file), node))
 
 
@@ -51,7 +57,7 @@ def _merged(file: Path, sections: Iterable[Section]) -> dict[str, Given]:
 
 
 def checked_names(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
-    """The values that a file gives parameters of the table, checked. InputError names the file too."""
+    """Checked values of the table's parameters in a file. Raises InputError that names the file and the parameter."""
     values = {}
     for name, value in given.items():
         if name == "use_sim_time" and not isinstance(value, bool):
@@ -66,7 +72,10 @@ def checked_names(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
 
 
 def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
-    """Every parameter: the file's value for the node, checked, or the default; paths as by `path_beside`."""
+    """The value of every parameter: the one that the file sets for the node, checked, or the default.
+
+    Relative paths are taken from the file's folder (`path_beside`). Raises InputError.
+    """
     given = node_parameters(file, node)
     if not given:
         there = ", ".join(section.key for section in read_sections(file))
@@ -78,23 +87,23 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
 
 
 FILES = ("mesh.file", "medium.file", "alpha_y.table", "ground.file")
-"""Parameters that name a file, relative to the parameter file."""
+"""Parameters that name a file. A relative path in them starts at the folder of the parameter file."""
 
 
 def named_files(values: Values) -> list[Path]:
-    """The files that the parameters of `FILES` name."""
+    """The files that are set in the parameters of `FILES`."""
     return [(locate_mesh if name == "mesh.file" else Path)(values[name]) for name in FILES if values[name]]
 
 
 def path_beside(folder: Path, name: str, path: str) -> str:
-    """A relative path in a parameter of `FILES`, counted from a folder; other paths, mesh names and URIs stay."""
+    """A value of a parameter of `FILES`: a relative path is joined to `folder`; other paths, names and URIs stay."""
     if not path or path.startswith("~") or (name == "mesh.file" and not is_mesh_path(path)):
         return path
     return str(folder / path)
 
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
-    """Write a file that `read_parameter_file` and the node read; a relative path in `FILES` becomes absolute."""
+    """Write a file for `read_parameter_file` and the node; relative paths in `FILES` become absolute."""
     plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
     for name in FILES:
         plain[name] = path_beside(Path.cwd(), name, plain[name])
@@ -103,7 +112,7 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
         part.write_text(f"# {comment}\n{text}", encoding="utf-8")
 
 
-_MAX_TABLE = 4 * 2**20  # 180 x 360 pairs have half of it
+_MAX_TABLE = 4 * 2**20  # bytes; a grid of 180 x 360 pairs takes half of them
 
 
 def read_alpha_y_table(file: str) -> Table:
@@ -121,14 +130,14 @@ def read_alpha_y_table(file: str) -> Table:
             rows.append([float(cell) for cell in line.split(",")])
         except ValueError:
             if number != numbered[0][0] or not line.lstrip(' "')[:1].isalpha():
-                raise InputError(f"{name} line {number} is not numbers") from None
+                raise InputError(f"{name} line {number} is not numbers; correct or remove it") from None
     if {len(row) for row in rows} not in ({2}, {3}):
         raise InputError(f"{name} needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")
     *angles, stresses = np.array(rows).T
     if not np.isfinite(rows).all():
-        raise InputError(f"{name} has a value that is not finite")
+        raise InputError(f"{name} has a value that is not finite; remove its row or give a number")
     if stresses.min() < 0.0:
-        raise InputError(f"{name} has a negative alpha_y ({stresses.min():g}); it opposes the motion")
+        raise InputError(f"{name} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
     beta, i = np.unique(angles[0], return_inverse=True)
     gamma, j = np.unique(angles[1] if len(angles) > 1 else np.zeros(len(rows)), return_inverse=True)
     pairs = len(beta) * len(gamma)
@@ -140,5 +149,5 @@ def read_alpha_y_table(file: str) -> Table:
         raise InputError(f"{name} has {len(rows)} rows; {grid}")
     table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
     if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
-        raise InputError(f"{name} has angles that are too close together")
+        raise InputError(f"{name} has angles that are too close together; space them further apart")
     return table

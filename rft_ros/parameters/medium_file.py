@@ -1,4 +1,7 @@
-"""Files of a medium of one's own: nine coefficients in YAML, or a measured map in CSV, to which they are fitted."""
+"""Reads and writes the files that define a user's medium: nine coefficients (YAML), or a measured stress map (CSV).
+
+The coefficients of a stress map are fitted when it is read.
+"""
 
 import re
 from collections.abc import Mapping
@@ -21,8 +24,10 @@ Array = NDArray[np.float64]
 _YAML = (".yaml", ".yml")
 _MAX_MAP = 2 * 2**20  # bytes; a node reads it between two ticks
 _MAX_CELLS = 20_000
-_LEAST, _MOST = 1e-3, 50.0  # N/cm³, of the greatest stress per depth; loose poppy seeds have 0.25, the generic medium 1
-_RADIANS = 3.2  # a map in degrees has an angle beyond
+_LEAST, _MOST = 1e-3, 50.0
+"""Plausible range of a medium's greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, generic 1."""
+
+_RADIANS = 3.2  # a map whose angles are all smaller is in radians, since a map in degrees reaches further
 _MOST_DEGREES = 720.0
 
 
@@ -32,9 +37,10 @@ def is_medium_file(text: str) -> bool:
 
 
 def read_medium(file: str) -> Medium:
-    """The medium of a file, named after it; InputError for one that cannot be used.
+    """The medium that a file defines, with the file's stem as its name unless the file gives one.
 
-    YAML: a mapping with the nine coefficients [N/cm³], as `write_medium` writes it. Anything else: a stress map.
+    A YAML file is a mapping with the nine coefficients [N/cm³], as `write_medium` writes it. Any other file is a stress
+    map. Raises InputError for a file that cannot be used.
     """
     path = Path(file)
     if path.suffix.lower() in _YAML:
@@ -59,7 +65,7 @@ def _of_yaml(file: Path) -> Medium:
     for name in MEDIA["generic"].coefficients:
         value = given.get(name)
         if value is None:
-            raise InputError(f"{what} has no coefficient {name}; it needs all nine, 0.0 where one has no part")
+            raise InputError(f"{what} has no coefficient {name}; give all nine, and 0.0 for one that is zero")
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _MOST:
             raise InputError(f"{what}: {name} is {value!r}; it must be a number of at most {_MOST:g} N/cm³")
         found[name] = float(value)
@@ -72,7 +78,7 @@ def _of_yaml(file: Path) -> Medium:
 
 
 def write_medium(file: Path, fit: MediumFit, *, source: str) -> None:
-    """Write a medium that `read_medium` reads, with errors and misfit; `source`: the map that it was fitted to."""
+    """Write a fitted medium for `read_medium`, with standard errors and misfit. `source`: the map of the fit."""
 
     def rounded(value: float) -> float | None:
         return None if np.isnan(value) else float(f"{value:.4g}")
@@ -87,9 +93,9 @@ def write_medium(file: Path, fit: MediumFit, *, source: str) -> None:
         tree["left_out"]["generic_scaled"] = rounded(fit.left_out.scaled)
     head = [
         f"A medium for medium.file: Eq. (4) of docs/method.md, fitted by rft fit-medium to {source}.",
-        "All in N/cm³: coefficients, their standard errors (null: not identifiable from the map), and the RMS of the",
-        "stress (alpha_x, alpha_z): as measured, and what remains of it after the fit or the generic medium, scaled;",
-        "left_out: the same on cells that a fit did not see.",
+        "All in N/cm³. errors: standard errors of the coefficients; null: the map does not determine it.",
+        "misfit: RMS of the stress (alpha_x, alpha_z), as measured, and of the residual of the fit or of the generic",
+        "medium times zeta_of_generic. left_out: RMS of the residual on cells that were left out of the fit.",
         *fit.medium.doubts,
         *fit.remarks,
     ]
@@ -115,10 +121,11 @@ class _Column(NamedTuple):
 
 
 def read_stress_map(file: Path) -> StressMap:
-    """A map from a CSV file with the columns beta_deg, gamma_deg, alpha_x, alpha_z in any order, InputError otherwise.
+    """A map from a CSV file with the columns beta_deg, gamma_deg, alpha_x, alpha_z in any order.
 
-    The header may be a comment, and names may carry a unit, such as beta_rad or alpha_z_N/m3; without one, degrees and
-    N/cm³. Other columns and lines that begin with # are skipped; an empty cell or nan is a stress that is missing.
+    The header may be a comment. A name may end in a unit, such as beta_rad or alpha_z_N/m3; without one the unit is
+    degrees or N/cm³. Other columns and lines that begin with # are skipped. An empty cell or nan is a missing stress.
+    Raises InputError for a file that cannot be used.
     """
     what = f"stress map '{file}'"
     lines = [line.strip() for line in read_text(file, "stress map", limit=_MAX_MAP).splitlines()]
@@ -145,7 +152,10 @@ class _Header(NamedTuple):
 
 
 def _header(lines: list[str], what: str) -> tuple[_Header, list[_Column]]:
-    """The header and its columns: the first line that is no comment, or a comment before it that names all of them."""
+    """The header and its columns.
+
+    The header is the first line that is no comment, or the last comment before it that names all four columns.
+    """
     in_a_comment = None
     for number, line in enumerate(lines, start=1):
         if not line:
@@ -166,7 +176,7 @@ def _header(lines: list[str], what: str) -> tuple[_Header, list[_Column]]:
 
 
 def _quantity(cell: str) -> tuple[str, str]:
-    """The quantity that a name in the header begins with, or nothing, and the rest without brackets and the like."""
+    """The quantity and the unit in a name of the header; ("", "") if it begins with none of `_QUANTITIES`."""
     name = cell.lower().replace("β", "beta").replace("γ", "gamma").replace("α", "alpha")
     match = re.match(r"(beta|gamma|alpha[ _]?[xz])(?![a-z])(.*)$", name)
     if match is None:
@@ -215,7 +225,7 @@ def _row(cells: list[str], columns: list[_Column], where: str) -> list[float]:
 
 
 def _check_units(angles: Array, stresses: Array, columns: list[_Column], what: str) -> None:
-    """Raise InputError for angles and stresses that cannot be in the units that they are said to be in."""
+    """Raise InputError if angles or stresses are implausible in the units that the header names."""
     widest = float(np.abs(angles).max())
     in_radians = columns[0].factor != 1.0 or columns[1].factor != 1.0
     if widest > _MOST_DEGREES:
@@ -225,7 +235,7 @@ def _check_units(angles: Array, stresses: Array, columns: list[_Column], what: s
         advice = "these seem to be radians: name the columns beta_rad and gamma_rad, or give more angles"
         raise InputError(f"{what} has no angle beyond {widest:.3g} degrees; {advice}")
     if not np.isfinite(stresses).any():
-        raise InputError(f"{what} has no stress in any row")
+        raise InputError(f"{what} has no stress in any row; give alpha_x and alpha_z at some angles")
     greatest = float(np.nanmax(np.abs(stresses)))
     if not _LEAST <= greatest <= _MOST:
         unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"

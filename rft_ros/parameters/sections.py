@@ -1,9 +1,9 @@
-"""The sections of a parameter file, read without ROS as ROS reads them, and texts of values that ROS reads as they are.
+"""Reads the sections of a parameter file as ROS does, without ROS, and writes text that ROS reads back unchanged.
 
-ROS's parser (rcl_yaml_param_parser) is no YAML loader. It follows the parser's events: sections count in the order in
-which their names first appear, `<<` is a name, 010 is eight, `off` is false and `~` is text. Where ROS reads something
-else than the file says, or mixes values up, as it does after a name that stands twice, the file is refused instead.
-test/ros/test_parameter_files.py compares both on random files.
+ROS's parser (rcl_yaml_param_parser) is no YAML loader. It follows the events of libyaml: sections are ordered by the
+first appearance of their names, `<<` is a name, 010 is eight, `off` is false and `~` is text. Some files mean another
+thing to ROS than they say; after a repeated name, for example, it mixes values up. Such a file is refused here.
+test/ros/test_parameter_files.py compares this parser with that of ROS on random files.
 """
 
 import math
@@ -37,17 +37,18 @@ _HEXADECIMAL = re.compile(rf"{_SPACE}[-+]?0[xX]([0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0
 _NOT_FINITE = re.compile(rf"{_SPACE}([-+]?)(inf|infinity|nan|nan\([0-9A-Za-z_]*\))", re.IGNORECASE)
 _YAML_NOT_FINITE = re.compile(r"\.(nan|NaN|NAN)|[-+]?\.(inf|Inf|INF)")
 _ZERO = re.compile(rf"{_SPACE}[-+]?(0[xX])?[0.]*([eEpP].*)?")
-_LEAST = 2.2250738585072014e-308  # below it, C libraries differ
+_LEAST = 2.2250738585072014e-308  # C libraries differ in how they read smaller numbers
 _WORD = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 _LONGEST = 200  # characters of a part of a node's name
 
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """What a file gives to the nodes of one name.
+    """The parameters that a file sets for the nodes of one name.
 
-    `key`: the name as it is written. `name`: with its namespace, from "/" on, where ``/*`` is one part of any name and
-    ``/**`` any number of them. `parameters`: by name with dots. `fault`: why ROS does not read it as it is written.
+    `key`: the name as it is written. `name`: the full name with its namespace, which begins with "/"; ``/*`` stands for
+    one part of any name and ``/**`` for any number of parts. `parameters`: by name with dots. `fault`: why ROS would
+    read something else than the file says; empty where it does not.
     """
 
     key: str
@@ -61,7 +62,7 @@ class Section:
 
 
 def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Names, joined by dots, and values of a nested mapping."""
+    """The names of a nested mapping, joined by dots, with their values."""
     for key, value in tree.items():
         if isinstance(value, Mapping):
             yield from flat(value, f"{prefix}{key}.")
@@ -80,7 +81,7 @@ def read_sections(file: Path) -> list[Section]:
         raise InputError(f"parameter file '{file}' {error}") from None
     merged: dict[str, Section] = {}
     for section in found:
-        if section.key in merged:  # ROS would take both as one, in the first one's place
+        if section.key in merged:  # ROS would merge both into one, at the place of the first
             first, again = merged[section.key], f"'{section.key}' stands twice; put its parameters into one section"
             section = Section(first.key, first.name, first.parameters | section.parameters, again)
         merged[section.key] = section
@@ -88,7 +89,7 @@ def read_sections(file: Path) -> list[Section]:
 
 
 def read_value(text: str) -> Given | None:
-    """The value that ``-p NAME:=text`` gives; None where ROS reads none."""
+    """The value that ROS reads from ``-p NAME:=text``; None if ROS reads no value."""
     try:
         return _Events(text).value()
     except (yaml.YAMLError, _UnreadableError):
@@ -96,12 +97,12 @@ def read_value(text: str) -> Given | None:
 
 
 def parameter_file_text(tree: Mapping[str, Any]) -> str:
-    """The YAML text of sections that ROS, as `read_sections`, reads as they are; names and lists on one line each."""
+    """The YAML text of sections, which ROS and `read_sections` read back unchanged. A list stands on one line."""
     return yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
 
 
 class _Dumper(yaml.SafeDumper):
-    """Lists of numbers on one line, all else in blocks; no aliases; text in quotes that ROS would read as a number."""
+    """Writes lists of numbers on one line and no aliases; quotes text that ROS would read as another type."""
 
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002 - ROS reads none
         return True
@@ -110,20 +111,20 @@ class _Dumper(yaml.SafeDumper):
         return super().represent_sequence(tag, sequence, all(isinstance(v, int | float) for v in sequence))
 
     def represent_str(self, data: str) -> yaml.ScalarNode:
-        """Quoted where ROS reads no text; a name in a mapping is read as it is."""
-        plain = isinstance(_scalar(data), str) if data and not _BINARY.fullmatch(data) else False
-        return self.represent_scalar(_TEXT, data, style=None if plain else '"')
+        """Text in quotes if ROS would otherwise read another type."""
+        is_text_to_ros = bool(data) and not _BINARY.fullmatch(data) and isinstance(_scalar(data), str)
+        return self.represent_scalar(_TEXT, data, style=None if is_text_to_ros else '"')
 
 
 _Dumper.add_representer(str, _Dumper.represent_str)
 
 
 class _UnreadableError(Exception):
-    """Why a file cannot be used, as words that follow its name."""
+    """The reason why a file cannot be used, as the rest of a sentence that begins with the file's name."""
 
 
 class _Events:
-    """The events of a YAML text, from which one section after the other is taken."""
+    """Parses a YAML text event by event, as ROS does, into sections or one value. `_event` is the next event."""
 
     def __init__(self, text: str) -> None:
         self._events: Iterator[Any] = yaml.parse(text, Loader=_LOADER)
@@ -131,7 +132,7 @@ class _Events:
         self._next()
 
     def _next(self) -> Any:
-        """The event that was next; the one after it becomes so."""
+        """Take the next event and read the one after it."""
         taken = getattr(self, "_event", None)
         self._event = next(self._events, None)
         if isinstance(self._event, yaml.AliasEvent):
@@ -145,7 +146,7 @@ class _Events:
         return int(self._event.start_mark.line) + 1 if self._event else 0
 
     def _content(self) -> None:
-        """To the content of the one document."""
+        """Skip the events before the content of the document."""
         while isinstance(self._event, yaml.StreamStartEvent | yaml.DocumentStartEvent):
             self._next()
 
@@ -164,7 +165,7 @@ class _Events:
         self._end()
 
     def value(self) -> Given | None:
-        """The one value."""
+        """The value of a text that has only one."""
         self._content()
         found = self._list("value") if isinstance(self._event, yaml.SequenceStartEvent) else self._value("value")
         self._end()

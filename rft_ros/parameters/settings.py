@@ -1,4 +1,4 @@
-"""What parameters stand for: the estimator's settings, the load cell, and the model of tool and medium."""
+"""The estimator's settings, the load cell and the model of tool and grains, made from the values of parameters."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
@@ -43,8 +43,8 @@ class Settings:
 
     `max_rate` 0: answer every pose. `calibrated_depth` and `zeta_error` (relative standard error of ζ) 0: unknown.
     `tf_rate` 0: a pose from transforms at each load-cell stamp. `learning_lag`: path between a load-cell sample and the
-    first prediction that it may change. Raises InputError if world and tool frame have one name: a twist could not say
-    whose axes it is in.
+    first prediction that it may change. Raises InputError if world and tool frame have the same name, because the
+    frame_id of a twist then does not say in which axes the twist is.
     """
 
     world_frame: str = "world"
@@ -125,7 +125,10 @@ _LOADED = {"tool": (_OF_TOOL, tool_of), "ground": (("ground.cell", "ground.file"
 
 
 def files_of(values: Values) -> dict[str, Values]:
-    """The parts of a model that take time to load, by `model_of`'s arguments, with the parameters that they need."""
+    """The parts of a model that take time to load, and the values of the parameters that each needs.
+
+    The keys are arguments of `model_of`.
+    """
     return {part: {name: values[name] for name in names} for part, (names, _) in _LOADED.items()}
 
 
@@ -135,27 +138,31 @@ def load_files(files: Mapping[str, Values]) -> dict[str, Any]:
 
 
 def small_files_of(values: Values) -> dict[str, str]:
-    """The files of the law, by parameter: small enough for a node to read them between two ticks."""
-    files = {"medium.file": values["medium.file"]} if values["medium.file"] else {}
-    return files | ({"alpha_y.table": values["alpha_y.table"]} if values["alpha_y.model"] == "table" else {})
+    """The files of the law, by parameter. They are small enough for a node to read them between two ticks."""
+    files = {}
+    if values["medium.file"]:
+        files["medium.file"] = values["medium.file"]
+    if values["alpha_y.model"] == "table":
+        files["alpha_y.table"] = values["alpha_y.table"]
+    return files
 
 
 def read_small_file(parameter: str, file: str) -> Medium | Table:
-    """What one of `small_files_of` holds. Raises InputError for what cannot be used."""
+    """Read one of `small_files_of`. Raises InputError for a file that cannot be used."""
     return read_medium(file) if parameter == "medium.file" else read_alpha_y_table(file)
 
 
 def medium_of(values: Values) -> Medium:
-    """The medium from checked values, of its file if there is one. Raises InputError for what cannot be used."""
+    """The medium from checked values: of medium.file if it is set, otherwise of medium.name. Raises InputError."""
     return read_medium(values["medium.file"]) if values["medium.file"] else medium_named(values["medium.name"])
 
 
 GRAINS = frozenset(f"medium.{name}" for name in _OF_MEDIUM)
-"""The parameters that are numbers of the grains: a change of these brings another law, and nothing else."""
+"""Parameters that are fields of the law. A change of these changes the law and no other part of a model."""
 
 
 def with_grains(model: Model, changes: Values) -> Model:
-    """The next model, with other numbers of the grains: `changes` of parameters in `GRAINS`, checked."""
+    """The next model, which differs in its law only. `changes`: checked values of parameters in `GRAINS`."""
     given = {name.removeprefix("medium."): value for name, value in changes.items()}
     used = {name: given[name] for name in given.keys() & type(model.law).__dataclass_fields__.keys()}
     return replace(model, law=replace(model.law, **used), generation=model.generation + 1)
@@ -170,7 +177,7 @@ def model_of(
     ground: HeightMap | None = None,
     generation: int = 0,
 ) -> Model:
-    """The model from checked values; loads what is not given. Raises InputError for what cannot be used."""
+    """The model from checked values. Parts that are not given are loaded. Raises InputError for unusable files."""
     medium, alpha_y = medium or medium_of(values), values["alpha_y.model"]
     if alpha_y == "table":
         table = table or read_alpha_y_table(values["alpha_y.table"])

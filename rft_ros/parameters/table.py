@@ -22,7 +22,7 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter, of the type of its default. `bounds`: least and greatest value of each number."""
+    """One parameter. Its values have the type of `default`. `bounds`: least and greatest value of each number."""
 
     name: str
     default: Value
@@ -37,7 +37,7 @@ class Parameter:
 MESH = (
     "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate, scoop)"
 )
-"""What names a mesh."""
+"""The forms of a value of mesh.file, for help texts."""
 
 _ZERO3 = (0.0, 0.0, 0.0)
 _IDENTITY = (*_ZERO3, 1.0)  # of rotations
@@ -137,7 +137,7 @@ PARAMETERS = (
 
 _BY_NAME = {p.name: p for p in PARAMETERS}
 _LONGEST, _LONGEST_FRAME = 4096, 256  # characters, of a path and of a frame
-_LARGEST = sys.float_info.max  # also bounds integers too large for a double, at which math.isfinite raises
+_LARGEST = sys.float_info.max  # a comparison with it also refuses large integers, for which math.isfinite raises
 
 
 def defaults() -> dict[str, Any]:
@@ -146,13 +146,15 @@ def defaults() -> dict[str, Any]:
 
 
 def unknown_parameter(name: str) -> str:
-    """A sentence on a parameter that there is not, with the nearest one."""
-    near = get_close_matches(name, _BY_NAME, n=1)
-    return f"there is no parameter '{name}'" + (f"; did you mean '{near[0]}'?" if near else "")
+    """A sentence for a parameter that does not exist; it proposes the most similar name."""
+    similar = get_close_matches(name, _BY_NAME, n=1)
+    if similar:
+        return f"there is no parameter '{name}'; did you mean '{similar[0]}'?"
+    return f"there is no parameter '{name}'"
 
 
 def checked(name: str, value: object) -> Value:
-    """The value in the parameter's type. Raises InputError that names both and says what is allowed."""
+    """The value in the parameter's type. Raises InputError that names parameter and value and says what is allowed."""
     parameter = _BY_NAME.get(name)
     if parameter is None:
         raise InputError(unknown_parameter(name))
@@ -162,7 +164,8 @@ def checked(name: str, value: object) -> Value:
             value = "off"
         if not isinstance(value, str):
             raise InputError(f"{name} is {value!r}; it must be a string")
-        if len(value) > (limit := _LONGEST_FRAME if name.endswith("_frame") else _LONGEST):
+        limit = _LONGEST_FRAME if name.endswith("_frame") else _LONGEST
+        if len(value) > limit:
             raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
         if choices and value not in choices:
             raise InputError(f"{name} is '{value}'; it must be one of {', '.join(choices)}")

@@ -1,4 +1,4 @@
-"""Issues of a usable mesh: holes, winding, hollows, units; each a sentence with numbers."""
+"""Finds issues of a usable mesh, such as holes, winding, hollows and units, and describes each in a sentence."""
 
 from typing import TYPE_CHECKING, Literal
 
@@ -14,14 +14,14 @@ __all__ = ["MeshIssue", "check_mesh", "degenerate_facets"]
 
 _SMALLEST, _LARGEST = 1e-3, 5.0  # m: an extent outside this range suggests a wrong unit
 _COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
-_CLOSED = 0.01  # of the area: the area vectors of a closed surface sum to zero, with small holes almost
+_CLOSED = 0.01  # of the area: most that the area vectors may sum to; zero without holes, little with small ones
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
-_CONCAVE_SHARE = 0.05  # of the area
+_CONCAVE_SHARE = 0.05  # of the area: a tool with a larger share in hollows is concave
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 
 _Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
 MeshIssue = Literal[_Surface, "concave", "size"]
-"""The kinds of issues."""
+"""The kinds of issues of a mesh."""
 
 
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
@@ -42,17 +42,21 @@ def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
     joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
     a, b, c = joined.faces.T
     joined.update_faces((a != b) & (b != c) & (c != a))
-    if open_edges := int((np.bincount(joined.edges_unique_inverse) == 1).sum()):
+    open_edges = int((np.bincount(joined.edges_unique_inverse) == 1).sum())
+    if open_edges:
         issues["not_closed"] = f"the surface is not closed (open edges: {open_edges:,})"
     if not joined.is_winding_consistent:
         issues["inconsistent_winding"] = "the winding is inconsistent: some facets face outward, others inward"
     elif volume < 0.0:
-        issues["inside_out"] = f"the surface is inside out (volume {volume * 1e6:.3g} cm³): trailing facets lead"
+        volume_cm3 = f"volume {volume * 1e6:.3g} cm³"
+        issues["inside_out"] = f"the surface is inside out ({volume_cm3}): its trailing facets are taken as leading"
     first = joined.faces.argmin(axis=1)[:, None]
     same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
-    if repeated := len(same_start) - len(np.unique(same_start, axis=0)):
-        issues["duplicate_facets"] = f"facets that repeat another, so that its force counts again: {repeated:,}"
-    if (share := _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)) > _CONCAVE_SHARE:
+    repeated = len(same_start) - len(np.unique(same_start, axis=0))
+    if repeated:
+        issues["duplicate_facets"] = f"repeated facets, whose force counts more than once: {repeated:,}"
+    share = _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)
+    if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
         issues["concave"] = f"{hollow}; if grains fill them, use the convex hull (rft check-mesh says how)"
     extent = float(mesh.extents.max())
@@ -82,7 +86,7 @@ def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_], outward: flo
     doubled = np.asarray(mesh.triangles_cross)[keep]
     area = np.linalg.norm(doubled, axis=1)
     normal = outward * doubled / area[:, None]
-    # in chunks: clearing 32 MB at once would delay the node, which shares the processor
+    # in chunks of 64 facets: the system clears new memory, and 32 MB at once would delay the node on the same core
     farthest = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, 1 + len(normal) // 64)])
     beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
     return float(area[beyond > _HOLLOW * mesh.extents.max()].sum() / area.sum())

@@ -43,23 +43,23 @@ _SCHEMES = "package://", "file://"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
 _MOST_FACETS = 2_000_000
-_MOST_PARTS = 10_000  # of a scene; a reader takes a millisecond for each
-_FOLDED = math.pi - 1e-3  # rad between the normals of facets that lie on each other
-_SLIVER = 1e-6  # of the largest facet: the area of one that rounding may have turned over
-_FARTHEST = 1e6  # of the farthest vertex: beyond this, rounding deforms the mesh
-_TOO_BIG = 1e60  # beyond this, squared areas overflow
+_MOST_PARTS = 10_000  # of a scene; trimesh takes a millisecond to read each
+_FOLDED = math.pi - 1e-3  # rad; a larger angle between the normals of neighbours: they lie on each other
+_SLIVER = 1e-6  # of the largest facet's area; rounding may have turned a smaller facet over
+_FARTHEST = 1e6  # greatest |origin| over the farthest vertex; further away, rounding deforms the mesh
+_TOO_BIG = 1e60  # m; squared areas of larger tools overflow
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
 def is_mesh_path(file: str) -> bool:
-    """Whether `mesh.file` is a path: neither a package:// or file:// URI nor a shipped mesh's name."""
+    """Whether a value of `mesh.file` is a path, and not a package:// or file:// URI or the name of a shipped mesh."""
     return not file.startswith(_SCHEMES) and file != Path(file).stem
 
 
 def locate_mesh(file: str | os.PathLike[str]) -> Path:
-    """The mesh file that `mesh.file` means: a path, a package://PACKAGE/PATH or file:///PATH URI or a shipped mesh.
+    """The path of the file in `mesh.file`: a path, a package://PACKAGE/PATH or file:///PATH URI, or a shipped mesh.
 
     A bare word, without folder or suffix, is always a shipped mesh. Raises InputError for an unknown package or name.
     """
@@ -89,12 +89,12 @@ def _shipped() -> dict[str, Path]:
 
 
 def _advice() -> str:
-    """What to give where a mesh file does not exist."""
+    """The end of the error for a mesh file that does not exist: what to give instead."""
     return f"give a path, or one of {', '.join(_shipped())}"
 
 
 def checked_mesh(file: str) -> Path:
-    """The mesh file that `mesh.file` means, by `locate_mesh` and `checked_file`, unopened. Raises InputError."""
+    """The path of the file in `mesh.file`, checked but not opened. Raises InputError."""
     return checked_file(locate_mesh(file), "mesh.file", advice=_advice())
 
 
@@ -112,14 +112,15 @@ def read_mesh(path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
     if len(loaded.faces) > _MOST_FACETS:
         raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {_MOST_FACETS:,}")
     mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, frame)
-    if suffix in _POLYGONS and (folds := _folds(mesh)):
+    folds = _folds(mesh) if suffix in _POLYGONS else 0
+    if folds > 0:
         folded = f"has facets folded onto each other at {folds:,} edges, as readers divide concave polygons"
         raise InputError(f"{name} {folded}; export it with triangles only")
     return mesh
 
 
 def _parts_of_glb(data: bytes) -> int:
-    """The nodes of a GLB file's scene, each of which may show one mesh again; 0 for a damaged file."""
+    """Number of nodes in the scene of a GLB file; many nodes may repeat one mesh. 0 for a damaged file."""
     try:
         nodes = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["nodes"]
         return len(nodes)
@@ -131,7 +132,8 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
     import trimesh
 
     suffix = path.suffix.lower()
-    if suffix == ".glb" and (parts := _parts_of_glb(data)) > _MOST_PARTS:
+    parts = _parts_of_glb(data) if suffix == ".glb" else 0
+    if parts > _MOST_PARTS:
         most = f"the limit is {_MOST_PARTS:,}; export it as one mesh"
         raise InputError(f"mesh file '{path}' has {parts:,} parts; {most}")
     binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
@@ -162,7 +164,7 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
 
 
 def _folds(mesh: "trimesh.Trimesh") -> int:
-    """Edges at which a facet lies on its neighbour; not counting slivers and the two sides of a sheet."""
+    """Number of edges at which a facet lies on its neighbour, without slivers and the two sides of a sheet."""
     areas, (a, b) = mesh.area_faces, mesh.face_adjacency.T
     sheet = (np.sort(mesh.faces[a], axis=1) == np.sort(mesh.faces[b], axis=1)).all(axis=1)
     slivers = np.minimum(areas[a], areas[b]) < _SLIVER * areas.max()
@@ -172,14 +174,15 @@ def _folds(mesh: "trimesh.Trimesh") -> int:
 def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
     import trimesh
 
-    farthest = _FARTHEST * np.abs(corners).max()  # NaN where a vertex is, which is told below
+    farthest = _FARTHEST * np.abs(corners).max()  # NaN if a vertex is NaN; then the check of the vertices refuses it
     shift = frame.origin
     if not np.isfinite(shift).all() or (abs(shift) > farthest).any():
         near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be {near}")
     with np.errstate(over="ignore", invalid="ignore"):
         vertices = frame.to_tool(np.asarray(corners, dtype=np.float64))
-    if bad := int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum()):
+    bad = int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum())  # NaN, too
+    if bad:
         raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if degenerate_facets(mesh).all():
@@ -204,7 +207,10 @@ def save_reduced(file: Path, tool: "Tool", frame: MeshFrame) -> None:
 
 @np.errstate(over="ignore")
 def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", Plates, str]:
-    """The full mesh, the plates and the reduction that `save_reduced` wrote, placed, or refused, as by `read_mesh`."""
+    """The full mesh, the plates and the reduction that `save_reduced` wrote, in the tool frame.
+
+    Raises InputError as `read_mesh`.
+    """
     vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
         about, plates, vertices = about.tolist(), Plates(rows), vertices.astype(np.float64)

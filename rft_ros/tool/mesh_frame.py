@@ -70,5 +70,5 @@ class MeshFrame:
         return out
 
     def _keeps_axes(self) -> bool:
-        """Without a rotation nothing is multiplied, so that coordinates keep every bit, also of zeros."""
+        """Whether there is no rotation. Coordinates are not multiplied then, so that they keep every bit."""
         return np.array_equal(self.rotation, np.eye(3))

@@ -3,8 +3,8 @@
 For any motion plates are merged: k-means, with plates drawn by area, groups them by position over the tool's radius and
 by outward normal, so that groups are small where the tool bends and large where it is flat. For a known scene plates
 are chosen by empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008): a greedy search adds the plate most
-like the missing wrench; the areas are a non-negative least-squares fit. Random motions, or states of the scene that
-chose no plates, measure the error. The same tool always gives the same plates.
+like the missing wrench; the areas are a non-negative least-squares fit. The error is measured on random motions, or on
+states of the scene that were held out of the choice. The same tool always gives the same plates.
 """
 
 from bisect import bisect_left
@@ -33,29 +33,29 @@ Labels = NDArray[np.int64]
 
 _GENERIC = MEDIA["generic"]
 _LAWS = [treers2021(_GENERIC, alpha_y_model(name, _GENERIC)) for name in ("constant", "linear")]
-"""Plates chosen with one α_y model have errors of 2 % with the other."""
+"""The error is the worse of these two laws: plates chosen with one α_y model have errors of 2 % with the other."""
 
 _STATES = 2000  # random motions; the percentile scatters by about 4 % of itself
 _SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's height
-_FEEBLE = 0.01  # of the median force: errors are divided by at least this force
+_FEEBLE = 0.01  # of the median force: a relative error is taken over at least this force
 
 _COUNTS = np.unique(np.geomspace(4, 4096, 142).astype(int))  # numbers of plates that are tried
-_WORTH = 0.7  # of the facets: the most plates of a reduced tool; beyond, keep the full tool
+_WORTH = 0.7  # of the facets; a reduction that needs more plates saves too little, and the full tool is kept
 _DRAWN = 4096  # plates drawn for k-means
-_ROUNDS = 10  # of k-means; more change the error less than its scatter
-_CANCELLED = 1e-6  # length of a mean normal below which it has no direction, as of the two sides of a plate
+_ROUNDS = 10  # of k-means; further ones change the error by less than its scatter
+_CANCELLED = 1e-6  # a shorter mean normal has no direction: the normals cancel, as those of the two sides of a sheet
 
-_FEWEST_STATES = 20  # of a scene; of each three, two choose plates, one measures the error
-_NEAR = 0.3  # rad, and of the tool's reach: the largest gap between samples that may be interpolated
-_MOST_NUMBERS = 10_000_000  # in the matrix of all plates' wrenches; beyond it, every k-th state is used
-_FAINT = 1e-3  # of the strongest plate: weaker ones would get meaningless areas
-_RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable for plates that are alike
+_FEWEST_STATES = 20  # of a scene; two of every three states choose plates, the third measures the error
+_NEAR = 0.3  # states are interpolated if they differ by at most this angle [rad] and this share of the tool's reach
+_MOST_NUMBERS = 10_000_000  # in the matrix of all plates' wrenches; for more states, every k-th is used
+_FAINT = 1e-3  # of the strongest plate; the fit would give weaker ones meaningless areas
+_RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable if two plates act alike
 
 
 def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, str]:
-    """The fewest plates within the tolerance in random motions, relative to each state's own force, and a sentence.
+    """The fewest plates that meet the tolerance in random motions, and a sentence that describes the reduction.
 
-    `corners`: of the tool's convex hull [m], shape [k, 3].
+    `corners`: of the tool's convex hull [m], shape [k, 3]. `tolerance`: error over the force of the same state.
     """
     error_of = _error_over(random_motions(corners, _STATES, seed=1), plates, own_force=True)
 
@@ -69,10 +69,10 @@ def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> 
 
 
 def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[Plates, str]:
-    """The fewest plates within the tolerance in a scene, relative to its greatest force, and a sentence.
+    """The fewest plates that meet the tolerance in a scene, and a sentence that describes the reduction.
 
-    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. InputError where there are too few
-    states, or none with a force.
+    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. `tolerance`: error over the greatest
+    force of the scene. Raises InputError if there are too few states, or none with a force.
     """
     if len(states) < _FEWEST_STATES:
         raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
@@ -88,9 +88,9 @@ def _reduction(full: Plates, few: Plates, error: float, motions: str) -> str:
 
 
 def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[Plates], float]:
-    """A function that gives the error of fewer plates over these states: by the worse law, at the 95th percentile.
+    """A function that returns the relative error of fewer plates over these states: the worse law's 95th percentile.
 
-    The larger of two errors: of the force; of the torque over the tool's reach.
+    The error of a state is the larger of two: of the force, and of the torque over the tool's reach.
     """
 
     def wrenches_of(some: Plates) -> Array:
@@ -114,9 +114,9 @@ def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[
 
 
 def merged_plates(plates: Plates, count: int) -> Plates:
-    """Merge neighbouring plates into at most `count`, which is fewer; each keeps its parts' area and first moment.
+    """Merge neighbouring plates into at most `count`; each has the area and the first moment of its parts.
 
-    For the refined rule it also keeps their second moments about the centroid and the spread of their normals.
+    For the refined rule it also has their second moments about the centroid and the spread of their normals.
     """
     from scipy.cluster.vq import vq
     from scipy.spatial import KDTree
@@ -128,7 +128,7 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     most, random = min(len(features), _DRAWN), np.random.default_rng(0)
     drawn = features[random.choice(len(features), most, replace=False, p=area / area.sum())]
     centres = drawn[:count].copy()
-    for _ in range(_ROUNDS):  # scipy's kmeans2 warns of groups that lose their members, as those of equal centres do
+    for _ in range(_ROUNDS):  # not scipy's kmeans2: it warns of empty groups, which equal centres lead to
         filled, groups = np.unique(vq(drawn, centres)[0], return_inverse=True)
         centres[filled] = _means(groups, np.ones(most), drawn)
     nearest = KDTree(centres).query(features)[1]
@@ -150,7 +150,7 @@ def _united(rows: Array, groups: Labels) -> Array:
     out[3:6, cancelled] = rows[3:6, one[cancelled]]
     out[3:6] /= np.linalg.norm(out[3:6], axis=0)
     if len(rows) > 7:
-        # half angle of a fade with the variance of the group's normals
+        # the half angle of the fade whose variance is that of the group's normals
         tilt = np.arccos(np.clip((rows[3:6] * out[3:6, groups]).sum(axis=0), -1.0, 1.0))
         half = np.arcsin(np.minimum(0.5 / rows[13], 1.0))
         angle = np.sqrt(_means(groups, rows[6], (1.5 * tilt**2 + half**2)[:, None])[:, 0])
@@ -175,7 +175,7 @@ def _triangles(rows: Array, groups: Labels, united: Array) -> Array:
         moments += corner[:, :, None] * corner[:, None] / 12.0
     size, direction = np.linalg.eigh(_means(groups, rows[6], moments.reshape(-1, 4)).reshape(-1, 2, 2))
     spread = direction * np.sqrt(np.maximum(size, 0.0))[:, None]
-    # a triangle inscribed in the unit circle has moments of 1/8; corners at a quarter turn, and a third further
+    # a regular triangle inscribed in the unit circle has moments of 1/8; its corners are at 90, 210 and 330 degrees
     turn = np.pi * np.array([0.5, 0.5 + 2.0 / 3.0])
     corners = np.einsum("mab,bc,mak->ckm", spread, np.sqrt(8.0) * np.stack([np.cos(turn), np.sin(turn)]), axes)
     return np.asarray(corners.reshape(6, -1))
@@ -216,7 +216,7 @@ def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
 
 
 def _wrenches_of_plates(plates: Plates, states: Array) -> Array:
-    """Force, and torque over the tool's reach, of each plate at each state by each law; shape [laws 6 n, plates]."""
+    """Force, and torque over the tool's reach, of each plate at each state by each law; shape [6 n laws, plates]."""
     cases = [(law, state) for law in _LAWS for state in states]
     out = np.empty((len(cases), 6, len(plates)))
     for wrench, (law, state) in zip(out, cases, strict=True):
@@ -227,16 +227,16 @@ def _wrenches_of_plates(plates: Plates, states: Array) -> Array:
 
 
 def _halfway(states: Array, reach: float) -> Array:
-    """Each state moved halfway to the next, where the next is near; shape as given.
+    """Each state moved halfway to the next one, unless that is far; shape as given.
 
-    A periodic motion may be sampled at the same phases in every period. Held-out samples would then repeat those used
-    for the choice, and their error would be a tenth of the error between samples.
+    A periodic motion may be sampled at the same phases in every period. The held-out states would then repeat those
+    that chose the plates, and show a tenth of the error between them.
     """
     here, there = states, np.concatenate([states[1:], states[-1:]])
     same_side = np.where((here[:, 3:7] * there[:, 3:7]).sum(axis=1) < 0.0, -1.0, 1.0)
     middle = 0.5 * (here + there)
     middle[:, 3:7] = here[:, 3:7] + same_side[:, None] * there[:, 3:7]
-    cosine = 0.5 * np.linalg.norm(middle[:, 3:7], axis=1)  # of a quarter of the angle between the attitudes
+    cosine = 0.5 * np.linalg.norm(middle[:, 3:7], axis=1)  # cosine of a quarter of the angle between the attitudes
     middle[:, 3:7] /= 2.0 * cosine[:, None]
     far = np.linalg.norm(there[:, :3] - here[:, :3], axis=1) > _NEAR * reach
     return np.where((far | (cosine < np.cos(_NEAR / 4.0)))[:, None], here, middle)

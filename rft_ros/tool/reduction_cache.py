@@ -1,8 +1,8 @@
-"""Keeps the plates of reduced tools on disk: to reduce 40,000 plates takes three seconds of CPU, to read them none.
+"""Keeps the plates of reduced tools on disk, since the reduction of 40,000 plates takes three seconds of CPU.
 
-A file is named by the content that it was made from: the plates of the whole tool, so mesh, scale, origin, rotation and
-rule; its hull; the tolerance; and the sources of reduction and physics. Files are written whole or not at all, and one
-that is damaged is not used. Where nothing can be written, tools are reduced each time.
+A file's name is a checksum of everything that decides the reduction: the plates of the whole tool (and with them mesh,
+scale, origin, rotation and rule), its hull, the tolerance, and the sources of reduction and physics. Files are written
+whole or not at all, and a damaged one is not used. Where nothing can be written, tools are reduced each time.
 """
 
 import hashlib
@@ -22,7 +22,7 @@ from rft_ros.tool import reduce
 
 __all__ = ["cache_folder", "reduced_once"]
 
-_MOST_BYTES = 64 * 2**20  # of all files; the ones used longest ago go first
+_MOST_BYTES = 64 * 2**20  # of all files; the least recently used are removed first
 _DIGEST = 32  # bytes of the checksum in front of a file's content
 
 Reduced = tuple[Plates, str]
@@ -35,7 +35,7 @@ def cache_folder() -> Path:
 
 
 def reduced_once(plates: Plates, corners: NDArray[np.float64], tolerance: float) -> Reduced:
-    """As `reduced_for_any_motion`: from the cache if that has it, the same bit by bit."""
+    """The result of `reduced_for_any_motion`, read from the cache if it is there; every bit is the same."""
     file = cache_folder() / f"{_key(plates, corners, tolerance)}.plates"
     found = _read(file, plates)
     if found is None:
@@ -52,7 +52,7 @@ def _key(plates: Plates, corners: NDArray[np.float64], tolerance: float) -> str:
 
 @cache
 def _sources() -> bytes:
-    """Of all that decides how a tool is reduced."""
+    """Checksum of the code that decides how a tool is reduced."""
     files = [Path(reduce.__file__), *sorted(Path(reduce.__file__).parents[1].joinpath("rft").rglob("*.py"))]
     return _digest(np.__version__.encode(), *(file.read_bytes() for file in files))
 
@@ -62,7 +62,7 @@ def _digest(*parts: bytes) -> bytes:
 
 
 def _read(file: Path, whole: Plates) -> Reduced | None:
-    """A kept reduction of these plates; None if there is none, or a damaged one."""
+    """The reduction of the plates `whole` in a file; None if there is no file, or a damaged one."""
     try:
         data = read_file(file, "reduced tool", limit=_MOST_BYTES)
         content = data[_DIGEST:]
@@ -76,7 +76,7 @@ def _read(file: Path, whole: Plates) -> Reduced | None:
     except (InputError, ValueError, KeyError, TypeError):
         return None
     with suppress(OSError):
-        os.utime(file)  # `_make_room` keeps what was used last
+        os.utime(file)  # `_make_room` removes the least recently used
     return plates, about["reduction"]
 
 
@@ -98,7 +98,7 @@ def _write(file: Path, whole: Plates, found: Reduced) -> None:
 
 
 def _make_room(folder: Path) -> None:
-    """Remove what was used longest ago until the rest is small enough; other processes may remove the same."""
+    """Remove the least recently used files until the rest is small enough; other processes may do so meanwhile."""
     found = []
     for file in folder.iterdir():
         with suppress(OSError):

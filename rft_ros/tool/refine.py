@@ -13,15 +13,18 @@ from rft_ros.rft import Plates
 __all__ = ["FLAT_HALF_ANGLE", "refined_plates", "welded"]
 
 FLAT_HALF_ANGLE = np.deg2rad(1.0)
-"""The smallest half angle [rad] over which a facet begins to lead, and that of a flat face."""
+"""Half angle [rad] over which a flat facet begins to lead: the smallest of any facet."""
 
 _CREASE = np.deg2rad(50.0)  # facets at a larger angle meet at an edge of the tool, not within a curved surface
 _SPAN = 0.85  # half angle of a curved facet over the mean angle between its normal and those at its corners
 _TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
-"""A point is a tip if more than this share of its normal's tilt against the facets is not balanced at their other
-corners (on a curved surface it is), and if the tilt exceeds this sine."""
+"""How a tip is told from a curved surface: by the tilt of the normal at a point against the facets around it.
 
-_STEEPEST = 0.1  # least cosine of the angle between a facet's normal and those at its corners, where it is divided by
+On a curved surface the normals at a facet's other corners tilt the opposite way and balance it. A point is a tip if
+more than `_TIP` of the squared tilt is left over, and if the sine of the tilt exceeds `_POINTED`.
+"""
+
+_STEEPEST = 0.1  # divisions take a smaller cosine between a facet's normal and those at its corners as this
 
 _WELD = 1e-6  # of the tool's size: closer corners become one
 
@@ -64,10 +67,10 @@ def _unit(vectors: Array) -> Array:
 
 
 def _corner_normals(points: Array, faces: Indices) -> tuple[Array, Indices, NDArray[np.bool_]]:
-    """Unit normal of the surface at each facet's corners, shape [m, 3, 3]; which corners share one; which are tips.
+    """The surface's unit normal at each corner of each facet, shape [m, 3, 3], and two arrays of shape [m, 3].
 
-    Averaged by area and angle over the facets around the corner that this facet joins smoothly; at a tip, the facet's
-    own normal. The number of the shared normal, and whether the corner is a tip: shape [m, 3].
+    A normal is the mean, by area and angle, over the facets around the corner that join this one smoothly. At a tip it
+    is the facet's own. The arrays: the number of the normal, which several corners share, and whether it is a tip.
     """
     import trimesh
     from scipy.sparse import coo_array

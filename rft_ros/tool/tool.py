@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Tool", "centroid_plates", "describe_tool", "load_tool", "tool_of_mesh"]
 
-_SAME_AREA = 1e-4  # of the area
+_SAME_AREA = 1e-4  # relative difference of areas that is rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,7 +86,7 @@ def load_tool(
         return tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=tolerance)
     mesh, plates, reduction = read_reduced(path, frame)
     if integration not in (None, plates.integration):
-        only = f"holds plates for integration '{plates.integration}' only; ask for it, or reduce the mesh again"
+        only = f"has plates for integration '{plates.integration}' only; set that, or reduce the mesh again"
         raise InputError(f"mesh file '{path}' {only}")
     tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=plates.integration)
     return replace(tool, plates=plates, reduction=reduction)
@@ -95,14 +95,15 @@ def load_tool(
 def tool_of_mesh(
     mesh: "trimesh.Trimesh", *, name: str, file: str = "", integration: Integration = "refined", tolerance: float = 0.0
 ) -> Tool:
-    """The tool of a mesh in the tool frame [m], not from a file; arguments as for `load_tool`."""
+    """The tool of a mesh that is in memory, in the tool frame [m]; arguments as for `load_tool`."""
     from scipy.spatial import ConvexHull, QhullError
 
     if not 0.0 <= number("tolerance", tolerance) <= 1.0:
         raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
-    facets = (refined_plates if integration == "refined" else centroid_plates)(vertices, faces)
+    plates_of = refined_plates if integration == "refined" else centroid_plates
+    facets = plates_of(vertices, faces)
     corners = np.unique(vertices[np.unique(faces)], axis=0)
     with suppress(QhullError):  # they span no volume
         corners = corners[ConvexHull(corners).vertices]
@@ -113,14 +114,14 @@ def tool_of_mesh(
 
 
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
-    """Plates for the published rule, one per face: `vertices` [m], shape [n, 3]; `faces`: of their indices, [m, 3]."""
+    """Plates for the published rule, one per face. `vertices` [m]: shape [n, 3]. `faces`: indices of them, [m, 3]."""
     a, b, c = vertices[faces.T]
     area_vectors = np.cross(b - a, c - a) / 2.0
     return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
 
 
 def describe_tool(tool: Tool) -> list[str]:
-    """Lines of text: file, extent in the tool frame, reduction, area, volume, issues."""
+    """Lines of text that describe a tool: file, extent in the tool frame, reduction, area, volume, issues."""
     used = 1e3 * tool.vertices[np.unique(tool.faces)]
     x, y, z, nx, ny, nz, area = tool.facets.packed
     lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]
@@ -143,18 +144,20 @@ def describe_tool(tool: Tool) -> list[str]:
 
 
 def _area(tool: Tool) -> str:
-    """The area of the mesh, and that of the curved surface that its facets sample, if that is larger."""
+    """The area of the mesh, and the area that forces are computed with if it is another one.
+
+    The refined rule computes with the area of the curved surface that the facets approximate.
+    """
     mesh = float(centroid_plates(tool.vertices, tool.faces).area)
     restored = tool.facets.area
     if abs(restored - mesh) < _SAME_AREA * mesh:
         return f"{mesh * 1e6:.1f} mm²"
-    return (
-        f"{mesh * 1e6:.1f} mm² of facets; {restored * 1e6:.1f} mm² as computed, of the curved surface that they sample"
-    )
+    curved = f"{restored * 1e6:.1f} mm² of the curved surface that they approximate, which forces are computed with"
+    return f"{mesh * 1e6:.1f} mm² of facets; {curved}"
 
 
 def _hull_command(tool: Tool) -> list[str]:
-    """The line that writes the convex hull of the mesh beside it."""
+    """The command line that writes the convex hull of the mesh; none for a tool that is not from a mesh file."""
     path = Path(tool.file)
     if not tool.file or path.suffix.lower() == SUFFIX:
         return []

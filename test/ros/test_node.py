@@ -63,7 +63,9 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
     for file, why in (("~nobody_1/table.csv", "does not exist; give the path"), ("/dev/zero", "is not a regular file")):
         assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=file)
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
-    assert refusal(rft, alpha_y__table=str(secret)) == f"alpha_y.table '{secret}' line 2 is not numbers"
+    refused = refusal(rft, alpha_y__table=str(secret))
+    assert f"alpha_y.table '{secret}' line 2 is not numbers" in refused
+    assert "hunter2" not in refused
     assert rft.get("alpha_y.table").string_value == str(table)
     assert rft.set(medium__zeta=0.5) == (True, "")
     assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core(zeta=0.5)[2], rel=1e-12)

@@ -40,7 +40,7 @@ def turned(faces, facet):
 
 
 WINDING = "the winding is inconsistent"
-INSIDE_OUT = f"inside out (volume -{BALL.volume * 1e6:.3g} cm³): trailing facets lead"
+INSIDE_OUT = f"inside out (volume -{BALL.volume * 1e6:.3g} cm³)"
 CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
 
 
@@ -73,7 +73,7 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         (
             of(SHEET, [[0, 1, 2], [1, 2, 0]]),
             {
-                "duplicate_facets": "facets that repeat another, so that its force counts again: 1",
+                "duplicate_facets": "repeated facets",
                 "inconsistent_winding": "",
             },
         ),
