@@ -57,6 +57,29 @@ def test_a_package_imports_only_what_lies_below_it(imports):
         assert used - {own} <= set(ALLOWED[own].split()), file
 
 
+def drawn_arrows():
+    """Of the picture of the packages: each arrow as the package that imports and the one that is imported."""
+    picture = PACKAGE.parent / "docs" / "images" / "architecture_packages.svg"
+    ends = re.findall(r'data-from="([^"]+)" data-to="([^"]+)"', picture.read_text(encoding="utf-8"))
+    return {(importer, imported) for many, fewer in ends for importer in many.split() for imported in fewer.split()}
+
+
+def test_every_import_between_packages_follows_from_the_arrows_of_their_picture(imports):
+    folders = {folder.name for folder in PACKAGE.iterdir() if (folder / "__init__.py").is_file()}
+    real = {
+        (own, name.split(".")[1])
+        for own, names in imports.values()
+        for name in names
+        if own in folders and name.startswith("rft_ros.") and name.split(".")[1] in folders - {own}
+    }
+    arrows = drawn_arrows()
+    assert arrows <= real
+    ways = set(arrows)
+    while longer := {(a, d) for a, b in ways for c, d in arrows if b == c} - ways:
+        ways |= longer
+    assert real <= ways, "draw what is missing in docs/images/architecture_packages.svg"
+
+
 def test_only_the_node_imports_ros(imports):
     for file, (own, names) in imports.items():
         assert own == "node" or not any(map(ROS.match, names)), file
