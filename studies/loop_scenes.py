@@ -297,7 +297,7 @@ def gait(step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: 
     """A quadruped of 8 kg stands and trots [s] on stiff knees: height, creep when it stands [mm], energy back [%]."""
     mujoco, legs, servos = import_mujoco(), "", ""
     for k, (x, y) in enumerate([(0.2, 0.1), (0.2, -0.1), (-0.2, 0.1), (-0.2, -0.1)]):
-        foot = f'<geom type="sphere" size="0.025" mass="0.08" {_NO_CONTACT}/>'
+        foot = f'<geom type="sphere" size="0.035" mass="0.08" {_NO_CONTACT}/>'
         rod = f'<geom type="capsule" fromto="0 0 0 {{}} 0 -0.15" size="0.01" mass="{{}}" {_NO_CONTACT}/>'
         shank = f'<joint name="knee{k}" axis="0 1 0"/>{rod.format(0.1, 0.2)}'
         thigh = f'<joint name="hip{k}" axis="0 1 0"/>{rod.format(-0.1, 0.4)}'
@@ -318,7 +318,7 @@ def gait(step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: 
         walks = max(data.time - stands, 0.0)
         for k in range(4):
             swing = max(np.sin(2.0 * np.pi * (walks / 0.4 + 0.5 * (k in (0, 3)))), 0.0) if walks else 0.0
-            data.ctrl[2 * k : 2 * k + 2] = -0.15 * swing, 0.3 * swing
+            data.ctrl[2 * k : 2 * k + 2] = -0.1 * swing, 0.2 * swing
         wrenches = grains.apply(data)
         mujoco.mj_step(model, data)
         for wrench, body in zip(wrenches, ids, strict=True):

@@ -27,7 +27,7 @@ _TURN = 0.02
 """Greatest change of the wrench, as a share of it, for which that holds for a body that is pushed back: grains that
 yielded are more than ten times as stiff when the motion turns."""
 
-_MOST, _CLOSE = 20, 0.01
+_MOST, _CLOSE = 20, 0.02
 """Of Newton's method: the most evaluations, and the change of the wrench, as a share of it, at which it ends."""
 
 _OVERSHOT, _LEVEL = 0.5, 0.1
@@ -89,9 +89,14 @@ def _solve(a, x):
 
 
 @compiled
-def advance(beds, first, coupled, states, rows):
-    """Bring the memory of bodies from `first` on to `states`, shape [n, 13]; write their rows, shape [n, 19]."""
-    for b in range(len(states)):
+def advance(beds, first, coupled, before, given, states, rows):
+    """Bring the memory of bodies from `first` on to `given` states, shape [n, 13]; write their rows, shape [n, 19].
+
+    `before`: duration of the last step [s], in which the last wrenches took energy. `states`: takes a copy of `given`.
+    """
+    for b in range(len(given)):
+        states[b] = given[b]
+        coupled[b].energy -= before * _dot(coupled[b].wrench, given[b, 7:])
         coupled[b].last_free[:], coupled[b].last_let_go = coupled[b].free, coupled[b].let_go
         evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
 
@@ -218,11 +223,9 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     for b in range(n):
         stiffness_matrix(beds.memory[first + b], springs[b])
         begin[_part(b)] = rows[b, :6]
-        for i in range(6):
-            residual[6 * b + i] = -h * _dot(springs[b, i], ahead[_part(b)])
-            for k in range(6 * n):
-                for j in range(6):
-                    residual[6 * b + i] -= h * h * springs[b, i, j] * inverse[6 * b + j, k] * rows[k // 6, k % 6]
+    _follow(ahead, inverse, h, begin, after)
+    for i in range(6 * n):
+        residual[i] = -h * _dot(springs[i // 6, i % 6], after[_part(i // 6)])
     _settle(residual, springs, inverse, h, change)
     wrench[:] = begin + change
     _follow(ahead, inverse, h, wrench, after)

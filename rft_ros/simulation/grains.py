@@ -88,7 +88,7 @@ class GrainsBatch:
         parts = 1 if threads == 1 else min(n, 2 * self._threads)
         self._parts = [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())]
         self._pool = ThreadPoolExecutor(self._threads)
-        self._advance: Any = machine_code(advance, (self.beds, 0, self.coupled, self._states, self.rows))
+        self._advance: Any = machine_code(advance, self._advanced(slice(0, n), 0.1, self._states))
         self._hold: Any = None
         self.reset(strength=strength, surface_height=surface_height)
 
@@ -150,11 +150,14 @@ class GrainsBatch:
         """Bring the memory, `rows` and the energy to checked states, after which a step of `dt` begins."""
         if self._ground is not None:
             self._find_surfaces(states, self._ground)
-        self.coupled["energy"] -= self._duration[0] * (self.last * states[:, 7:]).sum(axis=1)
-        self._duration[0], self._states[:] = dt, states
-        self._in_parts(
-            lambda part: self._advance(self.beds, part.start, self.coupled[part], self._states[part], self.rows[part])
-        )
+        before, self._duration[0] = float(self._duration[0]), dt
+        if len(self._parts) == 1:
+            self._advance(self.beds, 0, self.coupled, before, states, self._states, self.rows)
+        else:
+            self._in_parts(lambda s: self._advance(*self._advanced(s, before, states)))
+
+    def _advanced(self, part: slice, before: float, states: Array) -> tuple[Any, ...]:
+        return self.beds, part.start, self.coupled[part], before, states[part], self._states[part], self.rows[part]
 
     def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
         """What `work` returns of each part of the bodies."""

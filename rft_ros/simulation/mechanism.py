@@ -49,6 +49,8 @@ class Mechanism:
             (self._jacobian[6 * k : 6 * k + 3], self._jacobian[6 * k + 3 : 6 * k + 6], body)
             for k, body in enumerate(bodies)
         ]
+        flags = self._mujoco.mjtDisableBit
+        self._no_dampers = int(getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)))
         self.data: Any = None
         self.bind(self._mujoco.MjData(model))
         self._respond: Any = machine_code(_respond, self._arguments(_NO_ROWS, _NO_CONES, 0.1, np.zeros(6 * n)))
@@ -58,6 +60,7 @@ class Mechanism:
         if not isinstance(data, self._mujoco.MjData) or data.model.signature != self.model.signature:
             raise ValueError("data is not of the model of these grains; make it with mujoco.MjData(model)")
         self.data = data
+        self._dampers = self._actuators_and_tendons(data)
         self._moving = np.array(self._bodies), data.xpos, data.xquat, data.qvel, data.qacc
 
     def move(self) -> None:
@@ -79,13 +82,24 @@ class Mechanism:
             mujoco.mj_jacBody(model, data, linear, angular, body)
         _full_inertia(mujoco, model, data, self._mass)
         rows, cones = self._constraints() if data.nefc else (_NO_ROWS, _NO_CONES)
-        self._set_damping()
         fine: bool = self._respond(*self._arguments(rows, cones, h, held))
         return fine
 
     def _arguments(self, rows: Any, cones: Any, h: float, held: Array) -> tuple[Any, ...]:
         inertia = self._mass, self._damping, self._jacobian
-        return self._moving, inertia, rows, cones, h, held, self.states, self.inverse, self.ahead
+        return (
+            self._moving,
+            inertia,
+            self._damps(),
+            self._dampers,
+            rows,
+            cones,
+            h,
+            held,
+            self.states,
+            self.inverse,
+            self.ahead,
+        )
 
     def _constraints(self) -> tuple[Any, Any]:
         """The rows of constraints: Jacobian, state, stiffness, and begin, length and columns of a row if it is sparse.
@@ -106,47 +120,26 @@ class Mechanism:
         mujoco.mj_constraintUpdate(model, data, jar - data.efc_aref, None, 1)  # computes the cones' Hessians
         return rows, (np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32), data.contact.H)
 
-    def _set_damping(self) -> None:
-        """The damping that the integrator takes implicitly, of joints, and of tendons and actuators too."""
-        mujoco, model, option = self._mujoco, self.model, self.model.opt
-        self._damping[:] = 0.0
-        integrator, kinds = option.integrator, mujoco.mjtIntegrator
-        off = option.disableflags
-        flags = mujoco.mjtDisableBit
-        passive = not off & int(getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)))
+    def _damps(self) -> int:
+        """Whose damping the integrator takes implicitly: 0 none, 1 that of joints, 2 of actuators, 3 of tendons too."""
+        option, kinds, flags = self.model.opt, self._mujoco.mjtIntegrator, self._mujoco.mjtDisableBit
+        integrator, off = option.integrator, option.disableflags
+        passive = not off & self._no_dampers
         if integrator == kinds.mjINT_EULER:
-            if passive and not off & int(flags.mjDSBL_EULERDAMP):
-                np.fill_diagonal(self._damping, model.dof_damping)
-        elif integrator != kinds.mjINT_RK4:
-            if passive:
-                np.fill_diagonal(self._damping, model.dof_damping)
-                if model.ntendon and model.tendon_damping.any():
-                    _add_rows(self._damping, self._tendons(), model.tendon_damping)
-            if len(model.actuator_biastype):
-                gains = self._velocity_gains()
-                if gains.any():
-                    data = self.data
-                    layout = data.moment_rownnz, data.moment_rowadr, data.moment_colind
-                    _add_rows(self._damping, _dense(data.actuator_moment, *layout, model.nv), gains)
+            return int(passive and not off & flags.mjDSBL_EULERDAMP)
+        return 0 if integrator == kinds.mjINT_RK4 else 2 + passive
 
-    def _tendons(self) -> Array:
-        model, data = self.model, self.data
+    def _actuators_and_tendons(self, data: Any) -> tuple[Any, ...]:
+        """What their damping follows from, in arrays that stay where they are."""
+        model, mujoco = self.model, self._mujoco
         layout = data if hasattr(data, "ten_J_rownnz") else model
-        return _dense(data.ten_J, layout.ten_J_rownnz, layout.ten_J_rowadr, layout.ten_J_colind, model.nv)
-
-    def _velocity_gains(self) -> Array:
-        """By how much each actuator's force falls with its velocity, shape [actuators]."""
-        mujoco, model, data = self._mujoco, self.model, self.data
-        gains = np.where(model.actuator_biastype == mujoco.mjtBias.mjBIAS_AFFINE, -model.actuator_biasprm[:, 2], 0.0)
-        by_control = np.where(
-            model.actuator_gaintype == mujoco.mjtGain.mjGAIN_AFFINE, model.actuator_gainprm[:, 2], 0.0
-        )
-        for i in np.flatnonzero(by_control):
-            state = model.actuator_actadr[i]
-            gains[i] -= by_control[i] * (data.ctrl[i] if state < 0 else data.act[state])
-        low, high = model.actuator_forcerange.T
-        free = (data.actuator_force > low) & (data.actuator_force < high)
-        return np.where(free | (model.actuator_forcelimited == 0), gains, 0.0)
+        tendons = data.ten_J.ravel(), layout.ten_J_rownnz, layout.ten_J_rowadr, layout.ten_J_colind.ravel()
+        moments = data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr, data.moment_colind.ravel()
+        affine = np.array([mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtGain.mjGAIN_AFFINE], dtype=np.int64)
+        kinds = affine, model.actuator_biastype, model.actuator_gaintype, model.actuator_forcelimited.astype(np.bool_)
+        numbers = model.actuator_biasprm, model.actuator_gainprm, model.actuator_forcerange
+        moving = model.actuator_actadr, data.ctrl, data.act, data.actuator_force
+        return model.dof_damping, (model.tendon_damping, *tendons), (kinds, numbers, moving, moments)
 
 
 def _full_inertia(mujoco: Any, model: Any, data: Any, mass: Array) -> None:
@@ -154,20 +147,6 @@ def _full_inertia(mujoco: Any, model: Any, data: Any, mass: Array) -> None:
         mujoco.mj_fullM(model, data, mass)
     else:  # before MuJoCo 4
         mujoco.mj_fullM(model, mass, data.qM)
-
-
-def _dense(values: Array, counts: Any, begins: Any, columns: Any, width: int) -> Array:
-    """Sparse rows as a matrix."""
-    matrix = np.zeros((len(counts), width))
-    if values.size == matrix.size:
-        return values.reshape(matrix.shape)
-    for i, (count, begin) in enumerate(zip(counts, begins, strict=True)):
-        matrix[i, columns.ravel()[begin : begin + count]] = values.ravel()[begin : begin + count]
-    return matrix
-
-
-def _add_rows(matrix: Array, rows: Array, weights: Array) -> None:
-    matrix += (rows.T * weights) @ rows
 
 
 @inlined
@@ -241,8 +220,48 @@ def _row(jacobian, sparse, i, dense):
             dense[sparse[2, k]] = jacobian[k]
 
 
+@inlined
+def _add_row(damping, weight, sparse, i):
+    """Add the damping of a tendon or actuator whose Jacobian is row i."""
+    values, counts, begins, columns = sparse
+    for a in range(begins[i], begins[i] + counts[i]):
+        for b in range(begins[i], begins[i] + counts[i]):
+            damping[columns[a], columns[b]] += weight * values[a] * values[b]
+
+
+@inlined
+def _set_damping(damping, which, dampers):
+    """Write the damping that the integrator takes implicitly; returns whether there is any. `which`: of `_damps`."""
+    of_joints, tendons, (kinds, numbers, moving, moments) = dampers
+    of_tendons, jacobians = tendons[0], tendons[1:]
+    affine, bias_kinds, gain_kinds, limited = kinds
+    biases, gains, ranges = numbers
+    states, controls, activations, forces = moving
+    damping[:] = 0.0
+    found = False
+    if which % 2 == 1:
+        for i in range(len(of_joints)):
+            damping[i, i] = of_joints[i]
+            found |= of_joints[i] != 0.0
+    if which == 3:
+        for i in range(len(of_tendons)):
+            if of_tendons[i] != 0.0:
+                _add_row(damping, of_tendons[i], jacobians, i)
+                found = True
+    if which >= 2:
+        for i in range(len(bias_kinds)):
+            fall = -biases[i, 2] if bias_kinds[i] == affine[0] else 0.0
+            if gain_kinds[i] == affine[1] and gains[i, 2] != 0.0:
+                fall -= gains[i, 2] * (controls[i] if states[i] < 0 else activations[states[i]])
+            at_limit = limited[i] and (forces[i] <= ranges[i, 0] or forces[i] >= ranges[i, 1])
+            if fall != 0.0 and not at_limit:
+                _add_row(damping, fall, moments, i)
+                found = True
+    return found
+
+
 @compiled
-def _respond(moving, inertia, rows, cones, h, held, states, inverse, ahead):
+def _respond(moving, inertia, which, dampers, rows, cones, h, held, states, inverse, ahead):
     """Write `Mechanism.states`, `inverse` and `ahead`; returns whether all of it is finite and not too fast."""
     ids, positions, quaternions, velocity, acceleration = moving
     mass, damping, jacobian = inertia
@@ -257,10 +276,7 @@ def _respond(moving, inertia, rows, cones, h, held, states, inverse, ahead):
     hessian = mass.copy()
     _add_constraints(hessian, rows, cones)
     _factor(hessian)
-    damped = False
-    for i in range(nv):
-        for j in range(nv):
-            damped |= damping[i, j] != 0.0
+    damped = _set_damping(damping, which, dampers)
     taken = acceleration.copy()
     implicit = mass
     if damped:

@@ -142,7 +142,9 @@ class MujocoGrains:
         if data.time < self._time:
             self.reset()
         self._time = data.time
-        self._find_own_forces(data.xfrc_applied)
+        if self._earlier is not None and (data.xfrc_applied[self._ids] == self._earlier[1]).all():
+            self._own[:], self._written[:] = self._earlier
+        self._earlier = None
         mechanism.move()
         wrench[:] = self._grains.last.ravel()
         self._add(*self._forces)
@@ -165,14 +167,6 @@ class MujocoGrains:
         self._grains.last[:] = wrench.reshape(-1, 6)
         self._grains.failed(0 if found and settled else 1, dt=h, path=path)
         return self.wrench
-
-    def _find_own_forces(self, applied: Array) -> None:
-        """What of the bodies' forces is the user's: what was there before the grains', or what has been set since."""
-        now = applied[self._ids]
-        if self._earlier is not None and (now == self._earlier[1]).all():
-            self._own[:], self._written[:] = self._earlier
-        self._earlier = None
-        np.copyto(self._own, now, where=now != self._written)
 
     def _without_bound(self, data: Any) -> ValueError:
         """Take the grains' wrench away; the error that says why."""
@@ -255,9 +249,15 @@ def _size(wrench: Array) -> float:
 
 @compiled
 def _add(wrench, ids, origins, centers, own, written, applied):
-    """Apply wrenches about the bodies' origins, beside the user's own forces, about the centres of mass."""
+    """Apply wrenches about the bodies' origins, beside the user's own forces, about the centres of mass.
+
+    `written`: what was applied last; what has been set since is the user's.
+    """
     for b in range(len(ids)):
         i = ids[b]
+        for k in range(6):
+            if applied[i, k] != written[b, k]:
+                own[b, k] = applied[i, k]
         fx, fy, fz = wrench[6 * b], wrench[6 * b + 1], wrench[6 * b + 2]
         x, y, z = centers[i] - origins[i]
         written[b, 0], written[b, 1], written[b, 2] = fx, fy, fz
