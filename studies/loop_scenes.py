@@ -198,6 +198,8 @@ def lifted(speed: float, stiffness: float, step: float, integrator: str = "Euler
         scene.mujoco.mj_step(scene.model, data)
     time, held, memory = np.array(rows).T
     after = (time >= lifts)[:-1]
+    if not after.any():  # the servo is unstable by itself
+        return dict.fromkeys(("press", "error", "pull", "memory's pull", "failures"), np.nan)
     press = held[:-1][~after][-1]
     return {
         "press": float(press),

@@ -126,17 +126,20 @@ def _move(state, twist, h):
 def _settle(residual, springs, inverse, h, change):
     """Write the change of the wrenches that takes away their residual to first order: (1 + h² B A)^-1 of it."""
     size = len(residual)
-    matrix = np.empty((size, size))
+    matrix = np.zeros((size, size))
+    for b in range(size // 6):
+        for c in range(size // 6):
+            if not np.any(inverse[_part(b), _part(c)]):  # these two do not meet
+                continue
+            for i in range(6):
+                for j in range(6):
+                    s = 0.0
+                    for k in range(6):
+                        s += springs[b, i, k] * inverse[6 * b + k, 6 * c + j]
+                    matrix[6 * b + i, 6 * c + j] = h * h * s
     for i in range(size):
-        b = i // 6
-        spring = springs[b, i % 6]
-        change[i] = residual[i]
-        for j in range(size):
-            s = 0.0
-            for k in range(6):
-                s += spring[k] * inverse[6 * b + k, j]
-            matrix[i, j] = h * h * s
         matrix[i, i] += 1.0
+        change[i] = residual[i]
     _solve(matrix, change)
 
 
