@@ -87,9 +87,14 @@ def commands_page() -> str:
     status = (whole.epilog or "").partition("Exit status: ")[2]
     head = [
         "# Commands\n\n<!-- made by python docs/_site/reference_pages.py from rft_ros/cli.py -->\n",
+        "This page lists every command of `rft` with its arguments. `rft COMMAND --help` shows the same text with"
+        " examples. This command, for example, reports what is in a mesh file:\n",
+        "```sh\nrft check-mesh my_tool.stl\n```\n",
         "Only `rft demo`, and `rft doctor` without `--bag`, need ROS. After `colcon build`, type `ros2 run rft_ros rft`"
         " instead of `rft`.\n",
         f"Every error is one sentence on stderr. Exit status: {status} A recording is a {BAG}.\n",
+        'Units, shapes and defaults are in brackets and parentheses. "As above" means that an earlier command has the'
+        " argument with the same meaning.\n",
     ]
     described: dict[str, str] = {}
     return "\n".join([*head, *(_command(name, command, described) for name, command in commands.items())])
