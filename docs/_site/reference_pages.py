@@ -87,7 +87,7 @@ def commands_page() -> str:
     status = (whole.epilog or "").partition("Exit status: ")[2]
     head = [
         "# Commands\n\n<!-- made by python docs/_site/reference_pages.py from rft_ros/cli.py -->\n",
-        "This page lists every command of `rft` with its arguments. `rft COMMAND --help` shows the same text with"
+        "This page lists every command of `rft` with its arguments. With `--help`, a command shows the same text with"
         " examples. This command, for example, reports what is in a mesh file:\n",
         "```sh\nrft check-mesh my_tool.stl\n```\n",
         "Only `rft demo`, and `rft doctor` without `--bag`, need ROS. After `colcon build`, type `ros2 run rft_ros rft`"
