@@ -5,14 +5,19 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.installation import share_directory
+from rft_ros.parameters import read_parameter_file, tool_of
 from rft_ros.rft import MEDIA, Law, Plates, alpha_y_model, law_named, wrenches
 from rft_ros.sweeps.motions import Motion
-from rft_ros.tool import Tool, load_tool
+from rft_ros.tool import Tool
 
-__all__ = ["ALPHA_Y", "BELOW_90", "NOT_STATED", "ZETA"]
+__all__ = ["ALPHA_Y", "BELOW_90", "NOT_STATED", "PUBLISHED", "ZETA"]
 __all__ += ["drag_force", "ellipsoid", "face_depths", "in_plate_axes", "law", "leading_face", "plate", "root_tip"]
 
 Array = NDArray[np.float64]
+
+PUBLISHED = read_parameter_file(share_directory("rft_ros") / "config" / "published.yaml")
+"""The parameters of the model as published."""
 
 ZETA = 0.33
 """Scale factor of the paper's glass beads: the mean of five vertical penetrations."""
@@ -38,12 +43,12 @@ def law(alpha_y: str, *, zeta: float = ZETA, name: str = "treers2021", **grains:
 
 def plate() -> Tool:
     """The plate of Fig. 3: 51 mm square. Its thickness, 3.2 mm, is this project's choice. Published rule."""
-    return load_tool("plate", integration="centroid")
+    return _published_tool("plate")
 
 
 def ellipsoid() -> Tool:
     """The ellipsoid of Fig. 7, 36 x 19 x 19 mm, origin at its centre; the shipped mesh, published rule."""
-    return load_tool("ellipsoid", integration="centroid")
+    return _published_tool("ellipsoid")
 
 
 def root_tip() -> Tool:
@@ -51,7 +56,11 @@ def root_tip() -> Tool:
 
     The origin lies 1.25 mm above its base, as the released code's centre of rotation does.
     """
-    return load_tool("root_tip", origin=(0.0, 0.0, 1.25), integration="centroid")
+    return _published_tool("root_tip", origin=(0.0, 0.0, 1.25))
+
+
+def _published_tool(mesh: str, *, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Tool:
+    return tool_of({**PUBLISHED, "mesh.file": mesh, "mesh.origin": origin})
 
 
 def leading_face(tool: Tool) -> Plates:

@@ -11,10 +11,10 @@ from rft_ros.parameters import MESH, model_of, named_files
 from rft_ros.progress import busy
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, write_page
-from rft_ros.rft import COLUMNS
+from rft_ros.rft import COLUMNS, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
-_MORE = ("--mobilization-length", "--surface-height", "--integration", "--tolerance")
+_MORE = ("--surface-height", "--integration", "--tolerance")
 
 
 def predict_options(command: argparse.ArgumentParser) -> None:
@@ -23,6 +23,8 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, *_MORE)
+    alone = "take the states as one motion in time, in grains with this memory [m] (default 0: each state alone)"
+    command.add_argument("--mobilization-length", type=options.number, metavar="X", help=alone)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)
 
@@ -30,6 +32,8 @@ def predict_options(command: argparse.ArgumentParser) -> None:
 def predict(arguments: argparse.Namespace) -> int:
     """rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv"""
     values = options.values_of(arguments)
+    if arguments.mobilization_length is None:  # states may be in any order, unlike the poses of a recording
+        values = {**values, "medium.mobilization_length": 0.0}
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     times, states = read_states(arguments.states)
     model, height = model_of(values), values["surface_height"]
@@ -47,10 +51,14 @@ def predict(arguments: argparse.Namespace) -> int:
     write_wrenches(arguments.output, times, result)
     wet = int((result[:, COLUMNS.index("submerged_area")] > 0.0).sum())
     print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
+    grains = described(model.law)
+    if model.law.mobilization_length == 0.0:
+        grains += " (each state alone; node and replay have it: --mobilization-length 0.003 for states of one motion)"
+    print(grains)
     return 0
 
 
-_OF_STATES = ("--mesh", *options.PLACED, *options.OF_LAW, *_MORE)  # those of predict, so that both have one force
+_OF_STATES = ("--mesh", *options.PLACED, *options.OF_LAW, "--mobilization-length", *_MORE)
 
 
 def view_options(command: argparse.ArgumentParser) -> None:

@@ -36,6 +36,7 @@ def replay(arguments: argparse.Namespace) -> int:
     options.refuse_inputs(arguments, *written, also=named_files(values))
     with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
+    print(f"model: {model.in_words}", flush=True)
     options.warn_of(model.tool)
     options.warn_of_law(model.law)
 

@@ -24,7 +24,7 @@ from rft_ros.node.swap import Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
 from rft_ros.parameters import Values
-from rft_ros.rft import Law, described
+from rft_ros.rft import Law
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -93,8 +93,7 @@ class RftNode(Node):
     def announce(self, event: str) -> None:
         """Log the model that came into force, with the issues of its mesh; `event`: what the sentence begins with."""
         m = self.estimator.model
-        plates = m.tool.reduction or f"{len(m.tool.plates):,} plates"
-        self.get_logger().info(f"{event}: tool {m.tool.name} ({plates}), {described(m.law)}")
+        self.get_logger().info(f"{event}: {m.in_words}")
         for issue in m.tool.issues.values():
             self.get_logger().warning(f"mesh {m.tool.name}: {issue}")
         self._warn_of_law(m.law)

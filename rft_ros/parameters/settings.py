@@ -10,7 +10,7 @@ from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.file import read_alpha_y_table
 from rft_ros.parameters.medium_file import read_medium
 from rft_ros.parameters.table import Values
-from rft_ros.rft import Law, Medium, Table, alpha_y_model, law_named, medium_named
+from rft_ros.rft import Law, Medium, Table, alpha_y_model, described, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
 __all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files"]
@@ -81,6 +81,13 @@ class Model:
     law: Law
     ground: HeightMap | None = None
     generation: int = 0
+
+    @property
+    def in_words(self) -> str:
+        """Tool, rule and grains, such as "tool plate (672 plates), integration refined, law ..., memory 3 mm"."""
+        plates = self.tool.reduction or f"{len(self.tool.plates):,} plates"
+        rule = self.tool.plates.integration
+        return f"tool {self.tool.name} ({plates}), integration {rule}, {described(self.law)}"
 
 
 def settings_of(values: Values) -> Settings:

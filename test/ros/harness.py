@@ -31,6 +31,8 @@ from rft_ros.tool import Tool
 from studies.paper import law as paper_law
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
+WITHOUT_MEMORY = ("-p", "medium.mobilization_length:=0.0", "-p", "alpha_y.model:=constant")
+"""Before a test's own arguments, which override them: an answer is then that of `predicted_by_the_core`."""
 NODE = (sys.executable, "-m", "rft_ros.node.main", "--ros-args")
 WAIT = 600.0  # s: other work may keep every core busy, and a first start compiles
 _NUMBERS = itertools.count()
@@ -56,8 +58,9 @@ class Harness:
     user may set it. No two nodes of a process have one name: /rosout would lose one's log when the other ends.
     """
 
-    def __init__(self, *arguments: str, reliable: bool = False) -> None:
-        arguments = self._named(arguments, reliable)
+    def __init__(self, *arguments: str, reliable: bool = False, as_shipped: bool = False) -> None:
+        """`as_shipped`: with the default model in place of `WITHOUT_MEMORY`."""
+        arguments = self._named(arguments if as_shipped else (*WITHOUT_MEMORY, *arguments), reliable)
         argv = mock.patch.object(
             sys, "argv", ["rft_node", "--ros-args", *arguments]
         )  # where it looks for its parameter files
@@ -254,7 +257,7 @@ class NodeProcess(Harness):
         self.log = log
         with log.open("wb") as file:
             self.process = subprocess.Popen(
-                [*NODE, *self._named(arguments, reliable=True)],
+                [*NODE, *self._named((*WITHOUT_MEMORY, *arguments), reliable=True)],
                 stderr=file,
                 stdout=file,
                 cwd=folder,

@@ -55,7 +55,8 @@ def publish(rft, messages, *, frame="ft_sensor", **others):
 
 def assert_equal(rft, bag, parameters, tmp_path):
     """The node's answers are those of the replay of a bag; the replayed wrenches by topic and stamp."""
-    values = defaults() | {name: checked(name, value) for name, value in parameters.items()}
+    as_the_node = {"medium.mobilization_length": 0.0, "alpha_y.model": "constant", **parameters}
+    values = defaults() | {name: checked(name, value) for name, value in as_the_node.items()}
     replay(bag, tmp_path / "replayed", values)
     replayed = {topic: {} for topic in OUTPUTS}
     with AnyReader([tmp_path / "replayed" / "estimates"]) as reader:

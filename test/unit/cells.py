@@ -19,6 +19,8 @@ MOUNT = Placement((0.0, 0.0, 0.05), tuple(Rotation.from_euler("z", 90, degrees=T
 PARAMETERS = {
     "mesh.file": "ellipsoid",
     "medium.zeta": ZETA,
+    "medium.mobilization_length": 0.0,
+    "alpha_y.model": "constant",
     "surface_height": SURFACE,
     "sensor.position": list(MOUNT.position),
     "sensor.quaternion": list(MOUNT.quaternion),

@@ -77,7 +77,7 @@ def test_predict_takes_columns_in_any_order_and_a_table_for_alpha_y(tmp_path):
     moving, low = "3,0,0,-0.01,0,0,0,1,0.003,0.004,-0.01,0,0,0", ("--surface-height", "-1e-3")
     names, numbers = (",".join(reversed(line.split(","))) for line in (HEADER, moving))
     ours = predicted(tmp_path, numbers, "--alpha-y", "alpha.csv", *low, header=f"\ufeff{names}")  # as of a spreadsheet
-    np.testing.assert_allclose(ours, predicted(tmp_path, moving, *low), rtol=1e-12)
+    np.testing.assert_allclose(ours, predicted(tmp_path, moving, "--alpha-y", "constant", *low), rtol=1e-12)
 
 
 @pytest.mark.parametrize(

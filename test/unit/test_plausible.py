@@ -103,7 +103,8 @@ def test_predict_and_view_say_what_cannot_be_and_a_first_state_in_the_grains(
 ):
     states, out = tmp_path / "states.csv", tmp_path / ("out.csv" if command == "predict" else "out.html")
     rows = np.zeros((3, 14))
-    rows[:, 0], rows[:, 3], rows[:, 7], rows[:, 10] = (0.0, 0.1, 0.2), z, 1.0, -0.01
+    rows[:, 0], rows[:, 7], rows[:, 10] = (0.0, 0.1, 0.2), 1.0, -0.01
+    rows[:, 3] = z - 0.01 * rows[:, 0]
     np.savetxt(states, rows, delimiter=",", header=HEADER, comments="")
     assert main([command, str(states), "--mesh", "plate", *options, "-o", str(out)]) == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning: ")]
