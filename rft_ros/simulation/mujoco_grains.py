@@ -29,9 +29,11 @@ _Path = str | PathLike[str]
 
 _LENGTH = 0.003  # m
 
-_ROUNDS, _DAMPED, _SETTLED = 12, 3, 1e-3
-"""Of the grains and MuJoCo's constraints in turn: the most rounds, the first one that takes half of the change, and the
-change, as a share of the wrench, at which they end."""
+_ROUNDS, _SETTLED = 12, 1e-3
+"""Of the grains and MuJoCo's constraints in turn: the most rounds, and the change of the wrench, as a share of it, at
+which they end."""
+
+_LEAST, _TINY = 0.05, 1e-290  # share of the change that a round takes; avoids 0 / 0
 
 _log = logging.getLogger("rft_ros.simulation")
 
@@ -152,13 +154,18 @@ class MujocoGrains:
         if not mechanism.measure(wrench, h):
             raise self._without_bound(data)
         self._grains.advance(mechanism.states, h)
-        for k in range(_ROUNDS):
+        share, last = 1.0, None
+        for _ in range(_ROUNDS):
             self._before[:] = wrench
             found, path = self._hold(*self._arguments(h))
-            if k >= _DAMPED:  # constraints that begin and cease to act by turns
-                wrench += 0.5 * (self._before - wrench)
+            change = wrench - self._before
+            settled = not data.nefc or _size(change) <= _SETTLED * _size(wrench)
+            if last is not None and not settled:  # Aitken's relaxation, for constraints that act by turns
+                turn = change - last
+                share = min(max(-share * float(last @ turn) / max(float(turn @ turn), _TINY), _LEAST), 1.0)
+                wrench[:] = self._before + share * change
+            last = change
             self._add(*self._forces)
-            settled = not data.nefc or _size(wrench - self._before) <= _SETTLED * _size(wrench)
             if settled:
                 break
             mechanism.accelerate()
