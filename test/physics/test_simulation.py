@@ -2,7 +2,9 @@
 
 import copy
 import pickle
+import runpy
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -311,3 +313,22 @@ def test_a_sideways_load_below_the_drag_moves_nothing_and_one_above_yields_and_s
     assert below["creep"] < 5e-5
     assert above["yielded"] > 1e-3
     assert above["speed"] < 1e-6
+
+
+def example(name):
+    return runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"))["main"]
+
+
+def test_the_loop_of_ten_lines_comes_to_rest(capsys):
+    assert example("numpy_loop")() == 0
+    assert "force  4.905 N" in capsys.readouterr().out.splitlines()[-2]
+
+
+def test_the_environments_of_the_example_are_the_same_again_over_any_number_of_threads(capsys):
+    depths = []
+    for threads in ("1", "2"):
+        assert example("grains_batch")(["--seconds", "0.1", "--threads", threads]) == 0
+        rate, depth = capsys.readouterr().out.splitlines()
+        assert "steps of environments a second" in rate
+        depths.append(depth)
+    assert depths[0] == depths[1]
