@@ -1,4 +1,4 @@
-"""The rows of a replay: numbers in a scratch file while it runs, then estimates.csv and a bag of wrenches."""
+"""The rows of a replay: kept in a scratch file while it runs, then written to estimates.csv and a bag of wrenches."""
 
 import math
 import struct
@@ -29,7 +29,7 @@ COLUMNS = ("t", "depth", "speed", *_OF_WRENCHES, "reason", "generation", "phase"
 _BELIEF = ("vertical_strength", "horizontal_strength", "turn", "surface")
 
 LEARNED_COLUMNS = (*_BELIEF, *(f"{name}_error" for name in _BELIEF), "surprise")
-"""Further columns where the medium is learned, as `Belief` has them: turn [rad], surface [m]; their errors."""
+"""Further columns if the medium is learned, fields of `Belief`: turn [rad], surface [m]; standard errors; surprise."""
 
 ROW = np.dtype([
     *((name, "<i8") for name in ("stamp", "reason", "phase", "quality_flags")),
@@ -38,8 +38,11 @@ ROW = np.dtype([
     ("learned", "<f8", len(LEARNED_COLUMNS)),
     ("state", "<f8", 13),
 ])  # fmt: skip
-"""A pose: stamp [ns]; number of the `Reason`, -1 for an estimate; number of the phase, -1 for none; combined
-`QualityFlag`s; numbers in the units of `COLUMNS`, NaN where missing; the estimator's state (`rft_ros.rft.STATE`)."""
+"""The row of a pose.
+
+`stamp` [ns]. `reason`: number of the `Reason`, -1 for an estimate. `phase`: its number, -1 for none. `quality_flags`:
+combined `QualityFlag`s. `state`: columns `rft_ros.rft.STATE`. The others: units of `COLUMNS`, NaN where missing.
+"""
 
 Rows = NDArray[np.void]
 """Rows of a replay, shape [n], of type `ROW`."""
@@ -54,12 +57,12 @@ _NUMBERS = ",%.9g" * (2 + len(_OF_WRENCHES))
 
 
 class Run:
-    """An estimator and a row of each of its answers, in unnamed files in `folder`: memory does not grow with them."""
+    """An estimator and a row for each of its answers. The rows are in unnamed files in `folder`, and not in memory."""
 
     def __init__(self, estimator: Estimator, folder: Path | None = None) -> None:
         self.estimator = estimator
         self.issues: Counter[str] = Counter()
-        """At how many answers learning had each of its issues."""
+        """For each issue of learning, the number of answers at which it was present."""
         self._answers, self._measured = (TemporaryFile(dir=folder) for _ in range(2))  # noqa: SIM115
 
     def add(self, answer: Estimate | NoEstimate) -> None:
@@ -83,7 +86,7 @@ class Run:
             self._measured.write(_WRENCH.pack(*(measurement.compensated or _NONE)))
 
     def rows(self) -> Rows:
-        """A row of each answer in order, shape [n], with all measurements and phases; read as they are used."""
+        """The rows of all answers in order, shape [n], with measurements and phases, as a memory map of the file."""
         e = self.estimator
         e.finish()
         self._take()

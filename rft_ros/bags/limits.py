@@ -1,4 +1,4 @@
-"""Files of bags within limits: rosbags and mcap allocate what a file's lengths say, and unpack chunks to any size."""
+"""Limits on reading bags. rosbags and mcap allocate the lengths that a damaged file gives, and unpack to any size."""
 
 import io
 from bz2 import BZ2Decompressor
@@ -14,17 +14,17 @@ from rosbags.rosbag2 import storage_mcap
 __all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "unpacked"]
 
 MOST_BYTES = 256 * 2**20
-"""Of a record or a chunk; recorders write chunks of up to some MiB."""
+"""Greatest size of a record or a chunk. Recorders write chunks of up to some MiB."""
 
 _LONGEST_LINE = 2**12
 
 
 class LimitError(ValueError):
-    """What a file asks for and is not given: why, in words that follow its name."""
+    """A record or chunk is over the limit, or damaged. The message is the rest of a sentence about the file."""
 
 
 class LimitedPath(type(Path())):  # type: ignore[misc]
-    """A path whose binary file reads at most `MOST_BYTES` at once, for readers that believe a damaged length."""
+    """A path whose binary file reads at most `MOST_BYTES` at once, for readers that do not check a damaged length."""
 
     def open(self, mode: str = "r", *arguments: Any, **options: Any) -> Any:
         """As `Path.open`."""
@@ -48,9 +48,10 @@ class _LimitedFile(io.BufferedReader):
 
 
 def unpacked(data: bytes, compression: str, size: int | None = None) -> bytes:
-    """A chunk's content by lz4, bz2, zstd or none (""); LimitError where it has not `size` bytes, or over the limit.
+    """The content of a chunk compressed by lz4, bz2, zstd or none ("").
 
-    No more than the limit is ever unpacked, whatever the chunk says of itself.
+    Raises LimitError if the content is over the limit, or if its length is not `size`. No more than the limit is
+    unpacked, whatever length the chunk gives.
     """
     if size is not None and size > MOST_BYTES:
         raise _too_large(size)
@@ -69,7 +70,7 @@ def unpacked(data: bytes, compression: str, size: int | None = None) -> bytes:
     if len(content) > MOST_BYTES:
         raise _too_large(len(content))
     if size is not None and len(content) != size:
-        raise LimitError(f"a chunk says that it has {size:,} bytes and has others")
+        raise LimitError(f"a chunk does not have the {size:,} bytes that it declares")
     return bytes(content)
 
 
@@ -82,6 +83,6 @@ def _limited(compression: str) -> Callable[..., bytes]:
     return lambda data, size=None: unpacked(data, compression, size)
 
 
-# rosbags has no option for a limit. Its tables of decompressors are where every chunk passes.
+# rosbags has no option for a limit, but it takes the decompressor of every chunk from these two tables.
 storage_mcap.DECOMPRESSORS.update({name: _limited(name) for name in ("lz4", "zstd")})
 rosbag1.decompressors.update({name: _limited(name) for name in ("lz4", "bz2")})

@@ -25,7 +25,9 @@ def lowest_points(corners: _Array, states: _Array) -> tuple[_Array, _Array]:
     axes = np.array(rotation(*states[:, 3:7].T)).T.reshape(-1, 3, 3)
     lowest = corners[(axes[:, 2] @ corners.T).argmin(axis=1)]
     x, y, z = np.einsum("nij,nj->in", axes, lowest)
-    return states[:, 2] + z, states[:, 11] * x - states[:, 10] * y - states[:, 9]
+    height, vertical_velocity = states[:, 2], states[:, 9]
+    turning_x, turning_y = states[:, 10], states[:, 11]
+    return height + z, turning_y * x - turning_x * y - vertical_velocity
 
 
 def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, rest_speed: float) -> _Numbers:

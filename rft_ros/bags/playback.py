@@ -26,9 +26,10 @@ _BAR_PERIOD = 512  # samples between updates of the progress bar
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ReplayOptions:
-    """Topics, as rules such as ``~/pose:=/tool_pose``; length of the tare at the beginning and part of a bag [s].
+    """Options of a replay. `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: its length, at the beginning [s].
 
-    Raises InputError for times that are none and for an empty part.
+    `start`, `end`: the part of the bag that is replayed [s]. Raises InputError for values that are no times, and if
+    `end` is not after `start`.
     """
 
     remap: tuple[str, ...] = ()
@@ -61,9 +62,10 @@ def read_replay_options(file: Path) -> ReplayOptions:
 
 
 def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> dict[Role, str]:
-    """Topic of each role that the parameters need: NODE/pose and so on, unless remapped; later remaps win.
+    """The topic of each role that the parameters need: NODE/pose and so on, unless a rule of `remap` gives another.
 
-    Poses from transforms need /tf in place of a topic of their own. Raises InputError for a remap that cannot be used.
+    A later rule overrides an earlier one. With `pose_source` tf, /tf takes the place of the topic of poses. Raises
+    InputError for a rule that cannot be used.
     """
     topics = {role: _resolved(name, node) for role, name in NAMES.items()}
     roles = {topic: role for role, topic in topics.items()}
@@ -89,16 +91,16 @@ def _resolved(name: str, node: str) -> str:
 
 
 def push_all(estimator: Estimator, sample: Sample) -> Iterator[tuple[Sample, _Answer]]:
-    """Push a sample and the poses that follow from it; yield each, with the answer to a pose."""
+    """Push a sample, and with `pose_source` tf the poses that it completes. Yields each, with the answer to a pose."""
     yield sample, estimator.push(sample)
     for pose in estimator.poses_after(sample):
         yield pose, estimator.push_pose(pose)
 
 
 def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, _Answer]]:
-    """Push every sample of an open recording, or the poses that follow from it; yield each, with the answer to a pose.
+    """Push every sample of an open recording as `push_all`. Yields each, with the answer to a pose.
 
-    At the end all measurements are final and messages that cannot be decoded are counted.
+    At the end all measurements are final, and messages that cannot be decoded are counted.
     """
     label, from_transforms = bag_name(recording.bag), estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
@@ -114,14 +116,14 @@ def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, _
 
 
 def reasons(recording: Recording, estimator: Estimator) -> str:
-    """Why a recording that was played gave so little, for errors."""
+    """Damage of a recording that was played, and the counted reasons, as the end of an error."""
     return "; ".join(filter(None, (recording.damage, *estimator.counted()))) or "no sample was refused"
 
 
 class Played(NamedTuple):
-    """The estimates of a recording: times since the first one [s], shape [n]; states, shape [n, 13].
+    """The estimates of a recording. `times`: since the first one [s], shape [n]. `states`: shape [n, 13].
 
-    `forces`: predicted, on the tool, world axes [N], shape [n, 3]. `ground`: at the end, if it is a map.
+    `forces`: predicted, on the tool, world axes [N], shape [n, 3]. `ground`: the map at the end; None: a level plane.
     """
 
     times: NDArray[np.float64]
@@ -147,7 +149,7 @@ def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -
 
 
 def world_forces(wrenches: NDArray[np.float64], states: NDArray[np.float64], cell: LoadCell) -> NDArray[np.float64]:
-    """The forces of wrenches in sensor axes [N], shape [n, 3 or 6], in world axes at these states, shape [n, 13]."""
+    """Rotate the forces of wrenches in sensor axes [N], shape [n, 3 or 6], to world axes. `states`: shape [n, 13]."""
     from scipy.spatial.transform import Rotation
 
     sensor = Rotation.from_quat(states[:, 3:7]) * Rotation.from_quat(cell.quaternion)

@@ -37,7 +37,7 @@ NAMES: dict[Role, str] = {
     "surface": "~/surface_points",
     "tf": "/tf",
 }
-"""The node's name of each role's topic, before remaps."""
+"""The node's own name for the topic of each role, before remaps."""
 
 _INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
 _REPAIRS = {".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
@@ -66,14 +66,14 @@ def _opened(path: Path, opened: ExitStack) -> _Reader:
 
 
 def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
-    """Write what comes before the damage of an .mcap file to a whole one: messages on `topics`, one on each other.
+    """Copy an .mcap file up to its damage: all messages on `topics`, and the first one on any other topic.
 
-    Returns whether nothing is missing: the file is only not of ROS 2, or without its index. Raises nothing for damage,
-    but LimitError for a chunk or a record that is too large, after all that comes before it is written.
+    Returns whether the copy is complete. It is if the file is intact, but not of ROS 2 or without an index. Damage
+    raises no error. A chunk or a record that is too large raises LimitError, after what comes before it is copied.
     """
-    names, channels, every = {0: "unknown type"}, dict[int, tuple[int, str]](), False
+    names, channels, complete = {0: "unknown type"}, dict[int, tuple[int, str]](), False
     limit: LimitError | None = None
-    met = set[str]()  # the first message on any topic tells when the bag begins
+    met = set[str]()  # topics so far; the first message of all is copied, since the bag's times count from it
     with LimitedPath(file).open("rb") as damaged, copy.open("wb") as whole:
         writer = Writer(whole, compression=CompressionType.NONE)
         writer.start("ros2")
@@ -92,7 +92,7 @@ def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
                         met.add(topic)
                         writer.add_message(channel, r.log_time, r.data, r.publish_time)
                 elif isinstance(r, DataEnd):
-                    every = True
+                    complete = True
                     break
         except LimitError as error:
             limit = error
@@ -101,11 +101,11 @@ def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
         writer.finish()  # type: ignore[no-untyped-call]
     if limit:
         raise limit
-    return every
+    return complete
 
 
 def _records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file, those in chunks too, also in one that is cut unless it is compressed."""
+    """The records of an MCAP file, those in chunks, too. Of a last chunk that is cut short, if it is not compressed."""
     at = 0
     try:
         for record in StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_BYTES).records:
@@ -118,7 +118,8 @@ def _records(stream: BinaryIO) -> Iterator[McapRecord]:
     except EndOfFile:
         stream.seek(at)
         head = stream.read(_CHUNK_HEAD)
-        if head[:1] == bytes([Opcode.CHUNK]) and not any(head[37:41]):  # length of the compression's name
+        is_chunk, length_of_compression = head[:1] == bytes([Opcode.CHUNK]), head[37:41]
+        if is_chunk and not any(length_of_compression):
             yield from StreamReader(stream, skip_magic=True, record_size_limit=MOST_BYTES).records
 
 
@@ -144,7 +145,7 @@ class Recording:
         refuse_types: bool = True,
     ) -> None:
         self.bag = bag
-        self.mistyped: dict[Role, str] = {}  # without `refuse_types`: the topics of another type, in words
+        self.mistyped: dict[Role, str] = {}  # without `refuse_types`: a sentence on each topic of another type
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
         self.time = 0  # receive time of the last sample [ns]
@@ -180,7 +181,7 @@ class Recording:
         topic, decode = self._topics.get("tf", "/tf") + "_static", decoder("tf_static", ros1=_is_ros1(self.bag))
         for reader in self._readers:
             chosen = [c for c in reader.connections if (c.topic, c.msgtype) == (topic, TYPES["tf_static"])]
-            with suppress(Exception):  # damage: `_messages` finds and reports it
+            with suppress(Exception):  # damage, which `_messages` reports
                 for _, _, data in reader.messages(chosen) if chosen else ():
                     try:
                         yield from decode(bytes(data))  # type: ignore[misc]
@@ -232,25 +233,25 @@ class Recording:
             chosen = [c for c in reader.connections if c.topic in topics]
             missing, damaged = sum(c.msgcount for c in chosen), f"{Path(str(reader.path)).name} is damaged"
             try:
-                # for rosbags, no connections means all
+                # rosbags reads all topics if it is given none
                 for connection, time, data in reader.messages(chosen, self.first, self.last + 1) if chosen else ():
                     yield time, connection.topic, data
                     missing -= 1
             except Exception as error:  # rosbags' parsers raise anything on damage
                 self._why = f"{damaged}: {reason_of(error)}"
                 return
-            if missing > 0 and self._offsets == (None, None):  # rosbags leaves what it cannot find in a chunk
+            if missing > 0 and self._offsets == (None, None):  # rosbags skips messages that it cannot find in a chunk
                 self._why = f"{damaged}: {missing} of its messages are missing"
 
     def _open(self, opened: ExitStack) -> Iterator[_Reader]:
-        """The bag by rosbags; if that fails, its files up to the first damaged one, an .mcap up to its damage."""
+        """Open the bag by rosbags. If that fails, its files one by one, up to the damage of the first damaged one."""
         bag, described = self.bag, (self.bag / "metadata.yaml").exists()
-        bag.stat()  # is it there?
+        bag.stat()  # raises FileNotFoundError
         inside, suffixes = ([*bag.iterdir()], _SUFFIXES[:2]) if bag.is_dir() else ([bag], _SUFFIXES)
         for file in inside:
             named = bag.is_dir() or file.suffix in suffixes
             if named and file.exists() and not (file.is_file() or file.is_dir()):
-                checked_file(file, "bag")  # refuses it: reading would wait
+                checked_file(file, "bag")  # raises: to read a pipe or a device may block
         if described and (bag / "metadata.yaml").stat().st_size > _MOST_METADATA:
             checked_file(bag / "metadata.yaml", "bag", limit=_MOST_METADATA)
         files = [file for file in inside if file.suffix in suffixes and file.is_file()]
@@ -274,13 +275,13 @@ class Recording:
                     self._why = f"{why}; try '{_REPAIRS[file.suffix]}'"
                     return
                 copy = Path(opened.enter_context(TemporaryDirectory())) / file.name
-                every = False
+                complete = False
                 try:
-                    every = _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
+                    complete = _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
                 except LimitError as limit:
                     why = f"{file.name} is damaged: {limit}"
                 yield _opened(copy, opened)
-                if not every:
+                if not complete:
                     self._why = why
                     return
 

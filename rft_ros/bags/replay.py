@@ -23,7 +23,7 @@ _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.c
 
 
 def results(out: Path) -> list[Path]:
-    """What a replay may write to the folder `out`."""
+    """The files and folders that a replay may write to the folder `out`."""
     return [out / name for name in _FILES]
 
 
@@ -46,7 +46,7 @@ def replay(
     """Play a bag through the estimator and write the results that docs/replay.md describes to the folder `out`.
 
     `model`: `replay_model(values)`, to share it between replays. The same bag, parameters and versions give the same
-    bytes; an earlier replay is replaced as a whole, at the end.
+    bytes. An earlier replay in the folder is replaced at the end, after success.
 
     Raises InputError for a bag that cannot be used (`Recording`), for an input where the results would be written, and
     for a tare that is refused.
@@ -69,8 +69,9 @@ def replay(
                 if answer is not None:
                     run.add(answer)
                 for other in others.values():
-                    if (its := other.estimator.push(sample)) is not None:
-                        other.add(its)
+                    its_answer = other.estimator.push(sample)
+                    if its_answer is not None:
+                        other.add(its_answer)
         if not recording.counts["pose"]:
             what = f"message on {topics.get('pose')}"
             if "tf" in topics:
@@ -107,7 +108,10 @@ def replay(
 
 
 def _learning_settings(settings: Settings) -> dict[str, Settings]:
-    """Of runs beside one that learns, by name: without learning, with `learning_lag`, and with a lag of 5 mm."""
+    """Settings of the runs that a replay with learning is compared to, by name.
+
+    One without learning, one with `learning_lag`, and one with a lag of 5 mm.
+    """
     if settings.learning_mode == "off":
         return {}
     lags = {f"{1e3 * lag:g} mm": lag for lag in (settings.learning_lag, _SECOND_LAG)}
@@ -116,7 +120,7 @@ def _learning_settings(settings: Settings) -> dict[str, Settings]:
 
 
 def _bias(bag: Path, topics: dict[Role, str], settings: Settings, model: Model, options: ReplayOptions) -> Wrench:
-    """The estimator's tare over the first seconds, beginning at the first pose with a known velocity."""
+    """The bias by a tare over the first seconds. It begins at the first pose with a known velocity."""
     start, seconds = options.start or 0.0, options.tare or 0.0
     estimator = Estimator(settings, model)
     begin = newest = 0

@@ -62,7 +62,10 @@ def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None
 
 
 def decimated(rows: Rows) -> Rows:
-    """Of each of 1,500 buckets of rows the first row and those with the greatest depth, force and residual force."""
+    """Thin out rows for charts: of each of 1,500 buckets, the first row and three others.
+
+    These have the greatest depth, the greatest force and the greatest residual force.
+    """
     force = rows["compensated"][:, :3]
     sizes = [rows["depth"], *(np.linalg.norm(f, axis=1) for f in (force, force - rows["predicted"][:, :3]))]
     sizes = [np.nan_to_num(size, nan=-math.inf) for size in sizes]
@@ -95,7 +98,7 @@ def _parameters(summary: Summary) -> Table:
 
 
 def replay_charts(rows: Rows) -> list[Figure]:
-    """The charts of rows with a stamp, shape [n], in the order of the page."""
+    """The charts of a replay, in the order of the page. `rows`: with a stamp, shape [n]."""
     time = (rows["stamp"] - rows["stamp"].min(initial=2**62)) * 1e-9
     depth = np.where(rows["depth"] > _IN_GRAINS, 1e3 * rows["depth"], math.nan)
     charts = [_wrench(rows, time, "time", _TIME), _wrench(rows, depth, "depth", _DEPTH), _residual(rows, time)]
@@ -133,13 +136,13 @@ def _draw(panels: Any, at: _Place, name: str, x: _Array, y: _Array, **look: Any)
 
 
 def _line(panels: Any, at: _Place, name: str, x: _Array, y: _Array, *, colour: str = "", width: float = 1.5) -> None:
-    """A line with gaps at NaN. `colour`: a name of `_NAMES`, else the line's."""
+    """Draw a line with gaps at NaN. `colour`: a name of `_NAMES` (default: `name`)."""
     look = {"color": _COLOURS[colour or name], "width": width}
     _draw(panels, at, name, x, y, line=look, connectgaps=False)
 
 
 def _band(panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str) -> None:
-    """A band from y - deviation to y + deviation with gaps at NaN."""
+    """Draw a band from y - deviation to y + deviation, with gaps at NaN."""
     from plotly.colors import hex_to_rgb
 
     rows = np.flatnonzero(~np.isnan(x + y + deviation))
@@ -158,7 +161,8 @@ def _wrench(rows: Rows, x: _Array, over: str, x_label: str) -> Figure:
         measured, predicted, sigma = (rows[name][:, k] for name in ("compensated", "predicted", "sigma"))
         _band(panels, at, "± standard deviation", x, predicted, sigma, colour="predicted")
         for code, phase in enumerate(PHASES):
-            if (chosen := (rows["phase"] == code) & ~np.isnan(measured + x)).any():
+            chosen = (rows["phase"] == code) & ~np.isnan(measured + x)
+            if chosen.any():
                 y = np.where(chosen, measured, math.nan)
                 _line(panels, at, f"measured, {phase}", x, y, colour=phase, width=2.0)
         _line(panels, at, "predicted", x, predicted)
@@ -216,7 +220,7 @@ def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
 
 
 def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
-    """The tool in the grains; nothing if it was not there."""
+    """The animation of the tool in the grains; none if it never was in the grains."""
     model, begin = estimator.model, rows["stamp"].min(initial=2**62)
     rows = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
     if not len(rows):
@@ -226,5 +230,5 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     forces, height = world_forces(rows["predicted"], states, settings.load_cell), settings.surface_height
     scene = animate(title, model.tool, model.law, times, states, forces, surface_height=height, ground=ground)
     shown = what_is_shown(model.law, learned=settings.learning_mode == "apply")
-    where = "World axes; the surface is that of the end. The slider selects a moment in the grains."
+    where = "World axes; the surface is the one at the end. The slider selects a moment in the grains."
     yield Figure("tool", title, f"{shown} {where}", animation_figure(scene))

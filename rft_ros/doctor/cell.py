@@ -1,4 +1,4 @@
-"""A cell as its parameter file describes it."""
+"""A robot cell as its parameter file describes it."""
 
 from collections.abc import Collection
 from dataclasses import dataclass
@@ -15,10 +15,10 @@ __all__ = ["Cell", "compiled"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
-    """What the parameter file `file` says of a cell.
+    """A robot cell as the parameter file `file` describes it.
 
-    `values`: of all parameters; `named`: the names of those that the file sets. `model`: of those values, with the
-    unreduced tool. `topics`: the topic of each role that is needed.
+    `values`: of all parameters. `named`: the names of the parameters that the file sets. `model`: made from the values,
+    with the tool not reduced. `topics`: the topic of each role that is needed.
     """
 
     file: Path
@@ -29,7 +29,7 @@ class Cell:
 
 
 def compiled(values: Values) -> Finding:
-    """Whether the machine code that these parameters need is in the cache."""
+    """The finding on the cache: whether it has the machine code that these parameters need."""
 
     def stop() -> None:
         raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")

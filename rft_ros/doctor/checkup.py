@@ -1,4 +1,4 @@
-"""Check a cell's set-up by what its samples say: a finding for each question, OK or what to do."""
+"""Checks a cell's set-up on its samples. For each question there is a finding: OK, or what to do."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -14,6 +14,7 @@ from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, Tw
 from rft_ros.estimator.messages import Role
 from rft_ros.ground import Cloud
 from rft_ros.parameters import Model, Values, settings_of
+from rft_ros.rft import STATE
 from rft_ros.rft.placement import Placement
 
 __all__ = ["Checkup", "delayed"]
@@ -21,14 +22,14 @@ __all__ = ["Checkup", "delayed"]
 _Array = NDArray[np.float64]
 
 _ENOUGH = 20  # estimates in the grains, or in the air
-_FELT = 0.2  # N: a smaller force decides nothing
-_ALIKE = 0.5  # correlation of the measured and the predicted force along an axis
+_LEAST_FORCE = 0.2  # N: smaller forces are not judged
+_ALIKE = 0.5  # least correlation of the measured and the predicted force along an axis
 _CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
-_BEGUN = 0.05  # of the greatest force of a descent: the tool has touched the grains
+_BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
 _CONTACT = 0.005, 0.1  # m, and share of the depth: greatest error of surface_height
 _STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
-_RARE = 0.01  # share of poses
-_SOONEST = 0.02  # quantile of the ages at arrival that tells what clocks and drivers do, without delays on the way
+_RARE = 0.01  # share of poses: rarer reasons are not reported
+_SOONEST = 0.02  # quantile of the ages at arrival: the age due to clocks and drivers alone, without delays on the way
 _START = 1_000_000_000  # ns in which the first transforms and twists may be missing
 _EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
 _ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench", Cloud: "surface"}
@@ -37,13 +38,13 @@ _ADVICE: dict[Role, str] = {
     "tf": "start the robot's state publisher, or set pose_source: topic",
     "twist": "set twist_source: pose_difference, or remap ~/twist",
     "wrench": "start the load cell's driver, or remap ~/wrench_measured",
-    "surface": "the ground stays as at the start",
+    "surface": "the ground remains the map at the start",
 }
 _TURNS = Rotation.create_group("O")  # the 24 turns by multiples of 90 degrees
 
 
 class Checkup:
-    """Takes a cell's samples in the order of their arrival, and says what is wrong with the set-up.
+    """Finds what is wrong with a cell's set-up from its samples, which are pushed in the order of their arrival.
 
     `named`: the names of the parameters that the user has set. `topics`: the topic of each role that is needed. `tare`:
     length of a replay's tare [s].
@@ -59,7 +60,7 @@ class Checkup:
         tare: float | None = None,
     ) -> None:
         self._named, self._topics, self._tare = named, topics, tare
-        # what is learned would hide a wrong sign or unit
+        # learning is off, since it would compensate a wrong sign or unit
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
         self._run = Run(self._estimator)
         self._heard: dict[Role, list[tuple[int, int, str]]] = {role: [] for role in topics}  # arrival, stamp, frame
@@ -84,9 +85,9 @@ class Checkup:
                     self._at_start = self._at_start or Counter(counts)
 
     def findings(self, *, complete: bool = True) -> list[Finding]:
-        """The findings, after the last sample; causes come before what follows from them.
+        """The findings, after the last sample. A cause comes before its effects.
 
-        `complete`: whether no message was lost on its way here.
+        `complete`: whether every message arrived.
         """
         rows = self._run.rows()
         poses, rows = len(rows), rows[~np.isnan(rows["compensated"][:, 0])]
@@ -95,9 +96,9 @@ class Checkup:
         error = _error_of_surface(rows) if mesh.ok and len(rows) else None
         surface = self._of_surface(error)
         found = [*late, *self._of_inputs(), *self._of_frames(), mesh, surface, *self._of_mount()]
-        if len(rows) and mesh.ok and (error is None or surface.ok):  # else the forces are of another depth
+        if len(rows) and mesh.ok and (error is None or surface.ok):  # otherwise forces are predicted for a wrong depth
             found += self._of_load_cell(rows, complete=complete and not late)
-        if complete and not late:  # else samples are missing that the node may have had
+        if complete and not late:  # otherwise the node may have received samples that are missing here
             found += self._of_reasons(poses)
         return [*found, self._of_estimates(poses)]
 
@@ -110,16 +111,16 @@ class Checkup:
         for role, topic in self._topics.items():
             ages = self._ages(role)
             if role != "surface" and delayed(ages, limit):
-                said = (
-                    f"messages on {topic} arrive {1e3 * ages.min():.0f} to {1e3 * ages.max():.0f} ms after their stamps"
-                )
+                least, most = 1e3 * ages.min(), 1e3 * ages.max()
+                said = f"messages on {topic} arrive {least:.0f} to {most:.0f} ms after their stamps"
                 busy = "this machine is too busy to judge, or the driver sends in bursts"
                 yield Finding(False, f"machine: {said}: {busy}; end other work, and run again")
 
     def _of_tool(self, rows: Rows) -> Finding:
         tool = self._estimator.model.tool
         extents = " x ".join(f"{1e3 * e:.3g}" for e in np.ptp(tool.vertices, axis=0))
-        if said := tool.issues.get("size"):
+        said = tool.issues.get("size")
+        if said:
             return Finding(False, f"mesh {tool.name}: {extents} mm: {said}")
         deepest = 1e3 * rows["depth"].max(initial=0.0)
         depth = f", at most {deepest:.4g} mm below the surface" if deepest > 0.0 else ""
@@ -129,7 +130,7 @@ class Checkup:
         height = self._estimator.settings.surface_height
         if error is None:
             ok = "surface_height" in self._named
-            advice = "" if ok else " as it is not set: measure it, or run rft calibrate"
+            advice = "" if ok else ", the default, since it is not set; measure it, or run rft calibrate"
             return Finding(ok, f"surface_height: {height:g} m{advice}")
         metres, allowed = error
         if abs(metres) <= allowed:
@@ -137,20 +138,22 @@ class Checkup:
                 True, f"surface_height: {height:g} m; the measured force begins within {1e3 * allowed:.0f} mm of it"
             )
         side = "above" if metres > 0.0 else "below"
-        found = f"the measured force begins {1e3 * abs(metres):.0f} mm {side} where {height:g} m says"
+        found = f"the measured force begins {1e3 * abs(metres):.0f} mm {side} where it should with {height:g} m"
         return Finding(False, f"surface_height: {found}; set it to about {height + metres:.3f}, or calibrate")
 
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
         for role, topic in self._topics.items():
-            if not (heard := self._heard[role]):
+            heard = self._heard[role]
+            if not heard:
                 yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
             times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
             seconds, ages = (times[-1] - times[0]) * 1e-9, self._ages(role)
-            # a message may be delayed on its way, and none comes before it is sent: the soonest ones tell the clocks
+            # messages may be delayed on their way; the age of those that were not is the difference of the clocks
             age = float(np.quantile(ages, _SOONEST)) if len(ages) else 0.0
-            if unstamped := int((stamps <= 0).sum()):
+            unstamped = int((stamps <= 0).sum())
+            if unstamped:
                 yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
             elif abs(age) > limit and role != "surface":
                 off = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
@@ -169,26 +172,27 @@ class Checkup:
             del unknown[Reason.POSE_FRAME_UNKNOWN], unknown[Reason.TWIST_FRAME_UNKNOWN]
             named = " and ".join(map(repr, sorted(of_poses)))
             cause = f"poses and twists have frame_id {named}, which is not world_frame {world!r}"
-            mend = f"set world_frame: {min(of_poses)}, or publish the transform between the two on /tf_static"
-            yield Finding(False, f"frames: {cause}; {mend}")
+            remedy = f"set world_frame: {min(of_poses)}, or publish the transform between the two on /tf_static"
+            yield Finding(False, f"frames: {cause}; {remedy}")
         for reason, sentence in unknown.items():
-            mend = "set the parameter to one that there is, or publish the transform between the two on /tf_static"
+            remedy = "set the parameter to an existing frame, or publish the transform between the two on /tf_static"
             if reason.startswith("tf_") and reason != Reason.TF_FRAME_UNKNOWN:
-                mend = "stop or mend one of its publishers"
+                remedy = "stop or correct one of its publishers"
             if reason.startswith("tf_") and self._transforms_unstamped():
-                continue  # they are refused for their stamps, so that frames are unknown
-            if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` judges how many
-                yield Finding(False, f"frames: {sentence}; {mend}")
-        if frames := self._estimator.transforms.frames():
+                continue  # the frames are unknown because their transforms have no stamps; another finding says so
+            if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` reports it if it is frequent
+                yield Finding(False, f"frames: {sentence}; {remedy}")
+        frames = self._estimator.transforms.frames()
+        if frames:
             yield Finding(True, f"frames: {', '.join(frames)}")
 
     def _transforms_unstamped(self) -> bool:
-        """Whether most transforms have no stamp; the finding on their topic says so."""
+        """Whether most transforms have no stamp, which the finding on their topic reports."""
         stamps = [stamp for _, stamp, _ in self._heard.get("tf", ())]
         return 2 * sum(stamp <= 0 for stamp in stamps) > len(stamps)
 
     def _of_mount(self) -> Iterator[Finding]:
-        """The sensor's place in the parameters and on /tf_static, if both have it."""
+        """Compare the sensor's place in the parameters with that on /tf_static, if both have it."""
         s, cell = self._estimator.settings, self._estimator.settings.load_cell
         place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame)
         if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
@@ -198,9 +202,9 @@ class Checkup:
         if turn < np.radians(1.0) and moved < 1e-3:
             yield Finding(True, "sensor: the parameters and /tf_static agree")
             return
-        differ = f"the parameters are {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm off what /tf_static says"
-        there = f"position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
-        yield Finding(False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or mend one of the two")
+        differ = f"the parameters differ from /tf_static by {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm"
+        there = f"on /tf_static: position {_listed(place.position)}, quaternion {_listed(place.quaternion)}"
+        yield Finding(False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or correct one of the two")
 
     def _of_load_cell(self, rows: Rows, *, complete: bool) -> Iterator[Finding]:
         wet, predicted, measured = rows["depth"] > 0.0, rows["predicted"][:, :3], rows["compensated"][:, :3]
@@ -212,17 +216,20 @@ class Checkup:
             said += f"; a replay tares over its first {self._tare:g} s; for the node call ~/tare in the air"
         elif not seen and complete:
             ok, said = False, f"in the air at fewer than {_ENOUGH} poses; lift the tool out and run again"
-        elif load > _FELT:
+        elif load > _LEAST_FORCE:
             ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
             said = f"it reads {said}; {advice}"
         yield Finding(ok, f"load cell: {said}")
-        pushed = wet & (rows["state"][:, 9] <= 0.5 * rows["speed"])
+        vertical_velocity = rows["state"][:, STATE.index("vz")]
+        pushed = wet & (vertical_velocity <= 0.5 * rows["speed"])
         predicted, measured = predicted[pushed], measured[pushed] - air
-        if len(predicted) < _ENOUGH or np.abs(predicted).max() < _FELT or np.abs(measured).max() < 0.1 * _FELT:
+        too_few = len(predicted) < _ENOUGH
+        if too_few or np.abs(predicted).max() < _LEAST_FORCE or np.abs(measured).max() < 0.1 * _LEAST_FORCE:
             if complete:
                 yield Finding(False, "sign: no push was seen; push the tool down into the grains and run again")
             return
-        yield (direction := self._of_direction(predicted, measured))
+        direction = self._of_direction(predicted, measured)
+        yield direction
         if direction.ok:
             ratio = float((predicted * measured).sum() / (predicted**2).sum())
             ok = _STRENGTH[0] <= ratio <= _STRENGTH[1]
@@ -230,12 +237,15 @@ class Checkup:
             yield Finding(ok, f"strength: measured over predicted force {ratio:.3g}{advice}")
 
     def _of_direction(self, predicted: _Array, measured: _Array) -> Finding:
-        """By axis; of what reverses or exchanges axes, what fits: another sign, or the cell turned by 90 or 180 deg."""
+        """Whether measured and predicted force agree along each axis.
+
+        If not, the remedies that would make them agree: another sign, or a turn of the cell by multiples of 90 degrees.
+        """
         carried = np.sqrt((predicted**2).mean(axis=0))
-        axes = (carried >= _CARRIES * carried.max()) & (np.abs(predicted).max(axis=0) >= _FELT)
+        axes = (carried >= _CARRIES * carried.max()) & (np.abs(predicted).max(axis=0) >= _LEAST_FORCE)
 
         def alike(force: _Array) -> _Array:
-            """Correlation about zero with the predicted force, by axis that carries."""
+            """Correlation about zero with the predicted force, along each of `axes`."""
             scale = np.sqrt((predicted**2).sum(axis=0) * (force**2).sum(axis=0))
             found: _Array = ((predicted * force).sum(axis=0) / np.maximum(scale, 1e-12))[axes]
             return found
@@ -247,7 +257,8 @@ class Checkup:
         advice = []
         if (alike(-measured) >= _ALIKE).all():
             advice.append(f"set sensor.sign: {-cell.sign:g}")
-        if turns := [turn for turn in _TURNS if (alike(turn.apply(measured)) >= _ALIKE).all()]:
+        turns = [turn for turn in _TURNS if (alike(turn.apply(measured)) >= _ALIKE).all()]
+        if turns:
             turn = min(turns, key=lambda t: t.magnitude())
             turned = _listed((Rotation.from_quat(cell.quaternion) * turn).as_quat())
             by = f"as if the cell were turned by {np.degrees(turn.magnitude()):.0f} degrees"
@@ -258,13 +269,13 @@ class Checkup:
         return Finding(False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}")
 
     def _of_place(self) -> tuple[str, str]:
-        """What to mend where the cell is turned, and what to check: `sensor.quaternion`, or the transforms used."""
+        """What to set if the cell is turned, and what to check: `sensor.quaternion`, or transforms."""
         s = self._estimator.settings
         if s.sensor_source != "tf":
             return "set sensor.quaternion", "sensor.quaternion"
         links = ", ".join(self._estimator.transforms.links(s.tool_frame, s.sensor_frame))
         between = f"from tool_frame {s.tool_frame!r} to sensor_frame {s.sensor_frame!r} on /tf_static ({links})"
-        return f"mend the transform {between} to a quaternion", f"the transform {between}"
+        return f"correct the transform {between} to a quaternion", f"the transform {between}"
 
     def _of_reasons(self, poses: int) -> Iterator[Finding]:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}
@@ -283,17 +294,17 @@ class Checkup:
 
 
 def delayed(ages: _Array, limit: float) -> bool:
-    """Whether ages at arrival [s], shape [n], are of messages that were delayed on their way by more than a limit [s].
+    """Whether messages were delayed on their way by more than a limit [s]. `ages`: at arrival [s], shape [n].
 
-    A wrong clock or a slow driver makes all of them old; a busy machine delivers some of them in time.
+    A wrong clock or a slow driver makes all messages old. A busy machine delays only some of them.
     """
     return len(ages) > 0 and float(np.median(ages) - np.quantile(ages, _SOONEST)) > limit
 
 
 def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
-    """How far above the expected surface the measured force begins on the longest way down, and the allowed error [m].
+    """How far above the expected surface the measured force begins on the longest descent, and the allowed error [m].
 
-    None if it does not begin. By the sizes of forces: a turning tool, a wrong sign or mounting does not hide it.
+    None if it does not begin. Only magnitudes of forces are compared, which a wrong sign or mounting does not change.
     """
     deepest_later = np.maximum.accumulate(rows["depth"][::-1])[::-1]
     way = rows[int((deepest_later - rows["depth"]).argmax()) :]
@@ -301,7 +312,7 @@ def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
     depth, measured = way["depth"], way["compensated"][:, :3]
     noise = float(np.linalg.norm(np.std(measured[:_ENOUGH], axis=0)))
     force = np.linalg.norm(measured - np.median(measured[:_ENOUGH], axis=0), axis=1)
-    share = max(_FELT, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
+    share = max(_LEAST_FORCE, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
     begins, expected = (_onset(f, share) for f in (force, np.linalg.norm(way["predicted"][:, :3], axis=1)))
     if begins is None:
         return None
@@ -310,7 +321,7 @@ def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
 
 
 def _onset(force: _Array, share: float) -> int | None:
-    """The row from which on the force exceeds this share of its peak, with the fewest exceptions; None: it does not."""
+    """The row after which the force exceeds this share of its peak, with the fewest exceptions; None without one."""
     if share >= 0.5:
         return None
     loud = np.where(force > share * force.max(), 1, -1)

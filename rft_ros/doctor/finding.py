@@ -1,4 +1,4 @@
-"""What the doctor answers to one question about a cell."""
+"""The doctor's answer to one question about a cell."""
 
 from typing import NamedTuple
 
@@ -6,7 +6,7 @@ __all__ = ["Finding"]
 
 
 class Finding(NamedTuple):
-    """Whether all is well, and a sentence, which says what to do if not."""
+    """Whether the set-up is right in one point, and a sentence on it, which says what to do if it is not."""
 
     ok: bool
     text: str

@@ -1,4 +1,4 @@
-"""Examine a running cell: the node's parameters, the publishers of its inputs, and what they send."""
+"""Examines a running cell: the node's parameters, the publishers of its inputs, and the messages they send."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -22,9 +22,9 @@ _MOST_LOST = 0.01  # share of a topic's messages
 
 
 def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
-    """The findings on the cell beside the node of this full name, after listening for so long [s].
+    """The findings on a running cell, after listening for `seconds` [s]. `node`: the full name of the node.
 
-    Raises InputError where the node or a topic has no name of ROS.
+    Raises InputError if the name of the node or of a topic is not valid in ROS.
     """
     with listener(node) as ros:
         running = ros.parameters(list(cell.values))
@@ -36,8 +36,8 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
     else:
         advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
         of_node = Finding(False, f"node: no node {node} was found; {advice}")
-    # all estimates are made after listening: to listen takes no more than a look into the queues now and then
-    values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values  # a tare sets it
+    # the estimates are computed after listening, so that they take no CPU time while messages arrive
+    values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values  # a tare changes it
     checkup = Checkup(values, cell.model, named=cell.named, topics=cell.topics)
     for sample, received in _as_if_in_time(list(_samples(messages)), limit=values["max_input_age"]):
         checkup.push(sample, received)
@@ -55,7 +55,7 @@ def _samples(messages: Sequence[Message]) -> Iterator[tuple[Sample, int]]:
 
 
 def _as_if_in_time(received: list[tuple[Sample, int]], *, limit: float) -> list[tuple[Sample, int]]:
-    """The same samples; where a busy machine has delayed them, in the order of their stamps, as they were sent."""
+    """The same samples, sorted by their stamps if a busy machine has delayed them."""
     ages = defaultdict[type, list[float]](list)  # [s], by the kind of sample
     for sample, time in received:
         if isinstance(sample, Stamped):
@@ -73,8 +73,8 @@ def _as_if_in_time(received: list[tuple[Sample, int]], *, limit: float) -> list[
 
 
 def _of_losses(topic: Topic, messages: Sequence[Message]) -> Iterator[Finding]:
-    """Whether messages of a topic were lost on the way, by the numbers that its publisher gave them."""
-    if len(topic.publishers) != 1:  # each publisher counts its own, and a message does not say whose it is
+    """A finding if messages of a topic were lost, by the sequence numbers that its publisher gave them."""
+    if len(topic.publishers) != 1:  # each publisher counts for itself, and a message does not name its publisher
         return
     numbers = [message.number for message in messages if message.role == topic.role and message.number is not None]
     sent = max(numbers) - min(numbers) + 1 if numbers else 0
@@ -85,7 +85,7 @@ def _of_losses(topic: Topic, messages: Sequence[Message]) -> Iterator[Finding]:
 
 
 def _of_node(node: str, running: Values, values: Values, file: Path) -> Finding:
-    """Whether the node runs with the parameters of `file`, `values`."""
+    """Whether the node runs with `values`, the parameters of `file`."""
     differs = [
         f"{name} {running[name]} (file: {values[name]})"
         for name in values
@@ -93,7 +93,7 @@ def _of_node(node: str, running: Values, values: Values, file: Path) -> Finding:
     ]
     if not differs:
         bias = running["sensor.bias"]
-        note = f"; sensor.bias is its own: {bias}" if bias != values["sensor.bias"] else ""
+        note = f"; its sensor.bias differs, as after a tare: {bias}" if bias != values["sensor.bias"] else ""
         return Finding(True, f"node: {node} runs with the parameters of {file}{note}")
     advice = "restart it with the file, whose section must be for its name, or set them"
     return Finding(False, f"node: {node} runs with {', '.join(differs)}; {advice}")
@@ -106,7 +106,7 @@ def _same(name: str, running: Value, written: Value) -> bool:
 
 
 def _of_topic(topic: Topic) -> Iterator[Finding]:
-    """Whether the type and the QoS of a topic's publishers are those that node and doctor ask for."""
+    """Whether node and doctor can receive the messages of a topic: type and QoS of its publishers."""
     right = True
     for publisher in topic.publishers:
         if publisher.type != topic.type:

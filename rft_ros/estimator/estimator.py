@@ -27,7 +27,7 @@ __all__ = ["Estimator"]
 Array = NDArray[np.float64]
 
 _AXES = ("world_frame", "tool_frame")
-_SLIVER = 0.01  # of a tool's area: plates of a reduced tool reach out of it, and may be wet 6 mm above the ground
+_SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool, and may be submerged when it is 6 mm above
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 
@@ -37,9 +37,10 @@ class Estimator:
     `push_pose` answers at once. Its prediction uses the last twist stamped at or before the pose among those pushed so
     far. The compensated and the residual wrench follow in `measurements` once the load-cell samples around the pose's
     stamp have arrived, in any order (`Comparison`). No sample further than `max_input_age` from the pose is used. A
-    sample in another frame than expected is transformed if fixed `transforms` link the two. `counts`: under "estimates"
-    their number; under each `Reason`, how often it refused a sample, or left a pose without an estimate or a residual.
-    `learning`: what was learned of the medium; None while `learning_mode` is off.
+    sample in another frame than expected is transformed if fixed `transforms` link the two.
+
+    `counts`: "estimates" is their number; each `Reason` is how often a sample was refused for it, or a pose had no
+    estimate or no residual. `learning`: the filter of the medium's strength; None while `learning_mode` is off.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
@@ -52,10 +53,10 @@ class Estimator:
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
         self._ground = Ground(model.ground, model.tool.corners)
-        self._pose: PoseSample | None = None  # the last that was taken
+        self._pose: PoseSample | None = None  # the last one that was accepted
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
-        self._poses: deque[tuple[PoseSample, str]] = deque(maxlen=HISTORY)  # each with why a tare there would be wrong
+        self._poses: deque[tuple[PoseSample, str]] = deque(maxlen=HISTORY)  # each with a reason against a tare, or ""
         self._duration, self._result = np.zeros(1), np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
@@ -84,15 +85,15 @@ class Estimator:
             return False
         self._ground.level()
         if self.learning is not None:
-            self.learning.leave()
+            self.learning.forget_place()
         return True
 
     def issues(self) -> list[str]:
-        """Why load cell or model cannot be right: with learning of `ISSUES`, without it only a force in the air."""
+        """Sentences on an implausible load cell or model, from `ISSUES`. Without learning only a force in the air."""
         return self._air.issues() if self.learning is None else self.learning.issues()
 
     def unknown_frames(self) -> dict[str, str]:
-        """By reason: a sentence on the frames refused last under these settings, unless transforms link them now."""
+        """For each reason a sentence on the frame refused last under these settings, unless transforms link it now."""
         return self._intake.unknown_frames()
 
     def counted(self) -> list[str]:
@@ -105,9 +106,9 @@ class Estimator:
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Apply new settings or a new model from the next sample on.
 
-        Earlier samples are kept, except those in the axes of a frame that changes: the load cell's with `sensor_frame`,
-        all others, and what is given in their axes, with `world_frame` or `tool_frame`. Another tool keeps what was
-        learned of the bed's strength; another medium or law clears it.
+        Earlier samples are kept, except those in the axes of a frame that changes. Another `sensor_frame` drops the
+        samples of the load cell. Another `world_frame` or `tool_frame` drops all others, the path and the ground's
+        changes. With another tool the learned strength of the bed is kept; with another medium or law it is cleared.
         """
         old, old_model = self.settings, self.model
         s, m = settings or old, model or old_model
@@ -117,12 +118,12 @@ class Estimator:
         new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
         new_axes = settings is not None and any(getattr(s, name) != getattr(old, name) for name in _AXES)
         if settings is not None:
-            self._intake.use(s)
-            self._kinematics.use(s)
+            self._intake.use_settings(s)
+            self._kinematics.use_settings(s)
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
             s = self.settings
-        self._learn_readings()  # under what was believed so far
+        self._learn_readings()  # with the filter so far, before the changes below
         if new_ground:
             self._ground = Ground(m.ground, m.tool.corners)
         elif new_tool:
@@ -150,20 +151,21 @@ class Estimator:
         if m.law != old_model.law:
             learning.forget()
         elif new_tool or new_axes or new_ground or s.surface_height != old.surface_height:
-            learning.leave()
+            learning.forget_place()
 
     def _place_sensor(self) -> None:
-        """Take the sensor's place on the tool from fixed transforms, if the settings say so and they are known."""
+        """Prepare the load cell's frame. With `sensor_source` tf its place comes from fixed transforms, once known."""
         s = self.settings
         self._cell: LoadCellFrame | None = None
         if s.sensor_source == "tf":
-            if (found := self.transforms.fixed(s.tool_frame, s.sensor_frame)) is None:
+            found = self.transforms.fixed(s.tool_frame, s.sensor_frame)
+            if found is None:
                 return
             self.settings = s = replace(s, load_cell=replace(s.load_cell, **found._asdict()))
         self._cell = LoadCellFrame(s.load_cell)
 
     def _start_tool(self) -> None:
-        """Start with a tool that has no path behind it."""
+        """Start with a tool that has not moved yet: no path, no memory, no flags."""
         self._sliver = _SLIVER * self.model.tool.plates.area
         self._memory = self._empty_memory()
         self._prepare_step()
@@ -175,28 +177,31 @@ class Estimator:
         return Memory(self.model.tool.plates, slack=SLACK) if self.model.law.mobilization_length > 0.0 else None
 
     def _prepare_step(self) -> None:
-        """Prepare the evaluation of the model in force, with the memory so far."""
+        """Prepare the evaluation of the current model, with the memory so far."""
         self._step = prepared(self.model.tool.plates, self.model.law, self._memory)
 
     def _start_run(self) -> None:
-        """Start a new run, or in new axes: no path or memory, the ground at the start; the grains' strength stays."""
+        """Start a new run, or a run in new axes: no path, no memory, the ground at the start.
+
+        The learned strength of the grains is kept.
+        """
         self._start_tool()
-        self._kinematics.begin_again()
+        self._kinematics.start_run()
         self._ground.start_run()
         self.surface = LocalSurface(self.settings.surface_height)
         self._poses.clear()
         if self.learning is not None:
-            self.learning.leave()
+            self.learning.forget_place()
 
     # --- samples
 
     def push(self, sample: samples.Sample) -> Estimate | samples.NoEstimate | None:
-        """Push a sample of any kind; the answer if it is a pose. One that cannot be used is counted by its reason."""
+        """Push a sample of any kind; returns the answer to a pose. An unusable sample is counted by its reason."""
         if isinstance(sample, PoseSample):
             return self.push_pose(sample)
         for one in (sample,) if isinstance(sample, samples.Stamped) else sample:
             try:
-                self._intake.take(one, self._ground)
+                self._intake.add(one, self._ground)
             except RefusedError as refused:
                 self.counts[refused.reason.value] += 1
             if isinstance(one, TransformSample) and one.fixed and self.settings.sensor_source == "tf":
@@ -218,10 +223,10 @@ class Estimator:
         self._learn_readings()
 
     def tare(self, window: float) -> Wrench:
-        """The bias that makes the mean compensated wrench of the last `window` [s] zero: raw sign, [N], [N m].
+        """The bias that makes the mean compensated wrench of the last `window` [s] zero, in the driver's sign.
 
-        The caller applies it: pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved, was in
-        the grains or had an unknown velocity, or if there are too few load-cell samples.
+        Units [N], [N m]. Pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved, was in the
+        grains or had an unknown velocity, or if there are too few load-cell samples.
         """
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
         mean = mean_in_air(self._comparison.samples, self._poses, window, rest_speed=rest, reach=reach)
@@ -251,7 +256,7 @@ class Estimator:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)
         state = motion.state[0]
-        self.surface = surface = self._ground.under(state, self.settings.surface_height)
+        self.surface = surface = self._ground.surface_at(state, self.settings.surface_height)
         row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
         if in_grains:
@@ -261,24 +266,27 @@ class Estimator:
         answer = self._corrected(motion, row)
         self._withdrawal.widen(answer)
         self.state = state
-        if in_grains and motion.rests and self._memory is None:  # the filter is updated at rest all the same
-            raise RefusedError(Reason.AT_REST)
+        if in_grains and motion.rests and self._memory is None:
+            raise RefusedError(Reason.AT_REST)  # only now, since the filter is still updated at rest
         wrench, offset, sigma = cell.into_sensor(state[3:7], answer)
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
-        self._learn_readings()  # its own reading may have come already, and sets the flag SURPRISE
+        self._learn_readings()  # the reading at this pose may have come already; it decides the flag SURPRISE
         flags = self._quality.flags(
             motion, surface, self.settings, self.model.law, force=force, in_grains=in_grains, depth=self.depth,
             withdrawn=self._withdrawal.active, learning=self.learning,
         )  # fmt: skip
-        return Estimate(pose.stamp, wrench, sigma, motion.speed, area, self.model.generation, flags)
+        return Estimate(pose.stamp, wrench, sigma, motion.speed_bound, area, self.model.generation, flags)
 
     def _accepted(self, sample: PoseSample) -> PoseSample:
-        """The pose in world axes, once ground and comparison know it; one that jumps back in time starts a new run."""
+        """Check a pose, and pass it to the ground and the comparison. A stamp that jumps back starts a new run.
+
+        Returns the pose in world axes.
+        """
         pose = self._intake.pose(sample)
         if self._pose is not None and pose.stamp < self._pose.stamp:
             self.counts[Reason.TIME_JUMP.value] += 1
             self.finish()
-            self._intake.begin_again(pose.stamp)
+            self._intake.start_run(pose.stamp)
             self._start_run()
         self._pose = pose
         self._ground.add_pose(pose.stamp, pose.position, pose.quaternion)
@@ -286,19 +294,20 @@ class Estimator:
         return pose
 
     def _model_wrench(self, motion: Motion, surface: LocalSurface) -> tuple[Array, samples.Vector, float]:
-        """The model's wrench, area and sensitivities, shape [19], overwritten by the next; its force; its wet area.
+        """Evaluate the model: its result, shape [19], its force [N] and the submerged area [m²]. Advances the memory.
 
-        Moves the memory on.
+        The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
         self._duration[0] = motion.duration
         self._step(motion.state, self._duration, surface.height, surface.slope, self._result)
         row: Array = self._result[0]
-        numbers = row.tolist()
-        if 0.0 < numbers[6] < self._sliver and self.depth() <= 0.0:
-            row[:], numbers = 0.0, [0.0] * len(numbers)
+        fx, fy, fz, _, _, _, area, *_ = numbers = row.tolist()
+        if 0.0 < area < self._sliver and self.depth() <= 0.0:
+            row[:] = 0.0
+            return row, (0.0, 0.0, 0.0), 0.0
         if not math.hypot(*numbers) < samples.ABSURD:
             raise RefusedError(Reason.ESTIMATE_NOT_FINITE)
-        return row, (numbers[0], numbers[1], numbers[2]), numbers[6]
+        return row, (fx, fy, fz), area
 
     def _corrected(self, motion: Motion, row: Array) -> Array:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
@@ -311,7 +320,7 @@ class Estimator:
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
     def _learn_readings(self) -> None:
-        """Take each reading compared since the last call: into the belief of the grains, or the mean in the air."""
+        """Update the filter, or without learning the mean in the air, with the readings since the last call."""
         for reading in self._comparison.readings():
             if self.learning is not None:
                 self.learning.learn(reading.stamp, reading.force, repeated=reading.repeated, in_air=reading.in_air)

@@ -1,4 +1,4 @@
-"""The intake: samples that have arrived are checked, brought into the expected frames, and kept in their order."""
+"""The intake: checks each sample that arrives, transforms it to the expected frame, and keeps it by its stamp."""
 
 import math
 from collections import Counter, deque
@@ -18,7 +18,7 @@ from rft_ros.rft.placement import Placement
 __all__ = ["Intake"]
 
 _TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
-_CLOUD_PERIOD = 190_000_000  # ns; clouds that follow sooner are not needed
+_CLOUD_PERIOD = 190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
 _MOST_WANTED = 4096  # stamps that wait for transforms
 _UNKNOWN = {
     Reason.POSE_FRAME_UNKNOWN: "pose frame_id {!r} is not world_frame {!r}",
@@ -31,27 +31,27 @@ _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 
 
 class Intake:
-    """Takes samples; each method returns one that can be used, or raises `RefusedError` with the reason.
+    """Checks and keeps samples. Raises `RefusedError` with the reason for a sample that cannot be used.
 
-    `twists`: those kept, in the order of their stamps; load-cell samples go to `comparison`. A stamp that goes back by
-    `TIME_JUMP` begins a new run, without the samples before. `counts` gets the reasons for poses that transforms do not
-    give.
+    `twists`: those kept, in the order of their stamps; load-cell samples are kept in `comparison`. A stamp that goes
+    back by `TIME_JUMP` starts a new run, and earlier samples are dropped. With `pose_source` tf, `counts` counts the
+    reasons for which transforms give no pose.
     """
 
     def __init__(self, settings: Settings, counts: Counter[str], comparison: Comparison) -> None:
         self.transforms = Transforms()
         self.twists: deque[TwistSample] = deque(maxlen=_TWISTS)
         self._counts, self._comparison = counts, comparison
-        self._pose = 0  # stamp of the last one
+        self._pose = 0  # stamp of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._last_wanted = 0
-        self._last_transforms = 0  # stamp of those whose poses were taken at `tf_rate`
+        self._last_transforms = 0  # stamp up to which poses were asked of the transforms at `tf_rate`
         self._unknown: dict[Reason, tuple[str, ...]] = {}  # the frame refused last, and those expected
         self._settings = settings
-        self.use(settings)
+        self.use_settings(settings)
 
-    def use(self, settings: Settings) -> None:
-        """Take new settings; samples in the axes of a frame that changes are dropped."""
+    def use_settings(self, settings: Settings) -> None:
+        """Apply new settings. Samples in the axes of a frame that changes are dropped."""
         old, self._settings = self._settings, settings
         if settings.sensor_frame != old.sensor_frame:
             self._comparison.settle(math.inf)
@@ -61,8 +61,8 @@ class Intake:
         self._unknown.clear()
         self.transforms.keep(settings.world_frame, settings.tool_frame)
 
-    def begin_again(self, stamp: int) -> None:
-        """Drop the samples of the run before a pose that jumped back to `stamp` [ns]."""
+    def start_run(self, stamp: int) -> None:
+        """Start a new run at a pose whose stamp jumped back to `stamp` [ns]: drop the samples of the run before."""
         for history in (self.twists, self._comparison.samples):
             if history and history[-1].stamp - stamp >= TIME_JUMP:
                 history.clear()
@@ -86,21 +86,23 @@ class Intake:
         self._pose = stamp
         return PoseSample(stamp, world, position, quaternion)
 
-    def take(self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, ground: Ground) -> None:
-        """Keep a sample that is no pose; a cloud goes to the `ground`."""
+    def add(self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, ground: Ground) -> None:
+        """Keep a sample that is no pose. A cloud is added to the `ground`."""
         if isinstance(sample, TwistSample):
             self._twist(sample)
         elif isinstance(sample, WrenchSample):
             self._wrench(sample)
         elif isinstance(sample, Cloud):
             self._cloud(sample, ground)
-        elif (reason := self.transforms.push(sample)) is not None:
-            raise RefusedError(reason)  # one with another parent was taken nevertheless
+        else:
+            reason = self.transforms.push(sample)
+            if reason is not None:  # also TF_TWO_PARENTS, although that transform is used
+                raise RefusedError(reason)
 
     def _twist(self, sample: TwistSample) -> None:
-        """A twist, kept in the axes of the world or the tool frame."""
+        """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
-            return  # a replay does not read it either
+            return  # as a replay, which does not read the topic then
         world, tool = self._settings.world_frame, self._settings.tool_frame
         axes = self._placed("twist", sample, world, tool)
         _check_finite("twist", *sample.linear, *sample.angular)
@@ -110,7 +112,7 @@ class Intake:
         self._keep("twist", self.twists, sample)
 
     def _wrench(self, sample: WrenchSample) -> None:
-        """The load cell's reading, kept in the sensor frame."""
+        """Keep a reading of the load cell, in the sensor frame."""
         there = self._placed("wrench", sample, self._settings.sensor_frame)
         if there is not None:
             sample = WrenchSample(sample.stamp, self._settings.sensor_frame, there.wrench(sample.wrench))
@@ -118,7 +120,7 @@ class Intake:
         self._keep("wrench", self._comparison.samples, sample)
 
     def _cloud(self, cloud: Cloud, ground: Ground) -> None:
-        """Points of the ground, with the place of their frame in the world unless they are in its axes."""
+        """Add points of the ground, with the placement of their frame in the world if that is another frame."""
         since = cloud.stamp - ground.last_cloud
         if ground.map is None:
             raise RefusedError(Reason.SURFACE_OFF)
@@ -132,9 +134,9 @@ class Intake:
         ground.add(cloud, camera and (np.array(camera.position), rotation_matrix(camera.quaternion)))
 
     def _placed(self, kind: str, sample: samples.Stamped, *expected: str) -> Placement | None:
-        """Placement of a sample's frame in the first of the expected frames that fixed transforms link it to.
+        """Placement of a sample's frame in the first of the expected frames to which fixed transforms link it.
 
-        None if it is one of them.
+        None if the sample is in one of the expected frames. Raises `RefusedError` if none is linked.
         """
         if sample.stamp <= 0:
             raise RefusedError(Reason(f"{kind}_stamp_zero"))
@@ -149,7 +151,7 @@ class Intake:
 
     def _keep(self, kind: str, history: deque[_Sample], sample: _Sample) -> None:
         behind = history[-1].stamp - sample.stamp if history else -1
-        if 0 <= behind < TIME_JUMP:  # of equal stamps the first counts, whenever a pose comes
+        if 0 <= behind < TIME_JUMP:  # of equal stamps the first is used, whether or not a pose came in between
             raise RefusedError(Reason(f"{kind}_out_of_order"))
         if behind > 0:
             self._comparison.settle(math.inf)
@@ -158,7 +160,7 @@ class Intake:
         self._comparison.settle(sample.stamp)
 
     def unknown_frames(self) -> dict[str, str]:
-        """By reason: a sentence on the frames refused last under these settings, unless transforms link them now."""
+        """For each reason a sentence on the frame refused last under these settings, unless transforms link it now."""
         s, tree, found = self._settings, self.transforms, dict[Reason, str]()
         for reason, (frame, *expected) in self._unknown.items():
             if all(tree.fixed(into, frame) is None for into in expected):
@@ -175,9 +177,9 @@ class Intake:
     def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
         """With `pose_source` tf: the poses of `tool_frame` that are ready after a sample that was taken.
 
-        Their stamps are the load cell's or, with `tf_rate`, multiples of its period. A pose is ready once the
-        transforms on both sides of its stamp have come, so it depends on stamps only. A stamp for which they do not
-        come within `PATIENCE` has no pose; `counts` get the reason.
+        Their stamps are those of the load cell or, with `tf_rate`, multiples of its period. A pose is ready once the
+        transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come within
+        `PATIENCE`, the stamp has no pose, and the reason is counted.
         """
         s = self._settings
         if s.pose_source != "tf" or isinstance(sample, TwistSample):
@@ -192,7 +194,7 @@ class Intake:
         return self._ready(max((transform.stamp for transform in sample), default=0))
 
     def _want_until(self, newest: int, period: int) -> None:
-        if not -TIME_JUMP < newest - self._last_transforms < PATIENCE:  # a new run, or nothing came for long
+        if not -TIME_JUMP < newest - self._last_transforms < PATIENCE:  # a new run, or a gap: no poses in between
             if newest < self._last_transforms:
                 self._wanted.clear()
             self._last_transforms = newest - 1
@@ -204,7 +206,7 @@ class Intake:
     def _want(self, stamp: int) -> None:
         if self._last_wanted - stamp >= TIME_JUMP:
             self._wanted.clear()
-            self.transforms.begin_again(stamp)
+            self.transforms.start_run(stamp)
         elif stamp <= self._last_wanted:
             return
         self._last_wanted = stamp

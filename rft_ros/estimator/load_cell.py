@@ -2,7 +2,7 @@
 
 import math
 from collections import Counter, deque
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,9 @@ GRAVITY = 9.80665
 """Standard gravity [m/s²] (ISO 80000-3)."""
 
 HISTORY = 8192
-"""Load-cell samples kept: 8 s of a 1 kHz stream. A pose older than all of them counts as without any."""
+"""Load-cell samples kept: 8 s of a 1 kHz stream. A pose that is older than all of them has no measurement."""
 
-_MOST_PENDING = 4096  # estimates that wait for samples; more settle the oldest early
+_MOST_PENDING = 4096  # estimates that wait for samples; if there are more, the oldest is compared early
 _FEWEST_FOR_TARE = 10
 _STRETCH = 0.25  # time over which poses are averaged to see a drift [s]: 10 µm of noise at 125 Hz count as 0.01 mm/s
 
@@ -33,9 +33,9 @@ _MOUNT = np.dtype(
     [
         ("position", float, 3),  # of the sensor in the tool frame [m]
         ("quaternion", float, 4),
-        ("weight", float),  # of what hangs below the cell [N]
-        ("center_of_mass", float, 3),  # of that, in the sensor frame [m]
-        ("bias", float, 6),  # of a cell that reads the force on the tool
+        ("weight", float),  # of the mass below the cell [N]
+        ("center_of_mass", float, 3),  # of this mass, in the sensor frame [m]
+        ("bias", float, 6),  # in the sign of a force on the tool [N], [N m]
     ]
 )
 _IN_SENSOR = np.dtype([("wrench", float, 6), ("offset", float, 6), ("sigma", float, 6)])
@@ -43,7 +43,7 @@ _IN_SENSOR = np.dtype([("wrench", float, 6), ("offset", float, 6), ("sigma", flo
 
 @compiled
 def _into_sensor(mounts, quaternion, answer, outs):
-    """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to the one record of `outs`.
+    """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to `outs`, one record.
 
     `mounts`: one record of `_MOUNT`. `quaternion` of the tool. `answer`, shape [12]: wrench and its standard deviations
     in world axes about the tool frame's origin. The errors of world components, and those of force and torque, are
@@ -59,7 +59,7 @@ def _into_sensor(mounts, quaternion, answer, outs):
     turned = 0.0, 0.0, 0.0
     for i in range(6):
         wrench[i] = sigma[i] = 0.0
-    for k in range(3):  # one world axis after another: in the sensor's axes, and its torque about the sensor's origin
+    for k in range(3):  # for each world axis: `turned`, the axis in sensor axes; `lever`, torque of a unit force on it
         x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
         turned = into_frame(sensor, x, y, z)
         lever = into_frame(sensor, pz * y - py * z, px * z - pz * x, py * x - px * y)
@@ -86,21 +86,23 @@ class LoadCellFrame:
         bias = tuple(cell.sign * b for b in cell.bias)
         mount = cell.position, cell.quaternion, cell.mass * GRAVITY, cell.center_of_mass, bias
         self._mount, self._out = np.array([mount], _MOUNT), np.zeros(1, _IN_SENSOR)
-        self._numbers = self._out.view(np.float64)
+        self._rows = self._out.view(np.float64).reshape(3, 6)  # wrench, offset, sigma
         self._into_sensor = machine_code(_into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out))
 
     def into_sensor(self, quaternion: Array, answer: Array) -> tuple[Wrench, Wrench, Wrench]:
-        """In the sensor frame: the wrench, the offset that the cell reads beside it, one standard deviation.
+        """The wrench, the offset and one standard deviation of each component of the wrench, in the sensor frame.
 
-        The offset, bias and weight, has the sign of a force on the tool: the raw reading is `sign` times the sum.
-        `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's origin [N], [N m].
+        The offset is bias plus tool weight, in the sign of a force on the tool: the raw reading is `sign` times the sum
+        of wrench and offset. `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's
+        origin [N], [N m].
         """
         self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(answer), self._out)
-        a, b, c, d, e, f, g, h, i, j, k, m, n, o, p, q, r, s = self._numbers.tolist()
-        return (a, b, c, d, e, f), (g, h, i, j, k, m), (n, o, p, q, r, s)
+        rows: list[Any] = self._rows.tolist()
+        wrench, offset, sigma = map(tuple, rows)
+        return wrench, offset, sigma
 
     def into_world(self, tool: PoseSample, force: Vector) -> Vector:
-        """A force [N] given in sensor axes, in world axes."""
+        """Rotate a force [N] from sensor axes to world axes. `tool`: the pose of the tool frame."""
         return Placement(tool.position, tool.quaternion).rotate(self._place.rotate(force))
 
 
@@ -128,12 +130,12 @@ class Reading(NamedTuple):
 
 
 class Comparison:
-    """Compare each prediction with the load cell at its stamp, once the samples around it have come.
+    """Compares each prediction with the load cell at its stamp, once the samples around the stamp have come.
 
-    The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns].
-    Without a sample after the stamp, the last one before it counts; that is decided once another input carries a stamp
-    later by 1 s, or by `max_age` if that is longer. `samples`: the load cell's, by stamp, which the intake adds.
-    `counts` gets the reasons.
+    The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns]. If
+    no sample follows within that, the last one before the stamp is used. A prediction waits for a later sample until
+    another input has a stamp that is later by 1 s, or by `max_age` if that is longer. `samples`: of the load cell, in
+    the order of stamps; the intake adds them. Reasons for predictions without a measurement are counted in `counts`.
     """
 
     def __init__(self, counts: Counter[str]) -> None:
@@ -153,7 +155,7 @@ class Comparison:
         self.settle(prediction.pose.stamp)
 
     def settle(self, now: float) -> None:
-        """Compare what can be compared; `now` [ns]: the stamp of the sample of any kind that has just come."""
+        """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
         pending = self._pending
         if not pending:
             return
@@ -199,7 +201,7 @@ class Comparison:
 
 
 def drift(time: Array, places: Array, reach: float) -> float:
-    """Greatest speed [m/s] between the means of neighbouring quarters of a second: the noise of poses is no motion.
+    """Greatest speed [m/s] between the means of successive quarters of a second, which average out noise of the poses.
 
     `time` [s], shape [n], n at least 2; `places`: position and quaternion, shape [n, 7]; `reach` of the plates [m].
     """
@@ -219,10 +221,10 @@ def mean_in_air(
     rest_speed: float,
     reach: float,
 ) -> Array:
-    """Mean of the raw samples over the last `window` [s], shape [6]; InputError says why a tare would be wrong now.
+    """Mean of the raw samples over the last `window` [s], shape [6]. Raises InputError if a tare would be wrong now.
 
-    `poses`: the last, at most `HISTORY`, each with why a tare there would be wrong, empty if the tool was in the air.
-    The tool must not drift faster than `rest_speed` [m/s]; `reach` of its plates [m].
+    `poses`: the last ones, at most `HISTORY`, each with a reason against a tare there, or "" if the tool was in the
+    air. The tool must not drift faster than `rest_speed` [m/s]. `reach` of its plates [m].
     """
     if not poses:
         raise InputError("tare refused: no pose with a known velocity has come yet")

@@ -1,8 +1,8 @@
-"""How the tool moves at a pose: its velocity, from twists or from the poses themselves, and the path behind it.
+"""The motion of the tool at a pose: its velocity, from twists or from the poses themselves, and its path.
 
-The velocity from poses is the slope, at the newest, of a parabola fitted to the last ones on SE(3). This end derivative
-of Savitzky and Golay (Analytical Chemistry 36, 1964) has no lag under constant acceleration. The parabola spans as many
-poses as the noise of the poses lets look like one: over a turn of the motion it would overshoot.
+The velocity from poses is the slope, at the newest pose, of a parabola fitted to the last poses on SE(3). This end
+derivative of Savitzky and Golay (Analytical Chemistry 36, 1964) has no lag under constant acceleration. The window is
+the longest one whose misfit stays within the noise of the poses. Across a reversal a longer one would overshoot.
 """
 
 import math
@@ -23,31 +23,35 @@ from rft_ros.rft.placement import Placement
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion", "PoseDifference"]
 
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
-"""Reasons of poses whose velocity is unknown."""
+"""Reasons for which a pose has no velocity."""
 
-_STATE = Struct(f"{len(STATE)}d")  # writes a row in half the time that numpy takes
-_CAPACITY = 2048  # the longest window, 1 s, at 2 kHz
+_STATE = Struct(f"{len(STATE)}d")  # writes a state in half the time that numpy takes
+_CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
-_MISFITS, _REFRESH = 256, 16  # misfits kept; misfits between two estimates of the noise, and before the first
-# of chi-squared with 3 degrees of freedom: high, since jitter of stamps gives outliers, but turns count little
+_MISFITS, _REFRESH = 256, 16  # misfits kept; new misfits between two estimates of the noise, and before the first
 _QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
-_UNLIKELY = 8.0  # standard deviations of chi-squared; a false alarm costs a noisy slope
-_MOVES = 40.0  # chi-squared of 1e-8: noise taken for motion at rest lets the grains go
+"""The noise is estimated from this quantile of the misfits, which have a chi-squared distribution of 3 degrees.
+
+A high quantile, since poses with jittering stamps are noise, too; the few misfits at reversals change it little.
+"""
+_UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
+_MOVES = 40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
-_THIN = 1.0 / 64.0  # of the window: poses of its older part that are closer do not count
+_THIN = 1.0 / 64.0  # of the window: in its older part, poses closer than this to the one before are skipped
 
 
 class Motion(NamedTuple):
-    """`state`: shape [1, 13], columns `rft_ros.rft.STATE`; `velocity` of the tool frame's origin, world axes [m/s].
+    """The motion of the tool at a pose.
 
-    `speed`: an upper bound on the plates' speeds [m/s]; `rests`: it is below `rest_speed`. `path` of the fastest point
-    since the motion before [m], and its `duration` [s].
+    `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity`: of the tool frame's origin, world axes [m/s].
+    `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
+    on the path of any plate since the motion before [m]. `duration`: time since then [s].
     """
 
     pose: PoseSample
     state: NDArray[np.float64]
     velocity: Vector
-    speed: float
+    speed_bound: float
     rests: bool
     path: float
     duration: float
@@ -58,25 +62,25 @@ class Kinematics:
 
     def __init__(self, settings: Settings, twists: deque[TwistSample], reach: float) -> None:
         self.reach, self._twists, self._settings = reach, twists, settings
-        self.begin_again()
+        self.start_run()
 
-    def use(self, settings: Settings) -> None:
-        """Take new settings."""
+    def use_settings(self, settings: Settings) -> None:
+        """Apply new settings."""
         self._settings = settings
         self._max_age = round(settings.max_input_age * 1e9)
         self._period = round(min(1e9 / settings.max_rate, 1e18)) if settings.max_rate > 0.0 else 0
         self._due = 0
         self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
 
-    def begin_again(self) -> None:
-        """Forget the motion so far: a new run, or new axes."""
+    def start_run(self) -> None:
+        """Start a new run, or a run in new axes: drop the poses and the motion so far."""
         self._difference = PoseDifference()
         self._before: Motion | None = None
-        self.use(self._settings)
+        self.use_settings(self._settings)
 
     def at(self, pose: PoseSample) -> Motion:
-        """The motion at a pose; `RefusedError` if it has no velocity, or comes sooner than `max_rate` allows."""
-        velocity = self._velocity(pose)  # of each pose: the slope is that of all, also of those that are not answered
+        """The motion at a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no answer yet."""
+        velocity = self._velocity(pose)  # first, since poses that `max_rate` skips belong to the window, too
         # a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz
         if pose.stamp + self._period // 10 < self._due:
             raise RefusedError(Reason.POSE_RATE_LIMITED)
@@ -84,16 +88,24 @@ class Kinematics:
             raise RefusedError(velocity)
         self._due = max(self._due, pose.stamp) + self._period
         vx, vy, vz, wx, wy, wz = velocity
-        speed = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
-        rests = speed < self._settings.rest_speed or speed == 0.0
-        path, duration = self._path_since(pose, 0.0 if rests else speed)
+        bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
+        rests = bound < self._settings.rest_speed or bound == 0.0
+        path, duration = self._path_since(pose, 0.0 if rests else bound)
         state = np.empty((1, len(STATE)))
         _STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
-        self._before = motion = Motion(pose, state, (vx, vy, vz), speed, rests, path, duration)
+        self._before = motion = Motion(
+            pose=pose,
+            state=state,
+            velocity=(vx, vy, vz),
+            speed_bound=bound,
+            rests=rests,
+            path=path,
+            duration=duration,
+        )
         return motion
 
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
-        """Linear and angular velocity at a pose, world axes; or why it has none."""
+        """Linear and angular velocity at a pose, world axes; or the reason why it has none."""
         if self._settings.twist_source == "pose_difference":
             return self._difference.twist.tolist() if self._difference.push(pose) else Reason.POSE_HISTORY_SHORT
         twist, _ = around(self._twists, pose.stamp)
@@ -107,14 +119,15 @@ class Kinematics:
         return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
     def _path_since(self, pose: PoseSample, speed: float) -> tuple[float, float]:
-        """Path and duration since the motion before; `speed`: 0 at rest.
+        """Path [m] and duration [s] since the motion before. `speed` [m/s]: 0 at rest.
 
-        After a gap over `max_input_age` the path is the poses' displacement, and the duration what it takes.
+        After a gap longer than `max_input_age` the speeds in between are unknown. The path is then the displacement
+        between the two poses, and the duration is the path over the mean speed.
         """
         if self._before is None:
             return 0.0, 0.0
         last = self._before.pose
-        mean = 0.5 * (speed + (0.0 if self._before.rests else self._before.speed))
+        mean = 0.5 * (speed + (0.0 if self._before.rests else self._before.speed_bound))
         duration = (pose.stamp - last.stamp) * 1e-9
         if pose.stamp - last.stamp <= self._max_age or mean == 0.0:
             return mean * duration, duration
@@ -124,9 +137,9 @@ class Kinematics:
 
 
 class PoseDifference:
-    """A ring of the last poses, and `twist` at the newest: vx, vy, vz, wx, wy, wz [m/s], [rad/s], world axes.
+    """Keeps the last poses, and computes the `twist` at the newest: vx, vy, vz, wx, wy, wz [m/s], [rad/s], world axes.
 
-    A twist that the noise of the poses explains is zero.
+    A twist within the noise of the poses is set to zero.
     """
 
     def __init__(self) -> None:
@@ -139,11 +152,11 @@ class PoseDifference:
         self.span(window=0.0, max_age=0.0)
 
     def span(self, *, window: float, max_age: float) -> None:
-        """Fit to the poses of the last `window` [s], at least three, none over `max_age` [s] from the one before."""
+        """Set the window of the fit [s]; it has at least three poses, and ends at a gap longer than `max_age` [s]."""
         self._window, self._gap = round(1e9 * window), round(1e9 * max_age)
 
     def push(self, pose: PoseSample) -> bool:
-        """Add a pose; whether there are enough for `twist`."""
+        """Add a pose. Returns whether there are enough poses for `twist`."""
         newest = self._count % _CAPACITY
         self._stamps[newest] = pose.stamp
         self._ring[newest] = (*pose.position, *pose.quaternion)
@@ -151,13 +164,13 @@ class PoseDifference:
         n: int = _fit(*self._arrays, misfit, newest, self._window, self._gap)
         self._count += 1
         if self._count % _REFRESH == 0:
-            self._learn_noise()
+            self._estimate_noise()
         return n >= _FEWEST
 
-    def _learn_noise(self) -> None:
-        """The variance of one coordinate of a pose, of positions [m²] and rotations [rad²], from the last misfits.
+    def _estimate_noise(self) -> None:
+        """Estimate the variance of one coordinate of a pose, of positions [m²] and rotations [rad²].
 
-        A quantile that turns do not shift. Zeros, which encoders with coarse steps give, do not count.
+        It is a quantile of the last misfits. Misfits of zero, as from encoders with coarse steps, are left out.
         """
         for group, misfits in enumerate(np.sort(self._misfits, axis=0).T):
             found = misfits[misfits > 0.0]
@@ -167,9 +180,10 @@ class PoseDifference:
 
 
 @inlined
-def _rotation_vector(row, ax, ay, az, aw):
-    """Rotation from an attitude, whose conjugate is a, to that of a pose."""
-    bx, by, bz, bw = row[3], row[4], row[5], row[6]
+def _rotation_vector(pose, ax, ay, az, aw):
+    """Rotation vector from the attitude whose conjugate is a to that of a pose: position, quaternion xyzw."""
+    quaternion = pose[3:7]
+    bx, by, bz, bw = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     rx = bw * ax + bx * aw + by * az - bz * ay
     ry = bw * ay - bx * az + by * aw + bz * ax
     rz = bw * az + bx * ay - by * ax + bz * aw
@@ -181,16 +195,18 @@ def _rotation_vector(row, ax, ay, az, aw):
 
 @inlined
 def _recent(stamps, ring, newest, window, gap, t, x):
-    """Write times [s] and places relative to the newest pose, newest first; return how many, 3 or more if there are.
+    """Write the poses of the window to `t` and `x`, newest first and relative to the newest; return their number.
 
-    `stamps`, `window`, `gap` [ns]; a stamp is 0 where there is no pose. `ring`: rows position, quaternion xyzw. `x`:
-    positions and rotation vectors in world axes, shape [6, n].
+    At least 3 poses are written if there are as many. `t`: times [s]. `x`: positions and rotation vectors in world
+    axes, shape [6, n]. `ring`: rows position, quaternion xyzw. `stamps`, `window`, `gap` [ns]; a stamp is 0 where the
+    ring has no pose yet.
     """
-    ax, ay, az, aw = -ring[newest, 3], -ring[newest, 4], -ring[newest, 5], ring[newest, 6]
+    quaternion = ring[newest, 3:7]
+    ax, ay, az, aw = -quaternion[0], -quaternion[1], -quaternion[2], quaternion[3]
     younger, n = stamps[newest], 0
     for back in range(len(stamps)):
         at = (newest - back) % len(stamps)
-        age = stamps[newest] - stamps[at]  # of integers: independent of the epoch
+        age = stamps[newest] - stamps[at]  # a difference of integers has no rounding error
         if stamps[at] == 0 or younger - stamps[at] > gap or (age > window and n >= _FEWEST):
             break
         younger = stamps[at]
@@ -206,10 +222,11 @@ def _recent(stamps, ring, newest, window, gap, t, x):
 
 @inlined
 def _end_slopes(t, x, n, slopes, squares):
-    """Least squares of a parabola to the newest n poses: write its slopes at the newest, shape [6], to `slopes`.
+    """Fit a parabola to the newest n poses by least squares; write its slopes at the newest, shape [6], to `slopes`.
 
-    Writes the sums of squared misfits of position and rotation to `squares`; returns the variance of a slope in
-    variances of one pose. With polynomials in time that are orthogonal over the poses: 1, u, q = u² - skew u - mean.
+    Writes the sums of squared misfits of position and rotation to `squares`. Returns the variance of a slope over the
+    variance of one pose. The fit uses polynomials in time that are orthogonal over the poses: 1, u, and
+    q = u² - skew u - mean.
     """
     middle = uu = uuu = qq = 0.0
     for i in range(n):
@@ -238,10 +255,11 @@ def _end_slopes(t, x, n, slopes, squares):
 
 @compiled
 def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):
-    """Write the slopes of the longest parabola whose misfit the `noise` explains to `twist`; return the poses' number.
+    """Fit the longest parabola whose misfit is within the `noise`, and write its slopes to `twist`.
 
-    Of fewer than five poses it takes the line through the newest two. A twist that the noise explains is zero. Writes
-    the newest pose's misfits to `misfit`, of position [m²] and rotation [rad²].
+    Returns the number of poses in the window. With fewer than five the slopes are those of the line through the newest
+    two. A twist within the noise is set to zero. Writes the misfits of the newest pose to `misfit`, of position [m²]
+    and rotation [rad²].
     """
     count = n = _recent(stamps, ring, newest, window, gap, t, x)
     for g in range(2):
@@ -262,7 +280,7 @@ def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):
     for g in range(2):
         square = twist[3 * g] ** 2 + twist[3 * g + 1] ** 2 + twist[3 * g + 2] ** 2
         bound = _MOVES * noise[g] * factor
-        still = still and (square == 0.0 or square <= bound < np.inf)  # an attitude without noise does not move
+        still = still and (square == 0.0 or square <= bound < np.inf)  # the noise is infinite until it is estimated
     if still:
         twist[:] = 0.0
     return count
@@ -270,7 +288,7 @@ def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):
 
 @inlined
 def _misfit(t, x, g):
-    """Squared distance of pose 0, at the origin, from the parabola through poses 1 to 3, in variances of one pose."""
+    """Squared distance of pose 0, the origin, from the parabola through poses 1 to 3; scaled to one pose's variance."""
     p, q, r = t[1], t[2], t[3]
     a, b, c = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
     square = 0.0

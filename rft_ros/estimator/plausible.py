@@ -1,17 +1,17 @@
-"""Bounds of what a cell can be: beyond them an input is in another unit, as poses or meshes in millimetres."""
+"""Bounds of plausible sizes, depths and forces. An input beyond them is in another unit, such as millimetres."""
 
 from rft_ros.tool import Tool
 
 __all__ = ["HIGHEST", "LARGEST_FORCE", "deepest", "is_plausible_tool", "sentence_on"]
 
 LARGEST_FORCE = 5e5
-"""[N]: more than any arm's, and than an excavator of 50 t breaks out."""
+"""Greatest plausible force [N], more than that of any arm and than the breakout force of an excavator of 50 t."""
 
 HIGHEST = 50.0
-"""Height of a tool frame above the surface [m]."""
+"""Greatest plausible height of a tool frame above the surface [m]."""
 
-_LARGEST, _SMALLEST = 10.0, 1e-3  # m, largest extent of a tool: a bulldozer's blade has 7; a mesh in µm may have less
-_DEEPEST, _DEEPEST_OF_SIZE = 0.3, 10.0  # m, and of the tool's largest extent: probes are small and go deep
+_LARGEST, _SMALLEST = 10.0, 1e-3  # m, of a tool's largest extent; a bulldozer's blade has 7 m
+_DEEPEST, _DEEPEST_OF_SIZE = 0.3, 10.0  # m, plus so many of the tool's largest extents: small probes go deep
 
 
 def deepest(tool: Tool) -> float:
@@ -25,7 +25,10 @@ def is_plausible_tool(tool: Tool) -> bool:
 
 
 def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
-    """What cannot be of a tool with its lowest point at a depth [m], negative in the air, and a force [N]; or ""."""
+    """A sentence on what is implausible, or "". `depth`: of the tool's lowest point [m], negative in the air.
+
+    `force`: on the tool [N].
+    """
     if depth > deepest(tool):
         return (
             f"the tool's lowest point is {depth:g} m deep, {depth / tool.size:,.0f} times the tool's size; poses and"

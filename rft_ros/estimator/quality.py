@@ -1,4 +1,4 @@
-"""Quality flags of estimates, and the trust that follows from them."""
+"""Quality flags of estimates, and the trust that they leave in an estimate."""
 
 import math
 from collections.abc import Callable
@@ -29,7 +29,7 @@ class QualityFlag(IntFlag):
     sentence: str
 
     def __new__(cls, value: int, sentence: str = "") -> "QualityFlag":
-        """A flag and what it says of an estimate."""
+        """A flag with a sentence on what it means for an estimate."""
         flag = int.__new__(cls, value)
         flag._value_, flag.sentence = value, sentence
         return flag
@@ -89,12 +89,12 @@ def sentences(quality_flags: int) -> str:
 _FAST_SPEED = 0.025  # m/s, the highest speed tested in the paper
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
-_EDGE_SHARE = 0.4  # of the wet area; more than the narrow sides of a plate that moves straight down
-_DEEPER = 1.02  # times the calibrated depth: the calibration's own bag must not be flagged
+_EDGE_SHARE = 0.4  # of the submerged area; the narrow sides of a plate that moves straight down have less
+_DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
 _STEEP_SLOPE = math.tan(math.radians(15.0))
 _UNEVEN_SHARE = 0.25  # of the depth
-_AIR_SAMPLES = 64  # of the mean in the air
-_FELT, _FELT_SHARE = 0.2, 0.1  # N in the air, and share of the model's greatest force: as with learning
+_AIR_SAMPLES = 64  # in the mean of the force in the air
+_OFFSET_LEAST, _OFFSET_SHARE = 0.2, 0.1  # N, and share of the model's greatest force: most that is read in the air
 _EVERY = 8  # estimates between two evaluations of the slow flags
 
 
@@ -106,11 +106,11 @@ class ReadingInAir:
         self.forget()
 
     def forget(self) -> None:
-        """Drop what was read: the load cell was tared, or has other settings."""
+        """Drop the readings so far: the load cell was tared, or has other settings."""
         self._mean, self._count = (0.0, 0.0, 0.0), 0
 
     def add_in_grains(self, predicted: Vector) -> None:
-        """Take the model's force in the grains [N]."""
+        """Add the model's force in the grains [N]."""
         self._greatest = max(self._greatest, math.hypot(*predicted))
 
     def add_in_air(self, measured: Vector) -> None:
@@ -120,9 +120,9 @@ class ReadingInAir:
         self._mean = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
 
     def issues(self) -> list[str]:
-        """That the load cell reads a force in the air, as learning says it, or nothing."""
+        """The issue `OFFSET` if the load cell reads a force in the air; otherwise none."""
         enough = 2 * self._count >= _AIR_SAMPLES
-        reads = math.hypot(*self._mean) > max(_FELT, _FELT_SHARE * self._greatest)
+        reads = math.hypot(*self._mean) > max(_OFFSET_LEAST, _OFFSET_SHARE * self._greatest)
         return [ISSUES[OFFSET]] if enough and reads else []
 
 
@@ -168,17 +168,17 @@ class QualityMonitor:
             self._path.clear()
             self._countdown = 0
             return flags | (f.IMPOSSIBLE.value if sunk < -HIGHEST else 0)
-        # the lowest point is within reach of the origin; where it is takes longer to find
+        # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
         may_be_deep = sunk + self._plates.reach > self._deepest
         if math.hypot(*force) > LARGEST_FORCE or (may_be_deep and depth() > self._deepest):
             flags |= f.IMPOSSIBLE.value
         flags |= f.WITHDRAWAL.value if withdrawn else 0
         limit = inertial_speed(law)
-        if motion.speed > (limit if has_inertia(law) else _FAST_SPEED):
-            flags |= f.FAST.value | (f.INERTIAL.value if motion.speed > limit else 0)
-        elif motion.speed < _NEAR_REST_FACTOR * settings.rest_speed:
+        if motion.speed_bound > (limit if has_inertia(law) else _FAST_SPEED):
+            flags |= f.FAST.value | (f.INERTIAL.value if motion.speed_bound > limit else 0)
+        elif motion.speed_bound < _NEAR_REST_FACTOR * settings.rest_speed:
             flags |= f.NEAR_REST.value
-        if surface.depth == surface.depth:  # of a map
+        if not math.isnan(surface.depth):  # the ground is a map
             flags |= f.STEEP.value if math.hypot(*surface.slope) > _STEEP_SLOPE else 0
             flags |= f.UNEVEN.value if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
         if self._countdown == 0:  # these are expensive and change slowly
@@ -212,7 +212,7 @@ class _Path:
         self.clear()
 
     def clear(self) -> None:
-        """Clear the path: the tool has left the grains, and they refill it."""
+        """Clear the path. The tool has left the grains, which fill its traces."""
         self._count, self._length, self._crosses = 0, 0.0, False
 
     def add(self, state: Array) -> bool:

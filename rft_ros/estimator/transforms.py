@@ -1,4 +1,4 @@
-"""The tree of frames: where one frame is in another at a stamp. It uses no ROS."""
+"""The tree of frames: looks up where one frame is in another at a stamp, as tf2 does, without ROS."""
 
 import math
 from collections import deque
@@ -9,7 +9,7 @@ from rft_ros.rft.placement import Placement, Quaternion
 
 __all__ = ["Transforms"]
 
-_HISTORY = 1024  # transforms kept of a moving frame on the way: 2 s at 500 Hz, twice the patience of a pose
+_HISTORY = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE`
 _LONGEST_NAME = 255
 _MOST_FRAMES = 4096
 _MOST_LISTED = 20
@@ -18,7 +18,7 @@ _MOST_LISTED = 20
 def _placed(history: deque[TransformSample], stamp: float, max_age: int) -> Placement | Reason:
     """A frame in its parent at a stamp, interpolated between the transforms on both sides, within `max_age` [ns].
 
-    Between two parents the transform before the stamp counts.
+    If the parent changes between them, the transform before the stamp is used.
     """
     before, after = around(history, stamp)
     if before is None:
@@ -39,7 +39,8 @@ def _between(a: TransformSample, b: TransformSample, share: float) -> Placement:
     cosine = sum(p * q for p, q in zip(a.quaternion, b.quaternion, strict=True))
     angle = math.acos(min(1.0, abs(cosine)))
     first, second = 1.0 - share, share
-    if (sine := math.sin(angle)) > 1e-6:
+    sine = math.sin(angle)
+    if sine > 1e-6:
         first, second = math.sin(first * angle) / sine, math.sin(share * angle) / sine
     second = math.copysign(second, cosine)  # q and -q are one attitude
     i, j, k, w = (first * p + second * q for p, q in zip(a.quaternion, b.quaternion, strict=True))
@@ -55,26 +56,29 @@ class Transforms:
 
     def __init__(self) -> None:
         self.sentences: dict[Reason, str] = {}
-        self._links: dict[str, deque[TransformSample]] = {}  # by child, in the order of stamps; of a fixed one the last
+        self._links: dict[str, deque[TransformSample]] = {}  # by child, in the order of stamps; the last if it is fixed
         self._ends: tuple[str, str] | None = None
-        self._kept: set[str] | None = None  # frames on the way between the ends; None: not linked
+        self._kept: set[str] | None = None  # frames on the way between the ends; None: the ends are not linked
         self._fixed: dict[tuple[str, str], Placement] = {}
 
     def keep(self, target: str, source: str) -> None:
-        """Keep the history of no frames but those on the way between two frames, once transforms link these."""
+        """Keep the history of the frames on the way between two frames only, once transforms link the two."""
         if self._ends != (target, source):
             self._ends = target, source
             self._find_kept()
 
     def push(self, sample: TransformSample) -> Reason | None:
-        """Add a transform; returns the reason if it is refused, and `TF_TWO_PARENTS` if it is taken nevertheless."""
+        """Add a transform. Returns the reason if it is refused.
+
+        `TF_TWO_PARENTS` is returned for a transform that is used, but has another parent than the one before.
+        """
         history = self._links.get(sample.child)
         last = history[-1] if history else None
         moves = last is not None and not (last.fixed or sample.fixed)
         same = last is not None and last.parent == sample.parent
         aside = self._kept is not None and sample.child not in self._kept
         if aside and moves and same:
-            return None  # the last one that was kept says as much about the tree
+            return None  # the tree does not change, and the history of this frame is not needed
         quaternion = unit_quaternion(*sample.quaternion)
         reason, what = self._judged(sample, quaternion, last)
         if reason is not None:
@@ -84,7 +88,7 @@ class Transforms:
         if moves and last is not None and sample.stamp <= last.stamp:
             if last.stamp - sample.stamp < TIME_JUMP:
                 return reason
-            self.begin_again(sample.stamp)
+            self.start_run(sample.stamp)
             history = None
         if history is None or not moves or aside:
             same = False
@@ -98,7 +102,7 @@ class Transforms:
     def _judged(
         self, sample: TransformSample, quaternion: Quaternion | None, last: TransformSample | None
     ) -> tuple[Reason | None, str]:
-        """What is wrong with a transform that follows this one of its frame, and in words."""
+        """Why a transform that follows `last` of its frame cannot be used, and a description; (None, "") if it can."""
         stamp, parent, child, position, _, fixed = sample
         if not (parent and child and max(len(parent), len(child)) <= _LONGEST_NAME):
             return Reason.TF_INVALID, f"a name is missing or longer than {_LONGEST_NAME} characters"
@@ -122,8 +126,8 @@ class Transforms:
             return Reason.TF_OUT_OF_ORDER, f"{last.stamp - stamp} ns before the last one"
         return None, ""
 
-    def begin_again(self, stamp: int) -> None:
-        """Forget moving transforms that lie a time jump or more after a stamp [ns]: they belong to the run before."""
+    def start_run(self, stamp: int) -> None:
+        """Start a new run at `stamp` [ns]: drop moving transforms later than that by `TIME_JUMP` or more."""
         late = [n for n, h in self._links.items() if not h[-1].fixed and h[-1].stamp - stamp >= TIME_JUMP]
         for name in late:
             del self._links[name]
@@ -167,13 +171,17 @@ class Transforms:
         return min((sample.stamp for sample in last if not sample.fixed), default=None)
 
     def frames(self) -> list[str]:
-        """The frames, each with its parent, such as ``'tool' in 'flange' (fixed)``; of many the first."""
+        """The frames, each with its parent, such as ``'tool' in 'flange' (fixed)``; at most 20, and how many more."""
         found = [_described(self._links[name][-1]) for name in sorted(self._links)]
-        more = [f"{len(found) - _MOST_LISTED:,} more"] if len(found) > _MOST_LISTED else []
-        return found[:_MOST_LISTED] + more
+        if len(found) <= _MOST_LISTED:
+            return found
+        return [*found[:_MOST_LISTED], f"{len(found) - _MOST_LISTED:,} more"]
 
     def unlinked(self, parameter: str, frame: str, other: str, *, fixed: bool = False) -> str | None:
-        """A sentence unless transforms, or fixed ones alone, link `frame`, named by a parameter, and `other`."""
+        """A sentence if no transforms link `frame`, the value of `parameter`, and `other`; None if some do.
+
+        `fixed`: only fixed transforms count.
+        """
         linked = self.fixed(other, frame) if fixed else self._way(other, frame)
         if linked is not None:
             return None
@@ -198,7 +206,10 @@ class Transforms:
         return found
 
     def _way(self, target: str, source: str, stamp: float = math.inf) -> tuple[list[str], list[str]] | None:
-        """The frames from `source`, and from `target`, up to their nearest common one, without it; None: no such."""
+        """The frames from `source`, and those from `target`, up to their nearest common ancestor, which is left out.
+
+        None if there is no common ancestor.
+        """
         up, down = self._line(source, stamp), self._line(target, stamp)
         meet = next((frame for frame in up if frame in down), None)
         return None if meet is None else (up[: up.index(meet)], down[: down.index(meet)])

@@ -1,4 +1,4 @@
-"""Machine code for all that a pose can reach: from the cache on disk, or compiled by child processes."""
+"""Loads the machine code that poses need from the cache on disk, or compiles it in child processes."""
 
 import threading
 from collections.abc import Callable
@@ -47,14 +47,19 @@ _PARTS: dict[str, Callable[[], object]] = {
     "ground": _ground,
 }
 PARTS = frozenset(_PARTS)
-"""The parts of the machine code."""
+"""Names of the parts that the machine code is divided into."""
 
 
 def needed(values: Values) -> frozenset[str]:
     """The parts that an estimator with these parameters needs."""
-    unused = {"velocity"} if values["twist_source"] == "topic" else set()
-    unused |= {"learning"} if values["learning.mode"] == "off" else set()
-    return PARTS - unused - (set() if values["ground.cell"] else {"ground"})
+    unused = set()
+    if values["twist_source"] == "topic":
+        unused.add("velocity")
+    if values["learning.mode"] == "off":
+        unused.add("learning")
+    if not values["ground.cell"]:
+        unused.add("ground")
+    return PARTS - unused
 
 
 def prepare(
@@ -62,8 +67,8 @@ def prepare(
 ) -> None:
     """Load machine code from the cache on disk, so that nothing compiles when samples come.
 
-    If the cache lacks any, `on_cold_cache` is called, and child processes fill the cache: the compiler's 100 MB are
-    freed when they end. Where nothing can be cached, this process compiles.
+    If some is missing in the cache, `on_cold_cache` is called, and child processes compile it. The 100 MB of the
+    compiler are freed when they end. Where nothing can be cached, this process compiles.
     """
     try:
         with event.install_listener("numba:compile", _ColdCache()):
@@ -72,8 +77,8 @@ def prepare(
         on_cold_cache()
     children = []
     try:
-        # The loop over plates takes as long as all else. Each further child would need 2 s of CPU for its own compiler.
-        with suppress(OSError):  # no process to be had
+        # Two children: the loop over plates takes as long as all else, and each child needs 2 s of CPU to start numba.
+        with suppress(OSError):  # the system starts no more processes; then this process compiles below
             for group in (parts & {"forces"}, parts - {"forces"}):
                 if group:
                     children.append(start_child(compile_parts, at_low_priority, *sorted(group)))
@@ -104,7 +109,7 @@ class _NotCompiledError(Exception):
 
 
 class _ColdCache(event.Listener):  # type: ignore[misc]
-    """Raises as soon as this thread begins to compile what it did not find in the cache."""
+    """Raises when this thread begins to compile a function that is not in the cache."""
 
     def __init__(self) -> None:
         self._thread = threading.get_ident()

@@ -1,7 +1,7 @@
 """Withdrawal: whether a tool is pulled out of the grains, and the standard deviation of the prediction meanwhile.
 
-On the way up the law pulls the tool down, by a tenth to a quarter of the last push. Real grains still push at
-first, release the tool within a millimetre, and then hardly resist. So the deviation covers what lies between.
+On the way up the law predicts a downward force of a tenth to a quarter of the last push. Real grains still push at
+first; within a millimetre of path the force drops to almost nothing. The standard deviation covers the range between.
 """
 
 import math
@@ -16,12 +16,15 @@ from rft_ros.rft.compilation import compiled
 __all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn"]
 
 _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
-_RELEASE = 0.001  # path [m] over which the grains release a tool that is withdrawn
-_LEAST_PATH = 1e-9  # path [m] of one answer
+_RELEASE = 0.001  # path [m] over which the last push decays to 1/e while the tool is withdrawn
+_LEAST_PATH = 1e-9  # path [m] that each answer adds at least
 
 
 def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
-    """Whether a tool in the grains is withdrawn: by its velocities [m/s], or because the model [N] pulls it down."""
+    """Whether a tool in the grains is withdrawn: it moves up, or the model's force [N] points down.
+
+    `upward`: velocity [m/s]. `speed`: of the fastest point [m/s].
+    """
     return upward > _UPWARDS * speed or force[2] < -0.5 * math.hypot(*force)
 
 
@@ -30,23 +33,23 @@ class Withdrawal:
 
     def __init__(self) -> None:
         self.active = False
-        """Whether the tool is being withdrawn at the last motion."""
+        """Whether the tool was being withdrawn at the last motion."""
         self._path = 0.0  # since the last push [m]
         self._pushed = np.zeros(12)  # the last answer before the withdrawal
-        self._holds = False  # at rest in the grains, which still push as before
+        self._rests_in_grains = False  # the last push, or the withdrawal, goes on
 
     def follow(self, motion: Motion, force: Vector, *, in_grains: bool) -> None:
-        """Take the motion at the next pose, and the model's force there [N]."""
-        self._holds = in_grains and motion.rests
-        if not self._holds:  # a tool that pauses on its way up goes on to be withdrawn
-            self.active = in_grains and is_withdrawn(motion.velocity[2], motion.speed, force)
+        """Update with the motion at the next pose. `force`: of the model there [N]."""
+        self._rests_in_grains = in_grains and motion.rests
+        if not self._rests_in_grains:  # a pause on the way up does not end the withdrawal
+            self.active = in_grains and is_withdrawn(motion.velocity[2], motion.speed_bound, force)
         self._path = self._path + max(motion.path, _LEAST_PATH) if self.active else 0.0
 
     def widen(self, answer: NDArray[np.float64]) -> None:
-        """Let the deviations of an answer, shape [12], cover what the grains may still do while `active`."""
+        """While `active`, widen the deviations of an answer, shape [12], by the last push and the prediction."""
         if self.active:
             _widen(answer, self._pushed, math.exp(-self._path / _RELEASE))
-        elif not self._holds:
+        elif not self._rests_in_grains:
             self._pushed = answer
 
 

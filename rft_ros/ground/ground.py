@@ -274,7 +274,7 @@ class Ground:
             self.map = self._waiting.popleft()[1].result()
             self._kept.fill(0.0)
 
-    def under(self, state: Array, level: float) -> LocalSurface:
+    def surface_at(self, state: Array, level: float) -> LocalSurface:
         """The surface around the tool at a state, shape [13], columns `STATE`; `level` [m] where nothing is known."""
         return self._support.local_surface(self.map, state, level=level, kept=self._kept)
 

@@ -19,10 +19,11 @@ _SURFACE, _FORCE, _PATH = "#C2A878", "#0072B2", "#555555"
 TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
 """Colour scale of the traction, relative to the greatest."""
 
-_ZOOM_TALL, _ZOOM_FLAT, _FLAT = 1.1, 1.35, 0.7  # sizes at which scenes as tall as wide, and of 0.7 of it, fill a figure
+_ZOOM_TALL = 1.1  # size at which a scene as tall as wide fills the figure
+_FLAT, _ZOOM_FLAT = 0.7, 1.35  # the size for a scene of this height over its width, or flatter
 _PERIOD = 83  # ms from frame to frame
 _MOMENTS, _FEWEST_MOMENTS = 60, 3
-_FACES = 600_000  # of all moments, which are 10 to 20 MB: of a finer mesh fewer moments are drawn
+_FACES = 600_000  # in all moments together, 10 to 20 MB; of a finer mesh fewer moments are drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,8 +31,8 @@ class Animation:
     """k moments of a tool with n vertices and m faces, in world axes.
 
     `labels`: one for each moment. `placed`: vertices [mm], shape [k, n, 3]. `faces`: indices of vertices, shape [m, 3].
-    `traction`: by the law, on each face [kPa], shape [k, m]. `forces`: on the tool [N], shape [k, 3], as they were
-    given, which may include memory and what was learned. `surface_height` [mm].
+    `traction`: by the law, on each face [kPa], shape [k, m]. `forces`: the predicted forces on the tool [N], shape
+    [k, 3]; they may include memory and learned corrections. `surface_height` [mm].
     `ground`: x [n], y [m] and heights [n, m] of a map of the ground [mm]. `first`: index of the moment shown first.
     """
 
@@ -57,11 +58,11 @@ def animate(
     surface_height: float,
     ground: HeightMap | None = None,
 ) -> Animation:
-    """The animation of at most 60 of n states, evenly spaced by index but for the one of the greatest force, the first.
+    """The animation of at most 60 of n states, evenly spaced by index. It includes the state of the greatest force.
 
-    `times` [s], shape [n]. `states`: shape [n, 13]. `forces` on the tool, as a table or a replay has them: world axes
-    [N], shape [n, 3]. `surface_height` [m] where `ground` knows nothing. The traction is the law's on the tool's own
-    facets; it does not include memory, or what was learned.
+    `times` [s], shape [n]. `states`: shape [n, 13]. `forces`: on the tool, world axes [N], shape [n, 3].
+    `surface_height` [m]: where the heights of `ground` are unknown. The traction is that of the law on the tool's own
+    facets, without memory and without learned corrections.
     """
     vertices, faces, facet = drawn_mesh(tool)
     moments = min(len(states), _MOMENTS, max(_FACES // len(faces), _FEWEST_MOMENTS))
@@ -92,9 +93,12 @@ def animate(
 
 
 def what_is_shown(law: Law, *, learned: bool) -> str:
-    """A sentence on an animation: what its force holds that its colours do not. `learned`: learning is applied."""
-    more = ["memory"] if law.mobilization_length > 0.0 else []
-    more += ["what was learned"] if learned else []
+    """A sentence on an animation: what is included in its force and not in its colours. `learned`: mode apply."""
+    more = []
+    if law.mobilization_length > 0.0:
+        more.append("memory")
+    if learned:
+        more.append("learned corrections")
     force = "The line from the tool's middle, and |F|, are the predicted force on the tool"
     colours = "the colours are the law's traction on its facets"
     if more:
@@ -161,7 +165,7 @@ def animation_figure(scene: Animation) -> Any:
             **axes,
             "aspectmode": "manual",  # with "data", a wide scene is larger than the page
             "aspectratio": dict(zip("xyz", (zoom * (high - low) / (high - low).max()).tolist(), strict=True)),
-            # view the loaded faces: the force points into the tool
+            # view from the side of the loaded faces: the force points from them into the tool
             "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if scene.forces[scene.first, 2] <= 0.0 else -0.75}},
         },
         legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},

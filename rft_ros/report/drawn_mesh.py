@@ -1,4 +1,4 @@
-"""The mesh that a page draws of a tool: all of it, or of a fine mesh fewer faces that keep its shape."""
+"""The mesh that is drawn of a tool: its own, or if that is fine, a simplification that keeps the shape."""
 
 from typing import NamedTuple
 
@@ -16,8 +16,8 @@ _MOST_FACES = 10_000  # of a mesh that is drawn as it is
 _FEWER = 5000, 20_000, 80_000  # numbers of faces that are tried for a finer one
 _EXTENT_ERROR = 0.01  # of the largest extent: how far a face of the bounding box may move
 _AREA_ERROR = 0.02  # of the area: error of the area that faces +x, -x, ..., -z
-_GAP = 0.05  # of the largest extent: the farthest that the drawn surface may be from a facet
-_TURN = 0.1  # of the largest extent: the distance that counts as much as normals that differ by 1 rad
+_GAP = 0.05  # of the largest extent: how far the drawn surface may be from a facet
+_TURN = 0.1  # of the largest extent: the distance that is as bad as an error of the normal by 1 rad
 _SAMPLES = 20_000  # points on the drawn surface
 
 
@@ -30,9 +30,9 @@ class DrawnMesh(NamedTuple):
 
 
 def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
-    """The tool's mesh; if it has over `most_faces`, the coarsest simplification that keeps extent, area and place.
+    """The tool's mesh. If it has over `most_faces`, the coarsest simplification that keeps extent, area and place.
 
-    Where none does, as of thin blades, the full mesh.
+    If no simplification does, as with thin blades, it is the full mesh.
     """
     import trimesh
 
@@ -67,15 +67,15 @@ def _keeps_shape(tool: Tool, vertices: Array, faces: Indices) -> bool:
 
 
 def _largest_gap(tool: Tool, vertices: Array, faces: Indices) -> float:
-    """The farthest that a facet is from points spread over the faces [m]; a normal that differs counts as distance."""
+    """Largest distance of a facet from points spread over the faces [m]. Errors of normals count as distance."""
     from scipy.spatial import KDTree
 
     random, vectors = np.random.default_rng(0), _area_vectors(vertices, faces)
     area = np.linalg.norm(vectors, axis=1)
-    of = random.choice(len(faces), _SAMPLES, p=area / area.sum())
+    face_of = random.choice(len(faces), _SAMPLES, p=area / area.sum())
     weights = random.dirichlet((1.0, 1.0, 1.0), _SAMPLES)
-    points = np.einsum("nk,nkd->nd", weights, vertices[faces[of]])
-    there = np.hstack([points, _TURN * tool.size * vectors[of] / area[of, None]])
+    points = np.einsum("nk,nkd->nd", weights, vertices[faces[face_of]])
+    there = np.hstack([points, _TURN * tool.size * vectors[face_of] / area[face_of, None]])
     gaps = np.asarray(KDTree(there).query(_places_of_facets(tool))[0])
     return float(gaps.max())
 

@@ -21,7 +21,7 @@ th { color: #555; font-weight: 600; }
 
 
 class Figure(NamedTuple):
-    """A plotly figure with its name (for links), a title, and a sentence on what it shows."""
+    """A plotly figure with a name (for links), a title, and a sentence that says what it shows."""
 
     name: str
     title: str

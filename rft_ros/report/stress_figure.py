@@ -19,7 +19,7 @@ _FORMATS = (".png", ".svg", ".pdf")
 
 
 def check_figure(file: Path) -> None:
-    """Raise InputError for a file whose format is not written, or where matplotlib, which draws it, is missing."""
+    """Raise InputError if the file's suffix is no known format, or if matplotlib is not installed."""
     if file.suffix.lower() not in _FORMATS:
         raise InputError(f"figure '{file}' must end in {', '.join(_FORMATS)}")
     if importlib.util.find_spec("matplotlib") is None:
@@ -59,7 +59,7 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
 
 
 def _draw(axes: Any, measured: StressMap, values: Array, most: float) -> Any:
-    """Colour the cells of a grid, or points where the angles make none."""
+    """Draw the cells of a grid, or points if the angles form no grid."""
     beta: Array = np.rad2deg(measured.beta).round(1)
     gamma: Array = np.rad2deg(measured.gamma).round(1)
     style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
@@ -74,7 +74,10 @@ def _draw(axes: Any, measured: StressMap, values: Array, most: float) -> Any:
 
 
 def _lattice(angles: Array) -> tuple[Array, NDArray[np.int64]]:
-    """The centres of cells [deg], and the cell of each angle; evenly spaced, with what is missing, where that fits."""
+    """The centres of cells [deg], and the index of each angle's cell.
+
+    If the angles lie on an even grid, its missing cells are included.
+    """
     centres, cells = np.unique(angles, return_inverse=True)
     if len(centres) < 2:
         return centres, cells

@@ -24,7 +24,7 @@ _OF_MEDIUM = ("zeta", "surface_friction", "density", "inertia", "mobilization_le
 _MEDIUM = {"law": "law", "medium": "medium.name", "alpha_y": "alpha_y.model", "surface_height": "surface_height"}
 _MEDIUM |= {name: f"medium.{name}" for name in _OF_MEDIUM}
 PARAMETER_NAMES = _TOOL | _MEDIUM
-"""The node's parameter for each short name, as entries of a study and options of the command line have it."""
+"""The node's parameter for each short name in a study or in an option of the command line."""
 
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
@@ -32,7 +32,7 @@ _LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
 
 
 class Variant(NamedTuple):
-    """One point of a design: dicts of plain values."""
+    """One variant of a design: a tool, a motion and a medium, each as a dict of plain values."""
 
     tool: Mapping[str, Any]
     motion: Mapping[str, Any]
@@ -46,7 +46,7 @@ class Design(NamedTuple):
     variants: Sequence[Variant]
 
     def files(self) -> set[Path]:
-        """Its meshes, states files and files of media."""
+        """The meshes, states files and medium files that the study names."""
         meshes = {variant.tool["mesh"] for variant in self.variants}
         states = {v.motion["states_file"] for v in self.variants if "states_file" in v.motion}
         media = {v.medium["medium"] for v in self.variants if is_medium_file(str(v.medium.get("medium", "")))}
@@ -58,15 +58,15 @@ class Design(NamedTuple):
         for file in (self.file, *sorted(self.files())):
             try:
                 checksum = zlib.crc32(read_file(file, "file"), checksum)
-            except InputError:  # its variants' rows will say so
+            except InputError:  # the rows of its variants will give the reason
                 checksum = zlib.crc32(b"missing", checksum)
         return checksum
 
 
 def parameters_of(entry: Mapping[str, Any]) -> Values:
-    """The node's parameters by `PARAMETER_NAMES`, of the full tool, else the defaults. Raises InputError for a value.
+    """The node's parameters from an entry's short names; the others have their defaults. Raises InputError.
 
-    A tool that gives no integration has the rule of its file.
+    Tools are not reduced. Without an integration, a tool has the rule of its file.
     """
     given = {PARAMETER_NAMES[key]: value for key, value in entry.items()}
     medium = given.get("medium.name")
@@ -77,7 +77,7 @@ def parameters_of(entry: Mapping[str, Any]) -> Values:
 
 
 def motion_of(entry: Mapping[str, Any]) -> tuple[Motion, int]:
-    """The motion of a variant without a states file, and how often it is sampled. Raises InputError."""
+    """The motion of a variant without a states file, and its number of samples. Raises InputError."""
     numbers = {"samples": 200, **entry}
     family = numbers.pop("family", None)
     if not isinstance(family, str) or family not in FAMILIES:
@@ -125,7 +125,8 @@ def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
     for number, entry in enumerate(entries, start=1):
         try:
             if not isinstance(entry, Mapping) or (name == "tools" and "mesh" not in entry):
-                raise InputError(f"it is {entry!r}; it must have names and values{', mesh' * (name == 'tools')}")
+                needed = "names and values, and a mesh" if name == "tools" else "names and values"
+                raise InputError(f"it is {entry!r}; it must have {needed}")
             for combination in itertools.product(*(_values(key, value) for key, value in entry.items())):
                 point = dict(zip(entry, combination, strict=True))
                 if name != "motions":
@@ -153,5 +154,5 @@ def _values(key: str, value: object) -> list[Any]:
     if not isinstance(value, list) or (key in _VECTORS and not any(isinstance(v, list) for v in value)):
         return [value]
     if not value:
-        raise InputError(f"{key} is an empty list")
+        raise InputError(f"{key} is an empty list; give at least one value")
     return value

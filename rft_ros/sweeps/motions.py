@@ -23,8 +23,8 @@ Array = NDArray[np.float64]
 class Motion:
     """A straight path at constant `velocity` [m/s], on which the tool may turn about the vertical and pitch.
 
-    Its attitude is Rz(yaw) Ry(tilt) [rad]. To `yaw` comes the rate `turning` [rad/s] times t, to `tilt` an oscillation
-    of this `amplitude` [rad] and `omega` [rad/s]. `duration`: from the first pose to the last [s].
+    Its attitude is Rz(yaw + turning t) Ry(tilt + amplitude sin(omega t)), with `yaw`, `tilt` and `amplitude` in rad,
+    `turning` and `omega` in rad/s. `duration`: from the first pose to the last [s].
     """
 
     duration: float
@@ -43,12 +43,13 @@ class Motion:
         pitching = self.amplitude * self.omega * np.cos(self.omega * t)
         sin_y, cos_y, sin_t, cos_t = np.sin(yaw / 2.0), np.cos(yaw / 2.0), np.sin(tilt / 2.0), np.cos(tilt / 2.0)
         states = np.zeros((len(t), len(STATE)))
-        states[:, 0:3] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
-        states[:, 3:7] = np.column_stack([-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t])
-        states[:, 7:10] = self.velocity
-        states[:, 10] -= pitching * np.sin(yaw)
-        states[:, 11] += pitching * np.cos(yaw)
-        states[:, 12] = self.turning
+        position, quaternion, velocity, angular_velocity = np.split(states, [3, 7, 10], axis=1)  # views
+        position[:] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
+        quaternion[:] = np.column_stack([-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t])
+        velocity[:] = self.velocity
+        angular_velocity[:, 0] -= pitching * np.sin(yaw)
+        angular_velocity[:, 1] += pitching * np.cos(yaw)
+        angular_velocity[:, 2] = self.turning
         return states
 
 

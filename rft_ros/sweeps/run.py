@@ -1,7 +1,7 @@
-"""Run a design study: chunks of variants go to workers, local or on a Dask cluster; every variant gets one row.
+"""Runs a design study: workers here or on a Dask cluster compute chunks of variants, with one row for each variant.
 
-The output folder holds a file for each finished chunk, below a folder named by the study's checksum: the same study
-with the same folder continues where it stopped.
+The output folder has a file for each finished chunk, below a folder named by the study's checksum. The same study with
+the same output folder continues where it stopped.
 """
 
 import csv
@@ -43,16 +43,16 @@ RESULTS = (
 """Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
 path of the tool frame's origin [m]; number of plates."""
 
-_CHUNKS, _MOST_ROWS = 32, 100  # enough chunks to share and to continue with; few enough for a scheduler: 1 ms a task
-_PATIENCE = 10.0  # with a scheduler [s]
+_CHUNKS, _MOST_ROWS = 32, 100  # enough chunks to share among workers, few enough for a scheduler (1 ms for each)
+_PATIENCE = 10.0  # s to wait for a scheduler
 
 
 def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     """The results of a variant by column. Raises InputError or ValueError if it cannot be computed.
 
-    Files are read once for each `fingerprint`, that of the design.
+    `fingerprint`: of the design; each file is read once for each fingerprint.
     """
-    from scipy.integrate import trapezoid  # takes 0.3 s, which commands about one tool need not wait
+    from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
     values = parameters_of({**variant.tool, **variant.medium})
     tool = _tool(tuple(files_of(values)["tool"].items()), fingerprint)
@@ -63,8 +63,9 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     height = values["surface_height"]
     wrench = wrenches_along(model, times, states, surface_height=height, where="motion", threads=1)[:, :6]
     peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
-    work = trapezoid(-wrench * states[:, 7:13], times, axis=0)  # positive where the grains resist
-    path = np.linalg.norm(np.diff(states[:, :3], axis=0), axis=1).sum()
+    position, _, twist = np.split(states, [3, 7], axis=1)
+    work = trapezoid(-wrench * twist, times, axis=0)  # positive where the grains resist
+    path = np.linalg.norm(np.diff(position, axis=0), axis=1).sum()
     force = np.linalg.norm(wrench[:, :3], axis=1).max()
     results = [*peak, *wrench.mean(axis=0), force, work[2], work.sum(), path, len(model.tool.plates)]
     if not np.isfinite(results).all():
@@ -72,8 +73,8 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     return dict(zip(RESULTS, map(float, results), strict=True))
 
 
-# In a study tools vary slowest and media fastest, so few of either are kept: 400 motions of 20,000 samples took 0.9 GB.
-# `_fingerprint` is part of the caches' keys: a worker of a cluster sees files change between studies.
+# Few values are cached, since tools vary slowest and media fastest: 400 motions of 20,000 samples took 0.9 GB.
+# `_fingerprint` is part of the keys, since files may change between two studies of one worker in a cluster.
 @lru_cache(maxsize=4)
 def _tool(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> Tool:
     return tool_of(dict(items))
@@ -111,8 +112,9 @@ def _cells(variant: Variant) -> dict[str, Any]:
 def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int | None = None) -> tuple[int, int]:
     """Compute the missing rows of a design and write ``results.csv`` to the folder `out`.
 
-    Returns how many it computed, and how many of all have no numbers. `scheduler`: address of a Dask scheduler; without
-    it, `workers` processes here (default: one per core). The table has the same bytes either way. Raises InputError.
+    Returns the number of rows that it computed, and the number of rows without results. `scheduler`: address of a Dask
+    scheduler; without it, `workers` processes here (default: one per core). The table has the same bytes either way.
+    Raises InputError.
     """
     variants, name, fingerprint = design.variants, design.file.stem, design.fingerprint()
     columns = [*dict.fromkeys(name for variant in variants for name in _cells(variant)), *RESULTS, "reason"]
@@ -132,7 +134,7 @@ def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int
                     done += len(missing[futures[future]])
                     update(done, f"{name}: {done:,} of {len(variants):,}")
         _write(table, chain([columns], *map(_read, chunks)))
-        failed = sum(bool(row[-1]) for row in _read(table)) - 1  # but for the column's name
+        failed = sum(bool(row[-1]) for row in _read(table)) - 1  # the last column is the reason; without the header
     return computed, failed
 
 
@@ -158,7 +160,7 @@ def _workers(scheduler: str | None, count: int | None) -> Iterator[Executor]:
         raise InputError(f"no Dask scheduler answers at '{scheduler}': {error}") from None
     with client:
         if not client.scheduler_info(n_workers=-1)["workers"]:
-            raise InputError(f"the Dask scheduler at '{scheduler}' has no workers")
+            raise InputError(f"the Dask scheduler at '{scheduler}' has no workers; start some with dask worker")
         yield client.get_executor(pure=False, retries=3)  # type: ignore[no-untyped-call]
 
 

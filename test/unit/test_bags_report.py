@@ -109,7 +109,7 @@ def test_the_scene_says_the_forces_of_the_table_also_with_memory_and_learning(tm
     said = re.findall(r"t = ([0-9.]+) s   \|F\| = ([0-9.]+) N", page)
     assert len(said) > 60  # of the frames, and the title
     assert all(size in predicted[time] for time, size in said)
-    assert ("what was learned" in page.partition('id="figure-tool"')[0]) == (mode == "apply")
+    assert ("learned corrections" in page.partition('id="figure-tool"')[0]) == (mode == "apply")
 
 
 def test_two_replays_write_the_same_bytes(replayed):

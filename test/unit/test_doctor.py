@@ -40,11 +40,11 @@ FAULTS = {
     "turned and sign": (f"{WRONG} ... ; check sensor.quaternion", {"sensor.quaternion": TURNED, "sensor.sign": -1.0}),
     "mesh in metres": ("mesh ellipsoid: 0.019 x 0.019 x 0.036 mm: ", {"mesh.scale": 1e-6}),
     "surface too high": (
-        "surface_height: the measured force begins 107 mm below where 0.22 m says; set it to about 0.113",
+        "surface_height: the measured force begins 107 mm below ... 0.22 m ... set it to about 0.113",
         {"surface_height": SURFACE + 0.1},
     ),
     "surface too low": (
-        "surface_height: the measured force begins 93 mm above where 0.02 m says; set it to about 0.113",
+        "surface_height: the measured force begins 93 mm above ... 0.02 m ... set it to about 0.113",
         {"surface_height": SURFACE - 0.1},
     ),
     "surface not set": ("surface_height: the measured force begins 113 mm above", {"surface_height": None}),
@@ -57,7 +57,7 @@ FAULTS = {
         "~/wrench_measured:=/still",
     ),
     "another mount": (
-        "sensor: the parameters are 0 degrees and 100 mm off what /tf_static says (position [0,",
+        "sensor: the parameters ... 0 degrees and 100 mm ... sensor.frame_source: tf",
         {"sensor.position": [0.0, 0.0, 0.15]},
     ),
 }

@@ -19,7 +19,10 @@ from numpy.typing import NDArray
 from rft_ros.rft import COLUMNS
 from rft_ros.rft.compilation import inlined
 
-__all__ = ["FILTER", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
+__all__ = ["FILTER", "SUBMERGED_AREA", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
+
+SUBMERGED_AREA = COLUMNS.index("submerged_area")
+"""Index of the submerged area in a row of the model."""
 
 _PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
 _PRIOR_SURFACE = 0.003  # deviation of δ [m]
@@ -30,12 +33,9 @@ _GATE = 2.2  # a larger innovation, over the root of the trace of its covariance
 _LEVER = 0.07  # deviation of the point where the force acts, over the tool's reach
 _BY_HEIGHT, _MOMENTS = len(COLUMNS), len(COLUMNS) + 3  # where dF/dh and Σ r_j f_l begin in a row of the model
 _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
-_SCALE_RISE, _SCALE_FALL, _SCALE_FALL_VERTICAL = (
-    0.0025,
-    0.0026,
-    0.004,
-)  # of the mean of the squared errors, while it grows and while it falls
-_BIAS_LENGTH = 0.0025  # of the mean of the vertical errors themselves
+_SCALE_RISE = 0.0025  # path of the mean of the squared errors while it grows
+_SCALE_FALL, _SCALE_FALL_VERTICAL = 0.0026, 0.004  # the same while it falls, for x and y, and for z
+_BIAS_LENGTH = 0.0025  # path of the mean of the vertical errors
 _BIAS_GROWTH, _BIAS_LAG_MOST = 150.0, 0.01  # weight of its square over the lag [1/m], up to this lag [m]
 _ERROR_MOST = 3.0  # a larger error, in standard deviations, counts as this
 _SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
@@ -94,8 +94,8 @@ def _form(a, m, b):
 
 @inlined
 def copy(target, source):
-    """Copy a belief."""
-    for i in range(4):  # assigning arrays compiles numba's error for shapes that differ: 4 s each
+    """Copy mean and covariance."""
+    for i in range(4):  # number by number: an assignment of arrays also compiles an error message, which takes 4 s
         target.theta[i] = source.theta[i]
         for j in range(4):
             target.p[i, j] = source.p[i, j]
@@ -103,7 +103,7 @@ def copy(target, source):
 
 @inlined
 def resume(belief, push, prior, elsewhere):
-    """The belief of the last push; `elsewhere`: after air, where surface and turn are those of the prior."""
+    """Set mean and covariance to those of the last push; `elsewhere`: surface and turn to those of the prior."""
     copy(belief, push)
     for i in range(2 if elsewhere else 4, 4):
         belief.theta[i] = prior.theta[i]
@@ -113,7 +113,7 @@ def resume(belief, push, prior, elsewhere):
 
 @inlined
 def _bound(belief):
-    """Keep θ where the model has a meaning, and P symmetric."""
+    """Bound θ to values that the model can have, and make P symmetric."""
     theta, p = belief.theta, belief.p
     for i in range(2):
         theta[i] = min(max(theta[i], _STRENGTH_LEAST), _STRENGTH_MOST)
@@ -125,7 +125,7 @@ def _bound(belief):
 
 @inlined
 def grow(belief, path):
-    """P of (L2) after a path [m]."""
+    """Add the growth of (L2) over a path [m] to P."""
     for i in range(4):
         for j in range(4):
             belief.p[i, j] += path * _GROWTH[i, j]
@@ -134,14 +134,14 @@ def grow(belief, path):
 
 @inlined
 def _design(h, row):
-    """H of (L1): three rows for the force, three for the torque Σ r × f. δ's force acts where the model's does."""
+    """H of (L1): three rows for the force, three for the torque Σ r × f. The force of δ acts where the model's does."""
     force, by_height = row[0:3], row[_BY_HEIGHT : _BY_HEIGHT + 3]
     fx, fy, fz = force[0], force[1], force[2]
     sums = row[_MOMENTS:]  # Σ r_j f_l, row by row; z_fz makes no torque
     x_fx, x_fy, x_fz, y_fx, y_fy, y_fz = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
     z_fx, z_fy = sums[6], sums[7]
     square = dot(force, force)
-    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0  # whose square does not lose its digits
+    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0  # smaller squares lose digits
     h[0, 0], h[0, 1], h[0, 2] = 0.0, fx, -fy
     h[1, 0], h[1, 1], h[1, 2] = 0.0, fy, fx
     h[2, 0], h[2, 1], h[2, 2] = fz, 0.0, 0.0
@@ -155,7 +155,10 @@ def _design(h, row):
 
 @inlined
 def correct(now, state, record, row, out, reach, lag, apply):
-    """(L1), (L3) and (L4): write F, H, F', S and r to the record, wrench and deviations to `out`."""
+    """Correct a prediction by (L1), (L3) and (L4): write F, H, F', S and r to the record, the answer to `out`.
+
+    The answer: wrench and standard deviations.
+    """
     h = record.h
     _design(h, row)
     for i in range(3):
@@ -176,12 +179,12 @@ def correct(now, state, record, row, out, reach, lag, apply):
             variance = max(horizontal, vertical) * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
             variance += (_LEVER * reach) ** 2 * square
         out[i] = learned if apply else model
-        out[6 + i] = math.sqrt(variance + (learned - out[i]) ** 2)  # without the correction its size is an error too
+        out[6 + i] = math.sqrt(variance + (learned - out[i]) ** 2)  # a correction that is not applied is an error, too
 
 
 @inlined
 def _adapt(state, record, step):
-    """m and b of (L5) from the error of a prediction as it was made."""
+    """Update m and b of (L5) with the error of the prediction that was made at the record's pose."""
     y, predicted, s, scale = record.y, record.predicted, record.s, state.scale
     flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
     vertical = (y[2] - predicted[2]) / math.sqrt(s[2, 2])
@@ -189,7 +192,7 @@ def _adapt(state, record, step):
         square = min(vertical**2 if i == 2 else flat, _SQUARE_MOST)
         fall = _SCALE_FALL_VERTICAL if i == 2 else _SCALE_FALL
         length = _SCALE_RISE if square > scale[i] else fall
-        scale[i] = max(scale[i] + (1.0 - math.exp(-step / length)) * (square - scale[i]), 1e-6)  # else σ could vanish
+        scale[i] = max(scale[i] + (1.0 - math.exp(-step / length)) * (square - scale[i]), 1e-6)  # keeps σ over 0
     error = min(max(vertical, -_ERROR_MOST), _ERROR_MOST)
     state.bias += (1.0 - math.exp(-step / _BIAS_LENGTH)) * (error - state.bias)
 
@@ -216,7 +219,7 @@ def _update(state, belief, h, y, variance):
 
 @inlined
 def absorb(state, record):
-    """Update with a measured force: c, then growth (L2), then the innovation with the noise of (L3), gated."""
+    """Update with a measured force: first c, then the growth (L2), then the gated innovation with the noise of (L3)."""
     belief, h, step = state.latest, record.h, record.path - state.learned
     state.learned = record.path
     _adapt(state, record, step)

@@ -1,4 +1,4 @@
-"""Learning the medium: predictions corrected by what the load cell has measured, at least a lag of path before."""
+"""Corrects predictions by a Kalman filter, which is updated with load-cell readings at least a lag of path behind."""
 
 import math
 from typing import Any, Literal, NamedTuple
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 
 class Belief(NamedTuple):
-    """What is believed of the grains after every sample that lies `lag` behind.
+    """State of the filter after the readings that lie at least `lag` behind.
 
     Strengths of the vertical and the horizontal force over the model's; `turn` [rad] of the horizontal force about the
     vertical; `surface` [m] above `surface_height`; their standard errors; `path` [m] in the grains. `surprise`: error
@@ -63,8 +63,8 @@ class Learning:
         begin(self._state, self._strength_error)
         self._state["pushing"] = True
 
-    def leave(self) -> None:
-        """Keep the strength, forget surface and turn: the tool is elsewhere or another one, or time has jumped."""
+    def forget_place(self) -> None:
+        """Keep the strength, and reset surface and turn: the tool moved elsewhere or is another one, or time jumped."""
         state, latest, prior, push = (self._state, *(self._state[name] for name in ("latest", "prior", "push")))
         for name in (n for n, *_ in JUDGE if n != "doubts"):
             state[name] = 0
@@ -75,17 +75,17 @@ class Learning:
         state["pushing"], state["aired"] = False, True
 
     def forget_air(self) -> None:
-        """Drop what was read in the air: the load cell was tared."""
+        """Drop the readings in the air: the load cell was tared."""
         self._state["air_samples"] = 0.0
 
     def predict(self, stamp: int, row: Array, *, step: float, passing: bool = False, apply: bool = True) -> Array:
         """Corrected wrench and its standard deviations at a pose, world axes.
 
-        `stamp` [ns], increasing (after a jump back call `leave`). `row`, shape [19]: the model there: force F [N],
-        torque [N m], submerged area [m²], dF/dh [N/m], and Σ r_j f_l [N m] row by row; finite. `step`: path of the
+        `stamp` [ns], increasing (after a jump back call `forget_place`). `row`, shape [19]: the model's result, finite:
+        force F [N], torque [N m], submerged area [m²], dF/dh [N/m], and Σ r_j f_l [N m] row by row. `step`: path of the
         tool's fastest point since the pose before [m], 0 at rest. `passing`: the tool is withdrawn, or so fast that
-        inertia matters; what is learned here is dropped afterwards, and nothing surprises. `apply` False leaves the
-        wrench as the model has it. Returns shape [12]: force, torque about the tool frame's origin, deviation of each.
+        inertia matters; updates from here are dropped afterwards, and no surprise is reported. `apply`: whether the
+        wrench is corrected. Returns shape [12]: force, torque about the tool frame's origin, deviation of each.
         """
         self._row[:], out = row, np.empty(12)
         path = min(float(step), STEP_MOST) if step > 0.0 else 0.0
@@ -96,7 +96,7 @@ class Learning:
         return out
 
     def learn(self, stamp: int, force: Array | Vector, *, repeated: bool = False, in_air: bool = False) -> None:
-        """Take the compensated force [N] at a pose, world axes, shape [3]; one that is not finite does not count.
+        """Add the compensated force [N] at a pose, world axes, shape [3]. A force that is not finite is ignored.
 
         `repeated`: the load cell's raw reading equals the one before, bit by bit. `in_air`: the tool touched nothing.
         """
@@ -111,11 +111,11 @@ class Learning:
 
     @property
     def covariance(self) -> Array:
-        """Of `theta`, shape [4, 4], in its units: a copy."""
+        """Covariance of `theta`, shape [4, 4], in its units: a copy."""
         return np.array(self._state["latest"]["p"])
 
     def belief(self) -> Belief:
-        """θ in the user's terms."""
+        """θ in the terms of users, with standard errors."""
         mean, errors, state = self.theta, np.sqrt(np.diag(self.covariance)), self._state
         mean[2], errors[2] = math.atan2(mean[2], mean[1]), errors[2] / mean[1]
         excess = float(state["excess"] / state["size"]) if state["size"] > 0.0 else 0.0
@@ -124,7 +124,7 @@ class Learning:
     def strength(self) -> tuple[float, float] | None:
         """Strength of the bed over the model's at the last push, and its standard error; None if nothing was learned.
 
-        s_v and s_h by the inverse of their variances.
+        It is the mean of s_v and s_h, weighted by the inverse of their variances.
         """
         mean, covariance = self._state["push"]["theta"], self._state["push"]["p"][:2, :2]
         if np.array_equal(mean, self._state["prior"]["theta"]):
@@ -135,14 +135,16 @@ class Learning:
 
     @property
     def surprise(self) -> Literal["", "harder", "softer"]:
-        """Whether the grains at the last measurement were harder or softer than believed."""
+        """Whether the grains at the last measurement were harder or softer than the filter expected."""
         return ("", "harder", "softer")[self._surprise[0]]
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
         percent = 100.0 * self.belief().excess
-        by = f": force {percent:+.0f} %" if percent * self._surprise[0] >= 1.0 else ""  # held until the error settles
-        return f"grains {self.surprise} than learned{by}" if self.surprise else ""
+        if not self.surprise:
+            return ""
+        by = f": force {percent:+.0f} %" if percent * self._surprise[0] >= 1.0 else ""  # not while its sign changes
+        return f"grains {self.surprise} than learned{by}"
 
     @property
     def disagrees(self) -> bool:
@@ -150,9 +152,9 @@ class Learning:
         return bool(self._issues[0])
 
     def issues(self) -> list[str]:
-        """Why the load cell or the model cannot be right, of `ISSUES`."""
+        """Sentences on an implausible load cell or model, from `ISSUES`."""
         return [sentence for issue, sentence in ISSUES.items() if self._state["issues"] & issue]
 
     def doubts(self) -> list[str]:
-        """The issues under which something was measured in the grains since the calibration."""
+        """The issues that were present when readings in the grains were judged, since the calibration."""
         return [sentence for issue, sentence in ISSUES.items() if self._state["doubts"] & issue]

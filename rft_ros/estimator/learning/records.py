@@ -1,11 +1,11 @@
-"""Records: each pose in the grains leaves one, which waits for its reading and then until the tool is `lag` further.
+"""Records of poses in the grains. Each waits for its reading, and updates the filter when the tool is `lag` further.
 
-At rest nothing changes, and speed does not matter: the path of the tool's fastest point takes the place of time.
+The path of the tool's fastest point takes the place of time: at rest nothing changes, and speed does not matter.
 """
 
 import numpy as np
 
-from rft_ros.estimator.learning.filter import FILTER, absorb, copy, correct, grow, resume
+from rft_ros.estimator.learning.filter import FILTER, SUBMERGED_AREA, absorb, copy, correct, grow, resume
 from rft_ros.estimator.learning.surprise import JUDGE, average_in_air, judge
 from rft_ros.rft.compilation import compiled, inlined
 
@@ -36,9 +36,9 @@ STATE = np.dtype(
     [
         *FILTER,
         *JUDGE,
-        ("first", int),  # the first record that was not taken; number n, without end, is at n modulo their count
-        ("open", int),  # the first record whose measurement may still come
-        ("end", int),
+        ("first", int),  # number of the first record that waits; record n is at index n modulo `RECORDS`
+        ("open", int),  # number of the first record whose measurement may still come
+        ("end", int),  # number of the next record
         ("travel", float),
         ("path", float),
         ("pushing", np.bool_),  # in the grains, neither withdrawn nor fast
@@ -50,7 +50,7 @@ STATE = np.dtype(
 
 @inlined
 def _move(state, step, wet, passing):
-    """Advance the path. Where the tool begins to push, the filter starts from the belief of the last push."""
+    """Advance the path. When the tool begins to push, the filter resumes with its state at the last push."""
     state.travel += step
     if not wet:
         state.pushing, state.aired = False, True
@@ -65,9 +65,9 @@ def _move(state, step, wet, passing):
 
 @compiled
 def predict(states, records, row, out, stamp, step, passing, apply, lag, reach):
-    """Move, take the records that lie `lag` behind, predict with (L4), and keep a record for the measurement."""
+    """Advance, update the filter with the records `lag` behind, predict with (L4), and add a record of this pose."""
     state = states[0]
-    wet = row[6] > 0.0
+    wet = row[SUBMERGED_AREA] > 0.0
     _move(state, step, wet, passing)
     while state.first < state.open and records[state.first % RECORDS].travel <= state.travel - lag:
         oldest = records[state.first % RECORDS]
@@ -95,7 +95,7 @@ def predict(states, records, row, out, stamp, step, passing, apply, lag, reach):
 
 @compiled
 def add_reading(states, records, y, stamp, repeated, in_air):
-    """Give the record of a stamp its measurement, and judge it."""
+    """Add the measurement at a stamp to the record of that stamp, and judge it."""
     state = states[0]
     if in_air:
         average_in_air(state, y)

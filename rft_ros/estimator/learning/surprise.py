@@ -1,4 +1,4 @@
-"""Tests of each reading: do the grains resist as believed, and can the load cell and the model be right."""
+"""Tests of each reading: whether the force is as expected, and whether load cell and model are plausible."""
 
 import math
 
@@ -7,17 +7,18 @@ from rft_ros.rft.compilation import inlined
 
 __all__ = ["ISSUES", "JUDGE", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "average_in_air", "judge"]
 
-_ENTRY = 0.008  # not judged over this path [m] after entering, while δ is being learned
+_ENTRY = 0.008  # path [m] after entering without a judgement, since the estimate of δ has not settled
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
 _SURPRISE_ON, _SURPRISE_OFF = 1.93, 1.0  # mean normalised error
 _SCORE_MOST = 4.0  # a larger normalised error counts as this
-_SHARE_MOST = 0.34  # of one sample in that mean: two spikes in a row are no surprise
+_SHARE_MOST = 0.34  # most weight of one sample in that mean, so that two spikes in a row are no surprise
 _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
-_OPPOSING = 0.05  # [N]; below this the direction of a force is chance
+_OPPOSING = 0.05  # [N]; the direction of a smaller force is random
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
-_STUCK_LENGTH, _STUCK_STEP = 0.005, 0.002  # path [m] over which a cell does not repeat itself, and most of one sample
+_STUCK_LENGTH = 0.005  # path [m]; a cell that repeats one reading over more is stuck
+_STUCK_STEP = 0.002  # path [m]; most that one sample adds to that
 _OFFSET_LEAST = 0.2  # [N] in the air; a tared cell reads less
-_AIR_SAMPLES = 64.0  # of the mean in the air
+_AIR_SAMPLES = 64.0  # in the mean reading in the air
 
 JUDGE = [
     ("entered", float),  # path at which the tool last entered
@@ -50,12 +51,12 @@ ISSUES = {
     TURNED: "the measured force is turned by over 45 degrees from the model's: check sensor.quaternion and the frames",
     OFFSET: "the load cell reads a force in the air: call ~/tare there, or check sensor.bias and sensor.mass",
 }
-"""Why the load cell or the model cannot be right, whatever the grains."""
+"""Issues that no grains can explain: the load cell or the model is wrong. A sentence for each."""
 
 
 @inlined
 def average_in_air(state, y):
-    """Add a reading in the air, where a tared cell shows nothing, to their mean."""
+    """Add a reading in the air to their mean, which is zero for a tared cell."""
     state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
     for i in range(3):
         state.air[i] += (y[i] - state.air[i]) / state.air_samples
@@ -75,7 +76,7 @@ def _offset_issue(state):
 
 @inlined
 def judge(state, record, y, step, repeated):
-    """Judge a reading in the grains: what is wrong, whether it surprises, and whether it updates the filter."""
+    """Judge a reading in the grains: find issues, score the surprise, decide whether it will update the filter."""
     state.judged = record.path
     state.repeated = state.repeated + min(step, _STUCK_STEP) if repeated else 0.0
     if not record.passing:
@@ -90,7 +91,7 @@ def judge(state, record, y, step, repeated):
 
 @inlined
 def _compare(state, record, y, step):
-    """Means of the measured against the model's force."""
+    """Update the means that compare the measured force with the model's."""
     f = record.force
     square = dot(f, f)
     if square < _OPPOSING**2:
@@ -106,7 +107,7 @@ def _compare(state, record, y, step):
 
 @inlined
 def _find_issues(state):
-    """Set the issues. The model is judged once the tool has gone `_ENTRY` since it entered, and under a force."""
+    """Set the issues. Those of the model need a path of `_ENTRY` since the tool entered, and a large enough force."""
     square, issues = state.square, _offset_issue(state)
     if state.repeated > _STUCK_LENGTH:
         issues |= STUCK
@@ -128,7 +129,7 @@ def _find_issues(state):
 
 @inlined
 def _score(state, record, y, step):
-    """The mean error along the predicted force, in its deviations by (L4), and whether it is a surprise."""
+    """Update the mean error along the predicted force, in standard deviations of (L4), and set the surprise."""
     predicted = record.predicted
     size = math.sqrt(dot(predicted, predicted))
     if record.passing or record.path - state.entered < _ENTRY or not size > 0.0:
