@@ -28,19 +28,20 @@ __all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]
 
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
-_TOUCHES = 1e-3  # m: a recording that begins at the surface may be deeper by the noise of its poses
-_OFFSET, _OFFSET_SHARE = 0.2, 0.01  # N, and share of the recording's peak: a mean force in the air that is no noise
-_WRONG = 0.5  # median error over which the set-up is the likely cause
+_TOUCHES = 1e-3  # m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
+_OFFSET, _OFFSET_SHARE = 0.2, 0.01  # N, and share of the recording's peak: a smaller mean force in the air is noise
+_WRONG = 0.5  # a larger median error is likely due to the set-up
 
 
 @dataclass(frozen=True)
 class Group:
     """Statistics of some estimates; None without values.
 
-    `wrench`: by axis in the sensor frame or "force" and "torque", their magnitudes; then "measured" (compensated),
-    "predicted" and "residual" (measured minus predicted; its magnitude is that of the difference); then "rms", "peak"
-    (greatest magnitude) and "mean" [N], [N m]. `rms_over_peak`: RMS residual force over the group's greatest measured
-    force. `median_relative_error`: of residual over measured force where this exceeds 20 % of the replay's greatest.
+    `wrench` has three levels of keys. First the axis in the sensor frame, or the magnitudes "force" and "torque". Then
+    "measured" (compensated), "predicted" and "residual" (measured minus predicted; its magnitude is that of the
+    difference). Then "rms", "peak" (greatest magnitude) and "mean" [N], [N m]. `rms_over_peak`: RMS residual force over
+    the group's greatest measured force. `median_relative_error`: median of residual over measured force, where the
+    measured force exceeds 20 % of the replay's greatest.
     `within_sigma`, `within_two_sigma`: share of the measured force's components, in the grains, within one and two
     standard deviations of the prediction.
     """
@@ -55,7 +56,7 @@ class Group:
 
 @dataclass(frozen=True)
 class PhaseGroup(Group):
-    """Statistics of a phase. `poses`: with and without estimate. `depth_bins`: by names such as ``5-10mm``."""
+    """Statistics of a phase. `poses`: their number, with and without an estimate. `depth_bins`: keys as ``5-10mm``."""
 
     poses: int
     depth_bins: dict[str, Group]
@@ -63,11 +64,11 @@ class PhaseGroup(Group):
 
 @dataclass(frozen=True, kw_only=True)
 class Summary(Group):
-    """The content of summary.json: the statistics of all estimates and what led to them.
+    """The content of summary.json: the statistics of all estimates, and the inputs of the replay.
 
     `messages`: number read for each role. `reasons`, `quality_flags`, `trust`: how many samples, poses or estimates
-    have each; `unknown_frames`: by reason, a sentence on the frame_id. `duration`: receive time covered [s].
-    `learning`: the statistics without learning ("off") and by lag; no prediction uses its own load-cell sample.
+    have each. `unknown_frames`: for each reason a sentence on the frame_id. `duration`: receive time covered [s].
+    `learning`: the statistics without learning ("off") and for each lag. No prediction uses its own load-cell sample.
     """
 
     bag: str
@@ -91,10 +92,12 @@ class Summary(Group):
         for reason, n in self.reasons.items():
             frame = f" ({self.unknown_frames[reason]})" if reason in self.unknown_frames else ""
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
-        if flags := ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n):
+        flags = ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n)
+        if flags:
             trusted = ", ".join(f"{name} {n}" for name, n in self.trust.items())
             text.append(f"  quality flags: {flags}; trust: {trusted}")
-        text += [f"  damage: {self.damage}"] if self.damage else []
+        if self.damage:
+            text.append(f"  damage: {self.damage}")
         text += [f"  warning: {sentence}" for sentence in self.warnings]
         for name, group in self.learning.items():
             ratios = (group.rms_over_peak, group.median_relative_error, group.within_sigma, group.within_two_sigma)
@@ -106,14 +109,15 @@ class Summary(Group):
     def json(self) -> str:
         """The text of summary.json; the same bag and parameters give the same text."""
         content = asdict(self)
-        content |= {field.name: content.pop(field.name) for field in fields(Group)}  # these last
+        content |= {field.name: content.pop(field.name) for field in fields(Group)}  # statistics come last
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
 def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -> Summary:
-    """The summary of rows, shape [n], and what else is known about the replay.
+    """The summary of rows, shape [n]. `about`: the other fields of `Summary`.
 
-    `issues`: at how many poses learning had each sentence. `tared`: the bias is of the recording's own first seconds.
+    `issues`: for each issue of learning, the number of poses at which it was present. `tared`: the bias is a tare over
+    the first seconds of the recording.
     """
     whole, phases = statistics(rows)
     flags = rows["quality_flags"][rows["reason"] < 0]
@@ -127,7 +131,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -
 
 
 def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
-    """Statistics of all estimates, and of each phase by name, in the grains also by depth."""
+    """Statistics of all estimates, and of each phase by name; a phase has them also by depth in the grains."""
     answered, depth = rows["reason"] < 0, rows["depth"]
     least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, :3], axis=1), initial=0.0))
     edges = _bin_edges(float(depth[answered].max(initial=0.0)))
@@ -144,7 +148,7 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
 
 
 def _group(rows: Rows, least_force: float) -> Group:
-    """Statistics of rows with estimates; forces over `least_force` [N] have a relative error."""
+    """Statistics of rows with estimates. The relative error is taken of forces over `least_force` [N]."""
     measured, predicted = rows["compensated"], rows["predicted"]
     kinds = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
     full = {
@@ -190,28 +194,32 @@ def _warnings(whole: Group, phases: dict[str, PhaseGroup], *, tared: bool) -> li
     found = []
     air = [phases["approach"].wrench[axis]["measured"]["mean"] or 0.0 for axis in AXES[:3]]
     peak = whole.wrench["force"]["measured"]["peak"] or 0.0
-    if (load := math.hypot(*air)) > max(_OFFSET, _OFFSET_SHARE * peak):
+    load = math.hypot(*air)
+    if load > max(_OFFSET, _OFFSET_SHARE * peak):
         advice = "replay with --tare, or calibrate sensor.bias and sensor.mass"
         if tared:
             advice = (
-                "it was tared, so the tool touches the grains there or its weight turns: check surface_height, and"
-                " calibrate sensor.mass"
+                "it was tared, so the tool touches the grains there, or its weight changes with its attitude: check"
+                " surface_height, and calibrate sensor.mass"
             )
         found.append(f"the load cell reads {load:.3g} N in the air: {advice}")
-    if (error := whole.median_relative_error) is not None and error > _WRONG:
+    error = whole.median_relative_error
+    if error is not None and error > _WRONG:
         found.append(f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG")
     return found
 
 
 def _warnings_of_poses(rows: Rows) -> list[str]:
-    """That the recording begins in the grains, or that poses or mesh are in another unit."""
-    answered, found = rows[rows["reason"] < 0], list[str]()
-    if impossible := int(np.count_nonzero(answered["quality_flags"] & int(QualityFlag.IMPOSSIBLE))):
-        found.append(f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)")
-    elif len(answered) and (depth := float(answered["depth"][0])) > _TOUCHES:
+    """Warnings that poses or mesh are in another unit, or that the recording begins in the grains."""
+    answered = rows[rows["reason"] < 0]
+    impossible = int(np.count_nonzero(answered["quality_flags"] & int(QualityFlag.IMPOSSIBLE)))
+    if impossible:
+        return [f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)"]
+    first_depth = float(answered["depth"][0]) if len(answered) else 0.0
+    if first_depth > _TOUCHES:
         advice = "if it was in the air, check mesh.origin, mesh.quaternion and surface_height"
-        found.append(f"the first estimate is {1e3 * depth:.1f} mm deep in the grains: {advice}")
-    return found
+        return [f"the first estimate is {1e3 * first_depth:.1f} mm deep in the grains: {advice}"]
+    return []
 
 
 METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", "median err.")
@@ -222,7 +230,8 @@ def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
     """Title and metrics of the whole replay, of each phase that occurs, and of the depth bins of penetration."""
     rows = [("whole", *_metrics(summary))]
     for name, phase in summary.phases.items():
-        rows += [(name, *_metrics(phase))] if phase.poses else []
+        if phase.poses:
+            rows.append((name, *_metrics(phase)))
         if name == "penetration":
             rows += [(f"  {depths}", *_metrics(group)) for depths, group in phase.depth_bins.items()]
     return rows
@@ -240,13 +249,13 @@ def _percent(share: float | None) -> str:
 
 
 def read_limits(file: Path) -> dict[str, tuple[float, float]]:
-    """Inclusive limits by dotted path in summary.json, from a YAML mapping of such to ``{min: NUMBER, max: NUMBER}``.
+    """Read limits of metrics: for each dotted path in summary.json the least and the greatest allowed value.
 
-    Raises InputError for a malformed file.
+    The YAML file maps such paths to ``{min: NUMBER, max: NUMBER}``. Raises InputError for a malformed file.
     """
     tree = read_yaml(file, "limits file")
     if not isinstance(tree, dict) or not tree:
-        raise InputError(f"limits file '{file}' holds no metrics; write lines such as 'estimates: {{min: 1000}}'")
+        raise InputError(f"limits file '{file}' has no metrics; write lines such as 'estimates: {{min: 1000}}'")
     limits = {}
     for metric, given in tree.items():
         bounds = given if isinstance(given, dict) and given.keys() <= {"min", "max"} else {}
@@ -261,7 +270,7 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
 
 
 def check(limits: dict[str, tuple[float, float]], summary: Summary) -> list[tuple[bool, str]]:
-    """Whether each limit is kept, and a line on it. A missing value, as at a depth that was not reached, fails."""
+    """Whether each limit is kept, with a line of text on it. A metric without a value fails."""
     values = {f"reasons.{reason.value}": 0.0 for reason in Reason} | dict(flat(asdict(summary)))
     checks = []
     for metric, (low, high) in limits.items():

@@ -15,7 +15,7 @@ _MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros w
 
 
 def check_replaceable(path: Path) -> None:
-    """Raise InputError if there is anything at `path` but a bag that a BagWriter wrote."""
+    """Raise InputError if there is a file or folder at `path` that a BagWriter did not write."""
     if not path.exists():
         return
     try:
@@ -24,13 +24,13 @@ def check_replaceable(path: Path) -> None:
     except (InputError, LookupError, TypeError):
         ours = False
     if not ours:
-        raise InputError(f"'{path}' already exists and was not written by rft_ros; not overwritten")
+        raise InputError(f"'{path}' already exists and was not written by rft_ros; give another folder")
 
 
 class BagWriter(Writer):
     """Writes a rosbag2 folder, for use in a `with` block; the same messages give the same bytes.
 
-    Nothing may be at `path` yet. After an exception in the block, the bag holds what was written before.
+    `path` must not exist yet. After an exception in the block, the bag has the messages that were written before it.
     """
 
     def __init__(self, path: Path) -> None:

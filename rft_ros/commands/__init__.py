@@ -1,1 +1,1 @@
-"""The `rft` commands: for each, what adds its options, and what runs it, whose docstring is its examples."""
+"""The `rft` commands. Each has a function that adds its options, and one that runs it. The docstring is its example."""

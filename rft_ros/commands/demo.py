@@ -1,4 +1,4 @@
-"""`rft demo`: a virtual arm, a real node and a live table; then the same offline."""
+"""`rft demo`: a virtual arm, a real node and a live table; then a replay of the recording."""
 
 import argparse
 import shlex
@@ -29,7 +29,7 @@ def demo(arguments: argparse.Namespace) -> int:
         ) from None
 
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
-    tare = 2.0  # s in which the arm rests in the air
+    tare = 2.0  # s at the beginning, in which the arm rests in the air
     bag, out = arguments.output / "bag", arguments.output / "replay"
     run(bag, parameters, seconds=arguments.seconds)
     arguments_of_replay = ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]

@@ -17,7 +17,7 @@ def doctor_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--bag", type=Path, metavar="BAG", help=f"{options.BAG} (default: listen to ROS)")
     command.add_argument("--node", default="/rft", metavar="NAME", help="the node with its namespace (default /rft)")
     options.share(command, "--remap")
-    seconds = "how long to listen to ROS [s] (default 5)"
+    seconds = "time to listen to ROS [s] (default 5)"
     command.add_argument("--seconds", type=options.number, default=5.0, metavar="S", help=seconds)
 
 

@@ -50,7 +50,7 @@ def fit_medium(arguments: argparse.Namespace) -> int:
 
 
 def _described(fit: MediumFit, cells: int) -> list[str]:
-    """Lines about a fit."""
+    """Lines of text that describe a fit."""
     lines = [f"{cells} cells, RMS stress {fit.size:.4f} N/cm³"]
     for name, value in fit.medium.coefficients.items():
         error = fit.errors[name]
@@ -59,13 +59,13 @@ def _described(fit: MediumFit, cells: int) -> list[str]:
     lines += fit.remarks
     scaled = f"the generic medium with medium.zeta {fit.zeta:.3g}"
     own, generic = f"{fit.misfit:.4f} N/cm³ with these coefficients", f"{fit.misfit_scaled:.4f} with {scaled}"
-    lines.append(f"RMS that remains: {own}, {generic}")
+    lines.append(f"RMS of the residual: {own}, {generic}")
     if fit.left_out is None:
-        lines.append("too few cells to leave some out: whether the coefficients predict others is not known")
+        lines.append("too few cells to leave some out of the fit: the error on other cells is not known")
         return lines
     gain = 100.0 * (1.0 - fit.left_out.fitted / fit.left_out.scaled)
     compared = f"{abs(gain):.0f} % {'less' if gain > 0.0 else 'more'}"
-    lines.append(f"on cells left out: {fit.left_out.fitted:.4f} and {fit.left_out.scaled:.4f} N/cm³: {compared}")
+    lines.append(f"on cells left out of the fit: {fit.left_out.fitted:.4f} and {fit.left_out.scaled:.4f}: {compared}")
     if gain <= 0.0:
         lines.append(f"use {scaled} in place of these coefficients")
     return lines

@@ -1,4 +1,4 @@
-"""Options that several commands share, and what they stand for."""
+"""Options that several commands share, the parameters that they set, and warnings that several commands print."""
 
 import argparse
 import math
@@ -28,7 +28,7 @@ OF_RECORDING = ("--params", "--remap", "--start", "--end")
 
 _Array = NDArray[np.float64]
 
-_TOUCHES = 1e-6  # m: a tool that begins at the surface is deeper by rounding
+_TOUCHES = 1e-6  # m: least depth of a first state in the grains, beyond rounding
 _AT_ONCE = 512  # states whose lowest points are found together
 
 _ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)"
@@ -38,7 +38,7 @@ _REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"
 
 
 def number(text: str) -> float:
-    """Parse a finite number, as argparse's `type`, which says that a text is no valid number."""
+    """Parse a finite number. As argparse's `type`, its name appears in the error for a text that is none."""
     value = float(text)
     if not math.isfinite(value):
         raise ValueError
@@ -59,13 +59,13 @@ _SHARED: dict[str, dict[str, Any]] = {
 
 
 def share(command: argparse._ActionsContainer, *names: str) -> None:
-    """Add options that several commands have; what is not given is None."""
+    """Add options that several commands have. The value of an option that is not given is None."""
     for name in names:
         command.add_argument(name, **(_SHARED.get(name) or _of_parameter(name)))
 
 
 def _of_parameter(option: str) -> dict[str, Any]:
-    """How argparse reads an option that means what a parameter of the node means."""
+    """Arguments of `add_argument` for an option that sets a parameter of the node."""
     name = PARAMETER_NAMES[option.removeprefix("--").replace("-", "_")]
     (parameter,) = (p for p in PARAMETERS if p.name == name)
     value, unit = parameter.default, f" [{parameter.unit}]" if parameter.unit else ""
@@ -81,7 +81,7 @@ def _of_parameter(option: str) -> dict[str, Any]:
 
 
 def values_of(arguments: argparse.Namespace) -> Values:
-    """The node's parameters as the options of `share` that mean one give them, checked."""
+    """The node's parameters, checked: those that options of `share` set, and the defaults of the others."""
     given = {name: value for name, value in vars(arguments).items() if name in PARAMETER_NAMES and value is not None}
     table = given.get("alpha_y", "")
     if Path(table).suffix:
@@ -90,34 +90,35 @@ def values_of(arguments: argparse.Namespace) -> Values:
 
 
 def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path]) -> None:
-    """Raise InputError where an output would overwrite an input: `also`, and each path that another argument gives."""
+    """Raise InputError if an output would overwrite an input: a path in another argument, or one of `also`."""
     given = [value for name, value in vars(arguments).items() if name != "output"]
     words = [word for value in given for word in (value if isinstance(value, list) else [value])]
     refuse_overwriting(outputs, [*(word for word in words if isinstance(word, Path)), *also])
 
 
 def warn_of_law(law: Law) -> None:
-    """Print on stderr what may be wrong with the grains' numbers."""
+    """Print doubts about the values of the law on stderr."""
     for doubt in law.doubts:
         print(f"warning: {doubt}", file=sys.stderr, flush=True)
 
 
 def warn_of(tool: Tool) -> None:
-    """Print the faults of a tool's mesh on stderr. That it is concave is a property, which `rft check-mesh` names."""
+    """Print the faults of a tool's mesh on stderr. Concavity is no fault, and only `rft check-mesh` reports it."""
     for kind, issue in tool.issues.items():
         if kind != "concave":
             print(f"warning: {tool.name}: {issue}", file=sys.stderr, flush=True)
 
 
 def warn_of_motion(tool: Tool, times: _Array, states: _Array, forces: _Array, *, surface_height: float) -> None:
-    """Print on stderr what cannot be of a motion, and that its first state is in the grains.
+    """Print warnings on stderr: of implausible depths and forces in a motion, and of a first state in the grains.
 
     `times` [s], shape [n], `states`, shape [n, 13], `forces` [N], shape [n, 3]; `surface_height` [m].
     """
     depth, size = surface_height - _lowest(tool, states), np.linalg.norm(forces, axis=1)
     doubtful = {int(k) for k in (depth.argmax(), depth.argmin(), size.argmax())}
     for k in sorted(doubtful):
-        if sentence := sentence_on(tool, depth=float(depth[k]), force=float(size[k])):
+        sentence = sentence_on(tool, depth=float(depth[k]), force=float(size[k]))
+        if sentence:
             print(f"warning: t = {times[k]:g} s: {sentence}", file=sys.stderr, flush=True)
             return
     if len(states) > 1 and depth[0] > _TOUCHES:  # one state is no motion
@@ -133,7 +134,7 @@ def _lowest(tool: Tool, states: _Array) -> _Array:
 
 
 def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:
-    """The node's parameters, and how to read the recording: from the parameter file, overridden by options."""
+    """The node's parameters and the replay options. Those on the command line override the parameter file."""
     file = arguments.params
     values = read_parameter_file(file, getattr(arguments, "node", NODE)) if file else defaults()
     written = read_replay_options(file) if file else ReplayOptions()

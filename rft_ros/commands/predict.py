@@ -46,7 +46,7 @@ def predict(arguments: argparse.Namespace) -> int:
         where = f"states file '{arguments.states}'"
         result = wrenches_along(model, times, states, surface_height=height, where=where)
     options.warn_of_motion(tool, times, states, result[:, :3], surface_height=height)
-    if "concave" in tool.issues:  # here, where numbers are written, and in no other command about the same tool
+    if "concave" in tool.issues:  # only here, where wrenches are written: other commands need not repeat it
         print(f"note: {tool.name}: {tool.issues['concave']}", file=sys.stderr, flush=True)
     write_wrenches(arguments.output, times, result)
     wet = int((result[:, COLUMNS.index("submerged_area")] > 0.0).sum())

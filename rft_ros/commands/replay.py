@@ -15,7 +15,7 @@ from rft_ros.progress import busy
 
 
 def replay_options(command: argparse.ArgumentParser) -> None:
-    several = f"{options.BAG}; several get a folder each below DIR"
+    several = f"{options.BAG}; with several bags, each gets a folder below DIR"
     command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=several)
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     options.share(command, *options.OF_RECORDING)
@@ -57,7 +57,7 @@ def replay(arguments: argparse.Namespace) -> int:
 
 
 def folder_names(bags: list[Path]) -> list[str]:
-    """A unique name for each bag's folder: the bag's without suffix, with "_2" if that is taken."""
+    """A unique folder name for each bag: the bag's name without suffix, followed by "_2" if it is taken."""
     names: list[str] = []
     for bag in bags:
         name = Path(bag_name(bag)).stem if bag.is_file() else bag_name(bag)
@@ -68,7 +68,7 @@ def folder_names(bags: list[Path]) -> list[str]:
 
 
 def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
-    """Exit status: 1 if a limit is exceeded, or the bag has no estimate, which gets an error."""
+    """Exit status: 1 if a limit is exceeded, or if the bag has no estimate. Prints the limits, or an error."""
     checks = check(limits, summary)
     if checks:
         print("\n".join([f"{summary.bag}: limits", *(line for _, line in checks)]), flush=True)

@@ -73,12 +73,12 @@ def reduce(arguments: argparse.Namespace) -> int:
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
     origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
     same = f"scale, {values['mesh.scale']:g}, origin, {origin}, and rotation, {rotation}"
-    print(f"its lengths and axes are the mesh's: use it with the same {same}")
+    print(f"its lengths and axes are those of the mesh: use it with the same {same}")
     return 0
 
 
 def _scene(arguments: argparse.Namespace, tool: Tool) -> NDArray[np.float64]:
-    """The scene's states, the surface at z = 0."""
+    """The states of the scene, shifted so that the surface is at z = 0."""
     scene, surface = arguments.scene, arguments.surface_height
     values, chosen = options.recording(arguments)
     of_states = scene.suffix.lower() == ".csv"

@@ -1,4 +1,4 @@
-"""`rft warm-up`: compile beforehand."""
+"""`rft warm-up`: compile the machine code, so that no node or command compiles later."""
 
 import argparse
 

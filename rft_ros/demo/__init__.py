@@ -1,1 +1,1 @@
-"""The demo: an arm that moves in virtual grains beside a real node. The part that needs ROS is `node.recorded_node`."""
+"""The demo: a virtual arm in virtual grains, and a real node. `node.recorded_node` has the part that needs ROS."""

@@ -1,4 +1,4 @@
-"""``rft demo``: a virtual arm that moves, watches, tares and records beside a real node, as a user would."""
+"""Runs a virtual arm and a real node: moves the arm, tares, records, and shows a live table, as a user would."""
 
 import math
 import time
@@ -20,7 +20,7 @@ _ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real 
 
 
 def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
-    """Record a virtual arm for `seconds`; InputError if it fails."""
+    """Move and record a virtual arm for `seconds` [s]. Raises InputError if no estimates come."""
     if not seconds > PAUSE:
         raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
     check_replaceable(bag)
@@ -40,7 +40,7 @@ def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
                     if t > tare_at:
                         tared, said = node.call("tare")
                         live.console.print(f"t = {t:4.1f} s  tare: {said}", soft_wrap=True)
-                        tare_at = math.inf if tared else t + 0.3  # a busy machine may have delayed a twist
+                        tare_at = math.inf if tared else t + 0.3  # try again: a busy machine may have delayed a twist
             node.spin(time.monotonic() + 0.5)  # the last answers
         finally:
             node.end()
@@ -50,7 +50,7 @@ def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
 
 
 def _table(node: RecordedNode) -> Table:
-    """The newest wrenches."""
+    """A table of the newest wrenches."""
     title = f"t = {node.time:4.1f} s   (on the tool, sensor frame)"
     table = Table(title=title, box=SIMPLE, padding=(0, 1, 0, 0), pad_edge=False)
     table.add_column("", min_width=11)

@@ -1,8 +1,9 @@
-"""A virtual arm for the demo: 125 Hz pose, twist and load cell of an ellipsoid that pitches on its way into the grains.
+"""A virtual arm for the demo: pose, twist and load cell at 125 Hz of an ellipsoid that pitches while it goes down.
 
 The motion is the paper's (Treers et al. 2021, V-A): straight down at 5 mm/s, pitching ±9° at 0.625 Hz, after a pause in
-the air for a tare. The grains are not those of the node's model: 30 % stronger, 40 % weaker sideways, with a hard layer
-at a depth of 25 mm. The load cell adds a bias, the tool's weight, noise and its frame.
+the air for a tare. The grains differ from the node's model: the vertical force is 30 % larger, the horizontal force
+40 % smaller, and there is a hard layer at a depth of 25 mm. The load cell adds a bias, the tool's weight and noise, and
+reads in its own frame.
 """
 
 from collections.abc import Iterator
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator import LoadCell, Wrench
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.rft import MEDIA, Law, alpha_y_model, rotation_matrix, treers2021, wrenches
+from rft_ros.rft import COLUMNS, MEDIA, Law, alpha_y_model, rotation_matrix, treers2021, wrenches
 from rft_ros.sweeps.motions import oscillating_insertion
 from rft_ros.tool import Tool, load_tool
 
@@ -23,7 +24,7 @@ LAYER = 0.025  # m: depth of the tool's lowest point at which it reaches the har
 
 _RATE = 125.0  # Hz, of the poses
 _STRENGTH = np.array([0.6, 0.6, 1.3])  # of the grains over the model's, world axes
-_HARDNESS, _TRANSITION = 2.0, 0.002  # strength of the layer over that of the grains above; its upper edge [m]
+_HARDNESS, _TRANSITION = 2.0, 0.002  # strength of the layer over that of the grains above; depth of the transition [m]
 _DESCENT = oscillating_insertion(start_height=0.020)  # starts with the ellipsoid's lowest point 2 mm above the surface
 _NOISE = (0.02, 0.02, 0.02, 0.0005, 0.0005, 0.0005)  # N, N m, standard deviations
 LOAD_CELL = LoadCell(
@@ -44,19 +45,22 @@ def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
         t = k / _RATE
         state = _DESCENT.at(max(t - PAUSE, 0.0))[0]
         if t <= PAUSE:
-            state[7:] = 0.0
-        row = np.concatenate([_grain_wrench(tool, law, state), np.zeros(6)])
-        force, offset, _ = frame.into_sensor(state[3:7], row)
-        reading = np.add(force, offset) + random.normal(scale=_NOISE)
+            state[7:] = 0.0  # twist
+        _, quaternion, _ = np.split(state, [3, 7])
+        without_sigma = np.concatenate([_grain_wrench(tool, law, state), np.zeros(6)])
+        wrench, offset, _ = frame.into_sensor(quaternion, without_sigma)
+        reading = np.add(wrench, offset) + random.normal(scale=_NOISE)
         fx, fy, fz, tx, ty, tz = reading.tolist()
         yield t, state, (fx, fy, fz, tx, ty, tz)
 
 
 def _grain_wrench(tool: Tool, law: Law, state: Array) -> Array:
     """Force [N] and torque [N m] of the virtual grains on the tool, world axes, about the tool frame's origin."""
-    row = wrenches(tool.plates, law, state, threads=1, sensitivities=True)[0]
-    depth = -state[2] - tool.lowest_point(rotation_matrix(state[3:7]))
+    result = wrenches(tool.plates, law, state, threads=1, sensitivities=True)[0]
+    force, _, _, _, moments = np.split(result, [3, 6, len(COLUMNS), len(COLUMNS) + 3])  # moments: Σ r_j f_l
+    position, quaternion, _ = np.split(state, [3, 7])
+    depth = -position[2] - tool.lowest_point(rotation_matrix(quaternion))
     strength = _STRENGTH * np.interp(depth, [LAYER, LAYER + _TRANSITION], [1.0, _HARDNESS])
-    moment = row[10:19].reshape(3, 3) * strength  # Σ r_j f_l
-    torque = moment[1, 2] - moment[2, 1], moment[2, 0] - moment[0, 2], moment[0, 1] - moment[1, 0]
-    return np.array([*(strength * row[:3]), *torque])
+    m = moments.reshape(3, 3) * strength
+    torque = m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]
+    return np.array([*(strength * force), *torque])

@@ -1,4 +1,4 @@
-"""What the node's command line gives it: parameter files, and parameters with ``-p``."""
+"""The node's command line: its parameter files, and the parameters that ``-p`` sets."""
 
 import itertools
 import sys
@@ -18,7 +18,7 @@ def parameter_files() -> list[Path]:
 
 
 def _options() -> Iterator[tuple[str, str]]:
-    """ROS's arguments, each with the one after it."""
+    """The arguments after ``--ros-args``, each with the one that follows it."""
     for_ros = False
     for argument, after in itertools.pairwise([*sys.argv, ""]):
         for_ros = (for_ros or argument == "--ros-args") and argument != "--"
@@ -27,11 +27,12 @@ def _options() -> Iterator[tuple[str, str]]:
 
 
 def given_parameters(node: str) -> "dict[str, Given]":
-    """What files and ``-p`` give the node of this full name, by parameter: the last value of a section counts.
+    """The parameters that files and ``-p`` set for a node. `node`: its full name.
 
-    Sections of one name are one, in the place of the first, also across files; ``-p`` gives to ``/**``, as in ROS.
+    As in ROS, sections of one name are merged, also across files, and stand in the place of the first; a later value
+    overrides an earlier one. ``-p`` sets parameters of ``/**``.
     """
-    from rft_ros.parameters.sections import Section  # loads numba, while this module is read before the signals are
+    from rft_ros.parameters.sections import Section  # here, since it imports numba: `main` handles signals first
 
     found: dict[str, Section] = {}
     for section in _sections():
@@ -50,5 +51,6 @@ def _sections() -> "Iterator[Section]":
             name, _, value = text.partition(":=")
             node, separator, parameter = name.rpartition(":")
             key = node if separator else "/**"
-            if (read := read_value(value)) is not None:
+            read = read_value(value)
+            if read is not None:
                 yield Section(key, key if key.startswith("/") else f"/{key}", {parameter: read})

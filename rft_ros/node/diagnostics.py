@@ -27,12 +27,12 @@ class Diagnostics:
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._reported: Counter[str] = Counter()
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
-        self._ongoing: dict[str, int] = {}  # reports since the last one that had the problem
-        self._idle = True  # no pose came before the last report
+        self._ongoing: dict[str, int] = {}  # for each problem, the number of reports since it was last present
+        self._idle = True  # no pose came in the second before the last report
         self._first_depth: float | None = None  # of the first estimate [m]; -inf in the air, and once it was logged
-        self._begin()
+        self._start_period()
 
-    def _begin(self) -> None:
+    def _start_period(self) -> None:
         self._received: Counter[Role] = Counter()
         self._latencies: list[float] = []
         self._fastest, self._quality_flags = 0.0, 0
@@ -51,7 +51,7 @@ class Diagnostics:
             self._first_depth = self._estimator.depth() if estimate.submerged_area > 0.0 else -math.inf
 
     def summary(self) -> str:
-        """The tool in force and the swap; InputError that also names what is wrong."""
+        """A sentence on the current tool and a swap in progress. Raises InputError, which adds the problems, if any."""
         model = self._estimator.model
         message = f"generation {model.generation}: tool {model.tool.name} in force"
         if self._swap.preparing:
@@ -71,11 +71,12 @@ class Diagnostics:
         bad = sorted(new.keys() - _NORMAL - {"estimates"})
         array, learning, issues = DiagnosticArray(), self._estimator.learning, self._estimator.issues()
         array.header.stamp = now.to_msg()
-        of_inputs = bad if learning is not None else bad + issues  # those of learning have a status of their own
+        of_inputs = bad if learning is not None else bad + issues  # with learning, the status of the medium has them
         array.status = [self._inputs(now.nanoseconds, of_inputs), self._estimates(new["estimates"]), self._model()]
         bad += issues
         if learning is not None:
-            bad += [f"grains {learning.surprise} than learned"] if learning.surprise else []
+            if learning.surprise:
+                bad.append(f"grains {learning.surprise} than learned")
             array.status.append(self._medium(learning))
         self._publisher.publish(array)
         self._log_changes(bad)
@@ -85,10 +86,10 @@ class Diagnostics:
             self._node.get_logger().warning(where)
             self._first_depth = -math.inf
         self._idle = not self._received["pose"]
-        self._begin()
+        self._start_period()
 
     def _sentence(self, problem: str) -> str:
-        """The problem, for a frame with a sentence on which one is unknown."""
+        """The problem; for an unknown frame, with a sentence that names it."""
         sentence = self._estimator.unknown_frames().get(problem)
         return f"{problem} ({sentence})" if sentence else problem
 
@@ -105,7 +106,7 @@ class Diagnostics:
     def _status(
         self, component: str, values: dict[str, object], problem: str, fine: str, level: bytes = DiagnosticStatus.WARN
     ) -> DiagnosticStatus:
-        """A status of this `level` with the `problem`, or if that is empty OK with `fine`."""
+        """A status of this `level` with the `problem`; if there is none, OK with the message `fine`."""
         pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
         level, message = (level, problem) if problem else (DiagnosticStatus.OK, fine)
         name = f"{self._node.get_fully_qualified_name()}: {component}"

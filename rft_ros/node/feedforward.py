@@ -1,4 +1,7 @@
-"""A feed-forward wrench for controllers: gain times the prediction, limited in size and rate, never left standing."""
+"""A feed-forward wrench for controllers: gain times the prediction, limited in size and rate.
+
+It is ramped to zero when estimates stop.
+"""
 
 import math
 import time
@@ -16,18 +19,18 @@ from rft_ros.rft.placement import Placement
 
 FEEDFORWARD_PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6
-_LONGEST_STEP = 2.0 * FEEDFORWARD_PERIOD  # after a pause the output starts no faster than after this
-_LEAST = 1e-9  # N, N m: with a limit of 0 a share of less may round to 0, and the way down would never end
+_LONGEST_STEP = 2.0 * FEEDFORWARD_PERIOD  # longest time of one step of the ramp, also after a pause
+_LEAST = 1e-9  # N, N m: least rate times rise time; with a limit of 0 the ramp to zero would not end
 _END = 0.25  # s: the longest ramp when the node ends
 
 
 class Ramp:
-    """Follows a wrench; force and torque are bounded by `limit` [N, N m] and in rate: `rise_time` [s] from 0 to it."""
+    """Follows a wrench with limits. `limit`: largest force and torque [N, N m]. `rise_time`: from zero to it [s]."""
 
     def __init__(self) -> None:
         self.limit, self.rise_time = (0.0, 0.0), 1.0
         self.wrench: Wrench = _ZERO
-        self._largest = [0.0, 0.0]  # since it was zero: a limit that was lowered does not slow the way down
+        self._largest = [0.0, 0.0]  # force, torque since the last zero: a lowered limit does not slow the ramp to zero
 
     def follow(self, target: Wrench, duration: float) -> Wrench:
         """Move towards `target` ([N], [N m], finite) for `duration` [s]; returns the wrench."""
@@ -51,10 +54,10 @@ def _scaled(vector: tuple[float, ...], longest: float) -> tuple[float, ...]:
 
 
 class FeedForward:
-    """Publishes ``~/wrench_feedforward`` at each estimate, and without estimates until it has come down to zero.
+    """Publishes ``~/wrench_feedforward`` at each estimate. Without estimates it publishes a ramp to zero.
 
-    Controllers keep the last wrench that they got, without a time limit. So the target is zero for estimates that have
-    no trust, for any pose without an estimate within `max_input_age`, with the gain at 0, and when the node ends.
+    Controllers apply the last wrench that they received, without a time limit. So the target is zero for an estimate
+    without trust, when no estimate has come for `max_input_age`, with a gain of 0, and when the node ends.
     """
 
     def __init__(self, node: Node, estimator: Estimator, values: Values) -> None:
@@ -62,30 +65,30 @@ class FeedForward:
         self._clock, self._estimator, self._ramp = node.get_clock(), estimator, Ramp()
         self._moved = self._estimated = -math.inf
         self._active = False
-        self.use(values)
+        self.use_parameters(values)
 
-    def use(self, values: Values) -> None:
-        """Take the parameters."""
+    def use_parameters(self, values: Values) -> None:
+        """Apply new values of the parameters."""
         self._gain, self._frame = values["feedforward.gain"], values["feedforward.frame"]
         self._ramp.limit, self._ramp.rise_time = values["feedforward.limit"], values["feedforward.rise_time"]
         self._serialise = wrench_cdr(values[self._frame])
 
     def estimated(self, estimate: Estimate) -> None:
-        """Publish what follows from an estimate, at its stamp."""
+        """Publish the wrench for an estimate, with its stamp."""
         if self._gain != 0.0:
             self._active, self._estimated = True, time.monotonic()
             trusted = trust(estimate.quality_flags) is not Trust.NO
             self._publish(self._target(estimate.predicted) if trusted else _ZERO, estimate.stamp)
 
     def without_estimate(self) -> None:
-        """Ramp down if no estimate has come for `max_input_age`; to be called every `FEEDFORWARD_PERIOD`."""
+        """Ramp to zero if no estimate has come for `max_input_age`. A timer calls this every `FEEDFORWARD_PERIOD`."""
         late = time.monotonic() - self._estimated > self._estimator.settings.max_input_age
         if self._active and (late or self._gain == 0.0):
             self._publish(_ZERO, self._clock.now().nanoseconds)
             self._active = self._gain != 0.0 or self._ramp.wrench != _ZERO
 
     def end(self) -> None:
-        """Ramp down to zero in at most 0.25 s and wait until the subscribers have it."""
+        """Ramp to zero in at most 0.25 s, and wait until the subscribers have received it."""
         self._ramp.rise_time = min(self._ramp.rise_time, _END)
         self._gain = 0.0
         while self._active:
@@ -98,8 +101,8 @@ class FeedForward:
             cell = self._estimator.settings.load_cell
             wrench = Placement(cell.position, cell.quaternion).wrench(wrench)
         if self._frame == "world_frame":
-            x, y, z, w = self._estimator.state[3:7].tolist()
-            wrench = Placement((0.0, 0.0, 0.0), (x, y, z, w)).wrench(wrench)
+            _, _, _, qx, qy, qz, qw, *_ = self._estimator.state.tolist()
+            wrench = Placement((0.0, 0.0, 0.0), (qx, qy, qz, qw)).wrench(wrench)
         return tuple(self._gain * c for c in wrench)
 
     def _publish(self, target: Wrench, stamp: int) -> None:

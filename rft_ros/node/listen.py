@@ -21,11 +21,11 @@ from rft_ros.parameters import Values, checked
 
 __all__ = ["Listener", "Message", "Publisher", "Topic", "listener"]
 
-_DISCOVERY = 6.0  # s: DDS announces a node at the latest after 3 s, on a busy machine later
+_DISCOVERY = 6.0  # s: DDS announces a node after 3 s at most, on a busy machine later
 _OURS = "rft_doctor"
-_DEPTH = 20_000  # messages of a topic that wait: 20 s at 1 kHz, in which a busy machine may give this process no core
-_PERIOD = 0.05  # s between two looks into the queues
-_ORDER: tuple[Role, ...] = ("tf_static", "tf", "wrench", "twist", "surface", "pose")  # of what arrives together
+_DEPTH = 20_000  # length of a topic's queue: 20 s at 1 kHz, since a busy machine may stop this process for seconds
+_PERIOD = 0.05  # s between two readings of the queues
+_ORDER: tuple[Role, ...] = ("tf_static", "tf", "wrench", "twist", "surface", "pose")  # of messages that arrive together
 
 
 class Message(NamedTuple):
@@ -42,7 +42,10 @@ class Message(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Publisher:
-    """A publisher of a topic, its message type, and why subscribers cannot hear it: (node, policies of QoS)."""
+    """A publisher of a topic, its message type, and the subscribers that cannot receive its messages.
+
+    `unheard`: for each such subscriber the name of its node, and the QoS policies that do not match.
+    """
 
     node: str
     type: str
@@ -51,7 +54,7 @@ class Publisher:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic that a role needs, the type that its messages must have, and who publishes it."""
+    """The topic of a role, the type that its messages must have, and its publishers."""
 
     role: Role
     name: str
@@ -61,8 +64,8 @@ class Topic:
 
 @contextmanager
 def listener(name: str) -> Iterator["Listener"]:
-    """A listener beside the node `name`. Raises InputError where it, or a topic in the block, is no name of ROS."""
-    start_ros(args=[])  # the command line's --remap is not ROS's
+    """A listener beside the node `name`. Raises InputError if that or a topic in the block is no valid ROS name."""
+    start_ros(args=[])  # without sys.argv, whose --remap is an option of rft and not of ROS
     try:
         yield Listener(name)
     except NameValidationException as error:
@@ -78,7 +81,7 @@ class Listener:
         self._name, self._node = name, rclpy.create_node(_OURS)
         self._discovered = time.monotonic() + _DISCOVERY
         self.found = False
-        """Whether there is such a node, even if it does not answer."""
+        """Whether the node exists, even if it does not answer."""
 
     def parameters(self, names: list[str]) -> Values | None:
         """The node's values of these parameters, checked; None if no such node answers."""
@@ -95,7 +98,7 @@ class Listener:
             return None
 
     def listen(self, topics: Mapping[Role, str], seconds: float) -> tuple[list[Message], list[Topic]]:
-        """Every message for so long [s], in the order of arrival, and the topics with their publishers."""
+        """All messages within `seconds` [s], in the order of arrival, and the topics with their publishers."""
         wanted = dict(topics)
         if transforms_come() or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
@@ -111,13 +114,13 @@ class Listener:
         return messages, [self._topic(role, name) for role, name in wanted.items()]
 
     def _subscribe(self, role: Role, topic: str) -> Subscription:
-        """A subscription as the node's own, with a longer queue. No executor spins: `_waiting` takes its messages."""
+        """A subscription with the node's QoS and a longer queue. No executor spins; `_waiting` reads the queue."""
         qos, depth = INPUTS[role], _DEPTH if role != "surface" else INPUTS[role].depth
         longer = QoSProfile(depth=depth, reliability=qos.reliability, durability=qos.durability)
         return self._node.create_subscription(message_class(role), topic, lambda _: None, longer, raw=True)
 
     def _topic(self, role: Role, name: str) -> Topic:
-        """The topic, with its publishers as the node and this listener can hear them."""
+        """The topic with its publishers, and which of the node and this listener cannot receive from them."""
         names = self._name, f"/{_OURS}"
         others = self._node.get_subscriptions_info_by_topic(name)
         subscriptions = [s for s in others if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in names]

@@ -53,7 +53,10 @@ def _stop_on_signal() -> threading.Event:
 
 
 def _refused_arguments() -> str:
-    """A sentence about arguments that ROS would ignore or wait for, so that the node does not run with defaults."""
+    """A sentence on arguments that ROS would ignore or block on; "" if there are none.
+
+    Without this check the node would run with default parameters.
+    """
     from rft_ros.files import MAX_YAML, checked_file
 
     try:
@@ -63,20 +66,20 @@ def _refused_arguments() -> str:
         return f"the node needs ROS 2 ({error}); source a ROS 2 setup file"
     try:
         for file in parameter_files():
-            checked_file(file, "parameter file", limit=MAX_YAML)  # ROS would wait for the end of a pipe
+            checked_file(file, "parameter file", limit=MAX_YAML)  # ROS would block on a pipe
         left = remove_ros_args(sys.argv)[1:]
     except InputError as error:
         return str(error)
     except UnknownROSArgsError as error:
         return f"unknown ROS argument {str(error).strip('[]')}"
     except RCLError:
-        return ""  # rclpy.init says what is wrong with ROS's own arguments
+        return ""  # rclpy.init reports errors in ROS's own arguments
     advice = "ROS arguments, such as --params-file, come after --ros-args"
     return f"cannot use '{' '.join(left)}'; {advice}" if left else ""
 
 
 def _run(stop: threading.Event) -> str:
-    """Run the node until it is to stop; returns why it cannot."""
+    """Run the node until `stop` is set. Returns the reason if it cannot run, otherwise ""."""
     from rft_ros.node.tool_worker import ToolWorker
 
     worker = ToolWorker()  # first: its imports take as long as the node's
@@ -90,9 +93,9 @@ def _run(stop: threading.Event) -> str:
 
     try:
         for file in parameter_files():
-            read_sections(file)  # refuses it in the words of a replay; ROS's are longer
+            read_sections(file)  # raises the same error as a replay; that of ROS is longer
         try:
-            start_ros(signal_handler_options=SignalHandlerOptions.NO)  # refuses arguments before compiling
+            start_ros(signal_handler_options=SignalHandlerOptions.NO)  # first: it checks arguments before code compiles
             node = RftNode(worker)
         except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
             return str(error).partition(", at ")[0]

@@ -1,4 +1,4 @@
-"""The parameter table as ROS parameters: declared, validated before a change, applied after it."""
+"""Declares the parameter table as ROS parameters. A change is validated before it is accepted, and then applied."""
 
 from array import array
 from collections.abc import Callable, Mapping
@@ -40,8 +40,8 @@ class UnknownParameterError(ParameterNotDeclaredException):
 class NodeParameters(Generic[_Prepared]):
     """The node's values of the parameter table.
 
-    Before a change, `prepare` makes what all values with it bring, or raises ValueError to refuse it. After the change
-    `apply` takes what `prepare` made. Each change is logged.
+    Before a change, `prepare` is called with all values, including the changed ones; it raises ValueError to refuse the
+    change. After the change `apply` is called with the result of `prepare`. Each change is logged.
     """
 
     def __init__(
@@ -50,9 +50,9 @@ class NodeParameters(Generic[_Prepared]):
         self._node, self._prepare, self._apply = node, prepare, apply
         self._why = ""
         self._checked: dict[str, Value | InputError] = {}
-        """Of the parameters that are about to be set: each as `checked` returns it, or why it is refused."""
+        """For each parameter that is about to be set: its checked value, or the reason for refusing it."""
         self._prepared: tuple[dict[str, Value], _Prepared] | None = None
-        """The change that was accepted last, and what it brings."""
+        """The change that was accepted last, and the result of `prepare` for it."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
         own_name = node.get_fully_qualified_name()
         self._check_given(own_name, {name: _plain(p.value) for name, p in overrides.items()})
@@ -65,7 +65,7 @@ class NodeParameters(Generic[_Prepared]):
                 values[p.name] = _resolved(p.name, values[p.name], own_name)
             node.declare_parameter(p.name, _plain(values[p.name]), _descriptor(p), ignore_override=True)
         self.values: Values = values
-        """The checked values in force; replaced, not changed, when parameters are set."""
+        """The current checked values. When parameters are set, this mapping is replaced and not changed."""
         logger = node.get_logger()
         for name in overrides:
             if not name.startswith("qos_overrides.") and not node.has_parameter(name):
@@ -75,7 +75,7 @@ class NodeParameters(Generic[_Prepared]):
         node.add_post_set_parameters_callback(self._on_post_set)
 
     def _check_given(self, own_name: str, overrides: Mapping[str, Any]) -> None:
-        """Raise InputError where the files' values cannot be used, or ROS's parser made others of them."""
+        """Raise InputError if values of the files cannot be used, or if ROS's parser read other values."""
         for file in parameter_files():
             sections = read_sections(file)
             checked_names(file, node_parameters(file, own_name))
@@ -83,13 +83,14 @@ class NodeParameters(Generic[_Prepared]):
                 warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
                 self._node.get_logger().warning(warning)
         for name, value in given_parameters(own_name).items():
-            if name in overrides and repr(value) != repr(overrides[name]):  # 1 is not 1.0 here, and nan is nan
-                why = "ROS mixes values of one name up whose types differ"
+            # compared by repr, for which 1 differs from 1.0, and nan equals nan
+            if name in overrides and repr(value) != repr(overrides[name]):
+                why = "ROS mixes up the values of a name that is given with different types"
                 advice = "give it once, or each time with the same type, such as 1.0"
                 raise InputError(f"{name} is {value!r}, but ROS takes {overrides[name]!r}: {why}; {advice}")
 
     def set_all(self, values: Values, *, why: str) -> str:
-        """Set parameters together, from within the node; `why` goes into the log. Returns why not, or ""."""
+        """Set parameters together, from within the node. `why`: the reason for the log. Returns the refusal, or ""."""
         self._why = why
         parameters = [RosParameter(name, value=_plain(value)) for name, value in values.items()]
         result = self._node.set_parameters_atomically(parameters)
@@ -98,10 +99,10 @@ class NodeParameters(Generic[_Prepared]):
             self._node.get_logger().error(f"not set ({why}): {result.reason}")
         return "" if result.successful else str(result.reason)
 
-    # rclpy calls these three in turn for each change; the second may also refuse it, and then the third is not called
+    # rclpy calls these three in turn for each change. If the second refuses the change, the third is not called.
 
     def _on_pre_set(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """The parameters in the types of the table; one that `checked` refuses stays as it is."""
+        """Convert parameters to the types of the table. `_on_set` will refuse those that `checked` refuses."""
         self._checked, self._prepared, found = {}, None, []
         for p in parameters:
             if p.name in self.values:

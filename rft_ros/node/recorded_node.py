@@ -1,4 +1,4 @@
-"""A node in a process of its own and the peer that feeds it, asks its services and records both sides in a bag."""
+"""A node in its own process, and a peer that publishes its inputs, calls its services and records all topics."""
 
 import os
 import subprocess
@@ -39,18 +39,18 @@ _OUTPUTS = {**{f"wrench_{name}": WrenchStamped for name in WRENCHES}, "medium_le
 
 @contextmanager
 def ros_outlives_signals() -> Iterator[None]:
-    """ROS on this machine, which a signal does not end before the node's process has ended."""
+    """Start ROS on this machine only, and without its signal handlers: the node's process has to be ended first."""
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     start_ros(signal_handler_options=SignalHandlerOptions.NO)
     try:
-        rclpy.get_global_executor()  # `spin_once` would create it, where a signal may come half-way
+        rclpy.get_global_executor()  # created here, since a signal may interrupt `spin_once` while it creates it
         yield
     finally:
         rclpy.try_shutdown()
 
 
 class RecordedNode:
-    """A node in a process of its own, and the topics between it and a peer, recorded; the newest answer of each."""
+    """A node in its own process, and the peer. Records their topics, and keeps the newest message of each output."""
 
     def __init__(self, parameters: Path, bag: BagWriter) -> None:
         self._bag, self._peer = bag, rclpy.create_node("rft_demo")
@@ -75,12 +75,12 @@ class RecordedNode:
         return 1e-9 * (self._stamp - self._begin)
 
     def wrench(self, name: str) -> Wrench | None:
-        """The newest of one of `WRENCHES` [N], [N m]; None if none has come."""
+        """The newest wrench on an output [N], [N m]; None if none has come. `name`: one of `WRENCHES`."""
         message = self._newest.get(f"wrench_{name}")
         return _wrench(message) if message else None
 
     def wait(self) -> None:
-        """Until the node answers and listens."""
+        """Wait until the node answers and has subscribed to its inputs."""
         self.call("status")
         self._until(lambda: min(p.get_subscription_count() for p in self._publishers.values()) > 0)
         self._begin = self._stamp = self._peer.get_clock().now().nanoseconds
@@ -100,10 +100,11 @@ class RecordedNode:
             self._record(name, message)
 
     def spin(self, end: float) -> None:
-        """Take answers until a time of `time.monotonic` [s]. InputError if the node has ended."""
+        """Receive messages until a time of `time.monotonic` [s]. Raises InputError if the node has ended."""
         while (left := end - time.monotonic()) > 0.0:
             rclpy.spin_once(self._peer, timeout_sec=left)
-        if (status := self._process.poll()) is not None:
+        status = self._process.poll()
+        if status is not None:
             raise InputError(f"the node ended with status {status} before the demo was over; see its messages above")
 
     def _until(self, condition: Callable[[], bool]) -> None:
@@ -111,7 +112,7 @@ class RecordedNode:
             self.spin(time.monotonic() + 0.05)
 
     def call(self, service: str) -> tuple[bool, str]:
-        """Whether one of the node's services succeeded, and what it said."""
+        """Call one of the node's services. Returns whether it succeeded, and its message."""
         client = self._peer.create_client(Trigger, f"/rft/{service}")
         self._until(client.service_is_ready)
         future = client.call_async(Trigger.Request())

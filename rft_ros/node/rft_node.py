@@ -75,14 +75,14 @@ class RftNode(Node):
 
     def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
         self._decode[role] = decoder(role, ros1=False)
-        # Raw bytes: rclpy needs 16 us to build a message object, which the estimator does not use.
+        # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
         qos, options = INPUTS[role], QoSOverridingOptions.with_default_policies()
         return self.create_subscription(
             message_class(role), topic, callback, qos, raw=True, qos_overriding_options=options
         )
 
     def _subscribe_to_clouds(self) -> None:
-        """While the ground is a map."""
+        """Subscribe to clouds while the ground is a map."""
         if self.estimator.ground is None:
             if self._clouds is not None:
                 self.destroy_subscription(self._clouds)
@@ -91,7 +91,7 @@ class RftNode(Node):
             self._clouds = self._subscribe("surface", "~/surface_points", partial(self._on_input, "surface"))
 
     def announce(self, event: str) -> None:
-        """Log the model that came into force, with the issues of its mesh; `event`: what the sentence begins with."""
+        """Log the current model and the issues of its mesh. `event`: the beginning of the sentence."""
         m = self.estimator.model
         self.get_logger().info(f"{event}: {m.in_words}")
         for issue in m.tool.issues.values():
@@ -134,7 +134,7 @@ class RftNode(Node):
             self._answer(sample, start)
 
     def _answer(self, sample: PoseSample, start: float) -> None:
-        # Push first the twists that arrived before this pose: rclpy may call back in another order. None costs 4 us.
+        # First the twists that arrived before this pose, since rclpy may call back in another order (4 us if none).
         with self._twists.handle:
             while (taken := self._twists.handle.take_message(TwistStamped, True)) is not None:
                 self._on_twist(taken[0])
@@ -149,8 +149,12 @@ class RftNode(Node):
         self._publish_measurements()
 
     def _publish_learned(self, stamp: int) -> None:
-        """Position: a value (turn [rad], surface [m], surprise in standard deviations); effort: its standard error."""
-        if (learning := self.estimator.learning) is None or 0 <= stamp - self._learned_at < _LEARNED_PERIOD:
+        """Publish what is learned: `position` has the values, `effort` their standard errors.
+
+        Turn in rad, surface in m, surprise in standard deviations.
+        """
+        learning = self.estimator.learning
+        if learning is None or 0 <= stamp - self._learned_at < _LEARNED_PERIOD:
             return
         self._learned_at, belief = stamp, learning.belief()
         message = JointState(name=_LEARNED)
@@ -179,9 +183,9 @@ class RftNode(Node):
         if only_grains:
             self.estimator.use(model=prepared.model)
             return
-        self.feedforward.use(prepared.values)
+        self.feedforward.use_parameters(prepared.values)
         self._use(prepared)
-        self._publish_measurements()  # a new sensor_frame ends the comparisons that waited in the old one
+        self._publish_measurements()  # with a new sensor_frame, comparisons that waited in the old one are final
         self._serialise = wrench_cdr(prepared.values["sensor_frame"])
 
     def _use(self, prepared: Prepared) -> None:

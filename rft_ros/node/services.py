@@ -23,7 +23,7 @@ _NO_GROUND = "the ground is a level plane; set ground.cell"
 
 
 class Services:
-    """Answers each service with a sentence; success is false where that is an InputError's."""
+    """Answers each service with a sentence. An InputError becomes an answer without success."""
 
     def __init__(
         self, node: Node, estimator: Estimator, parameters: NodeParameters[Prepared], *, status: Callable[[], str]
@@ -36,13 +36,14 @@ class Services:
 
     def _tare(self) -> str:
         bias = self._estimator.tare(_TARE_WINDOW)
-        if refused := self._parameters.set_all({"sensor.bias": bias}, why="tare"):
+        refused = self._parameters.set_all({"sensor.bias": bias}, why="tare")
+        if refused:
             raise InputError(f"tare refused: {refused}")
         return "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
 
     def _learning(self) -> Learning:
         if self._estimator.learning is None:
-            raise InputError("learning is not in force; set learning.mode to observe or apply")
+            raise InputError("learning is not active; set learning.mode to observe or apply")
         return self._estimator.learning
 
     def _forget(self) -> str:
@@ -50,14 +51,15 @@ class Services:
         return "back to the calibration"
 
     def _save_medium(self) -> str:
-        """All parameters, with the learned ζ and its error."""
+        """Save all parameters, with the learned ζ and its standard error."""
         learning, values = self._learning(), self._parameters.values
-        if (learned := learning.strength()) is None:
+        learned = learning.strength()
+        if learned is None:
             raise InputError("not saved: nothing was learned yet")
         strength, error = learned
         zeta = values["medium.zeta"] * strength
         new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
-        doubts = [f"doubtful, it was learned while {doubt}" for doubt in learning.doubts()]
+        doubts = [f"doubtful, since it was learned while {doubt}" for doubt in learning.doubts()]
         comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *doubts])
         path = _save("rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment))
         return "; ".join([path, *doubts])
@@ -68,11 +70,12 @@ class Services:
         return "ground as at the start"
 
     def _save_ground(self) -> str:
-        if (ground := self._estimator.ground) is None:
+        ground = self._estimator.ground
+        if ground is None:
             raise InputError(f"not saved: {_NO_GROUND}")
         if np.isnan(ground.heights).all():
             raise InputError("not saved: no height is known yet")
-        # Here and not in a thread: the answer tells what became of it, and the largest map takes 10 ms.
+        # Not in a thread, so that the answer says whether it succeeded. The largest map takes 10 ms.
         return _save("rft_ground_{}.npz", lambda file: write_height_map(file, ground))
 
 
@@ -86,7 +89,7 @@ def _respond(answer: Callable[[], str], _request: Trigger.Request, response: Tri
 
 def _save(name: str, write: Callable[[Path], None]) -> str:
     """Write a new file in $ROS_HOME or ~/.ros and return its path; {} in `name` becomes the time."""
-    # Not ROS time: simulated time begins at 1970 each time and would repeat names.
+    # Not ROS time: simulated time begins at zero in every run, and names would repeat.
     moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
     file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / name.format(moment)
     write(file)

@@ -10,7 +10,7 @@ __all__ = ["start_ros"]
 
 
 def start_ros(**options: Any) -> None:
-    """`rclpy.init` with these options; InputError where ROS cannot write its log, as in a home that is read-only."""
+    """Call `rclpy.init` with these options. Raises InputError if ROS cannot write its log, as in a read-only home."""
     try:
         rclpy.init(**options)
     except RuntimeError as error:

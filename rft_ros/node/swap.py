@@ -1,4 +1,7 @@
-"""Loads meshes, maps and machine code beside the node, and prepares what a change of parameters brings into force."""
+"""Loads meshes, maps and machine code in the background, and prepares settings and models for changed parameters.
+
+The node keeps answering with the old model meanwhile.
+"""
 
 import threading
 import time
@@ -32,12 +35,12 @@ __all__ = ["Prepared", "Swap", "Swapped"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
-    """What checked values of all parameters bring: made once, when they are validated, and applied after it.
+    """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
 
-    Where only numbers of the grains change, all but `values` and `model` are the same objects as before.
-    `settings` and `model` come into force at once, with the tool, the ground and the machine code that are in force.
-    `files`, as of `files_of`, and `code`, parts of the machine code, follow once they are loaded. `read`: what the
-    `small_files_of` these values hold, by parameter and file.
+    `settings` and `model` can be used at once: they have the tool, the ground and the machine code that are loaded.
+    `files` (as `files_of`) and `code` (parts of the machine code) are used once they are loaded. `read`: the content of
+    `small_files_of`, by parameter and file. If only parameters in `GRAINS` change, all fields but `values` and `model`
+    are the same objects as before.
     """
 
     values: Values
@@ -50,14 +53,14 @@ class Prepared:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Swapped:
-    """A load that has ended: in force, or `undo`: the parameters to set back, of a file that cannot be used."""
+    """A load that has ended. `undo`: empty after success; otherwise the parameters to set back to their old values."""
 
     undo: Values
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Load:
-    """A part that is being loaded, beside the node, since a time of `time.monotonic` [s]."""
+    """A part that is being loaded in the background. `since`: start, a time of `time.monotonic` [s]."""
 
     wanted: Values
     future: "Future[dict[str, Any]]"
@@ -66,11 +69,11 @@ class _Load:
 
 
 class Swap:
-    """The files in force, the `parts` that they became, the machine code that is loaded, and what is being loaded.
+    """Loads the parts of a model (tool, ground) and machine code. `parts`: the loaded parts, arguments of `model_of`.
 
-    The constructor loads what `values` need, or raises InputError. Each part (the tool, the ground) loads on its own: a
-    change of other parameters does not disturb it. A thread waits for the worker: 100,000 plates that came through the
-    pipe in the node's own would delay a tick by 30 ms; in this one 50,000 delay it by 3 to 15 ms.
+    The constructor loads what `values` need, or raises InputError. Each part is loaded on its own, so that a change of
+    other parameters does not disturb it. A thread waits for the worker and reads its answer: in the node's own thread
+    100,000 plates would delay a tick by 30 ms; in this one 50,000 plates delay it by 3 to 15 ms.
     """
 
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
@@ -78,18 +81,18 @@ class Swap:
         self._file_thread, self._code_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
         self._files, self._code = files_of(values), needed(values)
         prepare(self._code, on_cold_cache=on_cold_cache)
-        self.parts = worker.load(self._files)  # after the code, which the worker would compile too
+        self.parts = worker.load(self._files)  # after the code is in the cache; otherwise the worker compiles it, too
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
-        self._code_load: tuple[frozenset[str], Future[None], float] | None = None  # since a time of `time.monotonic`
-        self._read: dict[tuple[str, str], Medium | Table] = {}  # by parameter and file: those in force
+        self._code_load: tuple[frozenset[str], Future[None], float] | None = None  # parts; result; start, as `_Load`
+        self._read: dict[tuple[str, str], Medium | Table] = {}  # `Prepared.read` of the current values
         self.prepared = self._made(values, generation=0)
-        """What is in force."""
+        """The values, settings and model that are used now."""
         self._read = self.prepared.read
 
     def prepare(self, values: Values) -> Prepared:
-        """What these values bring; meshes and maps are not read yet. InputError for what cannot come into force."""
+        """Prepare a change to these values, without reading meshes and maps. Raises InputError for unusable values."""
         before = self.prepared
         changes = {name: value for name, value in values.items() if value != before.values[name]}
         if changes.keys() <= GRAINS:
@@ -113,7 +116,7 @@ class Swap:
         return Prepared(values=values, settings=settings, model=model, files=files, code=code, read=read)
 
     def _without_code(self, settings: Settings) -> Settings:
-        """Settings without learning, and velocities from poses, until their machine code is loaded."""
+        """The settings without learning and without velocities from poses, as far as their machine code is missing."""
         if "learning" not in self._code:
             settings = replace(settings, learning_mode="off")
         if "velocity" not in self._code:
@@ -121,13 +124,13 @@ class Swap:
         return settings
 
     def _read_for(self, values: Values) -> dict[tuple[str, str], Medium | Table]:
-        """The small files of these parameters, read again unless they are in force: a file may be gone since."""
+        """The content of the small files of these values. A file that is in use is not read again: it may be gone."""
         wanted = small_files_of(values).items()
         return {named: self._read.get(named) or read_small_file(*named) for named in wanted}
 
     @property
     def preparing(self) -> str:
-        """What is being loaded, and for how long; empty if nothing is."""
+        """A description of what is being loaded, and for how long; empty if nothing is."""
         now = time.monotonic()
         loads = [f"{named({part: load.wanted})} for {now - load.since:.0f} s" for part, load in self._loads.items()]
         if self._code_load is not None:
@@ -136,7 +139,7 @@ class Swap:
         return " and ".join(loads)
 
     def want(self, prepared: Prepared) -> None:
-        """Load what these parameters need and is not in force; what is being loaded for them already goes on."""
+        """Use what was prepared, and start to load what is missing for it. A load of the same files goes on."""
         self.prepared, self._read = prepared, prepared.read
         for part, wanted in prepared.files.items():
             load = self._loads.get(part)
@@ -162,7 +165,7 @@ class Swap:
             self._code_load = missing, self._code_thread.submit(_load_code, missing), time.monotonic()
 
     def poll(self) -> Swapped | None:
-        """The next load that has ended, which is in force now unless it failed; None if none has."""
+        """The next load that has ended; None if none has. After success `prepared` has the loaded part."""
         if self._code_load is not None and self._code_load[1].done():
             self._code |= self._code_load[0]
             self._code_load = None

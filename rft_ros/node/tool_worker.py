@@ -1,4 +1,4 @@
-"""A process that loads tools and maps of the ground beside the node, which goes on answering meanwhile."""
+"""A worker process that loads tools and maps of the ground, while the node keeps answering poses."""
 
 import threading
 import time
@@ -15,8 +15,8 @@ __all__ = ["ToolWorker", "named"]
 
 _SIGN_PERIOD = 1.0  # s between two signs of life from a process that loads
 _SILENT = 300.0  # s without a sign of life after which the process is given up
-_BLOCKED = 60.0, 0.01  # s; a process that uses less CPU than this [s] in this time waits for a file that gives nothing
-_STARVED = 5.0, 0.5  # s; a process of low priority with less than this share of a core begins again at the node's own
+_BLOCKED = 60.0, 0.01  # s: a process that uses less CPU time than the second in the first is blocked by a file
+_STARVED = 5.0, 0.5  # s, share of a core: a process of low priority that gets less is replaced by one of normal
 
 
 class _Alive(NamedTuple):
@@ -26,11 +26,11 @@ class _Alive(NamedTuple):
 
 
 class ToolWorker:
-    """A process that loads one model's files at a time, started early for its imports and replaced if it ends.
+    """A process that loads one model's files at a time. It is started early for its imports, and replaced if it ends.
 
-    It runs at a low priority, so that no tick is late while cores are free or nearly so. On a busy machine that leaves
-    it a tenth of a core; then another process loads the same at the node's own priority. It has to be another one:
-    without privileges no process can raise its priority again.
+    It runs at a low priority, so that it does not delay ticks. On a busy machine it then gets a tenth of a core only,
+    and another process loads the same files at the node's priority. A process without privileges cannot raise its own
+    priority again.
     """
 
     def __init__(self) -> None:
@@ -50,11 +50,11 @@ class ToolWorker:
         self._start(low_priority=low_priority)
 
     def load(self, files: Mapping[str, Values], given_up: threading.Event | None = None) -> dict[str, Any]:
-        """Load parts of `files_of`; InputError if they cannot be used, take no end, or are `given_up`."""
+        """Load parts of `files_of`. Raises InputError if they cannot be used, do not end, or if `given_up` is set."""
         given_up = given_up or threading.Event()
         try:
             answer = self._answer(files, given_up)
-        except (OSError, EOFError) as error:  # the process ended, or none is to be had, or no descriptor
+        except (OSError, EOFError) as error:  # the process ended, or the system has no process or descriptor left
             self.end()
             ended = isinstance(error, EOFError | ConnectionError)
             why = f"the process that loads {named(files)} ended" if ended else str(error)
@@ -72,7 +72,7 @@ class ToolWorker:
         return answer
 
     def _answer(self, files: Mapping[str, Values], given_up: threading.Event) -> dict[str, Any] | str:
-        """The process's answer; a process that ended before it began this request is replaced."""
+        """The answer of the process. A process that ended before it began this request is replaced."""
         if self.process.poll() is not None:
             self._replace(low_priority=True)
         try:
@@ -86,7 +86,7 @@ class ToolWorker:
         return self._wait(files, given_up)
 
     def _wait(self, files: Mapping[str, Values], given_up: threading.Event) -> dict[str, Any] | str:
-        """The answer to a request that was sent, from another process if this one gets no core."""
+        """Wait for the answer to a request that was sent. A process that gets no CPU time is replaced."""
         begin = moved = heard = time.monotonic()
         used_then = 0.0
         while True:
@@ -103,7 +103,7 @@ class ToolWorker:
             if used - used_then > _BLOCKED[1]:
                 moved, used_then = now, used
             if self.used is not None and now - moved > _BLOCKED[0]:
-                raise InputError(f"{named(files)} has given nothing to read for {_BLOCKED[0]:g} s; give a regular file")
+                raise InputError(f"{named(files)} could not be read for {_BLOCKED[0]:g} s; give a regular file")
             if now - heard > _SILENT:
                 raise InputError(f"the process that loads {named(files)} was silent for {_SILENT:g} s; set it again")
             if not self._connection.poll(_SIGN_PERIOD):
@@ -116,15 +116,15 @@ class ToolWorker:
             self.used, heard = message.used, time.monotonic()
 
     def end(self) -> None:
-        """End the process; what it loads is given up."""
+        """End the process, and with it the load in progress."""
         self.process.kill()
         self.process.wait()
 
 
 def _serve(descriptor: int, low_priority: int) -> None:
-    """In the process: answer requests until the node closes the connection. Until the first it may keep its priority.
+    """In the process: answer requests until the node closes the connection.
 
-    The node waits for the first answer only.
+    The node waits for the first answer, so the first process keeps its priority until then.
     """
     connection = Connection(descriptor)
     if low_priority:
@@ -148,7 +148,7 @@ def _serve(descriptor: int, low_priority: int) -> None:
 
 
 def _give_signs(connection: Connection, done: threading.Event, used_before: float) -> None:
-    """Send signs of life until the request is done; their own CPU time does not count."""
+    """Send signs of life until the request is done. The CPU time of this thread is left out."""
     with suppress(OSError):
         while True:
             connection.send(_Alive(time.process_time() - time.thread_time() - used_before))

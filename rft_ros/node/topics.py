@@ -14,18 +14,19 @@ _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 INPUTS: dict[Role, QoSProfile] = {
     **dict.fromkeys(("pose", "twist", "wrench", "tf"), _SENSOR_DATA),
     "surface": QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT),  # a cloud has megabytes
-    "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),  # kept for those who come later
+    # latched: publishers send it to late subscribers, too
+    "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
 }
 OUTPUTS = QoSProfile(depth=200)  # reliable
 
 
 def type_name(message: Any) -> str:
-    """The name of a message class, as topics have it."""
+    """The ROS name of a message class, such as geometry_msgs/msg/PoseStamped."""
     return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
 
 
 def transforms_come() -> bool:
-    """Whether the messages of transforms are installed, and not only a folder of their sources where the node runs."""
+    """Whether tf2_msgs is installed. A folder of that name where the node runs, such as its sources, does not count."""
     return getattr(find_spec("tf2_msgs"), "origin", None) is not None
 
 

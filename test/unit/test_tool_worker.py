@@ -121,7 +121,7 @@ def test_a_file_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, 
     """As /proc/kmsg, or a disk that has gone."""
     with monkeypatch.context() as patched:
         patched.setattr(tool_worker, "_BLOCKED", (0.0, 1e9))
-        with pytest.raises(InputError, match=r"mesh\.file '.*big\.stl' has given nothing to read for 0 s; give a"):
+        with pytest.raises(InputError, match=r"mesh\.file '.*big\.stl' could not be read for 0 s; give a"):
             loaded(worker, big)
     assert loaded(worker, "plate").name == "plate"
 
