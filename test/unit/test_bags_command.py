@@ -120,7 +120,7 @@ def test_reasons_and_flags_that_did_not_occur_count_as_zero_and_what_has_no_valu
     ("text", "words"),
     [
         ("", "is empty"),
-        ("{}", "holds no metrics"),
+        ("{}", "has no metrics"),
         ("estimates: [", "is not YAML"),
         ("estimates: {max: 2026-02-30}", "is not YAML: day is out of range for month"),
         ("estimates: 5", "estimates is 5; it must be {min: NUMBER, max: NUMBER}"),
