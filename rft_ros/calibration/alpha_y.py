@@ -23,7 +23,7 @@ from rft_ros.tool.refine import refined_plates
 __all__ = ["AlphaYFit", "AlphaYModel", "PlateRun", "faces_of", "fit_alpha_y", "plate_runs"]
 
 AlphaYModel = Literal["auto", "constant", "linear", "table"]
-"""Which model of α_y to fit; "auto": linear where the slope over β is significant, else constant."""
+"""The model of α_y to fit. "auto": linear if the slope over β is significant, otherwise constant."""
 
 _ALIKE = np.cos(np.deg2rad(5.0))
 _FACES = 0.6  # least share of a plate's surface that its two faces make up

@@ -30,7 +30,7 @@ _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m
 
 @dataclass(slots=True)
 class Calibration(FitResults):
-    """Results of all fits; how α_y becomes parameters."""
+    """Results of all fits. `alpha_y`: the fit of α_y, which is written as parameters and a table."""
 
     alpha_y: AlphaYFit | None = None
 
@@ -38,22 +38,23 @@ class Calibration(FitResults):
 def calibrate(
     tracks: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS, alpha_y: AlphaYModel = "auto"
 ) -> Calibration:
-    """Fit `parts` to the tracks; take what is not fitted, or not identifiable, from `values`, the node's parameters.
+    """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `values`.
 
-    Raises InputError for a recording that `refuse_implausible` refuses, and where fixed transforms should tell the load
-    cell's place and do not.
+    `values`: the node's parameters. Raises InputError for a recording that `refuse_implausible` refuses, and if
+    sensor.frame_source is tf and no fixed transforms give the place of the load cell.
     """
     for track in tracks:
         refuse_implausible(track)
     settings, result, recorded = settings_of(values), Calibration(), tracks
     cell = settings.load_cell
     if settings.sensor_source == "tf":
-        if (mount := tracks[0].mount) is None:
+        mount = tracks[0].mount
+        if mount is None:
             link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
             raise InputError(f"{tracks[0].name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
         cell = replace(cell, position=mount.position, quaternion=mount.quaternion)
     sensor = Sensor(cell)
-    # any tool: the law has none; fits know level ground only
+    # only the law of this model is used, so any tool will do; fits assume level ground
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
     inertial = model_of(at_one, tool=tracks[0].tool).law
     law = replace(inertial, density=0.0, mobilization_length=0.0)

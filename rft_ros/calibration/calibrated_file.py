@@ -53,7 +53,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             found = path_beside(resolved(source).parent, name, path := str(parameters[name]))
             parameters[name] = path if found == path else os.path.relpath(found, resolved(file).parent)
 
-    # the sum of bias and weight is known better than each where poses do not separate them
+    # if the poses do not separate bias and weight, their sum is known better than each of them
     finest = {"sensor.bias": 1e-3}
     numbers = {
         f.name: [rounded(v, min(e, finest.get(f.name, e))) for v, e in zip(f.values, f.errors, strict=True)]

@@ -27,9 +27,9 @@ _UNKNOWN = np.array([np.inf])
 
 
 class Contact(NamedTuple):
-    """A first contact: the track and its number, the rows around it, the height [m] that a fit without memory finds.
+    """A first contact: the track and its number, and the rows around it.
 
-    `misfit`: RMS residual over the force's rise.
+    `surface`: its height by a fit without memory [m]. `misfit`: RMS residual of that fit over the rise of the force.
     """
 
     number: int
@@ -40,7 +40,7 @@ class Contact(NamedTuple):
 
 
 def _find(number: int, track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Contact:
-    """The contact of one stroke: the vertical force fitted with a free scale and bias, without memory."""
+    """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
     up = track.sensor_rotations(cell)[stroke][:, 2]
     force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, :3])
     height = track.heights()[stroke]
@@ -49,7 +49,7 @@ def _find(number: int, track: Track, stroke: Rows, cell: LoadCell, law: Law) -> 
     depths = np.linspace(0.0, high - low, 256)
     states = np.repeat(track.states[stroke[-1:]], len(depths), axis=0)
     states[:, 2] -= height[-1] + depths
-    states[:, 7:13] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+    states[:, 7:] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)  # twist: straight down
     predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
 
     used, least, most = np.ones(len(stroke), dtype=np.bool_), low, high
@@ -83,13 +83,13 @@ def _find(number: int, track: Track, stroke: Rows, cell: LoadCell, law: Law) -> 
 
 
 def find_contacts(tracks: Sequence[Track], cell: LoadCell, law: Law) -> list[Contact]:
-    """The first contacts, as a law without memory finds them; raises NotIdentifiable without."""
+    """The first contacts, by fits without memory. Raises NotIdentifiable if there are none."""
     strokes = ((k, track, stroke, cell, law) for k, track in enumerate(tracks) for stroke in down_strokes(track))
     return fit_each(_find, strokes, none="the tool never goes straight down")
 
 
 def fit_contact(recording: Recorded, contact: Contact, grains: Grains) -> Measurement:
-    """The height of the surface at a contact [m], for the λ of `grains`; `contact.surface` is where the fit begins.
+    """Fit the height of the surface at a contact [m], for the λ of `grains`. The fit starts at `contact.surface`.
 
     Grains with memory begin to resist at the first pose below the surface, so that the height depends on where in a
     step between two poses it lies: the error has the deviation of a place in that step.

@@ -66,7 +66,7 @@ class FittedValue:
 
 @dataclass(slots=True)
 class FitResults:
-    """Fitted values; the reason by name for each that is not identifiable; sentences on what looks wrong."""
+    """Fitted values; by name the reason why a value is not identifiable; warnings."""
 
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
@@ -162,7 +162,7 @@ def best_start(curve: Curve, observed: Array, starts: Iterable[Array]) -> Array:
 
 
 def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
-    """Least squares of a time series, shape [n, axes], any unit, by Gauss and Newton from `start` on.
+    """Fit a curve to a time series, shape [n, axes], any unit, by least squares: Gauss-Newton from `start` on.
 
     Coefficients: the parameters, then that of each column. The residuals have the shape of `observed`.
     """
@@ -265,7 +265,7 @@ def fit_measurements(design: Array, observed: Array, errors: Array) -> Fit:
 
 
 def scatter_of_mean(values: Sequence[float]) -> float:
-    """Standard error of a mean from the scatter of what it is the mean of; 0 for one value."""
+    """Standard error of a mean, from the scatter of the values; 0 for one value."""
     return float(np.std(values, ddof=1)) / len(values) ** 0.5 if len(values) > 1 else 0.0
 
 
@@ -278,7 +278,7 @@ def mean_of(
     error: float | None = None,
     spread: float = 0.0,
 ) -> FittedValue:
-    """Mean of repeated measurements; its error is `error`, or the greater of that from their scatter and their own."""
+    """Mean of repeated measurements. Its error is `error`, or the greater of that by scatter and that by errors."""
     values = [m.value for m in measurements]
     if error is None:
         own = float(np.linalg.norm([m.error for m in measurements])) / len(values)

@@ -1,4 +1,4 @@
-"""The surface, ζ and λ of the grains, fitted together, with errors that contain how each depends on the others.
+"""Fits the surface, ζ and λ of the grains together. The error of each includes those of the others it depends on.
 
 Each value has its own part of a recording: the surface the first contact, ζ the whole way down, λ the way after a turn.
 Grains with memory resist fully only after a distance, so that the first contact that is found depends on λ, and λ and ζ
@@ -45,17 +45,17 @@ _HEIGHT_STEP, _LENGTH_STEP = 5e-5, 0.1
 
 _UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
 
-_LEAST_ZETA, _GREATEST_ZETA = 0.05, 5.0  # of dry grains, beyond which something else is wrong
-_LEFT_AT_CORNERS = 0.5  # of the noise of a pose, after smoothing
-_SHAKEN = 2  # fits to poses with more noise
+_LEAST_ZETA, _GREATEST_ZETA = 0.05, 5.0  # range of dry grains; a ζ outside of it points to another fault
+_LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
+_SHAKEN = 2  # number of fits to poses with more noise
 
 _SURFACE, _LENGTH, _ZETA = range(3)
-"""The three values, by their rows in the system of errors."""
+"""Rows of the three values in the system of errors."""
 
 
 @dataclass(slots=True, eq=False)
 class _Fits:
-    """The parts of the recordings that identify each value, none where it is not fitted, and the fits to them.
+    """The parts of the recordings that identify each value, and the fits to them. No parts: the value is not fitted.
 
     Turns and ways down have the number of their recording.
     """
@@ -82,7 +82,7 @@ class _Fits:
         return [fit_penetration(self.recordings[k], stroke, grains) for k, stroke in self.ways_down]
 
     def settle(self) -> None:
-        """Fit the surface and λ with each other's results until those no longer change."""
+        """Fit the surface and λ in turns, each with the result of the other, until they no longer change."""
         for _ in range(_ROUNDS):
             before = self.grains
             if self.turns:
@@ -133,9 +133,9 @@ class _Fits:
         return np.asarray(np.linalg.norm(np.linalg.solve(np.eye(3) - by, sources), axis=1))
 
     def _by_poses(self, surface: float, log_length: float) -> Array:
-        """What noise of the poses changes: RMS of fits with twice as much, which would all but repeat without any.
+        """The effect of pose noise on the fitted values: RMS change of fits to poses with twice the noise.
 
-        λ has in addition what a shift of the turn changes, by the noise that smoothing leaves in a pose at a corner.
+        For λ the effect of a shift of the turn is added, by the noise that smoothing leaves in a pose at a corner.
         """
         changes = []
         for seed in range(_SHAKEN):
@@ -183,7 +183,7 @@ def _fit_turns(fits: _Fits) -> None:
 
 
 def _fit_ways_down(fits: _Fits, own: Array, zero_error: float) -> list[Measurement]:
-    """ζ of each way down that determines it, with all of its errors. Raises NotIdentifiable if none does."""
+    """ζ of each penetration that determines it, with all of its errors. Raises NotIdentifiable if none does."""
     surface = fits.grains.surface
     strokes = (
         (k, recording, stroke, surface)
@@ -213,7 +213,7 @@ def fit_grains(
     given: Grains,
     parts: Collection[str],
 ) -> FitResults:
-    """Fit what `parts` names of surface, zeta and mobilization; the rest is as `given`.
+    """Fit those of surface, zeta and mobilization that are in `parts`; the others are as `given`.
 
     `law`: at ζ = 1, without memory and inertia. `contacts`: of these tracks; the surface is fitted to them.
     """

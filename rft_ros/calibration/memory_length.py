@@ -26,19 +26,20 @@ LOST_MOTION, LOST_MOTION_ERROR = 5e-6, 5e-6
 _MOST_LOST = 2e-4  # greatest lost motion [m]
 _GRID = 16  # values of λ that are tried before the best one is refined
 _STEPS = np.array([0.03, 1e-6])  # changes of log λ and of the lost motion [m] for derivatives
-_MOVED, _HELD = 2e-6, 1e-9  # change of a lost motion [m] that is held, and how closely
+_MOVED, _HELD = 2e-6, 1e-9  # m: change of the lost motion for `length_by_place`; tolerance when it is held
 _UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
 _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
 
 
 class AtOnce(NotIdentifiable):
-    """The force follows the turn at once: λ is below what the recording resolves."""
+    """The force follows the turn at once: λ is shorter than the recording can resolve."""
 
 
 class TurnFit(NamedTuple):
-    """log λ [log m] of one turn and its standard error, the lost motion [m], and what a zero of the load cell adds.
+    """log λ [log m] of one turn, its standard error, and the lost motion [m].
 
-    `by_zero`: shape [3], world axes [1/N]. `misfit`: RMS residual over the greatest force; `scale`: of the force.
+    `by_zero`: derivative of log λ by an offset of the load cell, shape [3], world axes [1/N]. `misfit`: RMS residual
+    over the greatest force. `scale`: of the measured force over the model's.
     """
 
     logarithm: float
@@ -69,7 +70,7 @@ def _place(recording: Recorded, turn: Turn) -> str:
 
 
 def length_by_place(recording: Recorded, turn: Turn, surface: float, found: TurnFit) -> float:
-    """How log λ changes with the place of the turn [1/m], from a fit with the lost motion held elsewhere."""
+    """Derivative of log λ by the place of the turn [1/m], from a fit with another lost motion that is held."""
     moved = found.lost_motion + _MOVED
     other = fit_turn(recording, turn, surface, start=found._replace(lost_motion=moved), held=True)
     return (other.logarithm - found.logarithm) / _MOVED
@@ -78,7 +79,7 @@ def length_by_place(recording: Recorded, turn: Turn, surface: float, found: Turn
 def fit_turn(
     recording: Recorded, turn: Turn, surface: float, *, start: TurnFit | None = None, held: bool = False
 ) -> TurnFit:
-    """λ of one turn: least squares of the force's components over log λ, with a free scale; `surface`: height [m].
+    """Fit λ of one turn: least squares of the force's components over log λ, with a free scale. `surface`: height [m].
 
     `start`: a fit with nearly the same surface, whose lost motion is `held` or fitted again. Raises NotIdentifiable
     where the load cell measures no force.

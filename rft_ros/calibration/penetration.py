@@ -1,4 +1,4 @@
-"""ζ, the measured over the predicted force of the tool's ways down, by least squares through the origin.
+"""Fits ζ, the measured over the predicted force in each penetration, by least squares through the origin.
 
 As in Treers et al. 2021, IV.
 """
@@ -22,17 +22,18 @@ BEDS_DIFFER = 0.1
 
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 
-_GROWS = 0.8  # least correlation of ζ and size that is named
+_GROWS = 0.8  # least correlation of ζ with the size of the tool that is reported
 _SHALLOWEST = 0.005  # a penetration's least depth [m]: below it the force depends more on the surface height than on ζ
 _ALIKE = 0.9
-"""Least correlation of the measured and the modelled force, over components and moments: below it the RMS residual is
-over a quarter of the peak of a force that grows with depth."""
+"""Least correlation of the measured and the modelled force, over all components and times. With less, the RMS residual
+of a force that grows with depth is over a quarter of its peak."""
 
 
 class Penetration(NamedTuple):
-    """ζ of one way down, with its own error and misfit; its depth [m]; what a zero of the load cell adds to ζ [1/N].
+    """ζ of one penetration, with its own error and misfit; its depth [m].
 
-    `alike`: the correlation of measured and modelled force.
+    `by_zero`: derivative of ζ by an offset of the load cell, shape [3] [1/N]. `alike`: the correlation of measured and
+    modelled force.
     """
 
     zeta: Measurement
@@ -63,7 +64,7 @@ def deep_enough(number: int, recording: Recorded, stroke: Rows, surface: float) 
 
 
 def fit_penetration(recording: Recorded, stroke: Rows, grains: Grains) -> Penetration:
-    """ζ of the part of a stroke below the surface."""
+    """Fit ζ to the part of a stroke below the surface."""
     depths = grains.surface - recording.heights[stroke]
     rows, depth = stroke[depths > 0.0], float(depths.max())
     first = recording.before_contact(int(rows[0]), grains.surface)
@@ -79,9 +80,9 @@ def fit_penetration(recording: Recorded, stroke: Rows, grains: Grains) -> Penetr
 
 
 def spread_of(found: Sequence[Measurement], tools: Sequence[str]) -> float:
-    """How far the mean ζ is from that of each tool, relative to it; for one tool, the relative scatter.
+    """Relative scatter of ζ between the tools; if there is only one tool, between its measurements.
 
-    `tools`: what names the tool of each measurement.
+    `tools`: the name of the tool of each measurement.
     """
     values = np.array([measurement.value for measurement in found])
     of_tools = [values[[name == tool for name in tools]].mean() for tool in dict.fromkeys(tools)]

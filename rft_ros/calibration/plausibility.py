@@ -1,4 +1,4 @@
-"""Recordings that no arm and no load cell give, which fits would turn into numbers that look right."""
+"""Refuses recordings that no arm and no load cell can give; fits would turn them into numbers that look right."""
 
 from itertools import pairwise
 
@@ -10,14 +10,16 @@ from rft_ros.errors import InputError
 __all__ = ["refuse_implausible"]
 
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
-_FROZEN = 0.5  # share of the path within which one reading repeats that no live load cell gives
-_FAR, _FAST = 10.0, 1.0  # extent [m] and mean speed [m/s] that together no arm reaches in grains
+_FROZEN = 0.5  # share of the path; a load cell that repeats one reading over more is stuck
+_FAR, _FAST = 10.0, 1.0  # m, m/s: no arm exceeds both this extent and this mean speed in grains
 
 
 def refuse_implausible(track: Track) -> None:
     """Raise InputError for readings beyond any load cell, a load cell that repeats itself, or poses in millimetres."""
-    if not (largest := float(np.abs(track.readings).max())) <= _LARGEST:
-        raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; the limit is {_LARGEST:g}")
+    largest = float(np.abs(track.readings).max())
+    if not largest <= _LARGEST:
+        limit = f"the limit is {_LARGEST:g}; check the driver and its unit"
+        raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; {limit}")
     steps = np.linalg.norm(np.diff(track.states[:, :3], axis=0), axis=1)
     extent, path = float(np.ptp(track.states[:, :3], axis=0).max()), float(steps.sum())
     moving = np.diff(track.time)[steps > 0.0]

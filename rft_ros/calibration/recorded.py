@@ -15,11 +15,11 @@ __all__ = ["Grains", "Recorded", "recorded"]
 
 Array = NDArray[np.float64]
 
-_CLEAR = 0.001  # height above the surface [m] at which the memory is surely empty
+_CLEAR = 0.001  # m: at this height above the surface the memory is empty, despite noise of the poses
 
 
 class Grains(NamedTuple):
-    """What the fits share: the surface height [m]; λ [m], 0 without memory; the arm's lost motion at a turn [m]."""
+    """Values that all fits use: surface height [m]; λ [m], 0 without memory; lost motion of the arm at a turn [m]."""
 
     surface: float
     length: float
@@ -50,7 +50,7 @@ class Recorded:
         """Force on the tool at `rows`, with a memory that is empty at the row `first`, world axes [N], shape [m, 3]."""
         plates, last = self.track.tool.plates, int(rows[-1])
         if grains.length <= 0.0:
-            # a law without memory has no force at rest, and a hand that pushes stops in between
+            # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
             states = self.track.smooth_states()[rows]
             return wrenches(plates, self.law, states, surface_height=grains.surface, threads=1)[:, :3]
         law = replace(self.law, mobilization_length=grains.length)
@@ -66,7 +66,7 @@ class Recorded:
         return noise_of_poses(track.time, track.states, gap=GAP, reach=track.tool.plates.reach)
 
     def shaken(self, rng: np.random.Generator) -> "Recorded":
-        """The recording with so much more noise of the poses that they have twice as much; itself if they have none."""
+        """The recording with noise added, so that its deviation doubles; itself if the poses have no noise."""
         track = self.track
         states = shaken_states(track.time, track.states, gap=GAP, times=3.0**0.5, rng=rng)
         return self if states is None else replace(self, states=_moving_states(track, states))

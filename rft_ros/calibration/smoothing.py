@@ -1,4 +1,4 @@
-"""Where a tool was and how it moved, from all poses of a recording: without their noise, and with its corners.
+"""Smooths the poses of a recording, and computes velocities from them: removes the noise, and keeps sharp corners.
 
 Each pose is replaced by the value of a straight line through its neighbours, before, after or on both sides. The line
 is the longest one whose value agrees with that of every shorter one within the noise (intersection of confidence
@@ -16,17 +16,20 @@ __all__ = ["noise_of_poses", "shaken_states", "smoothed_states"]
 
 Array = NDArray[np.float64]
 
-_LONGEST = 0.25  # time [s] that the lines span
-_GROWTH = 1.6  # of the line's number of poses from one try to the next
+_LONGEST = 0.25  # s, the longest line
+_GROWTH = 1.6  # factor of the number of poses from one line to the next longer one
 _AGREE = 3.0  # standard deviations within which two estimates of a pose agree
-_QUIET = 1e-8  # noise [m], [rad/2] that needs no smoothing: rounding
+_QUIET = 1e-8  # noise [m], [rad/2]; smaller noise is rounding and is not smoothed
 _CALM, _CHI2_OF_CALM = 0.8, 4.642
 """Share of the third differences that contain no corner, and that quantile of chi-squared with 3 degrees of freedom."""
 _ROUNDED = 9  # decimals of velocities: rounding must not decide whether a wall along the motion leads
 
 
 class _Line(NamedTuple):
-    """Estimates from one kind of line at n poses: values and slopes in time, shape [n, 7]; deviation over the noise."""
+    """Estimates at n poses from lines of one kind: values and slopes in time, shape [n, 7].
+
+    `deviation`: standard deviation of the values over that of one pose, shape [n].
+    """
 
     value: Array
     slope: Array
@@ -45,7 +48,10 @@ def _noise(places: Array) -> Array:
 
 
 def _line(time: Array, places: Array, before: int, after: int) -> _Line:
-    """Lines through the poses from `before` to `after` places beside each; the deviation is inf without so many."""
+    """Fit a line at each pose, to the `before` poses before it and the `after` poses after it.
+
+    The deviation is inf where the recording does not have as many.
+    """
     size, n = before + after + 1, len(time)
     number = np.arange(size) - 0.5 * (size - 1)
     mean, slope = np.full(size, 1.0 / size), number / (number @ number)
@@ -91,20 +97,23 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
 
 
 def _apart(time: Array, gap: float) -> list[NDArray[np.int64]]:
-    """The rows of each part without a longer time between two poses than `gap` [s]; parts of under four left out."""
+    """The rows of each part between gaps longer than `gap` [s]. Parts of less than four rows are left out."""
     parts = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > gap) + 1)
     return [rows for rows in parts if len(rows) >= 4]
 
 
 def _alike(places: Array) -> Array:
-    """The places with quaternions whose signs do not change: q and -q are one attitude."""
+    """The places, with the signs of quaternions chosen so that they do not jump: q and -q are one attitude."""
     turned = np.sign(np.sum(places[1:, 3:] * places[:-1, 3:], axis=1))
     signs = np.append(1.0, np.cumprod(np.where(turned < 0.0, -1.0, 1.0)))
     return np.hstack([places[:, :3], signs[:, None] * places[:, 3:]])
 
 
 def noise_of_poses(time: Array, states: Array, *, gap: float, reach: float) -> float:
-    """Standard deviation of one coordinate of a point at `reach` [m] from the tool frame's origin [m]; 0: rounding."""
+    """Standard deviation of one coordinate of a point at `reach` [m] from the tool frame's origin [m].
+
+    It is 0 if the noise is rounding.
+    """
     noise = [_noise(_alike(states[rows, :7])) for rows in _apart(time, gap)]
     if not noise:
         return 0.0
@@ -114,7 +123,10 @@ def noise_of_poses(time: Array, states: Array, *, gap: float, reach: float) -> f
 
 
 def shaken_states(time: Array, states: Array, *, gap: float, times: float, rng: np.random.Generator) -> Array | None:
-    """The states, shape [n, 13], with noise of the poses added, `times` what they have; None where that is rounding."""
+    """The states, shape [n, 13], with noise added to the poses: of `times` the deviation of their own noise.
+
+    None if the poses' own noise is rounding.
+    """
     result, shaken = states.copy(), False
     for rows in _apart(time, gap):
         noise = _noise(_alike(states[rows, :7]))
@@ -126,9 +138,9 @@ def shaken_states(time: Array, states: Array, *, gap: float, times: float, rng: 
 
 
 def smoothed_states(time: Array, states: Array, *, gap: float) -> Array:
-    """The states with poses without noise, and the velocities of those, shape [n, 13], columns `rft_ros.rft.STATE`.
+    """The states with smoothed poses, and the velocities of these, shape [n, 13], columns `rft_ros.rft.STATE`.
 
-    `time` [s], shape [n]. A longer time between two poses than `gap` [s] separates what is smoothed. Poses whose noise
+    `time` [s], shape [n]. Parts that are separated by more than `gap` [s] are smoothed on their own. Poses whose noise
     is rounding stay as they are.
     """
     result = states.copy()

@@ -18,16 +18,16 @@ from rft_ros.estimator.load_cell import GRAVITY
 __all__ = ["Sensor", "fit_tool_weight"]
 
 _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
-_LEAST = 1e-6  # a mass below this [kg] is rounding
-_SURE = 3.0  # standard errors of the mass by which it must exceed 0 to be a mass
+_LEAST = 1e-6  # kg; a smaller mass is rounding
+_SURE = 3.0  # a mass is accepted if it exceeds 0 by this many standard errors
 _EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
-_NOTHING = 0.01  # kg; a mass near 0 whose error is below is none: the driver takes off the weight
-_USUAL_MASS, _LEVER = 1.0, 0.1  # kg, m: standard deviations of a tool's mass and centre that nothing tells
+_NOTHING = 0.01  # kg; a mass near 0 with a smaller error is no mass: the driver subtracts the weight
+_USUAL_MASS, _LEVER = 1.0, 0.1  # kg, m: standard deviations of a tool's mass and centre if the poses do not tell
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 
 class Sensor(NamedTuple):
-    """The load cell; the standard error of its compensated force's zero along any axis [N], 0 for what is given."""
+    """The load cell. `zero_error`: standard error of its compensated force along any axis [N]; 0 if it was given."""
 
     cell: LoadCell
     zero_error: float = 0.0

@@ -1,4 +1,4 @@
-"""A recording as arrays, and its parts that fits use: rest, ways down, level runs, turns; from pose and speed."""
+"""A recording as arrays, and the parts of it that fits use: rest, penetrations, level runs and turns."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +25,7 @@ __all__ += ["turns_in_grains"]
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
-_BOTTOMLESS = -1e9  # a surface height [m] that no tool reaches: the estimator also answers poses at rest in the grains
+_BOTTOMLESS = -1e9  # m: with such a low surface the tool is in the air, and every pose has an estimate, also at rest
 _SMOOTHING = 0.1  # time over which velocities are averaged before they classify the motion [s]
 
 GAP = 0.5
@@ -75,7 +75,7 @@ class Track:
         return np.concatenate([lowest_points(self.tool.corners, part)[0] for part in parts])
 
     def smooth_states(self) -> Array:
-        """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise is not motion."""
+        """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise averages out."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / max(step, 1e-4)))  # stamps may lie closer than any driver's
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
@@ -83,7 +83,7 @@ class Track:
         return np.hstack([self.states[:, :7], mean])
 
     def motion(self) -> tuple[Array, Array, Array]:
-        """Smooth velocity of the tool frame's origin [m/s], shape [n, 3]; its speed; the most that turning adds."""
+        """Smooth velocity of the tool frame's origin [m/s], shape [n, 3]; its speed; greatest speed by rotation."""
         twists = self.smooth_states()[:, 7:13]
         speed, spin = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).T
         return twists[:, :3], speed, spin * self.tool.plates.reach
