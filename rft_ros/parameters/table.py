@@ -80,11 +80,11 @@ PARAMETERS = (
         "Learn the medium from the load cell. observe: learn and report; apply: predict with what was learned.",
         choices=("off", "observe", "apply"),
     ),
-    Parameter("learning.lag", 0.002, "Path from a load-cell sample to the first prediction with it.", "m", (1e-5, 1.0)),
+    Parameter("learning.lag", 0.002, "Path until a load-cell sample changes a prediction.", "m", (1e-5, 1.0)),
     Parameter(
         "feedforward.gain",
         0.0,
-        "Publish this times the prediction on ~/wrench_feedforward; -1.0: what cancels the grains' force. 0.0: off.",
+        "Factor of the prediction on ~/wrench_feedforward; -1.0: opposite to the grains' force. 0.0: off.",
         "",
         (-2.0, 2.0),
     ),
@@ -99,7 +99,7 @@ PARAMETERS = (
     Parameter(
         "feedforward.rise_time",
         0.2,
-        "Time from zero to the limit, and back; when the node ends, at most 0.25 s.",
+        "Time of the ramp from zero to the limit, and back; at most 0.25 s when the node ends.",
         "s",
         (0.01, 1.0),
     ),
@@ -114,23 +114,34 @@ PARAMETERS = (
     Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
     Parameter("sensor.quaternion", _IDENTITY, "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"),
     Parameter(
-        "sensor.frame_source", "parameters", "Source of its place. tf: fixed transforms.", choices=("parameters", "tf")
+        "sensor.frame_source",
+        "parameters",
+        "Source of sensor.position and sensor.quaternion; tf: fixed transforms.",
+        choices=("parameters", "tf"),
     ),
     Parameter("sensor.sign", 1.0, "1.0: the driver reports the force on the tool; -1.0: by the tool.", "", (-1.0, 1.0)),
     Parameter("sensor.bias", (0.0,) * 6, "Reading without load: fx, fy, fz, tx, ty, tz.", "N, N m", (-1e6, 1e6)),
     Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
     Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", "m", (-1e3, 1e3)),
-    Parameter("pose_source", "topic", "Pose: ~/pose, or from TF.", choices=("topic", "tf"), applies="restart"),
-    Parameter("tf_rate", 0.0, "Poses from TF at this rate; 0.0: at the stamps of the load cell.", "Hz", (0.0, 1e4)),
-    Parameter("twist_source", "topic", "Velocity: ~/twist, or last poses.", choices=("topic", "pose_difference")),
-    Parameter("twist_window", 0.2, "Longest span of poses that pose_difference fits a curve to.", "s", (1e-4, 1.0)),
-    Parameter("max_input_age", 0.1, "Greatest time between a pose and other samples used with it.", "s", (1e-6, 1e6)),
-    Parameter("max_rate", 0.0, "Answer at most this often; 0.0: every pose.", "Hz", (0.0, 1e6)),
     Parameter(
-        "rest_speed", 0.0002, "Slower in grains is rest: no estimate; with memory the last force.", "m/s", (0.0, 1e3)
+        "pose_source", "topic", "Source of poses: ~/pose, or transforms.", choices=("topic", "tf"), applies="restart"
+    ),
+    Parameter("tf_rate", 0.0, "Rate of poses from TF; 0.0: at the stamps of the load cell.", "Hz", (0.0, 1e4)),
+    Parameter(
+        "twist_source", "topic", "Source of the velocity: ~/twist, or poses.", choices=("topic", "pose_difference")
+    ),
+    Parameter("twist_window", 0.2, "Longest window of poses that pose_difference fits.", "s", (1e-4, 1.0)),
+    Parameter("max_input_age", 0.1, "Greatest time between a pose and other samples used with it.", "s", (1e-6, 1e6)),
+    Parameter("max_rate", 0.0, "Greatest rate of answers; 0.0: every pose.", "Hz", (0.0, 1e6)),
+    Parameter(
+        "rest_speed", 0.0002, "Slower is rest: no estimate in grains; with memory the last force.", "m/s", (0.0, 1e3)
     ),
     Parameter(
-        "executor", "events", "rclpy executor; events: half the CPU.", choices=("events", "single"), applies="restart"
+        "executor",
+        "events",
+        "rclpy executor; events uses half the CPU of single.",
+        choices=("events", "single"),
+        applies="restart",
     ),
 )
 """Every parameter, in the order in which they are documented."""

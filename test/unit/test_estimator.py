@@ -178,7 +178,7 @@ def test_inputs_as_old_as_max_input_age_are_used_and_those_after_the_pose_are_mi
         pose(START + 1, position=(math.inf, 0.0, 0.0)),
     ],
 )
-def test_a_pose_with_a_quaternion_a_hundredth_from_unit_length_or_other_faults_does_not_count_as_the_last_one(bad):
+def test_a_pose_that_is_refused_for_its_quaternion_or_another_fault_does_not_count_as_the_last_one(bad):
     e, answer = pushed(twist(), bad)
     assert answer.reason.value.startswith("pose_")
     assert isinstance(push(e, pose()), Estimate)

@@ -113,7 +113,7 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
     assert not press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
 
 
-def test_another_medium_or_prior_forgets_and_another_tool_ground_generation_setting_or_time_keeps_the_strength():
+def test_another_medium_or_prior_resets_the_strength_and_another_tool_ground_setting_or_time_keeps_it():
     press = Press().push(300, 1.6)
     learned, e = press.learning.strength(), press.estimator
     press.use(learning_mode="observe", learning_lag=0.005)

@@ -62,7 +62,7 @@ def test_bias_is_taken_off_in_the_drivers_sign_before_the_sign_is_turned(reading
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_push_of_the_grains_is_positive_upwards_and_equals_a_drivers_reading_of_the_force_on_the_tool(sign):
+def test_the_push_of_the_grains_is_positive_upwards_and_equals_a_reading_of_the_force_on_the_tool(sign):
     """1 cm deep, 4 cm², pushed straight down: 4 N up. The residual is what a driver, of either sign, reports beyond."""
     exact, predicted = answer(LoadCell(sign=sign), [0, 0, sign * 4.0, 0, 0, 0], position=(0, 0, -0.01))
     assert predicted[2] == pytest.approx(4.0, rel=1e-6)

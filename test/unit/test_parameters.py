@@ -76,7 +76,7 @@ def test_a_wrong_name_or_norm_is_refused_and_an_integer_a_norm_near_1_or_an_unqu
     assert checked("learning.mode", False) == "off"  # unquoted in YAML
 
 
-def test_default_values_make_the_default_settings_and_every_other_value_reaches_them_but_one_frame_for_two():
+def test_default_values_make_the_default_settings_and_other_values_reach_them_except_one_frame_for_two():
     assert settings_of(defaults()) == Settings()
     for owner, prefix in ((Settings, ""), (LoadCell, "sensor.")):
         for name in (prefix + f.name for f in fields(owner)):
@@ -165,7 +165,7 @@ def test_a_later_section_overrides_an_earlier_one_as_in_ros_and_what_every_ros_n
     assert read(own + every)["surface_height"] == 0.2
 
 
-def test_numbers_with_an_exponent_are_numbers_as_they_are_to_ros_and_names_that_only_look_like_them_stay_names(read):
+def test_text_with_an_exponent_is_a_number_as_in_ros_and_names_that_look_like_one_stay_names(read):
     """To YAML 1.1 some of these are strings; ROS reads all of them as doubles."""
     for number in ("1e-4", "1.0e-3", "2E-4", "5.e-4"):
         assert read(node=f"rest_speed: {number}")["rest_speed"] == float(number)
