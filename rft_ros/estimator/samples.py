@@ -80,11 +80,11 @@ Sample = Stamped | tuple[TransformSample, ...]
 
 
 _NOT_FINITE = "NaN, infinity or an absurdly large number"
-_FRAME_UNKNOWN = "the frame_id is neither the expected one nor fixed to it"
+_FRAME_UNKNOWN = "the frame_id is not the expected one, and no fixed transforms link the two"
 _STAMP_ZERO = "the stamp is zero"
-_OUT_OF_ORDER = "not after the last one of the same input; one that is 1 s or more before it begins a new run"
-_MISSING = "none stamped at or before the pose has arrived"
-_STALE = "the last one is older than the pose by more than `max_input_age`"
+_OUT_OF_ORDER = "the stamp is not after that of the last sample of this input (1 s or more before it, a new run begins)"
+_MISSING = "no sample stamped at or before the pose has arrived"
+_STALE = "the last sample is older than the pose by more than `max_input_age`"
 
 
 class Reason(str, Enum):
@@ -99,23 +99,29 @@ class Reason(str, Enum):
         reason._value_, reason.sentence = value, sentence
         return reason
 
-    MESSAGE_UNREADABLE = "message_unreadable", "the bytes are no message of the topic's type, or the stamp is no time"
+    MESSAGE_UNREADABLE = (
+        "message_unreadable",
+        "the bytes are not a message of the topic's type, or its stamp is not a valid time",
+    )
     POSE_NOT_FINITE = "pose_not_finite", _NOT_FINITE
     POSE_QUATERNION_NOT_UNIT = "pose_quaternion_not_unit", "the quaternion's length differs from 1 by more than 1 %"
     POSE_FRAME_UNKNOWN = "pose_frame_unknown", _FRAME_UNKNOWN
     POSE_STAMP_ZERO = "pose_stamp_zero", _STAMP_ZERO
-    POSE_REPEATED = "pose_repeated", "the stamp is that of the last pose"
+    POSE_REPEATED = "pose_repeated", "the stamp is the same as that of the last pose"
     POSE_OUT_OF_ORDER = "pose_out_of_order", _OUT_OF_ORDER
-    POSE_RATE_LIMITED = "pose_rate_limited", "sooner after the last answer than `max_rate` allows"
+    POSE_RATE_LIMITED = "pose_rate_limited", "the pose came sooner after the last estimate than `max_rate` allows"
     POSE_HISTORY_SHORT = "pose_history_short", "`twist_source: pose_difference` does not have enough poses yet"
-    TIME_JUMP = "time_jump", "a pose is 1 s or more before the last one; the estimator starts afresh"
+    TIME_JUMP = "time_jump", "the pose's stamp is 1 s or more before the last one's; the estimator starts a new run"
     TWIST_MISSING = "twist_missing", _MISSING
     TWIST_STALE = "twist_stale", _STALE
     TWIST_NOT_FINITE = "twist_not_finite", _NOT_FINITE
     TWIST_FRAME_UNKNOWN = "twist_frame_unknown", _FRAME_UNKNOWN
     TWIST_STAMP_ZERO = "twist_stamp_zero", _STAMP_ZERO
     TWIST_OUT_OF_ORDER = "twist_out_of_order", _OUT_OF_ORDER
-    AT_REST = "at_rest", "in the grains, every point slower than `rest_speed`; not with memory"
+    AT_REST = (
+        "at_rest",
+        "the tool is in the grains, all of its points are slower than `rest_speed`, and the law has no memory",
+    )
     ESTIMATE_NOT_FINITE = "estimate_not_finite", "the computed wrench is NaN or infinite"
     WRENCH_MISSING = "wrench_missing", _MISSING
     WRENCH_STALE = "wrench_stale", _STALE
@@ -125,25 +131,28 @@ class Reason(str, Enum):
     WRENCH_OUT_OF_ORDER = "wrench_out_of_order", _OUT_OF_ORDER
     SENSOR_FRAME_UNKNOWN = (
         "sensor_frame_unknown",
-        "`sensor.frame_source: tf`: no fixed transforms link tool and sensor yet",
+        "with `sensor.frame_source: tf`: no fixed transforms between tool and sensor have arrived yet",
     )
-    TF_INVALID = "tf_invalid", "a transform has NaN, infinity, a quaternion not of unit length, no name or no stamp"
+    TF_INVALID = "tf_invalid", "a transform has NaN, infinity, a quaternion whose length is not 1, no name or no stamp"
     TF_OUT_OF_ORDER = "tf_out_of_order", "a transform's stamp is not after the frame's last one"
     TF_TWO_PARENTS = (
         "tf_two_parents",
-        "a frame came with another parent, or fixed where it moved; it is taken, as by tf2",
+        "a frame came with another parent, or a moving frame came as fixed; the new one is used, as tf2 does",
     )
     TF_LOOP = "tf_loop", "a transform would make a frame its own ancestor"
     TF_FRAME_UNKNOWN = "tf_frame_unknown", "no transforms link `tool_frame` and `world_frame`"
-    TF_MISSING = "tf_missing", "the wanted stamp is before the first transform kept (2 s at 500 Hz)"
-    TF_STALE = "tf_stale", "none after the wanted stamp has come within 1 s of the other inputs' stamps"
-    TF_GAP = "tf_gap", "the transforms around the wanted stamp are over `max_input_age` away"
-    SURFACE_OFF = "surface_off", "from Python: a cloud, but `ground.cell` is 0"
+    TF_MISSING = "tf_missing", "the stamp of the pose is before the oldest transform that is kept (2 s at 500 Hz)"
+    TF_STALE = (
+        "tf_stale",
+        "no transform stamped after the pose has come, although other inputs are stamped 1 s later",
+    )
+    TF_GAP = "tf_gap", "the transforms before and after the stamp of the pose are further from it than `max_input_age`"
+    SURFACE_OFF = "surface_off", "Python code pushed a cloud, but `ground.cell` is 0"
     SURFACE_LATE = "surface_late", "a cloud's stamp is 0.5 s or more before the last pose"
     SURFACE_FRAME_UNKNOWN = "surface_frame_unknown", _FRAME_UNKNOWN
     SURFACE_STAMP_ZERO = "surface_stamp_zero", _STAMP_ZERO
     SURFACE_OUT_OF_ORDER = "surface_out_of_order", _OUT_OF_ORDER
-    SURFACE_RATE_LIMITED = "surface_rate_limited", "a cloud comes less than 0.19 s after the last one"
+    SURFACE_RATE_LIMITED = "surface_rate_limited", "a cloud came less than 0.19 s after the last one"
 
     __str__ = str.__str__
 

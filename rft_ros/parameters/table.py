@@ -47,7 +47,12 @@ PARAMETERS = (
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", "m", (1e-9, 1e6)),
     Parameter("mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
     Parameter("mesh.quaternion", _IDENTITY, "Orientation of the mesh file's axes in tool_frame, unit length.", "xyzw"),
-    Parameter("law", "treers2021", "Traction law; agarwal2023 uses no medium.name and no alpha_y.model.", choices=LAWS),
+    Parameter(
+        "law",
+        "treers2021",
+        "Traction law. agarwal2023 has coefficients of its own, and uses no medium.name and no alpha_y.model.",
+        choices=LAWS,
+    ),
     Parameter("medium.name", "generic", "Medium whose stresses were measured (Li et al. 2013).", choices=tuple(MEDIA)),
     Parameter(
         "medium.file",
@@ -60,53 +65,109 @@ PARAMETERS = (
     Parameter(
         "medium.mobilization_length",
         0.0,
-        "Displacement to 63 % of full resistance at 30 mm depth; the force holds at rest. 0.0: none, as published.",
+        "Displacement over which the force at 30 mm depth reaches 63 % of its full value; at rest the force "
+        "then holds. 0.0: no memory, as published.",
         "m",
         (0.0, 1e3),
     ),
-    Parameter("medium.calibrated_depth", 0.0, "Deeper estimates are flagged. 0.0: not known.", "m", (0.0, 1e3)),
-    Parameter("medium.density", 0.0, "Bulk density, for the grains' inertia. 0.0: no inertia.", "kg/m3", (0.0, 1e5)),
-    Parameter("medium.inertia", INERTIA, "Factor of the inertia of an upright plate.", "", (0.0, 100.0)),
-    Parameter("medium.surface_friction", SURFACE_FRICTION, "Friction on the tool (agarwal2023).", "", (0.0, 10.0)),
-    Parameter("alpha_y.model", "constant", "Stress along the plate's horizontal direction e1.", choices=ALPHA_Y_MODELS),
-    Parameter("alpha_y.table", "", "CSV of beta, alpha_y or beta, gamma, alpha_y, for model table.", "deg, N/cm3"),
     Parameter(
-        "integration", "refined", "refined: exact at surface and edges; centroid: as published.", choices=INTEGRATIONS
+        "medium.calibrated_depth",
+        0.0,
+        "Greatest depth of the calibration. Deeper estimates are flagged. 0.0: not known.",
+        "m",
+        (0.0, 1e3),
     ),
-    Parameter("tolerance", 0.025, "Take the fewest plates within this share of the force. 0.0: all.", "", (0.0, 1.0)),
+    Parameter("medium.density", 0.0, "Bulk density, for the grains' inertia. 0.0: no inertia.", "kg/m3", (0.0, 1e5)),
+    Parameter("medium.inertia", INERTIA, "Factor of the grains' inertia, for an upright plate.", "", (0.0, 100.0)),
+    Parameter(
+        "medium.surface_friction",
+        SURFACE_FRICTION,
+        "Coefficient of friction between grains and tool, for law agarwal2023.",
+        "",
+        (0.0, 10.0),
+    ),
+    Parameter(
+        "alpha_y.model",
+        "constant",
+        "Model of the stress along a plate's horizontal direction e1.",
+        choices=ALPHA_Y_MODELS,
+    ),
+    Parameter(
+        "alpha_y.table",
+        "",
+        "CSV file for alpha_y.model table. Columns: beta, alpha_y or beta, gamma, alpha_y.",
+        "deg, N/cm3",
+    ),
+    Parameter(
+        "integration",
+        "refined",
+        "Integration rule. refined: exact at surface and edges. centroid: as published.",
+        choices=INTEGRATIONS,
+    ),
+    Parameter(
+        "tolerance",
+        0.025,
+        "Reduce the tool to the fewest plates that keep the force within this share. 0.0: use all plates.",
+        "",
+        (0.0, 1.0),
+    ),
     Parameter(
         "learning.mode",
         "off",
-        "Learn the medium from the load cell. observe: learn and report; apply: predict with what was learned.",
+        "Estimate the medium from the load cell. observe: only report the estimates. apply: also correct the "
+        "predictions.",
         choices=("off", "observe", "apply"),
     ),
-    Parameter("learning.lag", 0.002, "Path until a load-cell sample changes a prediction.", "m", (1e-5, 1.0)),
+    Parameter(
+        "learning.lag",
+        0.002,
+        "Path of the tool between a load-cell sample and the first prediction that uses it.",
+        "m",
+        (1e-5, 1.0),
+    ),
     Parameter(
         "feedforward.gain",
         0.0,
-        "Factor of the prediction on ~/wrench_feedforward; -1.0: opposite to the grains' force. 0.0: off.",
+        "Factor of the prediction on ~/wrench_feedforward. -1.0: the wrench that cancels the force of the "
+        "grains. 0.0: publish no such wrench.",
         "",
         (-2.0, 2.0),
     ),
     Parameter(
         "feedforward.frame",
         "sensor_frame",
-        "Axes of ~/wrench_feedforward. Torque: about the sensor's origin, otherwise about the tool frame's.",
+        "Axes of ~/wrench_feedforward. Its torque is about the sensor's origin in sensor_frame, otherwise "
+        "about the tool frame's origin.",
         choices=("sensor_frame", "tool_frame", "world_frame"),
         applies="restart",
     ),
-    Parameter("feedforward.limit", (20.0, 2.0), "Largest force and torque of feed-forward.", "N, N m", (0.0, 1e4)),
+    Parameter(
+        "feedforward.limit",
+        (20.0, 2.0),
+        "Largest force and largest torque of ~/wrench_feedforward.",
+        "N, N m",
+        (0.0, 1e4),
+    ),
     Parameter(
         "feedforward.rise_time",
         0.2,
-        "Time of the ramp from zero to the limit, and back; at most 0.25 s when the node ends.",
+        "Least time from zero to feedforward.limit, and back. When the node ends, at most 0.25 s.",
         "s",
         (0.01, 1.0),
     ),
     Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)),
-    Parameter("ground.cell", 0.0, "Side of a cell of a map of the ground. 0.0: a level plane.", "m", (0.0, 1.0)),
     Parameter(
-        "ground.file", "", "Heights at the start in world_frame: CSV of x, y, h, or NPZ. Needs ground.cell.", "m"
+        "ground.cell",
+        0.0,
+        "Side of a cell of the height map of the ground. 0.0: the ground is a level plane.",
+        "m",
+        (0.0, 1.0),
+    ),
+    Parameter(
+        "ground.file",
+        "",
+        "Heights of the ground at the start, in world_frame: CSV with columns x, y, h, or NPZ. Needs ground.cell.",
+        "m",
     ),
     Parameter("world_frame", "world", "frame_id of poses; z up."),
     Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),
@@ -116,30 +177,53 @@ PARAMETERS = (
     Parameter(
         "sensor.frame_source",
         "parameters",
-        "Source of sensor.position and sensor.quaternion; tf: fixed transforms.",
+        "Source of the sensor's place on the tool. parameters: sensor.position and sensor.quaternion. tf: "
+        "fixed transforms.",
         choices=("parameters", "tf"),
     ),
     Parameter("sensor.sign", 1.0, "1.0: the driver reports the force on the tool; -1.0: by the tool.", "", (-1.0, 1.0)),
-    Parameter("sensor.bias", (0.0,) * 6, "Reading without load: fx, fy, fz, tx, ty, tz.", "N, N m", (-1e6, 1e6)),
+    Parameter(
+        "sensor.bias",
+        (0.0,) * 6,
+        "Reading of the load cell without load: fx, fy, fz, tx, ty, tz.",
+        "N, N m",
+        (-1e6, 1e6),
+    ),
     Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
     Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", "m", (-1e3, 1e3)),
     Parameter(
-        "pose_source", "topic", "Source of poses: ~/pose, or transforms.", choices=("topic", "tf"), applies="restart"
+        "pose_source",
+        "topic",
+        "Source of the pose. topic: ~/pose. tf: the transforms of TF.",
+        choices=("topic", "tf"),
+        applies="restart",
     ),
-    Parameter("tf_rate", 0.0, "Rate of poses from TF; 0.0: at the stamps of the load cell.", "Hz", (0.0, 1e4)),
     Parameter(
-        "twist_source", "topic", "Source of the velocity: ~/twist, or poses.", choices=("topic", "pose_difference")
+        "tf_rate", 0.0, "Rate of the poses from TF. 0.0: a pose at each stamp of the load cell.", "Hz", (0.0, 1e4)
     ),
-    Parameter("twist_window", 0.2, "Longest window of poses that pose_difference fits.", "s", (1e-4, 1.0)),
-    Parameter("max_input_age", 0.1, "Greatest time between a pose and other samples used with it.", "s", (1e-6, 1e6)),
-    Parameter("max_rate", 0.0, "Greatest rate of answers; 0.0: every pose.", "Hz", (0.0, 1e6)),
     Parameter(
-        "rest_speed", 0.0002, "Slower is rest: no estimate in grains; with memory the last force.", "m/s", (0.0, 1e3)
+        "twist_source",
+        "topic",
+        "Source of the velocity. topic: ~/twist. pose_difference: the last poses.",
+        choices=("topic", "pose_difference"),
+    ),
+    Parameter("twist_window", 0.2, "Longest span of poses to which pose_difference fits a curve.", "s", (1e-4, 1.0)),
+    Parameter(
+        "max_input_age", 0.1, "Greatest time between a pose and another sample that is used with it.", "s", (1e-6, 1e6)
+    ),
+    Parameter("max_rate", 0.0, "Highest rate of estimates. 0.0: an estimate at every pose.", "Hz", (0.0, 1e6)),
+    Parameter(
+        "rest_speed",
+        0.0002,
+        "A tool in the grains that is slower than this is at rest. It then has no estimate or, with memory, "
+        "keeps its force.",
+        "m/s",
+        (0.0, 1e3),
     ),
     Parameter(
         "executor",
         "events",
-        "rclpy executor; events uses half the CPU of single.",
+        "Executor of rclpy. events uses half the CPU of single.",
         choices=("events", "single"),
         applies="restart",
     ),
