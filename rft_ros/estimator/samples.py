@@ -82,7 +82,7 @@ Sample = Stamped | tuple[TransformSample, ...]
 _NOT_FINITE = "NaN, infinity or an absurdly large number"
 _FRAME_UNKNOWN = "the frame_id is not the expected one, and no fixed transforms link the two"
 _STAMP_ZERO = "the stamp is zero"
-_OUT_OF_ORDER = "the stamp is not after that of the last sample of this input (1 s or more before it, a new run begins)"
+_OUT_OF_ORDER = "the stamp is not after that of the last sample of this input; 1 s or more before it begins a new run"
 _MISSING = "no sample stamped at or before the pose has arrived"
 _STALE = "the last sample is older than the pose by more than `max_input_age`"
 
