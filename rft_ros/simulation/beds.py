@@ -45,7 +45,7 @@ class Beds(NamedTuple):
 
 
 def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
-    """Level beds at height 0 that remember nothing; `plates`: of each body, often the same.
+    """Level beds at height 0 without hysteresis. `plates`: of each body, often the same.
 
     Raises TypeError for what is not a law, and ValueError for one without memory.
     """
@@ -93,7 +93,7 @@ def evaluate(beds, b, memory, states, out):
 
 @inlined
 def stiffness_matrix(memory, b):
-    """Write B [N/m, N, N m], shape [6, 6], of a row of `Beds.memory`: displaced by d, the body feels -B d more.
+    """Write the stiffness B of a row of `Beds.memory`, shape [6, 6] [N/m, N, N m]. A displacement d adds -B d.
 
     It is that of the last state, from the sums of `Memory.stiffness`.
     """

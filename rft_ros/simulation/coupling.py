@@ -24,33 +24,33 @@ _STRIDE = 1.0 / 30.0
 """Longest path of a point in a step, in mobilization lengths, over which the grains are taken as linear."""
 
 _TURN = 0.02
-"""Greatest change of the wrench, as a share of it, for which that holds for a body that is pushed back: grains that
-yielded are more than ten times as stiff when the motion turns."""
+"""Greatest relative change of the wrench over which the grains are linear for a body that is pushed back. Grains that
+yielded are more than ten times as stiff when the motion reverses."""
 
 _MOST, _CLOSE = 20, 0.02
-"""Of Newton's method: the most evaluations, and the change of the wrench, as a share of it, at which it ends."""
+"""Most evaluations of Newton's method, and the relative change of the wrench at which it ends."""
 
 _OVERSHOT, _LEVEL = 0.5, 0.1
-"""Residual along a step of Newton's method at its end, as a share of that at its begin: from the first on, with the
-other sign, the step was too long; at the second it is short enough."""
+"""Residual along a step of Newton's method at its end, over that at its beginning. The step is too long if the sign has
+changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
 
 _SLOW, _SUDDEN, _QUICK = 0.002, 0.01, 0.1
-"""Greatest speeds [m/s] to which grains push a body back without loss: of its own, and where something else lets it go,
-at once or by and by."""
+"""Greatest speeds [m/s] to which the grains push a body back without loss: a body on its own, a body whose load is
+removed within one step, and a body whose load decreases slowly."""
 
 _AT_ONCE = 0.5
-"""Share of the push that falls away in one step, from which on a body is released at once."""
+"""Share of the push: a larger decrease of the load in one step counts as a sudden release."""
 
 _LETS_GO, _FADES = 2.0, 0.9
-"""Factor of the speed at which something lets a body go; what stays of that speed from step to step."""
+"""Factor of the speed at which the load decreases; share of that speed that is kept from step to step."""
 
 COUPLED = np.dtype(
     [(name, np.float64, 6) for name in ("wrench", "free", "last_free")]
     + [(name, np.float64) for name in ("let_go", "last_let_go", "energy", "strength", "height")]
 )
-"""Of a body: the wrench that it was told last; in the present step and in the last one, its acceleration without the
-grains, and the speed at which other forces let it go [m/s]; the energy that the grains have taken [J], the factor of
-its law's stresses, and the height of its surface [m]."""
+"""State of a body: the wrench of the last step; in the present and in the last step, its acceleration without the
+grains, and the speed at which other forces release it [m/s]; the energy dissipated by the grains [J], the factor of its
+law's stresses, and the height of its surface [m]."""
 
 _TINY = 1e-290  # avoids 0 / 0
 
@@ -168,11 +168,12 @@ def _part(b):
 
 @inlined
 def _push_back(coupled, wrench, twist, after, ahead, inverse, spring, reach, h):
-    """Take from a wrench that pushes its body back what would throw it.
+    """Limit a wrench that pushes its body back, so that the grains do not throw the body.
 
-    Grains follow what lets a pressed body go, such as a servo that rises. Their push throws a body that nothing holds,
-    such as one that was released, and there the elastic zone loses its energy, as grains do, and does not ring. A body
-    is let go as fast as its acceleration without the grains grows along the push. Returns whether it took anything.
+    When the load on a pressed body decreases, as by a servo that rises, the grains follow elastically. A body that
+    nothing holds would be thrown by the elastic energy, which real grains dissipate. So the speed to which they push a
+    body back is limited. It may grow with the rate at which the acceleration without the grains grows along the push.
+    Returns whether the wrench was reduced.
     """
     square = stiff = fall = free = back = 0.0
     way = np.empty(6)
@@ -198,7 +199,7 @@ def _push_back(coupled, wrench, twist, after, ahead, inverse, spring, reach, h):
 
 @inlined
 def _average(begin, inverse, h, wrench, after):
-    """Let a body that ploughs on meet the mean of what it meets at both ends of the step, unless that turns it back."""
+    """For a body that ploughs on, use the mean of the wrenches at both ends of the step, unless that reverses it."""
     work = 0.0
     for i in range(6):
         mean = 0.5 * (wrench[i] + begin[i])

@@ -26,11 +26,11 @@ __all__ = ["Grains", "GrainsBatch", "GrainsState", "free_body"]
 Array = NDArray[np.float64]
 
 _MOST_BODIES = 1_000_000
-_LONGEST = 0.02  # m in a step: beyond it a body that slides or falls stops too soon
-_FARTHEST = 1e6  # m or rad in a step: beyond it the wrenches would overflow
+_LONGEST = 0.02  # m; a body that slides or falls further in one step stops too soon
+_FARTHEST = 1e6  # m or rad; the wrenches of a longer step would overflow
 
 GrainsState = dict[str, NDArray[Any]]
-"""What grains remember of their bodies, by name."""
+"""State of the grains around their bodies, arrays by name."""
 
 _log = logging.getLogger("rft_ros.simulation")
 
@@ -41,8 +41,8 @@ class GrainsBatch:
     `tool`: the bodies' shape, in the body frame (`load_tool`), or a sequence of one tool for each of the `bodies`.
     `law`: of the grains (`treers2021`, `agarwal2023`), with its inertia and its memory. `strength`: factor of the law's
     stresses, and `surface_height` [m]: one number, or one for each body. `ground`: a map of the ground's height, in
-    place of `surface_height`; beside it, and where it knows nothing, its nearest known cell counts. `threads`: over
-    bodies; a result does not depend on it. Raises ValueError or TypeError.
+    place of `surface_height`; outside of the map, and where its height is unknown, the nearest known cell is used.
+    `threads`: number of threads; results do not depend on it. Raises ValueError or TypeError.
     """
 
     def __init__(
@@ -83,8 +83,8 @@ class GrainsBatch:
         self.last = self.coupled["wrench"]
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
-        """Steps of bodies at which Newton's method did not come to an end."""
-        # Threads take parts as they get ready.
+        """Number of steps of a body in which Newton's method did not converge."""
+        # Each thread takes the next part of the bodies when it has finished one.
         parts = 1 if threads == 1 else min(n, 2 * self._threads)
         self._parts = [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())]
         self._pool = ThreadPoolExecutor(self._threads)
@@ -170,7 +170,7 @@ class GrainsBatch:
             body["height"], body["slope_x"], body["slope_y"] = height, x, y
 
     def failed(self, times: int, *, dt: float, path: float) -> None:
-        """Count steps that did not converge, or in which a body moved too far [m]; log the first."""
+        """Count the steps that did not converge, or in which a body moved too far [m]. Logs the first of them."""
         if path > _LONGEST and self.rows[:, :6].any():
             times += 1
         if times and not self.failures:
@@ -191,9 +191,9 @@ class GrainsBatch:
 
     @property
     def stiffness(self) -> Array:
-        """B at the last step, shape [n, 6, 6]: a body that moves a little feels its wrench change by -B times that.
+        """Stiffness B at the last step, shape [n, 6, 6]: a small displacement d of a body changes its wrench by -B d.
 
-        Displacement and rotation vector of the body frame, world axes; units N/m, N and N m.
+        d: displacement and rotation vector of the body frame, world axes; units of B: N/m, N and N m.
         """
         out: Array = np.empty((len(self.rows), 6, 6))
         for memory, matrix in zip(self.beds.memory, out, strict=True):
@@ -222,7 +222,7 @@ class GrainsBatch:
         strength: ArrayLike | None = None,
         surface_height: ArrayLike | None = None,
     ) -> None:
-        """New beds that remember nothing: those of all bodies, or of these indices.
+        """Start with new beds, without hysteresis: those of all bodies, or of these indices.
 
         `strength`, `surface_height` [m]: of the new beds, one number or one for each of these bodies; None: as before.
         """
@@ -258,7 +258,7 @@ class GrainsBatch:
         return np.asarray(whole % n)
 
     def state(self) -> GrainsState:
-        """A copy of what the grains remember; picklable."""
+        """A copy of the state of the grains, which can be pickled."""
         return {name: array.copy() for name, array in self._remembered.items()}
 
     def restore(self, state: GrainsState) -> None:
@@ -338,7 +338,7 @@ class Grains:
 
     @property
     def wrench(self) -> Array:
-        """What the last step returned, shape [6]."""
+        """The wrench that the last step returned, shape [6]."""
         return np.asarray(self._one.wrench[0])
 
     @property

@@ -153,5 +153,5 @@ def test_without_learning_sigma_is_a_share_of_the_force_and_the_same_in_every_di
         answer = np.empty(12)
         without_learning(np.array([x, y, 0.0, 0.0, 0.1, 0.0]), 0.07, 0.02, answer)
         sigmas.append(answer[6:9])
-        assert answer[6] == pytest.approx(math.sqrt((0.07**2 + 0.5**2 + 0.035**2) * 25.0 + 0.05**2))
+        assert answer[6] == pytest.approx(math.sqrt((0.07**2 + 0.4**2 + 0.03**2) * 25.0 + 0.05**2))
     np.testing.assert_allclose(*sigmas, rtol=1e-12)
