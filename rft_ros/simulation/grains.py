@@ -107,7 +107,7 @@ class GrainsBatch:
         """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`: pose of the body frame and twist of its origin now.
-        Torques are about the body frames' origins. The grains remember the poses of the last call.
+        Torques are about the body frames' origins. The state of the grains includes the poses of the last call.
         `inverse_inertia`: A, shape [n, 6, 6] or [6, 6] for all: how a wrench accelerates a body, in the same axes and
         about the same point (`free_body`). `free_acceleration` [m/s², rad/s²]: of the body frame without the grains,
         shape [n, 6] or [6]. With both the step is implicit, for a simulator that adds `dt` times the acceleration to

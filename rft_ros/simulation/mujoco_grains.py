@@ -220,11 +220,11 @@ class MujocoGrains:
         return self._grains.failures
 
     def reset(self) -> None:
-        """Level beds that remember nothing."""
+        """Start with level beds, without hysteresis."""
         self._grains.reset()
 
     def state(self) -> GrainsState:
-        """A copy of what the grains remember; picklable. For rollouts, beside `mj_getState`."""
+        """A copy of the state of the grains, which can be pickled. For rollouts, beside `mj_getState`."""
         return {**self._grains.state(), "own": self._own.copy(), "written": self._written.copy()}
 
     def restore(self, state: GrainsState) -> None:
