@@ -83,6 +83,9 @@ _NO_VALUES = np.zeros((2, 2))
 PackedLaw = tuple[int, NDArray[np.float64], NDArray[np.float64]]
 """A law for the compiled loop: which, 15 numbers of which the first is the inertia, and the values of a table."""
 
+UNDIRECTED = math.sin(math.radians(5.0))
+"""abs(v23) over abs(v) below which the refined rule fills v23 up along the normal, for the γ of a table."""
+
 FINEST = 720
 """Steps of the finest grid of `Table.sampled` over the range of β, or of γ."""
 
@@ -219,7 +222,24 @@ def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
 
 
 @inlined
-def _no_model(kind, given, values, chunk, n):
+def _directed(sin_beta, cos_beta, ex, ey, vx, vy, vz):
+    """Sine and cosine of γ, for a motion that has a direction across e1 although v23 may vanish.
+
+    A part of v23 that trails does not count. Where what is left is shorter than `UNDIRECTED`, it is filled up along the
+    plate's normal, so that rounding decides nothing: not between 0 and 180° where a plate moves along e1, and not
+    between 180° and -180° in level motion backwards.
+    """
+    v2 = vx * ex + vy * ey
+    back = min(v2 * sin_beta - vz * cos_beta, 0.0)
+    v2, vz = v2 - back * sin_beta, vz + back * cos_beta
+    fill = max(UNDIRECTED - math.sqrt(v2 * v2 + vz * vz), 0.0)
+    v2, vz = v2 + fill * sin_beta, vz - fill * cos_beta
+    per_length = 1.0 / math.sqrt(max(v2 * v2 + vz * vz, 1e-290))
+    return -vz * per_length, v2 * per_length
+
+
+@inlined
+def _no_model(kind, given, values, chunk, n, refined):
     pass
 
 
@@ -229,7 +249,7 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
     count = len(model._fields) - has_values
 
     @inlined
-    def add(kind, given, values, chunk, n):
+    def add(kind, given, values, chunk, n, refined):
         wide_vectors()
         if kind == kind_of_model:
             numbers = (given[11], given[12], given[13], given[14])[:count]
@@ -237,17 +257,24 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
             for i in range(n):
                 sin_b, cos_b, sin_g = triple(chunk, row.SIN_B, i)
                 cos_g = chunk[at(row.COS_G, i)]
-                along = chunk[at(row.ALONG, i)] * alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
+                ex, ey = chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]
+                if refined:  # a model that does not use γ leaves no code of this
+                    vx, vy, vz = triple(chunk, row.VELOCITY, i)
+                    sin_g, cos_g = _directed(sin_b, cos_b, ex, ey, vx, vy, vz)
+                alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
+                along = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
                 # e1 = e2 x E3
-                chunk[at(row.TRACTION, i)] += along * chunk[at(row.E2_Y, i)]
-                chunk[at(row.TRACTION + row.LENGTH, i)] -= along * chunk[at(row.E2_X, i)]
+                chunk[at(row.TRACTION, i)] += along * ey
+                chunk[at(row.TRACTION + row.LENGTH, i)] -= along * ex
         else:
-            otherwise(kind, given, values, chunk, n)
+            otherwise(kind, given, values, chunk, n, refined)
 
     return add
 
 
 add_alpha_y = _no_model
-"""Add the part of the traction along e1 to that of the n plates of a chunk; the law as by `packed_alpha_y`."""
+"""Add the part of the traction along e1 to that of the n plates of a chunk; the law as by `packed_alpha_y`.
+
+`refined`: the rule, by which α_y is never negative, so that grains never push a plate on, and γ is `_directed`."""
 for _kind, (_model, _function, _) in enumerate(_MODELS.values()):
     add_alpha_y = _model_or(_kind, _model, _function, add_alpha_y)

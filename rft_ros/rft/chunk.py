@@ -33,6 +33,9 @@ SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, STIFF, 
 traction acts on; leading share; the traction's part along e1 per α_y; its modulus times the load [N/m]; kinds of the
 next `KINDS` blocks; numbers and kinds of the chunk's blocks, with the totals of the state, `TOTAL`, behind them."""
 
+LEADING = STIFF
+"""Where the weight of the memory's rule for leading plates is, until the memory has used it."""
+
 KINDS, TOTAL = 128, NUMBER + 2 * BLOCKS
 
 SIZE = LENGTH * 29

@@ -14,7 +14,18 @@ from rft_ros.rft.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 from rft_ros.rft.inertia import inertia_force
-from rft_ros.rft.memory import GAPS, LOADED, MOTION, TRACTIONS, displacement, forget, is_empty, open_gaps, remember
+from rft_ros.rft.memory import (
+    GAPS,
+    LOADED,
+    MOTION,
+    TRACTIONS,
+    TRAILING,
+    displacement,
+    forget,
+    is_empty,
+    open_gaps,
+    remember,
+)
 from rft_ros.rft.plates import BLOCK, ROUNDING
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
@@ -178,16 +189,20 @@ def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):
         i = at(i0, j)
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
         if refined:
-            # exactly 0 for a trailing plate: rounding must not decide which memory fades
-            share = min(max(lead * per_speed * rows[at(first + 13 * BLOCK, j)] + 0.5, 0.0), 1.0)
+            per_width = rows[at(first + 13 * BLOCK, j)]
+            raw = lead * per_speed * per_width + 0.5
+            share = min(max(raw, 0.0), 1.0)
+            leading = max(1.0 + min(raw, 0.0) / (per_width * TRAILING), 0.0)
         else:
-            share = 1.0 if lead > 0.0 else 0.0
+            share = leading = 1.0 if lead > 0.0 else 0.0
         put(chunk, row.PLACE, i, (x, y, z))
         submerged += area
         loaded = 1.0 if remembers else share
         chunk[at(row.LOAD, i)] = load * loaded
         chunk[at(row.AREA, i)] = area * loaded
         chunk[at(row.SHARE, i)] = share
+        if remembers:
+            chunk[at(row.LEADING, i)] = leading
     return submerged
 
 
@@ -323,7 +338,7 @@ def _sums(form, law, height, slope, states, past, out):
                         submerged = _geometry(chunk, i0, rows, w, scene, remembers, True, True)
                     chunk[at(row.TOTAL, 6)] += submerged
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
-                tractions(law, chunk, n, flatness)
+                tractions(law, chunk, n, flatness, refined)
                 if remembers:
                     for j in range(count):
                         w = np.uint64(chunk[at(row.NUMBER, j)])

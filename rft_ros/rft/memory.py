@@ -9,8 +9,11 @@ last yielded; and the gap g behind it. A step moves it by D, of which D_n = D·n
   counted there, so noise at rest teaches it nothing.
 - Beyond it, a plate that leads yields: τ approaches the law's t over λ(d), or half of it where it falls, along the
   path that remains, and y = abs(τ).
-- A plate that trails keeps abs(τ) <= y and is never pulled: τ·n < 0, or τ = 0. While it slips, or
-  abs(τ) is below y / 2, y fades over 3 λ(d).
+- A plate that trails keeps abs(τ) <= y. While it presses, τ·n < 0, it is a spring that slips at y; where it slips, or
+  abs(τ) is below y / 2, y fades over 3 λ(d). A retreat that ends its pressure releases it: τ shrinks to zero over l(d)
+  of any motion, so that what is left of it cannot push the plate along.
+- Under the refined rule a plate passes from the rule for leading plates to that for trailing ones over 2° of its
+  direction of motion (`TRAILING`), with the mean of both, so that noise of a velocity does not choose between them.
 
 λ(d) is the mobilization length times (d / `DEPTH`)², and l(d) the elastic share of it, within the bounds below.
 
@@ -25,7 +28,7 @@ of small retreats (docs/accuracy.md).
 """
 
 from dataclasses import KW_ONLY, dataclass, field
-from math import sqrt
+from math import radians, sin, sqrt
 
 import numpy as np
 from numba import types
@@ -38,7 +41,7 @@ from rft_ros.rft.compilation import STEP, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.plates import BLOCK, Plates
 
-__all__ = ["DEPTH", "GAPS", "LOADED", "MOTION", "SLACK", "TRACTIONS", "Memory"]
+__all__ = ["DEPTH", "GAPS", "LOADED", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
 __all__ += ["displacement", "forget", "is_empty", "open_gaps", "remember"]
 
 DEPTH = 0.03
@@ -53,6 +56,10 @@ at the surface as short again, so that a light tool gets back little energy."""
 
 YIELD_FADES = 3.0
 """Path over which y fades, over λ(d)."""
+
+TRAILING = sin(radians(2.0))
+"""A refined plate passes from the rule for leading plates to that for trailing ones while -v·n over abs(v) grows by
+this, from where its leading share ends: noise of a velocity must not choose between them."""
 
 OPEN = 0.2
 """Growth of the gap over the retreat."""
@@ -189,16 +196,18 @@ def _moved(motion, place):
 
 
 @inlined
-def advance(past, normal, moved, asked, leads, depth, length):
+def advance(past, normal, moved, asked, share, leading, depth, length):
     """A plate's traction after one step, what it remembers then, and the modulus of its fall with motion [N/m⁴].
 
     `past`: τ (below m), the law's t when it last yielded (b), and y² (limit), as in `Memory.numbers`; `moved`: its
-    displacement D [m]; `asked`: the law's t now (a), 0 if it trails.
+    displacement D [m]; `asked`: the law's t now, times the `share` of the plate that leads (a); `leading`: the weight
+    of the rule for a plate that leads, 0 to 1; the rule for one that trails has the rest.
     """
     nx, ny, nz = normal
     dx, dy, dz = moved
     ax, ay, az = asked
     (mx, my, mz), (bx, by, bz), limit = past
+    trailing = 1.0 - leading
     opened = limit < 0.0
     gap = _select(opened, mx, 0.0)
     mx = _select(opened, 0.0, mx)
@@ -208,7 +217,7 @@ def advance(past, normal, moved, asked, leads, depth, length):
     bb = bx * bx + by * by + bz * bz
     dn = dx * nx + dy * ny + dz * nz
     # what counts is the part of the displacement after the gap has closed
-    shut = max(gap - max(dn, 0.0), 0.0) + _select(leads | (mm > 0.0), 0.0, OPEN * max(-dn, 0.0))
+    shut = max(gap - max(dn, 0.0), 0.0) + _select((share > 0.0) | (mm > 0.0), 0.0, OPEN * max(-dn, 0.0))
     square = depth * depth * (1.0 / (DEPTH * DEPTH))
     ratio = min(max(square, LEAST), GREATEST)
     ahead = max(dn, _TINY)
@@ -219,42 +228,48 @@ def advance(past, normal, moved, asked, leads, depth, length):
     longer = max(ratio, LEAST_ELASTIC / ELASTIC - square) * (1.0 / LEAST_ELASTIC)
     k = used * strength * per_span * min(1.0 / ELASTIC, longer)
     kx, ky, kz = k * dx, k * dy, k * dz
-    tx, ty, tz = mx - kx, my - ky, mz - kz
-    presses = (tx * nx + ty * ny + tz * nz < 0.0) | (dn >= 0.0)
-    # One root and one division serve three cases. Leading: the elastic share of the displacement, up to the yield
-    # surface. Trailing: the share of the traction that stays, within y, or over l(d) of a retreat without pressure.
-    kk, q = kx * kx + ky * ky + kz * kz, kx * mx + ky * my + kz * mz
-    tt = tx * tx + ty * ty + tz * tz
-    root = sqrt(_select(leads, q * q + kk * max(limit - mm, 0.0), _select(presses, tt * min(tt, limit), mm)))
-    over = _select(leads, q + root, _select(presses, root, max(mm + k * dn * root, 0.0)))
-    part = min(over / max(_select(leads, kk, _select(presses, tt, mm)), _TINY), 1.0)
-
     way = sqrt(dx * dx + dy * dy + dz * dz)
-    fades = _select((tt >= 0.25 * limit) & (tt <= limit) & presses, 0.0, 1.0 / YIELD_FADES)
-    path = way * _select(leads, used - used * part, fades)
-    left = _exp_minus(path * per_span)
-    squared = left * left
-    yields = leads & (path > 0.0)
-    faded = limit * squared
-    none = faded <= _FADED * bb
-    limit = _select(leads, limit, _select(none, 0.0, faded))
-    keeps = _select(leads, 1.0, _select(none, 0.0, part))
-    moves = _select(leads, part, _select(presses, keeps, 0.0))
-    mx, my, mz = keeps * mx - moves * kx, keeps * my - moves * ky, keeps * mz - moves * kz
 
+    # a plate that leads: elastic up to the yield surface, then τ follows the law along the path that remains
+    kk, q = kx * kx + ky * ky + kz * kz, kx * mx + ky * my + kz * mz
+    elastic = min((q + sqrt(q * q + kk * max(limit - mm, 0.0))) / max(kk, _TINY), 1.0)
+    path = way * (used - used * elastic)
+    yields = path > 0.0
+    left = _exp_minus(path * per_span)
+    ux, uy, uz = mx - elastic * kx, my - elastic * ky, mz - elastic * kz
     mean = _select(bb > 0.0, 0.5, 1.0)
-    gx, gy, gz = bx + mean * (ax - bx) - mx, by + mean * (ay - by) - my, bz + mean * (az - bz) - mz
-    w = _select(yields, 1.0 - _select(gx * mx + gy * my + gz * mz < 0.0, squared, left), 0.0)
-    mx, my, mz = mx + w * gx, my + w * gy, mz + w * gz
-    mm = mx * mx + my * my + mz * mz
-    limit = _select(yields, mm, limit)
+    gx, gy, gz = bx + mean * (ax - bx) - ux, by + mean * (ay - by) - uy, bz + mean * (az - bz) - uz
+    w = _select(yields, 1.0 - _select(gx * ux + gy * uy + gz * uz < 0.0, left * left, left), 0.0)
+    ux, uy, uz = ux + w * gx, uy + w * gy, uz + w * gz
+    limit_leading = _select(yields, ux * ux + uy * uy + uz * uz, limit)
+
+    # a plate that trails: a spring that slips at y while it presses; released over l(d) of any motion where it does not
+    tx, ty, tz = mx - kx, my - ky, mz - kz
+    tt = tx * tx + ty * ty + tz * tz
+    presses = (tx * nx + ty * ny + tz * nz < 0.0) | (dn >= 0.0)
+    root = sqrt(_select(presses, tt * min(tt, limit), mm))
+    over = _select(presses, root, max(mm - k * way * root, 0.0))
+    stays = min(over / max(_select(presses, tt, mm), _TINY), 1.0)
+    holds = (tt >= 0.25 * limit) & (tt <= limit) & presses
+    fade = _exp_minus(_select(holds, 0.0, way * per_span * (1.0 / YIELD_FADES)))
+    faded = limit * (fade * fade)
+    none = faded <= _FADED * bb
+    stays = _select(none, 0.0, stays)
+    moves = _select(presses, stays, 0.0)
+
+    mx = leading * ux + trailing * (stays * mx - moves * kx)
+    my = leading * uy + trailing * (stays * my - moves * ky)
+    mz = leading * uz + trailing * (stays * mz - moves * kz)
+    limit = leading * limit_leading + trailing * _select(none, 0.0, faded)
+    renewed = yields & (share > 0.0)
+    yielded = _select(renewed, ax, bx), _select(renewed, ay, by), _select(renewed, az, bz)
 
     gapes = shut > 0.0
     kept = _select(gapes, min(shut, WIDEST), mx), my, mz
-    yielded = _select(yields, ax, bx), _select(yields, ay, by), _select(yields, az, bz)
     limit = _select(gapes, -limit - _NONE, limit)
-    stiff = _select(yields, strength * per_span, k)
-    return (mx, my, mz), (kept, yielded, limit), _select(leads | (mm > 0.0), stiff, 0.0)
+    stiff = leading * _select(yields, strength * per_span, k) + trailing * k
+    loaded = (leading > 0.0) | (mx * mx + my * my + mz * mz > 0.0)
+    return (mx, my, mz), (kept, yielded, limit), _select(loaded, stiff, 0.0)
 
 
 def _remember(chunk, i0, memory, first, motion, below, slope, length):
@@ -272,9 +287,10 @@ def _remember(chunk, i0, memory, first, motion, below, slope, length):
         depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
         share, load = chunk[at(row.SHARE, i)], chunk[at(row.LOAD, i)]
         asked = _times(share, triple(chunk, row.TRACTION, i))
+        leading = chunk[at(row.LEADING, i)]
         kept, yielded = triple(memory, first, j, BLOCK), triple(memory, first + 3 * BLOCK, j, BLOCK)
         past = kept, yielded, memory[at(first + 6 * BLOCK, j)]
-        traction, past, stiff = advance(past, triple(chunk, row.NORMAL, i), moved, asked, share > 0.0, depth, length)
+        traction, past, stiff = advance(past, triple(chunk, row.NORMAL, i), moved, asked, share, leading, depth, length)
         wet = 1.0 if load > 0.0 else 0.0
         put(chunk, row.TRACTION, i, _times(wet, traction))
         chunk[at(row.STIFF, i)] = stiff * max(load, 0.0)

@@ -238,7 +238,7 @@ def _stresses(coefficients, sin_b, cos_b, e2, velocity):
 
 
 @inlined
-def _treers2021(kind, given, values, chunk, n):
+def _treers2021(kind, given, values, chunk, n, refined):
     wide_vectors()
     coefficients = (
         given[1], given[2], given[3], given[4], given[5], given[6], given[7], given[8], given[9], given[10],
@@ -250,11 +250,25 @@ def _treers2021(kind, given, values, chunk, n):
         chunk[at(row.ALONG, i)] = along
         chunk[at(row.SIN_G, i)] = sin_g
         chunk[at(row.COS_G, i)] = cos_g
-    add_alpha_y(kind, given, values, chunk, n)
+    add_alpha_y(kind, given, values, chunk, n, refined)
 
 
-def _tractions(law: Any, chunk: Any, n: Any, flatness: int) -> None:
-    """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`."""
+@inlined
+def _without_pull(chunk, n):
+    """Remove the part of the tractions along the outward normals where it is positive: grains do not pull."""
+    wide_vectors()
+    for i in range(n):
+        nx, ny, nz = triple(chunk, row.NORMAL, i)
+        tx, ty, tz = triple(chunk, row.TRACTION, i)
+        pull = max(tx * nx + ty * ny + tz * nz, 0.0)
+        put(chunk, row.TRACTION, i, (tx - pull * nx, ty - pull * ny, tz - pull * nz))
+
+
+def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> None:
+    """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`.
+
+    `refined`: the rule, by which grains neither pull a plate nor push it on.
+    """
     wide_vectors()
     kind, given, values = law
     if kind < 0:
@@ -266,7 +280,7 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int) -> None:
     for turned in range(2 if blends else 1):
         if turned == 1 or (turns and not blends):
             _turn_flat_plates(chunk, n, -1.0 if blends else FLAT)
-        _treers2021(kind, given, values, chunk, n)
+        _treers2021(kind, given, values, chunk, n, refined)
         if blends and turned == 0:
             for i in range(n):
                 put(chunk, row.UNBLENDED, i, triple(chunk, row.TRACTION, i))
@@ -277,22 +291,34 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int) -> None:
             ax, ay, az = triple(chunk, row.TRACTION, i)
             bx, by, bz = triple(chunk, row.UNBLENDED, i)
             put(chunk, row.TRACTION, i, (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)))
+    if refined:
+        _without_pull(chunk, n)
 
 
 tractions = compiled(_tractions, **STEP)
 
 
 def traction_per_depth(
-    law: Law, nx: float, ny: float, nz: float, vx: float, vy: float, vz: float, flatness: int = SWITCHED
+    law: Law,
+    nx: float,
+    ny: float,
+    nz: float,
+    vx: float,
+    vy: float,
+    vz: float,
+    flatness: int = SWITCHED,
+    *,
+    refined: bool = False,
 ) -> tuple[float, float, float]:
     """Traction per depth on a leading plate [N/m³], Eq. (8) or (12), from its outward unit normal and velocity.
 
     World axes. Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the
     direction of the velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the
-    released code) or `BLENDED`. Raises TypeError for anything but a law.
+    released code) or `BLENDED`. `refined`: with the refined rule's limits, by which grains neither pull the plate nor
+    push it on. Raises TypeError for anything but a law.
     """
     chunk = np.zeros(row.SIZE)
     orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
-    _tractions(packed_law(law), chunk, 1, flatness)
+    _tractions(packed_law(law), chunk, 1, flatness, refined)
     x, y, z = triple(chunk, row.TRACTION, 0)
     return float(x), float(y), float(z)

@@ -204,4 +204,4 @@ def _loop() -> Callable[..., None]:
 
 def compile_tractions() -> None:
     """Compile the law's part of the loop, which the loop loads when it is compiled later."""
-    machine_code(tractions, (agarwal2023().packed, np.zeros(1), np.uint64(0), 0))
+    machine_code(tractions, (agarwal2023().packed, np.zeros(1), np.uint64(0), 0, False))

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import GENERIC
 
@@ -205,3 +205,43 @@ def test_a_memory_of_other_plates_or_of_no_body_is_refused():
     states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="memory belongs to other plates"):
         remembered(states, durations, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])
+
+
+def _work_on_a_path(plates, corners, *, steps=(400, 1, 400, 400, 400, 400)):
+    """Work by the grains [J] up to each point of a path of straight legs [mm] at 30 mm depth, and the forces [N]."""
+    corners = 1e-3 * np.asarray(corners)
+    legs = [np.linspace(a, b, n, endpoint=False) for (a, b), n in zip(itertools.pairwise(corners), steps, strict=False)]
+    places = np.concatenate([*legs, corners[-1:]])
+    moves = np.diff(places, axis=0)
+    states = np.zeros((len(places), 13))
+    states[:, :2], states[:, 2], states[:, 6] = places, -0.03, 1.0
+    states[1:, 7:9], states[0, 7:9] = moves, moves[0]
+    law = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33)
+    force = remembered(checked_states(states), np.ones(len(places)), plates=plates, law=law)[:, :2]
+    return np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1)), force
+
+
+VERTICAL = {"centroid": Plates.from_arrays([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], [1e-3])}
+_EDGE = 0.5 * np.sqrt(1e-3)
+_CORNERS = np.array([[0.0, -_EDGE, -_EDGE], [0.0, _EDGE, -_EDGE], [0.0, _EDGE, _EDGE], [0.0, -_EDGE, _EDGE]])
+VERTICAL["refined"] = Plates.from_triangles(_CORNERS[[[0, 1, 2], [0, 2, 3]]], [0.0175] * 2)
+
+
+@pytest.mark.parametrize("rule", INTEGRATIONS)
+@given(side=st.floats(1.0, 6.0), slide=st.floats(10.0, 80.0), slip=st.sampled_from([-0.0006, -0.01, -0.3]))
+@settings(max_examples=8)
+@example(side=4.0, slide=60.0, slip=-0.0006)
+def test_no_work_is_gained_where_a_plate_is_released_at_the_end_of_its_pressure(rule, side, slide, slip):
+    """It is pressed, drawn back to where it presses no more, and slides along its traction, and so on to the start."""
+    press, low, high = (1.0, side), 0.0, 1.0
+    for _ in range(40):  # the retreat at which the pressure ends
+        middle = 0.5 * (low + high)
+        _, force = _work_on_a_path(VERTICAL[rule], [(0.0, 0.0), press, (press[0] - middle, side)])
+        still = force[-1, 1] < 0.5 * force[-2, 1]  # the traction along the plate, which is released beyond
+        low, high = (middle, high) if still else (low, middle)
+    for retreat in (low, high):
+        path = [(0.0, 0.0), press, (press[0] - retreat, side)]
+        for step in ((slip, -slide), (-2.0, 0.0), (0.0, slide - side)):
+            path.append((path[-1][0] + step[0], path[-1][1] + step[1]))
+        work, _ = _work_on_a_path(VERTICAL[rule], [*path, (0.0, 0.0)])
+        assert work[-1] <= 1e-9

@@ -48,7 +48,7 @@ class Plate:
                 self.fade(way, length)
         else:  # it lets go
             size = np.linalg.norm(self.tau)
-            self.tau = self.tau * max(1.0 + k * forward / size, 0.0) if size > 0.0 else self.tau
+            self.tau = self.tau * max(1.0 - k * way / size, 0.0) if size > 0.0 else self.tau
             self.fade(way, length)
         return self.tau * depth * AREA
 

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import RULES, directions
+from scenes import directions
 
-from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import MEDIA, Table, agarwal2023, alpha_y_model, traction_per_depth, treers2021, wrenches
+from rft_ros.rft.traction import BLENDED
 from studies.force_jumps import greatest_power, plate_facing
 
 ZERO_OF_LINEAR = 0.2035 / 0.0015
@@ -20,20 +21,53 @@ def power(law, rule, beta, v):
     return float(wrenches(plate, law, state)[0, :3] @ v / (1e6 * plate.area))
 
 
-@RULES
 @pytest.mark.parametrize("model", ["constant", "linear"])
 @given(medium=st.sampled_from(sorted(MEDIA)), beta=st.floats(0.0, 180.0), v=directions())
-def test_no_leading_plate_is_pushed_on_but_with_alpha_y_linear_those_that_look_up(model, rule, medium, beta, v):
+def test_as_published_a_leading_plate_is_pushed_on_only_by_alpha_y_linear_where_it_looks_up(model, medium, beta, v):
     """In any direction, γ < 0 too: a fortiori in intrusion. The linear fit's push is bounded."""
     law = treers2021(MEDIA[medium], alpha_y_model(model, MEDIA[medium]))
     breaks = model == "linear" and beta > ZERO_OF_LINEAR
-    assert power(law, rule, beta, v) <= (0.0015 * beta - 0.2035 if breaks else 0.0) + 1e-12
+    assert power(law, "centroid", beta, v) <= (0.0015 * beta - 0.2035 if breaks else 0.0) + 1e-12
 
 
-@RULES
-def test_the_break_of_the_linear_fit_is_reached(rule):
+def test_as_published_the_push_of_the_linear_fit_is_reached():
     """About 0.06 N/cm³, a fifteenth of α_z(0, 90°), for a face that looks up and moves along itself."""
-    assert 0.05 < greatest_power(np.radians(174.0), rule, "linear", intruding=False) < 0.0665
-    assert 0.03 < greatest_power(np.radians(165.0), rule, "linear", intruding=True) < 0.0665
-    assert greatest_power(np.radians(130.0), rule, "linear", intruding=False) < 0.0
-    assert greatest_power(np.radians(180.0), rule, "linear", intruding=True) == -np.inf
+    assert 0.05 < greatest_power(np.radians(174.0), "centroid", "linear", intruding=False) < 0.0665
+    assert 0.03 < greatest_power(np.radians(165.0), "centroid", "linear", intruding=True) < 0.0665
+    assert greatest_power(np.radians(130.0), "centroid", "linear", intruding=False) < 0.0
+    assert greatest_power(np.radians(180.0), "centroid", "linear", intruding=True) == -np.inf
+
+
+TABLE = Table.sampled(
+    np.radians([0.0, 60.0, 120.0, 180.0]),
+    np.radians([-180.0, -60.0, 60.0, 180.0]),
+    np.random.default_rng(5).uniform(-0.1, 0.3, (4, 4)),
+)
+ANY_LAW = [
+    treers2021(MEDIA[name], alpha_y_model(model, MEDIA[name])) for name in MEDIA for model in ("constant", "linear")
+]
+ANY_LAW += [treers2021(MEDIA["generic"], TABLE), agarwal2023()]
+
+
+@given(law=st.sampled_from(ANY_LAW), n=directions(), v=directions())
+def test_under_the_refined_rule_grains_neither_pull_a_leading_plate_nor_push_it_on(law, n, v):
+    """Whatever the medium and the model of α_y, tables with negative values among them."""
+    v = np.asarray(v) * np.sign(np.dot(n, v) or 1.0)  # it leads
+    traction = np.array(traction_per_depth(law, *n, *v, BLENDED, refined=True))
+    strength = law.stiffness
+    assert traction @ n <= 1e-9 * strength
+    assert traction @ v <= 1e-9 * strength
+
+
+@pytest.mark.parametrize("law", [ANY_LAW[0], treers2021(MEDIA["generic"], TABLE)], ids=["constant", "table"])
+def test_rounding_does_not_decide_the_force_on_a_plate_that_moves_along_itself(law):
+    """At v23 = 0 γ is 0 or 180° by rounding, and in level motion backwards 180 or -180°."""
+    drags = []
+    for yaw in np.radians(np.arange(0.0, 360.0, 7.0)):
+        n, along = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        for push in (0.0, 1e-12, -1e-12):
+            for sink in (0.0, 1e-12, -1e-12):
+                v = along + push * n + [0.0, 0.0, sink]
+                drags.append(np.dot(traction_per_depth(law, *n, *v, refined=True), along))
+    assert np.ptp(drags) < 1e-6 * law.stiffness
+    assert min(drags) < -1e-3 * law.stiffness
