@@ -31,7 +31,7 @@ _Array = NDArray[np.float64]
 _TOUCHES = 1e-6  # m: least depth of a first state in the grains, beyond rounding
 _AT_ONCE = 512  # states whose lowest points are found together
 
-_ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default constant)"
+_ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
 _TOLERANCE = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
 _PARAMS = "the node's own parameter file (default: the node's defaults)"
 _REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"
@@ -122,7 +122,9 @@ def warn_of_motion(tool: Tool, times: _Array, states: _Array, forces: _Array, *,
             print(f"warning: t = {times[k]:g} s: {sentence}", file=sys.stderr, flush=True)
             return
     if len(states) > 1 and depth[0] > _TOUCHES:  # one state is no motion
-        begins = f"the first state is {1e3 * depth[0]:.1f} mm deep in the grains, with a force of {size[0]:.2f} N"
+        begins = f"the first state is {1e3 * depth[0]:.1f} mm deep in the grains"
+        if size[0] > 0.0:  # with memory, the force builds up
+            begins += f", with a force of {size[0]:.2f} N"
         advice = "to begin at the surface, begin at the tool's lowest point (rft check-mesh), or set --surface-height"
         print(f"warning: {begins}; {advice}", file=sys.stderr, flush=True)
 

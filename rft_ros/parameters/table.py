@@ -64,7 +64,7 @@ PARAMETERS = (
     Parameter("medium.zeta_error", 0.0, "Relative standard error of medium.zeta. 0.0: not known.", "", (0.0, 2.0)),
     Parameter(
         "medium.mobilization_length",
-        0.0,
+        0.003,
         "Displacement over which the force at 30 mm depth reaches 63 % of its full value; at rest the force "
         "then holds. 0.0: no memory, as published.",
         "m",
@@ -88,7 +88,7 @@ PARAMETERS = (
     ),
     Parameter(
         "alpha_y.model",
-        "constant",
+        "linear",
         "Model of the stress along a plate's horizontal direction e1.",
         choices=ALPHA_Y_MODELS,
     ),

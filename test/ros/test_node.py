@@ -187,7 +187,7 @@ def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(sta
         start_node(*arguments)
     for folder in (tmp_path / "0.25", tmp_path / "0.5"):
         (folder / "table.csv").write_text("0,0.2\n180,0.1\n")
-    rft = start_node(*arguments).wait_ready()
+    rft = start_node(*arguments, as_shipped=True).wait_ready()
     folder = tmp_path / str(rft.get("medium.zeta").double_value)
     assert rft.get("alpha_y.table").string_value == str(folder / "table.csv")
     assert rft.get("mesh.file").string_value == str(folder / "tool.stl")
@@ -213,3 +213,20 @@ def test_the_node_says_that_it_begins_in_the_grains_and_that_the_cell_reads_a_fo
     level, message, _ = rft.diagnostic("inputs")
     assert level == DiagnosticStatus.WARN
     assert "the load cell reads a force in the air" in message
+
+
+def test_a_node_with_nothing_set_answers_every_pose_also_at_rest_and_says_its_model(start_node):
+    rft = start_node(as_shipped=True).wait_ready()
+    first = rft.moment()
+    heights = [0.03 - 0.0001 * min(k, 600) for k in range(800)]  # from the air 30 mm deep, then rest
+    predicted = rft.received["wrench_predicted"]
+    for k, z in enumerate(heights):
+        rft.send(first + k * 10_000_000, z=z, linear=(0.0, 0.0, -0.01 if k < 600 else 0.0))
+        rft.until(lambda k=k: len(predicted) >= k - 5)  # so that no queue overflows
+    rft.until(lambda: len(predicted) == len(heights))
+    forces = [numbers(message)[2] for message in predicted]
+    assert forces[599] > 1.0
+    np.testing.assert_allclose(forces[650:], forces[640], rtol=0.01)
+    rft._rft.announce("ready")  # as main does before the first pose
+    in_words = "integration refined, law treers2021, medium generic, alpha_y linear, zeta 1, memory 3 mm"
+    rft.until(lambda: in_words in rft.said())

@@ -15,7 +15,7 @@ import pytest
 from refusals import refusal
 
 from rft_ros.errors import InputError
-from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import MEDIA, Memory, alpha_y_model, treers2021, wrenches_in_time
 from rft_ros.sweeps import design
 from rft_ros.sweeps import run as runs
 from rft_ros.sweeps.design import Variant, read_design
@@ -95,9 +95,10 @@ def test_a_row_holds_what_the_core_gives_for_its_variant(small):
     row = table(small / "results.csv")[3]
     assert (row["tool.mesh"], row["motion.pitch"], row["medium.zeta"]) == ("root_tip", "0.1", "0.33")
     generic = MEDIA["generic"]
-    law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33)
+    law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33, mobilization_length=0.003)
     times, states = sample(circumnutation(pitch=0.1), 30)
-    expected = wrenches(load_tool("root_tip").plates, law, states)[:, :6]
+    plates = load_tool("root_tip").plates
+    expected = wrenches_in_time(plates, law, states, np.diff(times, prepend=times[0]), Memory(plates))[:, :6]
     assert float(row["mean_fz"]) == pytest.approx(expected[:, 2].mean(), rel=1e-14)  # sums of another order
     assert float(row["peak_force"]) == np.linalg.norm(expected[:, :3], axis=1).max()
     power = -(expected * states[:, 7:]).sum(axis=1)
@@ -182,7 +183,7 @@ def test_a_worker_of_two_studies_reads_a_changed_mesh_again(tmp_path):
 @pytest.mark.parametrize(
     ("motion", "medium", "reason"),
     [
-        ({"states_file": "far.csv"}, {}, "its forces, work or path are too large"),
+        ({"states_file": "far.csv"}, {"mobilization_length": 0.0}, "its forces, work or path are too large"),
         ({"states_file": "back.csv"}, {}, "'back.csv': t goes back; work needs it in order"),
         ({"family": "straight"}, {"alpha_y": "table"}, "needs alpha_y.table"),
     ],
