@@ -28,6 +28,10 @@ Array = NDArray[np.float64]
 
 _AXES = ("world_frame", "tool_frame")
 _SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool, and may be submerged when it is 6 mm above
+_SLACK_OVER_NOISE = (
+    5.0  # the memory's dead band over the noise of the poses at the tool's tip: false motion is no motion
+)
+_SLACK_MOST = 5e-4  # m
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 
@@ -298,6 +302,8 @@ class Estimator:
 
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
+        if self._memory is not None:
+            self._memory.widen_slack(min(_SLACK_OVER_NOISE * self._kinematics.noise_of_tip(), _SLACK_MOST))
         self._duration[0] = motion.duration
         self._step(motion.state, self._duration, surface.height, surface.slope, self._result)
         row: Array = self._result[0]

@@ -104,6 +104,15 @@ class Kinematics:
         )
         return motion
 
+    def noise_of_tip(self) -> float:
+        """Standard deviation [m] of a coordinate of the tool's farthest point, by the noise of the poses.
+
+        0 where it is not known: with a topic of twists, and at the beginning.
+        """
+        position, rotation = self._difference.noise
+        variance = position + self.reach * self.reach * rotation
+        return math.sqrt(variance) if variance < np.inf else 0.0
+
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
         """Linear and angular velocity at a pose, world axes; or the reason why it has none."""
         if self._settings.twist_source == "pose_difference":
@@ -150,6 +159,12 @@ class PoseDifference:
         self._arrays = self._stamps, self._ring, self._noise, *work, self.twist
         self._count = 0
         self.span(window=0.0, max_age=0.0)
+
+    @property
+    def noise(self) -> tuple[float, float]:
+        """Variance of one coordinate of a pose: of positions [m²] and rotations [rad²]; infinite while unknown."""
+        position, rotation = self._noise.tolist()
+        return position, rotation
 
     def span(self, *, window: float, max_age: float) -> None:
         """Set the window of the fit [s]; it has at least three poses, and ends at a gap longer than `max_age` [s]."""

@@ -110,6 +110,10 @@ class Memory:
         object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + 7 * BLOCK))))
         self.numbers[:, MOTION + _SLACK] = self.slack
 
+    def widen_slack(self, slack: float) -> None:
+        """Set the slack of all bodies from now on [m], at least that of the memory's beginning."""
+        self.numbers[:, MOTION + _SLACK] = max(slack, self.slack)
+
     @property
     def stiffness(self) -> Array:
         """At the last state Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz), shape [bodies, 10].

@@ -64,6 +64,25 @@ def test_encoder_noise_at_rest_does_not_wear_the_force_down():
     assert rest(20.0) == pytest.approx(before, rel=0.02)
 
 
+@pytest.mark.parametrize("noise", [(2e-6, 0.0), (5e-6, 3e-5), (3e-6, 1e-4)], ids=["2 um", "30 urad", "100 urad"])
+def test_noise_of_poses_and_of_a_long_lever_at_rest_takes_no_force_off(noise):
+    """Of positions [m] and rotations [rad]; the tool's tip is 120 mm below its flange. In a minute at rest."""
+    tool, rng = load_tool("plate", origin=(0.0, 0.0, 120.0)), np.random.default_rng(3)
+    estimator = Estimator(Settings(twist_source="pose_difference", rest_speed=1e-3), model(0.003, tool=tool))
+    flange = 0.12 + 0.005
+    stamp, forces = 1_000_000_000, []
+    for step in [-0.01 * PERIOD * 1e-9] * 500 + [0.0] * 7_500:
+        stamp, flange = stamp + PERIOD, flange + step
+        x, y, z = rng.normal(scale=noise[0], size=3)
+        turn = rng.normal(scale=noise[1], size=3) / 2.0
+        quaternion = np.append(turn, 1.0) / np.linalg.norm(np.append(turn, 1.0))
+        answer = push(estimator, pose(stamp, (x, y, flange + z), tuple(quaternion.tolist())))
+        forces.append(answer.predicted[2] if isinstance(answer, Estimate) else np.nan)
+    begin, end = np.nanmean(forces[550:650]), np.nanmean(forces[-100:])
+    assert begin > 1.0
+    assert end == pytest.approx(begin, rel=0.01)
+
+
 def test_on_withdrawal_the_force_falls_within_millimetres():
     arm = Arm(0.003)
     pressed = vertical(arm.move(-0.01, 4.1)[-1])
