@@ -40,6 +40,8 @@ assert "fading" in {p.name: p.choices for p in PARAMETERS}["alpha_y.model"]
 
 def test_a_model_added_by_the_page_gives_its_force_and_is_taken_by_the_command_and_the_nodes_parameter(tmp_path):
     shutil.copytree(ROOT / "rft_ros", tmp_path / "rft_ros", ignore=shutil.ignore_patterns("__pycache__"))
+    for name in ("package.xml", "meshes", "config"):  # a checkout, so that the shipped files are found
+        (tmp_path / name).symlink_to(ROOT / name)
     section = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").partition("## A new α_y model")[2]
     section = section.partition("\n## ")[0]
     (listing,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)

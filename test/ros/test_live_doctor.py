@@ -82,7 +82,9 @@ def test_a_name_that_ros_does_not_take_is_named(words):
     command = [sys.executable, "-m", "rft_ros.cli", "doctor", "config/demo.yaml", "--seconds", "1", *words]
     done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
     assert (done.returncode, done.stdout) == (2, "")
-    assert "--node or --remap" in done.stderr.splitlines()[-1]
+    refusal = done.stderr.splitlines()[-1]
+    assert "a b" in refusal
+    assert "--node" in refusal or "node" in refusal
 
 
 def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
