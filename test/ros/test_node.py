@@ -60,7 +60,10 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
     table.write_text("beta,alpha_y\n0,0.2035\n180,0.0\n")
     secret.write_text("beta,alpha_y\nroot:hunter2\n")
     assert "alpha_y.table" in refusal(rft, alpha_y__model="table")
-    for file, why in (("~nobody_1/table.csv", "does not exist; give the path"), ("/dev/zero", "is a device and not a regular file")):
+    for file, why in (
+        ("~nobody_1/table.csv", "does not exist; give the path"),
+        ("/dev/zero", "is a device and not a regular file"),
+    ):
         assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=file)
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
     refused = refusal(rft, alpha_y__table=str(secret))
