@@ -1,6 +1,7 @@
 """`rft doctor`: check a cell's set-up, from a recording or beside the running node."""
 
 import argparse
+import re
 from pathlib import Path
 
 from rft_ros.bags.playback import topics_of
@@ -10,6 +11,8 @@ from rft_ros.doctor.recorded import examine_bag
 from rft_ros.errors import InputError
 from rft_ros.parameters import model_of, node_parameters
 from rft_ros.progress import busy
+
+_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 
 def doctor_options(command: argparse.ArgumentParser) -> None:
@@ -28,6 +31,8 @@ def doctor(arguments: argparse.Namespace) -> int:
     if arguments.seconds <= 0.0:
         raise InputError(f"--seconds is {arguments.seconds:g}; it must be over 0")
     arguments.node = "/" + arguments.node.strip("/")
+    if not _ROS_NAME.fullmatch(arguments.node):
+        raise InputError(f"--node is '{arguments.node}'; a ROS name has letters, digits and underscores, such as /rft")
     values, chosen = options.recording(arguments)
     topics = topics_of(values, chosen.remap, arguments.node)
     named = node_parameters(arguments.params, arguments.node)
