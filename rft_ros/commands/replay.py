@@ -78,6 +78,8 @@ def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
         if summary.reasons:
             reason = max(summary.reasons, key=summary.reasons.__getitem__)
             why = f"; most often {summary.unknown_frames.get(reason, reason)}"
+            if reason.endswith("_frame_unknown"):
+                why += "; set that parameter to the frame_id, or record a fixed transform between the two"
         none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
         print(f"rft replay: {none}", file=sys.stderr, flush=True)
     return status

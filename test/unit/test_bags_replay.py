@@ -141,6 +141,7 @@ def test_a_bag_without_any_estimate_writes_its_output_and_fails(tmp_path, capsys
     out, err = capsys.readouterr()
     frame = "pose frame_id 'elsewhere' is not world_frame 'world'"
     assert err.startswith(f"rft replay: bag 'lost' has no estimate for its 60 poses; most often {frame}")
+    assert "set that parameter" in err and "fixed transform" in err
     assert len(err.splitlines()) == 1
     assert f"  not used or unanswered: pose_frame_unknown 60 ({frame})" in out
     assert "wrench frame_id 'elsewhere' is not sensor_frame 'ft_sensor'" in out
