@@ -98,7 +98,8 @@ def test_a_signal_right_after_the_first_process_starts_ends_with_status_0(start_
     signal.signal(signal.SIGINT, ours)
     wait_until(lambda: descendants(rft.process.pid), "the tool worker starts")
     assert rft.stop() == 0
-    assert rft.said() == ""
+    said = rft.said().splitlines()
+    assert [line for line in said if "ready: tool plate" not in line] == []  # the node may be ready by then
 
 
 @pytest.mark.parametrize(
