@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample, around
 from rft_ros.parameters import LoadCell
-from rft_ros.rft.compilation import compiled, machine_code
 from rft_ros.rft.frames import into_frame, rotation
+from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.rft.placement import Placement
 
 __all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction", "Reading", "drift", "mean_in_air"]

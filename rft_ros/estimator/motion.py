@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector, around
 from rft_ros.parameters import Settings
 from rft_ros.rft import STATE
-from rft_ros.rft.compilation import compiled, inlined
+from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.placement import Placement
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion", "PoseDifference"]

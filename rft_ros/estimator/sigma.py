@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft.compilation import compiled
+from rft_ros.rft.kernel.compilation import compiled
 
 __all__ = ["without_learning"]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.samples import Vector
-from rft_ros.rft.compilation import compiled
+from rft_ros.rft.kernel.compilation import compiled
 
 __all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn"]
 

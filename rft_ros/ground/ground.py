@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rft_ros.ground.height_map import HeightMap
 from rft_ros.rft import LEVEL, rotation_matrix
-from rft_ros.rft.compilation import compiled, inlined
 from rft_ros.rft.frames import from_frame, rotation
+from rft_ros.rft.kernel.compilation import compiled, inlined
 
 __all__ = ["DELAY", "KEPT", "Cloud", "Ground", "LocalSurface", "Support"]
 

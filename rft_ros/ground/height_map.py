@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.files import read_arrays, read_columns, whole
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.compilation import compiled, inlined
+from rft_ros.rft.kernel.compilation import compiled, inlined
 
 __all__ = ["MOST_CELLS", "HeightMap", "read_height_map", "write_height_map"]
 

@@ -14,8 +14,8 @@ from typing import ClassVar
 
 from rft_ros.rft.alpha_y import PackedLaw, packed
 from rft_ros.rft.arguments import number
-from rft_ros.rft.compilation import inlined
 from rft_ros.rft.inertia import INERTIA, inertial_density
+from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["C1", "C2", "C3", "FLAT_PRESS", "SURFACE_FRICTION", "Agarwal2023", "agarwal2023", "agarwal2023_traction"]
 

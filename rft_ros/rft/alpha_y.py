@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft import chunk as row
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.chunk import at, triple, wide_vectors
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
+from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.media import Medium
 
 __all__ = ["ALPHA_Y_MODELS", "PAPER_LINEAR", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import numbers
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["STATE", "UNIT_TOLERANCE", "checked_states", "rotation_matrix", "unit_quaternion"]
 __all__ += ["from_frame", "into_frame", "rotation"]

@@ -5,7 +5,7 @@ free surface (Agarwal, Karsai, Goldman, Kamrin, Science Advances 7, 2021). It ac
 """
 
 from rft_ros.rft.arguments import number
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["CONFINEMENT", "INERTIA", "inertia_force", "inertial_density"]
 

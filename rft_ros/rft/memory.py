@@ -35,10 +35,10 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-from rft_ros.rft import chunk as row
-from rft_ros.rft.chunk import at, put, triple, wide_vectors
-from rft_ros.rft.compilation import STEP, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame
+from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
+from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
 
 __all__ = ["DEPTH", "GAPS", "LOADED", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]

@@ -10,13 +10,13 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from rft_ros.rft import chunk as row
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
 from rft_ros.rft.arguments import number
-from rft_ros.rft.chunk import at, put, triple, wide_vectors
-from rft_ros.rft.compilation import STEP, compiled, inlined
 from rft_ros.rft.inertia import INERTIA, inertial_density
+from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
+from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1_and_f23
 

@@ -8,7 +8,7 @@ atanh would take three quarters of a plate's time and prevent vectorisation.
 
 import math
 
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["A1", "A2", "A3", "B1", "B2", "B3", "exact_f1", "exact_f23", "f1_and_f23"]
 

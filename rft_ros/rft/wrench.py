@@ -15,9 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import STATE
-from rft_ros.rft.kernel import EDGE_SHARE, SUMS
+from rft_ros.rft.kernel.compilation import machine_code
+from rft_ros.rft.kernel.loops import EDGE_SHARE, SUMS
 from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law, tractions

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import Law, Memory, Plates
 from rft_ros.rft.arguments import number
-from rft_ros.rft.compilation import inlined
-from rft_ros.rft.kernel import SUMS
+from rft_ros.rft.kernel.compilation import inlined
+from rft_ros.rft.kernel.loops import SUMS
 from rft_ros.rft.traction import packed_law
 
 __all__ = ["Beds", "evaluate", "make_beds", "stiffness_matrix", "use_law"]

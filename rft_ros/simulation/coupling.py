@@ -15,7 +15,7 @@ from math import sqrt
 
 import numpy as np
 
-from rft_ros.rft.compilation import compiled, inlined
+from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.simulation.beds import evaluate, stiffness_matrix
 
 __all__ = ["COUPLED", "advance", "forces_on_plates", "hold", "hold_each"]

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.ground import KEPT, HeightMap, Support
 from rft_ros.rft import Law, checked_states
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.compilation import machine_code
 from rft_ros.rft.frames import rotation_matrix
+from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.plates import BLOCK
 from rft_ros.simulation.beds import make_beds, stiffness_matrix, use_law
 from rft_ros.simulation.coupling import COUPLED, advance, forces_on_plates, hold_each

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft.compilation import compiled, inlined, machine_code
+from rft_ros.rft.kernel.compilation import compiled, inlined, machine_code
 
 __all__ = ["Mechanism", "import_mujoco"]
 

@@ -15,7 +15,7 @@ from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
 from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021
 from rft_ros.rft.arguments import number
-from rft_ros.rft.compilation import compiled, machine_code
+from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.simulation.coupling import hold
 from rft_ros.simulation.grains import GrainsBatch, GrainsState
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco

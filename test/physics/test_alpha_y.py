@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Constant, Linear, Table, alpha_y_model, medium_named, treers2021
 from rft_ros.rft.alpha_y import FINEST, add_alpha_y
-from rft_ros.rft.chunk import ALONG, COS_B, COS_G, E2_Y, SIN_B, SIN_G, SIZE, TRACTION
+from rft_ros.rft.kernel.chunk import ALONG, COS_B, COS_G, E2_Y, SIN_B, SIN_G, SIZE, TRACTION
 
 attack = st.floats(0.0, 180.0)
 

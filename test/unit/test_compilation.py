@@ -14,8 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core import config
 
-from rft_ros.rft.compilation import compiled, inlined
 from rft_ros.rft.frames import rotation
+from rft_ros.rft.kernel.compilation import compiled, inlined
 
 PACKAGE = Path(__file__).resolve().parents[2] / "rft_ros"
 QUATERNION = np.array([0.1, 0.2, 0.3, 0.9])
@@ -23,7 +23,7 @@ QUATERNION = np.array([0.1, 0.2, 0.3, 0.9])
 # What `turned` below is, in a package above the core: for new processes.
 MODULE = """
 import numpy as np
-from rft_ros.rft.compilation import compiled
+from rft_ros.rft.kernel.compilation import compiled
 from rft_ros.rft.frames import rotation
 from rft_ros.tool import numbers
 from rft_ros.tool.numbers import ZERO, nothing
@@ -106,8 +106,8 @@ class Elsewhere:
     """`turned` in new processes, in a copy of the core with a package beside it."""
 
     def __init__(self, folder: Path) -> None:
-        for file in (PACKAGE / "rft").glob("*.py"):
-            copy = folder / "rft_ros" / "rft" / file.name
+        for file in (PACKAGE / "rft").rglob("*.py"):
+            copy = folder / "rft_ros" / file.relative_to(PACKAGE)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, copy)
         self.folder, self.cache = folder, folder / "cache"

@@ -139,6 +139,6 @@ def test_the_equations_have_the_numbers_by_which_the_code_names_them():
     tags = re.findall(r"\\tag\{(\d+)\}", METHOD)
     assert tags == [str(n) for n in range(1, len(tags) + 1)]
     assert re.findall(r" {3}Eq\. \((\d+)\)$", rft.__doc__, flags=re.MULTILINE) == tags
-    for file in Path(rft.__file__).parent.glob("*.py"):
+    for file in Path(rft.__file__).parent.rglob("*.py"):
         named = re.findall(r"Eqs?\. \((\d+)\)(?: (?:to|and) \((\d+)\))?", file.read_text(encoding="utf-8"))
         assert {number for pair in named for number in pair if number} <= set(tags), file.name

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import COLUMNS
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["FILTER", "SUBMERGED_AREA", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
 

@@ -10,7 +10,7 @@ from rft_ros.estimator.learning.filter import begin
 from rft_ros.estimator.learning.records import RECORD, RECORDS, STATE, STEP_MOST, add_reading, predict
 from rft_ros.estimator.learning.surprise import ISSUES, JUDGE
 from rft_ros.estimator.samples import ABSURD, Vector
-from rft_ros.rft.compilation import machine_code
+from rft_ros.rft.kernel.compilation import machine_code
 
 __all__ = ["Belief", "Learning"]
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from rft_ros.estimator.learning.filter import FILTER, SUBMERGED_AREA, absorb, copy, correct, grow, resume
 from rft_ros.estimator.learning.surprise import JUDGE, average_in_air, judge
-from rft_ros.rft.compilation import compiled, inlined
+from rft_ros.rft.kernel.compilation import compiled, inlined
 
 __all__ = ["RECORD", "RECORDS", "STATE", "STEP_MOST", "add_reading", "predict"]
 

@@ -3,7 +3,7 @@
 import math
 
 from rft_ros.estimator.learning.filter import dot
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["ISSUES", "JUDGE", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "average_in_air", "judge"]
 

@@ -11,7 +11,7 @@ from llvmlite import ir
 from numba import carray, types
 from numba.extending import intrinsic, overload
 
-from rft_ros.rft.compilation import inlined
+from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.plates import BLOCK
 
 __all__ = ["at", "new_chunk", "put", "triple", "wide_vectors"]

@@ -9,11 +9,11 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
-from rft_ros.rft import chunk as row
-from rft_ros.rft.chunk import at, new_chunk, put, triple, wide_vectors
-from rft_ros.rft.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.frames import from_frame, into_frame, rotation
 from rft_ros.rft.inertia import inertia_force
+from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
+from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.memory import (
     GAPS,
     LOADED,
