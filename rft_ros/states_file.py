@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.files import read_columns, whole
 from rft_ros.parameters import Model
-from rft_ros.rft import STATE, Memory, checked_states, wrenches, wrenches_in_time
+from rft_ros.rft import STATE, WRENCH, Memory, checked_states, wrenches, wrenches_in_time
 
 __all__ = ["read_states", "wrenches_along", "write_wrenches"]
 
@@ -63,5 +63,5 @@ def write_wrenches(file: Path, times: NDArray[np.float64], wrenches: NDArray[np.
     """Write t [s] and the wrenches, shape [n, 6 or more] [N], [N m], with every digit that float64 holds."""
     with whole(file) as part, part.open("w", encoding="utf-8", newline="\n") as out:
         out.write("t,fx,fy,fz,tx,ty,tz\n")
-        for t, row in zip(times.tolist(), wrenches[:, :6].tolist(), strict=True):
+        for t, row in zip(times.tolist(), wrenches[:, WRENCH].tolist(), strict=True):
             out.write(",".join(map(repr, (t, *row))) + "\n")

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.rft import QUATERNION, STATE
 from rft_ros.rft.frames import rotation
 
 __all__ = ["PHASES", "lowest_points", "phases_of"]
@@ -22,12 +23,11 @@ def lowest_points(corners: _Array, states: _Array) -> tuple[_Array, _Array]:
 
     `corners`: in the tool frame [m], shape [m, 3]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
     """
-    axes = np.array(rotation(*states[:, 3:7].T)).T.reshape(-1, 3, 3)
+    axes = np.array(rotation(*states[:, QUATERNION].T)).T.reshape(-1, 3, 3)
     lowest = corners[(axes[:, 2] @ corners.T).argmin(axis=1)]
     x, y, z = np.einsum("nij,nj->in", axes, lowest)
-    height, vertical_velocity = states[:, 2], states[:, 9]
-    turning_x, turning_y = states[:, 10], states[:, 11]
-    return height + z, turning_y * x - turning_x * y - vertical_velocity
+    column = dict(zip(STATE, states.T, strict=True))
+    return column["pz"] + z, column["wy"] * x - column["wx"] * y - column["vz"]
 
 
 def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, rest_speed: float) -> _Numbers:

@@ -15,6 +15,7 @@ from rft_ros.estimator.messages import Role
 from rft_ros.ground import HeightMap
 from rft_ros.parameters import NODE, LoadCell, Values, section_parameters, settings_of
 from rft_ros.progress import bar
+from rft_ros.rft import FORCE, QUATERNION
 
 __all__ = ["Played", "ReplayOptions", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
 __all__ += ["world_forces"]
@@ -152,5 +153,5 @@ def world_forces(wrenches: NDArray[np.float64], states: NDArray[np.float64], cel
     """Rotate the forces of wrenches in sensor axes [N], shape [n, 3 or 6], to world axes. `states`: shape [n, 13]."""
     from scipy.spatial.transform import Rotation
 
-    sensor = Rotation.from_quat(states[:, 3:7]) * Rotation.from_quat(cell.quaternion)
-    return np.asarray(sensor.apply(wrenches[:, :3]))
+    sensor = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(cell.quaternion)
+    return np.asarray(sensor.apply(wrenches[:, FORCE]))

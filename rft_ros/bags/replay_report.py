@@ -17,6 +17,7 @@ from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, Table, write_page
+from rft_ros.rft import FORCE
 
 __all__ = ["decimated", "draw", "replay_charts"]
 
@@ -66,8 +67,8 @@ def decimated(rows: Rows) -> Rows:
 
     These have the greatest depth, the greatest force and the greatest residual force.
     """
-    force = rows["compensated"][:, :3]
-    sizes = [rows["depth"], *(np.linalg.norm(f, axis=1) for f in (force, force - rows["predicted"][:, :3]))]
+    force = rows["compensated"][:, FORCE]
+    sizes = [rows["depth"], *(np.linalg.norm(f, axis=1) for f in (force, force - rows["predicted"][:, FORCE]))]
     sizes = [np.nan_to_num(size, nan=-math.inf) for size in sizes]
     buckets = [part for part in np.array_split(np.arange(len(rows)), _BUCKETS) if len(part)]
     kept = {part[k] for part in buckets for k in (0, *(size[part].argmax() for size in sizes))}

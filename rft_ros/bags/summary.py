@@ -22,6 +22,7 @@ from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, trust
 from rft_ros.files import read_yaml
 from rft_ros.parameters import Value
 from rft_ros.parameters.sections import flat
+from rft_ros.rft import FORCE, TORQUE
 
 __all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary"]
 __all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]
@@ -133,7 +134,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -
 def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     """Statistics of all estimates, and of each phase by name; a phase has them also by depth in the grains."""
     answered, depth = rows["reason"] < 0, rows["depth"]
-    least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, :3], axis=1), initial=0.0))
+    least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, FORCE], axis=1), initial=0.0))
     edges = _bin_edges(float(depth[answered].max(initial=0.0)))
     bins = [f"{low:g}-{high:g}mm" for low, high in itertools.pairwise(1e3 * edges)]
     in_bin = np.where(depth > 0.0, np.digitize(depth, edges[1:-1]), -1)
@@ -152,7 +153,7 @@ def _group(rows: Rows, least_force: float) -> Group:
     measured, predicted = rows["compensated"], rows["predicted"]
     kinds = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
     full = {
-        k: np.column_stack([w, *(np.linalg.norm(part, axis=1) for part in (w[:, :3], w[:, 3:]))])
+        k: np.column_stack([w, *(np.linalg.norm(part, axis=1) for part in (w[:, FORCE], w[:, TORQUE]))])
         for k, w in kinds.items()
     }
     names = (*AXES, "force", "torque")
@@ -160,7 +161,7 @@ def _group(rows: Rows, least_force: float) -> Group:
     rms, peak = wrench["force"]["residual"]["rms"], wrench["force"]["measured"]["peak"]
     force, residual = (full[kind][:, names.index("force")] for kind in ("measured", "residual"))
     big = force > least_force
-    scores = (np.abs(full["residual"][:, :3]) / rows["sigma"][:, :3])[np.any(predicted[:, :3], axis=1)]
+    scores = (np.abs(full["residual"][:, FORCE]) / rows["sigma"][:, FORCE])[np.any(predicted[:, FORCE], axis=1)]
     scores = scores[~np.isnan(scores)]
     return Group(
         estimates=len(rows),
@@ -192,7 +193,7 @@ def _bin_edges(deepest: float) -> NDArray[np.float64]:
 
 def _warnings(whole: Group, phases: dict[str, PhaseGroup], *, tared: bool) -> list[str]:
     found = []
-    air = [phases["approach"].wrench[axis]["measured"]["mean"] or 0.0 for axis in AXES[:3]]
+    air = [phases["approach"].wrench[axis]["measured"]["mean"] or 0.0 for axis in AXES[FORCE]]
     peak = whole.wrench["force"]["measured"]["peak"] or 0.0
     load = math.hypot(*air)
     if load > max(_OFFSET, _OFFSET_SHARE * peak):

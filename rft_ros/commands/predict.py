@@ -11,7 +11,7 @@ from rft_ros.parameters import MESH, model_of, named_files
 from rft_ros.progress import busy
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, write_page
-from rft_ros.rft import COLUMNS, described
+from rft_ros.rft import FORCE, SUBMERGED_AREA, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
 _MORE = ("--surface-height", "--integration", "--tolerance")
@@ -45,11 +45,11 @@ def predict(arguments: argparse.Namespace) -> int:
     with busy("computing"):  # the first call compiles
         where = f"states file '{arguments.states}'"
         result = wrenches_along(model, times, states, surface_height=height, where=where)
-    options.warn_of_motion(tool, times, states, result[:, :3], surface_height=height)
+    options.warn_of_motion(tool, times, states, result[:, FORCE], surface_height=height)
     if "concave" in tool.issues:  # only here, where wrenches are written: other commands need not repeat it
         print(f"note: {tool.name}: {tool.issues['concave']}", file=sys.stderr, flush=True)
     write_wrenches(arguments.output, times, result)
-    wet = int((result[:, COLUMNS.index("submerged_area")] > 0.0).sum())
+    wet = int((result[:, SUBMERGED_AREA] > 0.0).sum())
     print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
     grains = described(model.law)
     if model.law.mobilization_length == 0.0:
@@ -94,7 +94,7 @@ def view(arguments: argparse.Namespace) -> int:
         times, states = read_states(source)
         with busy("computing"):
             where = f"states file '{source}'"
-            forces = wrenches_along(model, times, states, surface_height=height, where=where)[:, :3]
+            forces = wrenches_along(model, times, states, surface_height=height, where=where)[:, FORCE]
         played = Played(times, states, forces, None)
     else:
         played = states_of(source, values, model, chosen)

@@ -13,7 +13,19 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator import LoadCell, Wrench
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.rft import COLUMNS, MEDIA, Law, alpha_y_model, rotation_matrix, treers2021, wrenches
+from rft_ros.rft import (
+    FORCE,
+    MEDIA,
+    MOMENTS,
+    QUATERNION,
+    STATE,
+    TWIST,
+    Law,
+    alpha_y_model,
+    rotation_matrix,
+    treers2021,
+    wrenches,
+)
 from rft_ros.sweeps.motions import oscillating_insertion
 from rft_ros.tool import Tool, load_tool
 
@@ -45,10 +57,9 @@ def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
         t = k / _RATE
         state = _DESCENT.at(max(t - PAUSE, 0.0))[0]
         if t <= PAUSE:
-            state[7:] = 0.0  # twist
-        _, quaternion, _ = np.split(state, [3, 7])
+            state[TWIST] = 0.0
         without_sigma = np.concatenate([_grain_wrench(tool, law, state), np.zeros(6)])
-        wrench, offset, _ = frame.into_sensor(quaternion, without_sigma)
+        wrench, offset, _ = frame.into_sensor(state[QUATERNION], without_sigma)
         reading = np.add(wrench, offset) + random.normal(scale=_NOISE)
         fx, fy, fz, tx, ty, tz = reading.tolist()
         yield t, state, (fx, fy, fz, tx, ty, tz)
@@ -57,9 +68,8 @@ def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
 def _grain_wrench(tool: Tool, law: Law, state: Array) -> Array:
     """Force [N] and torque [N m] of the virtual grains on the tool, world axes, about the tool frame's origin."""
     result = wrenches(tool.plates, law, state, threads=1, sensitivities=True)[0]
-    force, _, _, _, moments = np.split(result, [3, 6, len(COLUMNS), len(COLUMNS) + 3])  # moments: Σ r_j f_l
-    position, quaternion, _ = np.split(state, [3, 7])
-    depth = -position[2] - tool.lowest_point(rotation_matrix(quaternion))
+    force, moments = result[FORCE], result[MOMENTS]
+    depth = -state[STATE.index("pz")] - tool.lowest_point(rotation_matrix(state[QUATERNION]))
     strength = _STRENGTH * np.interp(depth, [LAYER, LAYER + _TRANSITION], [1.0, _HARDNESS])
     m = moments.reshape(3, 3) * strength
     torque = m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]

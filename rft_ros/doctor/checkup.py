@@ -14,7 +14,7 @@ from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, Tw
 from rft_ros.estimator.messages import Role
 from rft_ros.ground import Cloud
 from rft_ros.parameters import Model, Values, settings_of
-from rft_ros.rft import STATE
+from rft_ros.rft import FORCE, STATE
 from rft_ros.rft.placement import Placement
 
 __all__ = ["Checkup", "delayed"]
@@ -207,7 +207,7 @@ class Checkup:
         yield Finding(False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or correct one of the two")
 
     def _of_load_cell(self, rows: Rows, *, complete: bool) -> Iterator[Finding]:
-        wet, predicted, measured = rows["depth"] > 0.0, rows["predicted"][:, :3], rows["compensated"][:, :3]
+        wet, predicted, measured = rows["depth"] > 0.0, rows["predicted"][:, FORCE], rows["compensated"][:, FORCE]
         seen = (~wet).sum() >= _ENOUGH
         air = measured[~wet].mean(axis=0) if seen else np.zeros(3)
         load = float(np.linalg.norm(air))
@@ -309,11 +309,11 @@ def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
     deepest_later = np.maximum.accumulate(rows["depth"][::-1])[::-1]
     way = rows[int((deepest_later - rows["depth"]).argmax()) :]
     way = way[np.diff(np.maximum.accumulate(way["depth"]), prepend=-np.inf) > 0.0]
-    depth, measured = way["depth"], way["compensated"][:, :3]
+    depth, measured = way["depth"], way["compensated"][:, FORCE]
     noise = float(np.linalg.norm(np.std(measured[:_ENOUGH], axis=0)))
     force = np.linalg.norm(measured - np.median(measured[:_ENOUGH], axis=0), axis=1)
     share = max(_LEAST_FORCE, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
-    begins, expected = (_onset(f, share) for f in (force, np.linalg.norm(way["predicted"][:, :3], axis=1)))
+    begins, expected = (_onset(f, share) for f in (force, np.linalg.norm(way["predicted"][:, FORCE], axis=1)))
     if begins is None:
         return None
     metres = (0.0 if expected is None else float(depth[expected])) - float(depth[begins])

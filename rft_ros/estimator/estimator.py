@@ -18,7 +18,7 @@ from rft_ros.estimator.sigma import without_learning
 from rft_ros.estimator.withdrawal import Withdrawal
 from rft_ros.ground import Ground, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
-from rft_ros.rft import COLUMNS, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
+from rft_ros.rft import COLUMNS, QUATERNION, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
 from rft_ros.rft.wrench import prepared
 
@@ -235,7 +235,7 @@ class Estimator:
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
         mean = mean_in_air(self._comparison.samples, self._poses, window, rest_speed=rest, reach=reach)
         cell = self._cell or LoadCellFrame(self.settings.load_cell)
-        _, offset, _ = cell.into_sensor(self.state[3:7], np.zeros(12))
+        _, offset, _ = cell.into_sensor(self.state[QUATERNION], np.zeros(12))
         fx, fy, fz, tx, ty, tz = (mean - cell.sign * np.array(offset) + self.settings.load_cell.bias).tolist()
         return fx, fy, fz, tx, ty, tz
 
@@ -272,7 +272,7 @@ class Estimator:
         self.state = state
         if in_grains and motion.rests and self._memory is None:
             raise RefusedError(Reason.AT_REST)  # only now, since the filter is still updated at rest
-        wrench, offset, sigma = cell.into_sensor(state[3:7], answer)
+        wrench, offset, sigma = cell.into_sensor(state[QUATERNION], answer)
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         self._learn_readings()  # the reading at this pose may have come already; it decides the flag SURPRISE
         flags = self._quality.flags(

@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample, around
+from rft_ros.estimator.sigma import parts_of_answer
 from rft_ros.parameters import LoadCell
-from rft_ros.rft.frames import into_frame, rotation
+from rft_ros.rft import POSITION, QUATERNION
 from rft_ros.rft.kernel.compilation import compiled, machine_code
+from rft_ros.rft.frames import attitude, into_frame
 from rft_ros.rft.placement import Placement
 
 __all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction", "Reading", "drift", "mean_in_air"]
@@ -52,9 +54,8 @@ def _into_sensor(mounts, quaternion, answer, outs):
     mount, out = mounts[0], outs[0]
     position, center, bias = mount.position, mount.center_of_mass, mount.bias
     wrench, offset, sigma = out.wrench, out.offset, out.sigma
-    force, torque, force_sigma, torque_sigma = answer[:3], answer[3:6], answer[6:9], answer[9:]
-    tool, held = rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3]), mount.quaternion
-    sensor = rotation(held[0], held[1], held[2], held[3])
+    force, torque, force_sigma, torque_sigma = parts_of_answer(answer)
+    tool, sensor = attitude(quaternion), attitude(mount.quaternion)
     px, py, pz = position[0], position[1], position[2]
     turned = 0.0, 0.0, 0.0
     for i in range(6):
@@ -205,12 +206,16 @@ def drift(time: Array, places: Array, reach: float) -> float:
 
     `time` [s], shape [n], n at least 2; `places`: position and quaternion, shape [n, 7]; `reach` of the plates [m].
     """
-    alike = np.where(places[:, 3:] @ places[-1, 3:] < 0.0, -1.0, 1.0)  # q and -q are one attitude
-    rows = np.column_stack([time, places[:, :3], alike[:, None] * places[:, 3:]])
-    parts = np.array_split(rows, min(max(2, round((time[-1] - time[0]) / _STRETCH)), len(rows)))
-    steps = np.diff([part.mean(axis=0) for part in parts], axis=0)
-    ways = np.linalg.norm(steps[:, 1:4], axis=1) + 2.0 * reach * np.linalg.norm(steps[:, 4:], axis=1)
-    return float((ways / steps[:, 0]).max())
+    quaternions = places[:, QUATERNION]
+    alike = np.where(quaternions @ quaternions[-1] < 0.0, -1.0, 1.0)  # q and -q are one attitude
+    count = min(max(2, round((time[-1] - time[0]) / _STRETCH)), len(time))
+
+    def steps(values: Array) -> Array:
+        return np.diff([part.mean(axis=0) for part in np.array_split(values, count)], axis=0)
+
+    moved = np.linalg.norm(steps(places[:, POSITION]), axis=1)
+    turned = 2.0 * np.linalg.norm(steps(alike[:, None] * quaternions), axis=1)
+    return float(((moved + reach * turned) / steps(time)).max())
 
 
 def mean_in_air(

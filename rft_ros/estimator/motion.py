@@ -197,7 +197,7 @@ class PoseDifference:
 @inlined
 def _rotation_vector(pose, ax, ay, az, aw):
     """Rotation vector from the attitude whose conjugate is a to that of a pose: position, quaternion xyzw."""
-    quaternion = pose[3:7]
+    quaternion = pose[3:]
     bx, by, bz, bw = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     rx = bw * ax + bx * aw + by * az - bz * ay
     ry = bw * ay - bx * az + by * aw + bz * ax
@@ -216,7 +216,7 @@ def _recent(stamps, ring, newest, window, gap, t, x):
     axes, shape [6, n]. `ring`: rows position, quaternion xyzw. `stamps`, `window`, `gap` [ns]; a stamp is 0 where the
     ring has no pose yet.
     """
-    quaternion = ring[newest, 3:7]
+    quaternion = ring[newest, 3:]
     ax, ay, az, aw = -quaternion[0], -quaternion[1], -quaternion[2], quaternion[3]
     younger, n = stamps[newest], 0
     for back in range(len(stamps)):

@@ -14,7 +14,7 @@ from rft_ros.estimator.plausible import HIGHEST, LARGEST_FORCE, deepest, is_plau
 from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import Law, edge_share, has_inertia, rotation_matrix
+from rft_ros.rft import POSITION, QUATERNION, Law, edge_share, has_inertia, rotation_matrix
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
@@ -208,7 +208,7 @@ class _Path:
         columns = tool.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
         low, high = np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
         self._centre, self._width = 0.5 * (low + high), float(np.median(high - low))
-        self._rows = np.zeros((self._KEPT, 4))  # place, and length of the path until there
+        self._places, self._lengths = np.zeros((self._KEPT, 3)), np.zeros(self._KEPT)  # of the path until there
         self.clear()
 
     def clear(self) -> None:
@@ -217,16 +217,17 @@ class _Path:
 
     def add(self, state: Array) -> bool:
         """Add the next state, shape [13]; returns whether the tool crosses its earlier path."""
-        place = state[:3] + rotation_matrix(state[3:7]) @ self._centre
+        place = state[POSITION] + rotation_matrix(state[QUATERNION]) @ self._centre
         if self._count:
-            step = math.dist(place, self._rows[(self._count - 1) % self._KEPT, :3])
+            step = math.dist(place, self._places[(self._count - 1) % self._KEPT])
             if step < self._width / 8.0:
                 return self._crosses
             self._length += step
-        self._rows[self._count % self._KEPT] = (*place, self._length)
+        self._places[self._count % self._KEPT] = place
+        self._lengths[self._count % self._KEPT] = self._length
         self._count += 1
-        rows = self._rows[: self._count]
-        since, apart = self._length - rows[:, 3], np.linalg.norm(rows[:, :3] - place, axis=1)
+        since = self._length - self._lengths[: self._count]
+        apart = np.linalg.norm(self._places[: self._count] - place, axis=1)
         near = (since >= 2.0 * self._width) & (apart < 2.0 * self._width) & (apart < self._BENT * since)
         self._crosses = bool(near.any())
         return self._crosses

@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft.kernel.compilation import compiled
+from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["without_learning"]
+__all__ = ["parts_of_answer", "without_learning"]
 
 Array = NDArray[np.float64]
 
@@ -20,6 +20,12 @@ _TORQUE_ERROR = 0.5  # of the torque, beside ζ's
 _LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
+@inlined
+def parts_of_answer(answer):
+    """Force, torque, and the standard deviations of each, of an answer, shape [12]: views of it."""
+    return answer[0:3], answer[3:6], answer[6:9], answer[9:12]
+
+
 @compiled
 def without_learning(row: Array, zeta_error: float, reach: float, answer: Array) -> None:
     """Write a prediction without learning, (L6), to `answer`, shape [12]: force [N], torque [N m], a deviation of each.
@@ -30,10 +36,12 @@ def without_learning(row: Array, zeta_error: float, reach: float, answer: Array)
     zeta_error = zeta_error or _STRENGTH_ERROR
     for i in range(6):
         answer[i] = row[i]
-    flat, vertical = answer[0] ** 2 + answer[1] ** 2, answer[2] ** 2
+    force, torque, force_sigma, torque_sigma = parts_of_answer(answer)
+    flat, vertical = force[0] ** 2 + force[1] ** 2, force[2] ** 2
     whole = flat + vertical
     horizontally, vertically = zeta_error**2 + _HORIZONTAL_ERROR**2, zeta_error**2 + _VERTICAL_ERROR**2
-    answer[6] = answer[7] = math.sqrt(horizontally * flat + _HORIZONTAL_SHARE**2 * whole + _NOISE_FLOOR**2)
-    answer[8] = math.sqrt(vertically * vertical + _VERTICAL_SHARE**2 * whole + _NOISE_FLOOR**2)
-    for i in range(3, 6):
-        answer[6 + i] = math.sqrt((zeta_error**2 + _TORQUE_ERROR**2) * answer[i] ** 2 + (_LEVER * reach) ** 2 * whole)
+    force_sigma[0] = force_sigma[1] = math.sqrt(horizontally * flat + _HORIZONTAL_SHARE**2 * whole + _NOISE_FLOOR**2)
+    force_sigma[2] = math.sqrt(vertically * vertical + _VERTICAL_SHARE**2 * whole + _NOISE_FLOOR**2)
+    of_point = (_LEVER * reach) ** 2 * whole
+    for i in range(3):
+        torque_sigma[i] = math.sqrt((zeta_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point)

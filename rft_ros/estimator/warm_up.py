@@ -17,7 +17,7 @@ from rft_ros.estimator.sigma import without_learning
 from rft_ros.estimator.withdrawal import compile_withdrawal
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Values
-from rft_ros.rft import Plates, agarwal2023, edge_share, wrenches
+from rft_ros.rft import QUATERNION, Plates, agarwal2023, edge_share, wrenches
 from rft_ros.rft.wrench import compile_tractions
 
 __all__ = ["PARTS", "compile_parts", "needed", "prepare"]
@@ -28,7 +28,7 @@ _STATE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 
 
 def _answers() -> None:
     edge_share(_PLATE, _STATE)
-    LoadCellFrame(LoadCell()).into_sensor(_STATE[3:7], np.zeros(12))
+    LoadCellFrame(LoadCell()).into_sensor(_STATE[QUATERNION], np.zeros(12))
     without_learning(np.zeros(7), 0.0, 0.0, np.zeros(12))
     compile_withdrawal()
 

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rft_ros.ground.height_map import HeightMap
 from rft_ros.rft import LEVEL, rotation_matrix
-from rft_ros.rft.frames import from_frame, rotation
 from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.rft.frames import attitude, from_frame, parts_of_state
 
 __all__ = ["DELAY", "KEPT", "Cloud", "Ground", "LocalSurface", "Support"]
 
@@ -119,12 +119,11 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):
 @compiled
 def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):
     """Update the plane in `kept` if the body has moved; returns the depth of the body's deepest point below it."""
-    position, quaternion, velocity, angular_velocity = state[0:3], state[3:7], state[7:10], state[10:13]
+    position, quaternion, velocity, angular_velocity = parts_of_state(state)
     px, py, pz = position[0], position[1], position[2]
-    qx, qy, qz, qw = quaternion[0], quaternion[1], quaternion[2], quaternion[3]
     ux, uy, uz = velocity[0], velocity[1], velocity[2]
     wx, wy, wz = angular_velocity[0], angular_velocity[1], angular_velocity[2]
-    axes = rotation(qx, qy, qz, qw)
+    axes = attitude(quaternion)
     placed, lowest = np.empty_like(corners), 0  # the corners in world axes
     for k in range(corners.shape[0]):
         # number by number: for an assignment of arrays numba also compiles an error message, which takes 2 s
@@ -132,7 +131,10 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
     before, q = kept[_POSITION:_QUATERNION], kept[_QUATERNION:_LEVEL]
     x, y, z = px - before[0], py - before[1], pz - before[2]
-    cosine = abs(qx * q[0] + qy * q[1] + qz * q[2] + qw * q[3])
+    product = 0.0
+    for k in range(4):
+        product += quaternion[k] * q[k]
+    cosine = abs(product)
     moved = np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))  # most of any point [m]
     if not (moved <= _MOVED and kept[_LEVEL] == level):
         x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin

@@ -102,8 +102,8 @@ class HeightMap:
         phase = np.append(np.mod(self.corner, 1.0), 0.0)  # distance of the cells from multiples of `cell`, in cells
         offset = self.cell * phase
         if tool is None:
-            box, reach = np.zeros((6, 3)), np.inf
-            box[4] = np.inf
+            reach, nowhere = np.inf, np.full(3, np.inf)
+            box = np.vstack([np.zeros((4, 3)), nowhere, nowhere])
         else:
             (position, rotation, corners), margin, reach = tool, _MARGIN * self.cell, _REACH * self.cell
             low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin

@@ -12,7 +12,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.ground import HeightMap
-from rft_ros.rft import plate_forces, rotation_matrix
+from rft_ros.rft import FORCE, POSE, plate_forces, rotation_matrix
 
 Array = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class Markers:
         for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, self.measured, _MEASURED)):
             if wrench is not None:
                 arrow = self._marker(answer.stamp, number, Marker.ARROW, (0.003, 0.006, 0.008), (*colour, 1.0))
-                tip = position + _METRES_PER_NEWTON * (to_world @ np.array(wrench[:3]))
+                tip = position + _METRES_PER_NEWTON * (to_world @ np.array(wrench[FORCE]))
                 arrow.points = [Point(x=x, y=y, z=z) for x, y, z in (position.tolist(), tip.tolist())]
                 markers.append(arrow)
         self._publisher.publish(MarkerArray(markers=markers))
@@ -86,12 +86,12 @@ class Markers:
         forces = plate_forces(
             tool.facets, self._model.law, self._state, surface_height=plane.height, slope=plane.slope
         )[drawn]
-        traction = np.linalg.norm(forces, axis=1) / tool.facets.packed[6, drawn]
+        traction = np.linalg.norm(forces, axis=1) / tool.facets.areas[drawn]
         share = traction[:, None] / max(traction.max(), 1e-12)
         rgb = np.where(share > 0.0, _YELLOW + share * (_RED - _YELLOW), 0.8)  # light grey without traction
         marker = self._marker(stamp, 0, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0))
         p, q = marker.pose.position, marker.pose.orientation
-        p.x, p.y, p.z, q.x, q.y, q.z, q.w = self._state[:7].tolist()
+        p.x, p.y, p.z, q.x, q.y, q.z, q.w = self._state[POSE].tolist()
         corners = tool.vertices[tool.faces[drawn]].reshape(-1, 3)
         self._publisher.publish(_spliced(marker, corners, np.repeat(rgb, 3, axis=0)))
 

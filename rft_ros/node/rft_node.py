@@ -29,7 +29,8 @@ from rft_ros.rft import Law
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
 _LEARNED_PERIOD = 20_000_000  # ns
-_LEARNED = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
+_WITH_ERROR = ["vertical_strength", "horizontal_strength", "turn", "surface"]
+_LEARNED = [*_WITH_ERROR, "surprise"]
 
 
 class RftNode(Node):
@@ -160,7 +161,7 @@ class RftNode(Node):
         message = JointState(name=_LEARNED)
         message.header.stamp = Time(nanoseconds=stamp).to_msg()
         message.position = [getattr(belief, name) for name in _LEARNED]
-        message.effort = [*(getattr(belief, f"{name}_error") for name in _LEARNED[:4]), 1.0]
+        message.effort = [*(getattr(belief, f"{name}_error") for name in _WITH_ERROR), 1.0]
         self._learned.publish(message)
 
     def _publish_measurements(self) -> None:

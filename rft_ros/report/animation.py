@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from rft_ros.ground import HeightMap, Support
 from rft_ros.report.drawn_mesh import drawn_mesh
-from rft_ros.rft import Law, plate_forces, rotation_matrix
+from rft_ros.rft import POSITION, QUATERNION, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 
 __all__ = ["TRACTION", "Animation", "animate", "animation_figure", "what_is_shown"]
@@ -74,7 +74,7 @@ def animate(
     for state in states:
         surface = support.local_surface(ground, state, level=surface_height)
         by_facet = plate_forces(tool.facets, law, state, surface_height=surface.height, slope=surface.slope)
-        traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.packed[6])[facet])
+        traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.areas)[facet])
     if ground is not None:  # around the tool's path
         around = 3.0 * tool.plates.reach
         x, y = np.linspace(states[:, :2].min(axis=0) - around, states[:, :2].max(axis=0) + around, 100).T
@@ -82,7 +82,9 @@ def animate(
     return Animation(
         title=title,
         labels=tuple(f"t = {time:.2f} s" for time in times),
-        placed=np.array([1e3 * (vertices @ rotation_matrix(state[3:7]).T + state[:3]) for state in states]),
+        placed=np.array(
+            [1e3 * (vertices @ rotation_matrix(state[QUATERNION]).T + state[POSITION]) for state in states]
+        ),
         faces=faces,
         traction=1e-3 * np.array(traction),
         forces=forces,

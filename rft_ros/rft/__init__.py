@@ -84,7 +84,18 @@ Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed st
 
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023
 from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table, alpha_y_model
-from rft_ros.rft.frames import STATE, checked_states, rotation_matrix, unit_quaternion
+from rft_ros.rft.frames import (
+    ANGULAR_VELOCITY,
+    POSE,
+    POSITION,
+    QUATERNION,
+    STATE,
+    TWIST,
+    VELOCITY,
+    checked_states,
+    rotation_matrix,
+    unit_quaternion,
+)
 from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import SLACK, Memory
@@ -100,7 +111,20 @@ from rft_ros.rft.traction import (
     traction_per_depth,
     treers2021,
 )
-from rft_ros.rft.wrench import COLUMNS, LEVEL, SENSITIVITIES, edge_share, plate_forces, wrenches, wrenches_in_time
+from rft_ros.rft.wrench import (
+    COLUMNS,
+    FORCE,
+    LEVEL,
+    MOMENTS,
+    SENSITIVITIES,
+    SUBMERGED_AREA,
+    TORQUE,
+    WRENCH,
+    edge_share,
+    plate_forces,
+    wrenches,
+    wrenches_in_time,
+)
 
 __all__ = ["MEDIA", "LeftOut", "Medium", "MediumFit", "StressMap", "fit_medium", "medium_named"]
 __all__ += ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model"]
@@ -117,6 +141,8 @@ __all__ += [
     "law_named",
 ]
 __all__ += ["traction_per_depth", "treers2021"]
+__all__ += ["ANGULAR_VELOCITY", "POSE", "POSITION", "QUATERNION", "TWIST", "VELOCITY"]
 __all__ += ["STATE", "checked_states", "rotation_matrix", "unit_quaternion"]
 __all__ += ["INTEGRATIONS", "SLACK", "Integration", "Memory", "Plates"]
+__all__ += ["FORCE", "MOMENTS", "SUBMERGED_AREA", "TORQUE", "WRENCH"]
 __all__ += ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "wrenches", "wrenches_in_time"]

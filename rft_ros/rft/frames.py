@@ -9,10 +9,15 @@ from rft_ros.rft.arguments import numbers
 from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["STATE", "UNIT_TOLERANCE", "checked_states", "rotation_matrix", "unit_quaternion"]
-__all__ += ["from_frame", "into_frame", "rotation"]
+__all__ += ["ANGULAR_VELOCITY", "POSE", "POSITION", "QUATERNION", "TWIST", "VELOCITY"]
+__all__ += ["attitude", "from_frame", "into_frame", "parts_of_state", "rotation"]
 
 STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
 """Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
+
+POSITION, QUATERNION, VELOCITY, ANGULAR_VELOCITY = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13)
+POSE, TWIST = slice(0, 7), slice(7, 13)
+"""The parts of a state, as slices of its columns."""
 
 UNIT_TOLERANCE = 0.01
 """Largest deviation of a quaternion's norm from 1 that is corrected as rounding."""
@@ -25,6 +30,18 @@ def rotation(qx, qy, qz, qw):
     xy, xz, yz = 2.0 * qx * qy, 2.0 * qx * qz, 2.0 * qy * qz
     wx, wy, wz = 2.0 * qw * qx, 2.0 * qw * qy, 2.0 * qw * qz
     return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
+
+
+@inlined
+def attitude(quaternion):
+    """`rotation` of a quaternion in an array, shape [4]."""
+    return rotation(quaternion[0], quaternion[1], quaternion[2], quaternion[3])
+
+
+@inlined
+def parts_of_state(state):
+    """Position, quaternion, velocity and angular velocity of a state, shape [13]: views of it, for compiled loops."""
+    return state[0:3], state[3:7], state[7:10], state[10:13]
 
 
 @inlined
@@ -65,9 +82,9 @@ def checked_states(states: ArrayLike) -> NDArray[np.float64]:
     if not finite.all():
         row, column = np.argwhere(~finite)[0]
         raise ValueError(f"row {row}: {STATE[column]} is {s[row, column]}; it must be a finite number")
-    norm = np.sqrt(np.square(s[:, 3:7]).sum(axis=1))  # half the time of numpy's norm
+    norm = np.sqrt(np.square(s[:, QUATERNION]).sum(axis=1))  # half the time of numpy's norm
     if not abs(norm - 1.0).max(initial=0.0) <= UNIT_TOLERANCE:
         row = np.argmax(abs(norm - 1.0) > UNIT_TOLERANCE)
         raise ValueError(f"row {row}: the quaternion qx, qy, qz, qw has norm {norm[row]:g}; it must be 1")
-    s[:, 3:7] /= norm[:, None]
+    s[:, QUATERNION] /= norm[:, None]
     return s

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["BLOCK", "INTEGRATIONS", "ROUNDING", "Integration", "Plates"]
+__all__ = ["AREA", "CENTROID", "FIRST_CORNER", "HALF_ANGLE", "NORMAL", "SECOND_CORNER"]
+__all__ += ["BLOCK", "INTEGRATIONS", "ROUNDING", "Integration", "Plates"]
 
 BLOCK = 16
 """Plates in a block, of which the kernel asks together whether they are wet and lead."""
@@ -21,6 +22,14 @@ ROUNDING = 1e-12
 Integration = Literal["centroid", "refined"]
 INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
 """The integration rules: see `Plates.integration`."""
+
+CENTROID, NORMAL, AREA = slice(0, 3), slice(3, 6), 6
+FIRST_CORNER, SECOND_CORNER, HALF_ANGLE = slice(7, 10), slice(10, 13), 13
+"""The rows of plates, as in `Plates.rows`; those of the second line only with the refined rule.
+
+The corners are relative to the centroid [m]. `HALF_ANGLE` holds 1 / (2 sin θ), θ the half angle.
+"""
+_ROWS_OF_CENTROID, _ROWS_OF_REFINED = 7, 14
 
 Array = NDArray[np.float64]
 
@@ -49,18 +58,18 @@ class Plates:
 
     def __init__(self, rows: ArrayLike) -> None:
         r = np.array(rows, dtype=np.float64, order="C")
-        if r.ndim != 2 or len(r) not in (7, 14):
+        if r.ndim != 2 or len(r) not in (_ROWS_OF_CENTROID, _ROWS_OF_REFINED):
             raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
         if r.shape[1] == 0:
             raise ValueError("a tool needs at least one plate element; got none")
-        if not np.isfinite(r[:7]).all():
+        if not np.isfinite(r[:_ROWS_OF_CENTROID]).all():
             raise ValueError("plate centroids, normals and areas must be finite numbers")
-        length = np.linalg.norm(r[3:6], axis=0)
-        if (r[6] < 0.0).any() or (length == 0.0).any():
+        length = np.linalg.norm(r[NORMAL], axis=0)
+        if (r[AREA] < 0.0).any() or (length == 0.0).any():
             raise ValueError("plate areas must not be negative, and normals not zero")
-        if not np.isfinite(r[7:]).all() or not (r[13:] >= 0.5).all():
+        if not np.isfinite(r).all() or not (r[HALF_ANGLE:] >= 0.5).all():
             raise ValueError("rows of refined plates must be finite, and the last one at least 1/2")
-        r[3:6] /= length
+        r[NORMAL] /= length
         self._arrange(r)
 
     @classmethod
@@ -76,10 +85,10 @@ class Plates:
     def _arrange(self, r: Array) -> None:
         """Fill the fields from checked rows."""
         far = np.zeros(r.shape[1])  # of a plate's points from its centroid
-        if len(r) > 7:
-            first, second = r[7:10], r[10:13]
+        if len(r) == _ROWS_OF_REFINED:
+            first, second = r[FIRST_CORNER], r[SECOND_CORNER]
             far = np.sqrt(np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0))
-        self._set(r, float((np.linalg.norm(r[:3], axis=0) + far).max()), *_in_blocks(r, far))
+        self._set(r, float((np.linalg.norm(r[CENTROID], axis=0) + far).max()), *_in_blocks(r, far))
 
     def _set(self, *values: object) -> None:
         for f, value in zip(fields(self), values, strict=True):
@@ -93,7 +102,22 @@ class Plates:
     @property
     def packed(self) -> Array:
         """Centroids, normals and areas: the first seven of `rows`."""
-        return self.rows[:7]
+        return self.rows[:_ROWS_OF_CENTROID]
+
+    @property
+    def centroids(self) -> Array:
+        """x, y, z of the centroids [m], shape [3, n]."""
+        return self.rows[CENTROID]
+
+    @property
+    def normals(self) -> Array:
+        """Outward unit normals, shape [3, n]."""
+        return self.rows[NORMAL]
+
+    @property
+    def areas(self) -> Array:
+        """Areas [m²], shape [n]."""
+        return self.rows[AREA]
 
     @property
     def integration(self) -> Integration:
@@ -103,12 +127,12 @@ class Plates:
         each plate is a triangle; depth is integrated over its part below the surface, the force acts at its centre of
         pressure, and the leading share grows continuously over its half angle (`from_triangles`).
         """
-        return "centroid" if len(self.rows) == 7 else "refined"
+        return "centroid" if len(self.rows) == _ROWS_OF_CENTROID else "refined"
 
     @property
     def form(self) -> tuple[Array, Array, bool, float]:
         """What the kernel takes: blocks, bounds, whether refined, reach."""
-        return self.blocks, self.bounds, len(self.rows) > 7, self.reach
+        return self.blocks, self.bounds, self.integration == "refined", self.reach
 
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
@@ -148,7 +172,7 @@ class Plates:
     @property
     def area(self) -> float:
         """Total area [m²]."""
-        return float(self.packed[6].sum())
+        return float(self.areas.sum())
 
 
 def _restored(*values: object) -> Plates:
@@ -164,13 +188,13 @@ def _in_blocks(rows: Array, far: Array) -> tuple[Array, NDArray[np.int64], Array
     `far`: greatest distance of each plate's points from its centroid [m], shape [n].
     """
     n = rows.shape[1]
-    center = rows[:3] - rows[:3].mean(axis=1, keepdims=True)
+    center = rows[CENTROID] - rows[CENTROID].mean(axis=1, keepdims=True)
     size = np.abs(center).max()
     # a tool's length weighs as much as a quarter turn of the normal
-    order = _neighbours(np.vstack([rows[3:6], center / size if size > 0.0 else center]))
+    order = _neighbours(np.vstack([rows[NORMAL], center / size if size > 0.0 else center]))
     padded = np.append(order, np.repeat(order[-1:], -n % BLOCK))
     packed, far = np.ascontiguousarray(rows[:, padded]), far[padded]
-    packed[6, n:] = 0.0
+    packed[AREA, n:] = 0.0
     return packed.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel(), order, _bounds(packed, far)
 
 
@@ -191,7 +215,7 @@ def _neighbours(features: Array) -> NDArray[np.int64]:
 
 def _bounds(rows: Array, extents: Array) -> Array:
     by_block = rows.reshape(len(rows), -1, BLOCK)
-    place, normal, area = by_block[:3], by_block[3:6], by_block[6]
+    place, normal, area = by_block[CENTROID], by_block[NORMAL], by_block[AREA]
     moment = np.cross(place, normal, axis=0)
     far = extents.reshape(-1, BLOCK)
 
@@ -199,6 +223,6 @@ def _bounds(rows: Array, extents: Array) -> Array:
         low, high = (vectors - more).min(axis=2), (vectors + more).max(axis=2)
         return np.vstack([0.5 * (low + high), 0.5 * (high - low) * (1.0 + ROUNDING)])
 
-    fade = 0.5 / by_block[13].min(axis=1) if len(rows) > 7 else np.zeros(by_block.shape[1])
+    fade = 0.5 / by_block[HALF_ANGLE].min(axis=1) if len(rows) == _ROWS_OF_REFINED else np.zeros(by_block.shape[1])
     boxes = box(normal, np.zeros_like(far)), box(moment, far), box(place, far)
     return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]))

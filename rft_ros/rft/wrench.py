@@ -22,17 +22,23 @@ from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law, tractions
 
-__all__ = ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "prepared"]
-__all__ += ["wrenches", "wrenches_in_time"]
+__all__ = ["COLUMNS", "FORCE", "LEVEL", "MOMENTS", "SENSITIVITIES", "edge_share", "plate_forces", "prepared"]
+__all__ += ["SUBMERGED_AREA", "TORQUE", "WRENCH", "wrenches", "wrenches_in_time"]
 
 Array = NDArray[np.float64]
 
 COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz", "submerged_area")
 """Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
 
+FORCE, TORQUE, WRENCH, SUBMERGED_AREA = slice(0, 3), slice(3, 6), slice(0, 6), 6
+"""The parts of a result, as slices of its columns; the last is one column."""
+
 SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for f in "xyz"))
 """Further columns: derivative of the force by the surface height [N/m], the sum of traction per depth times wet area;
 and the sums over plates of r_j f_l [N m], r from the tool frame's origin, which make up the torque."""
+
+MOMENTS = slice(len(COLUMNS) + 3, len(COLUMNS) + len(SENSITIVITIES))
+"""The sums of r_j f_l in a result with sensitivities, row by row of r."""
 
 LEVEL = 0.0, 0.0
 """The slope of a level surface."""

@@ -26,7 +26,7 @@ from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import opened, whole
 from rft_ros.parameters import files_of, medium_of, model_of, tool_of
 from rft_ros.progress import bar
-from rft_ros.rft import Medium
+from rft_ros.rft import FORCE, WRENCH, Medium
 from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Design, Variant, motion_of, parameters_of
 from rft_ros.sweeps.motions import sample
@@ -61,12 +61,12 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     if (np.diff(times) < 0.0).any():
         raise InputError(f"states file '{variant.motion['states_file']}': t goes back; work needs it in order")
     height = values["surface_height"]
-    wrench = wrenches_along(model, times, states, surface_height=height, where="motion", threads=1)[:, :6]
+    wrench = wrenches_along(model, times, states, surface_height=height, where="motion", threads=1)[:, WRENCH]
     peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
     position, _, twist = np.split(states, [3, 7], axis=1)
     work = trapezoid(-wrench * twist, times, axis=0)  # positive where the grains resist
     path = np.linalg.norm(np.diff(position, axis=0), axis=1).sum()
-    force = np.linalg.norm(wrench[:, :3], axis=1).max()
+    force = np.linalg.norm(wrench[:, FORCE], axis=1).max()
     results = [*peak, *wrench.mean(axis=0), force, work[2], work.sum(), path, len(model.tool.plates)]
     if not np.isfinite(results).all():
         raise InputError("its forces, work or path are too large")

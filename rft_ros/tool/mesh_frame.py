@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import Plates, rotation_matrix, unit_quaternion
 from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, HALF_ANGLE, NORMAL, SECOND_CORNER
 
 __all__ = ["MeshFrame"]
 
@@ -50,23 +51,25 @@ class MeshFrame:
     def plates_to_tool(self, plates: Plates) -> Plates:
         """Plates in the file's coordinates and units, in the tool frame [m]."""
         rows = self._turned(plates.rows, self.rotation, scale=self.scale)
-        rows[:3] = self.to_tool(plates.rows[:3].T).T
+        rows[CENTROID] = self.to_tool(plates.centroids.T).T
         return Plates(rows)
 
     def plates_to_file(self, plates: Plates) -> Plates:
         """Plates in the tool frame [m], in the file's coordinates and units."""
         rows = self._turned(plates.rows, self.rotation.T, scale=1.0 / self.scale)
-        rows[:3] = self.to_file(plates.rows[:3].T).T
+        rows[CENTROID] = self.to_file(plates.centroids.T).T
         return Plates(rows)
 
     def _turned(self, rows: Array, rotation: Array, *, scale: float) -> Array:
         """Rows as `Plates.rows` with normals, areas and corners turned and scaled; the centroids stay as they are."""
         out = rows.copy()
-        out[6] *= scale * scale
-        out[7:13] *= scale
+        out[AREA] *= scale * scale
+        corners = (FIRST_CORNER, SECOND_CORNER) if len(rows) > HALF_ANGLE else ()
+        for corner in corners:
+            out[corner] *= scale
         if not self._keeps_axes():
-            for first in (3, 7, 10) if len(out) > 7 else (3,):
-                out[first : first + 3] = rotation @ out[first : first + 3]
+            for vector in (NORMAL, *corners):
+                out[vector] = rotation @ out[vector]
         return out
 
     def _keeps_axes(self) -> bool:

@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft import (
+    ANGULAR_VELOCITY,
+    FORCE,
     MEDIA,
+    POSITION,
+    QUATERNION,
+    STATE,
+    TORQUE,
+    VELOCITY,
+    WRENCH,
     Plates,
     alpha_y_model,
     checked_states,
@@ -25,6 +33,7 @@ from rft_ros.rft import (
     treers2021,
     wrenches,
 )
+from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, HALF_ANGLE, NORMAL, SECOND_CORNER
 
 __all__ = ["chosen_plates", "merged_plates", "random_motions", "reduced_for_any_motion", "reduced_for_scene"]
 
@@ -94,10 +103,10 @@ def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[
     """
 
     def wrenches_of(some: Plates) -> Array:
-        return np.stack([wrenches(some, law, states)[:, :6] for law in _LAWS])
+        return np.stack([wrenches(some, law, states)[:, WRENCH] for law in _LAWS])
 
     full = wrenches_of(plates)
-    force = np.linalg.norm(full[..., :3], axis=2)
+    force = np.linalg.norm(full[..., FORCE], axis=2)
     if own_force:
         scale = np.maximum(force, _FEEBLE * float(np.median(force[force > 0.0])) if force.any() else 1.0)
     elif force.any():
@@ -121,10 +130,10 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     from scipy.cluster.vq import vq
     from scipy.spatial import KDTree
 
-    rows, area = plates.rows, plates.packed[6]
-    place = rows[:3] - (rows[:3] @ area / area.sum())[:, None]
+    area, centroids = plates.areas, plates.centroids
+    place = centroids - (centroids @ area / area.sum())[:, None]
     radius = float(np.linalg.norm(place, axis=0).max())
-    features = np.vstack([place / (radius or 1.0), rows[3:6]]).T
+    features = np.vstack([place / (radius or 1.0), plates.normals]).T
     most, random = min(len(features), _DRAWN), np.random.default_rng(0)
     drawn = features[random.choice(len(features), most, replace=False, p=area / area.sum())]
     centres = drawn[:count].copy()
@@ -132,7 +141,7 @@ def merged_plates(plates: Plates, count: int) -> Plates:
         filled, groups = np.unique(vq(drawn, centres)[0], return_inverse=True)
         centres[filled] = _means(groups, np.ones(most), drawn)
     nearest = KDTree(centres).query(features)[1]
-    return Plates(_united(rows, np.unique(nearest, return_inverse=True)[1]))
+    return Plates(_united(plates.rows, np.unique(nearest, return_inverse=True)[1]))
 
 
 def _means(groups: Labels, weights: Array, values: Array) -> Array:
@@ -143,17 +152,23 @@ def _means(groups: Labels, weights: Array, values: Array) -> Array:
 
 def _united(rows: Array, groups: Labels) -> Array:
     """One plate for each group, rows as `Plates.rows`; a group of one plate is that plate."""
-    area = np.bincount(groups, rows[6])
-    out = np.vstack([_means(groups, rows[6], rows[:6].T).T, area])
+    areas = rows[AREA]
+    out = np.vstack(
+        [
+            _means(groups, areas, rows[CENTROID].T).T,
+            _means(groups, areas, rows[NORMAL].T).T,
+            np.bincount(groups, areas),
+        ]
+    )
     one, alone = np.unique(groups, return_index=True)[1], np.bincount(groups) == 1  # one plate of each group
-    cancelled = np.linalg.norm(out[3:6], axis=0) < _CANCELLED
-    out[3:6, cancelled] = rows[3:6, one[cancelled]]
-    out[3:6] /= np.linalg.norm(out[3:6], axis=0)
-    if len(rows) > 7:
+    cancelled = np.linalg.norm(out[NORMAL], axis=0) < _CANCELLED
+    out[NORMAL, cancelled] = rows[NORMAL, one[cancelled]]
+    out[NORMAL] /= np.linalg.norm(out[NORMAL], axis=0)
+    if len(rows) > HALF_ANGLE:
         # the half angle of the fade whose variance is that of the group's normals
-        tilt = np.arccos(np.clip((rows[3:6] * out[3:6, groups]).sum(axis=0), -1.0, 1.0))
-        half = np.arcsin(np.minimum(0.5 / rows[13], 1.0))
-        angle = np.sqrt(_means(groups, rows[6], (1.5 * tilt**2 + half**2)[:, None])[:, 0])
+        tilt = np.arccos(np.clip((rows[NORMAL] * out[NORMAL, groups]).sum(axis=0), -1.0, 1.0))
+        half = np.arcsin(np.minimum(0.5 / rows[HALF_ANGLE], 1.0))
+        angle = np.sqrt(_means(groups, areas, (1.5 * tilt**2 + half**2)[:, None])[:, 0])
         out = np.vstack([out, _triangles(rows, groups, out), 0.5 / np.sin(np.minimum(angle, 0.5 * np.pi))])
     out[:, alone] = rows[:, one[alone]]
     return out
@@ -164,16 +179,16 @@ def _triangles(rows: Array, groups: Labels, united: Array) -> Array:
 
     Equal moments give a submerged plate the depth integral and the centre of pressure of its parts.
     """
-    normal = united[3:6].T
+    normal = united[NORMAL].T
     side = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
     side /= np.linalg.norm(side, axis=1)[:, None]
     axes = np.stack([side, np.cross(normal, side)], axis=1)  # shape [m, 2, 3]
-    vectors = rows[:3] - united[:3, groups], rows[7:10], rows[10:13]
+    vectors = rows[CENTROID] - united[CENTROID, groups], rows[FIRST_CORNER], rows[SECOND_CORNER]
     away, first, second = (np.einsum("nak,kn->na", axes[groups], vector) for vector in vectors)
     moments = away[:, :, None] * away[:, None]
     for corner in (first, second, -first - second):
         moments += corner[:, :, None] * corner[:, None] / 12.0
-    size, direction = np.linalg.eigh(_means(groups, rows[6], moments.reshape(-1, 4)).reshape(-1, 2, 2))
+    size, direction = np.linalg.eigh(_means(groups, rows[AREA], moments.reshape(-1, 4)).reshape(-1, 2, 2))
     spread = direction * np.sqrt(np.maximum(size, 0.0))[:, None]
     # a regular triangle inscribed in the unit circle has moments of 1/8; its corners are at 90, 210 and 330 degrees
     turn = np.pi * np.array([0.5, 0.5 + 2.0 / 3.0])
@@ -211,7 +226,7 @@ def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
         factors = factors[factors > 0.0] * per_norm[chosen]
         missing = target - matrix[:, chosen] @ factors
         few = plates.rows[:, chosen]
-        few[6] *= factors
+        few[AREA] *= factors
         yield Plates(few)
 
 
@@ -221,8 +236,8 @@ def _wrenches_of_plates(plates: Plates, states: Array) -> Array:
     out = np.empty((len(cases), 6, len(plates)))
     for wrench, (law, state) in zip(out, cases, strict=True):
         force = plate_forces(plates, law, state)
-        wrench[:3] = force.T
-        wrench[3:] = np.cross(plates.packed[:3].T @ rotation_matrix(state[3:7]).T, force).T / plates.reach
+        wrench[FORCE] = force.T
+        wrench[TORQUE] = np.cross(plates.centroids.T @ rotation_matrix(state[QUATERNION]).T, force).T / plates.reach
     return out.reshape(-1, len(plates))
 
 
@@ -233,12 +248,13 @@ def _halfway(states: Array, reach: float) -> Array:
     that chose the plates, and show a tenth of the error between them.
     """
     here, there = states, np.concatenate([states[1:], states[-1:]])
-    same_side = np.where((here[:, 3:7] * there[:, 3:7]).sum(axis=1) < 0.0, -1.0, 1.0)
+    attitude, next_attitude = here[:, QUATERNION], there[:, QUATERNION]
+    same_side = np.where((attitude * next_attitude).sum(axis=1) < 0.0, -1.0, 1.0)
+    between = attitude + same_side[:, None] * next_attitude
+    cosine = 0.5 * np.linalg.norm(between, axis=1)  # cosine of a quarter of the angle between the attitudes
     middle = 0.5 * (here + there)
-    middle[:, 3:7] = here[:, 3:7] + same_side[:, None] * there[:, 3:7]
-    cosine = 0.5 * np.linalg.norm(middle[:, 3:7], axis=1)  # cosine of a quarter of the angle between the attitudes
-    middle[:, 3:7] /= 2.0 * cosine[:, None]
-    far = np.linalg.norm(there[:, :3] - here[:, :3], axis=1) > _NEAR * reach
+    middle[:, QUATERNION] = between / (2.0 * cosine[:, None])
+    far = np.linalg.norm(there[:, POSITION] - here[:, POSITION], axis=1) > _NEAR * reach
     return np.where((far | (cosine < np.cos(_NEAR / 4.0)))[:, None], here, middle)
 
 
@@ -258,16 +274,16 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
 
     center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     radius = float(np.linalg.norm(corners - center, axis=1).max())
-    states = np.zeros((count, 13))
-    states[:, 3:7] = directions(4)
-    rotations = Rotation.from_quat(states[:, 3:7])
+    states = np.zeros((count, len(STATE)))
+    states[:, QUATERNION] = directions(4)
+    rotations = Rotation.from_quat(states[:, QUATERNION])
     # one state at a time: the heights of all corners in all states could fill the memory
     heights = (up @ (corners - center).T for up in rotations.as_matrix()[:, 2])
     bottom, top = np.array([(z.min(), z.max()) for z in heights]).T
     depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
     lever = rotations.apply(center)
-    states[:, :3] = -lever
-    states[:, 2] -= depth + bottom
-    states[:, 10:13] = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]
-    states[:, 7:10] = directions(3) - np.cross(states[:, 10:13], lever)
+    states[:, POSITION] = -lever
+    states[:, STATE.index("pz")] -= depth + bottom
+    states[:, ANGULAR_VELOCITY] = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]
+    states[:, VELOCITY] = directions(3) - np.cross(states[:, ANGULAR_VELOCITY], lever)
     return checked_states(states)

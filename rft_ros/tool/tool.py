@@ -123,7 +123,6 @@ def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> 
 def describe_tool(tool: Tool) -> list[str]:
     """Lines of text that describe a tool: file, extent in the tool frame, reduction, area, volume, issues."""
     used = 1e3 * tool.vertices[np.unique(tool.faces)]
-    x, y, z, nx, ny, nz, area = tool.facets.packed
     lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]
     if tool.reduction:
         lines.append(f"reduced: {tool.reduction}")
@@ -134,7 +133,7 @@ def describe_tool(tool: Tool) -> list[str]:
     lines.append(f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)")
     lines.append(f"area: {_area(tool)}")
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
-        volume = float(((x * nx + y * ny + z * nz) * area).sum()) / 3.0
+        volume = float(((tool.facets.centroids * tool.facets.normals).sum(axis=0) * tool.facets.areas).sum()) / 3.0
         lines.append(f"volume: {volume * 1e9:.1f} mm³")
     lines += [f"warning: {issue}" for kind, issue in tool.issues.items() if kind != "concave"]
     if "concave" in tool.issues:

@@ -19,10 +19,7 @@ from numpy.typing import NDArray
 from rft_ros.rft import COLUMNS
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["FILTER", "SUBMERGED_AREA", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
-
-SUBMERGED_AREA = COLUMNS.index("submerged_area")
-"""Index of the submerged area in a row of the model."""
+__all__ = ["FILTER", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
 
 _PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
 _PRIOR_SURFACE = 0.003  # deviation of δ [m]

@@ -5,8 +5,9 @@ The path of the tool's fastest point takes the place of time: at rest nothing ch
 
 import numpy as np
 
-from rft_ros.estimator.learning.filter import FILTER, SUBMERGED_AREA, absorb, copy, correct, grow, resume
+from rft_ros.estimator.learning.filter import FILTER, absorb, copy, correct, grow, resume
 from rft_ros.estimator.learning.surprise import JUDGE, average_in_air, judge
+from rft_ros.rft import SUBMERGED_AREA
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
 __all__ = ["RECORD", "RECORDS", "STATE", "STEP_MOST", "add_reading", "predict"]
