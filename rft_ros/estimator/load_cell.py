@@ -12,8 +12,8 @@ from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason,
 from rft_ros.estimator.sigma import parts_of_answer
 from rft_ros.parameters import LoadCell
 from rft_ros.rft import POSITION, QUATERNION
-from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.rft.frames import attitude, into_frame
+from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.rft.placement import Placement
 
 __all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction", "Reading", "drift", "mean_in_air"]

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from rft_ros.ground.height_map import HeightMap
 from rft_ros.rft import LEVEL, rotation_matrix
-from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.frames import attitude, from_frame, parts_of_state
+from rft_ros.rft.kernel.compilation import compiled, inlined
 
 __all__ = ["DELAY", "KEPT", "Cloud", "Ground", "LocalSurface", "Support"]
 
