@@ -29,6 +29,8 @@ import cells  # type: ignore[import-not-found]
 from recordings import cdr  # type: ignore[import-not-found]
 from scipy.spatial.transform import Rotation
 
+from rft_ros.rft import POSE, TWIST, VELOCITY
+
 RATE, HASTE = 100.0, 4  # Hz; the recorded motion takes 10 s
 TURNED = (Rotation.from_quat(cells.MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True)).as_quat().tolist()
 
@@ -69,7 +71,7 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
     file = folder / "cell.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
     states = cells.motion(RATE / HASTE)
-    states[:, 7:10] *= HASTE
+    states[:, VELOCITY] *= HASTE
     loads = fault.scale * cells.loads(states) + [0.0, 0.0, fault.bias, 0.0, 0.0, 0.0]
     rows = list(zip(states.tolist(), loads.tolist(), strict=True))
     driver = rclpy.create_node("drivers")
@@ -89,8 +91,8 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
             state, load = rows[k % len(rows)]
             messages = {
                 "wrench_measured": cdr("wrench", 0 if fault.unstamped else now, load),
-                "twist": cdr("twist", now, state[7:], fault.frame),
-                "pose": cdr("pose", now, state[:7], fault.frame),
+                "twist": cdr("twist", now, state[TWIST], fault.frame),
+                "pose": cdr("pose", now, state[POSE], fault.frame),
             }
             for name, send in publish.items():
                 send(messages[name])

@@ -7,7 +7,7 @@ import numpy as np
 import trimesh
 from numpy.typing import NDArray
 
-from rft_ros.rft import Integration, Plates, checked_states
+from rft_ros.rft import QUATERNION, Integration, Plates, checked_states
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, plate_drag, sample, straight
 from rft_ros.tool.refine import refined_plates
 from rft_ros.tool.tool import centroid_plates
@@ -152,7 +152,7 @@ def _along(corners: list[tuple[float, float]], pieces: int) -> Array:
 def _attitudes(height: float) -> Array:
     """Random attitudes, all moving along +x, the origin at a height [m]."""
     states = np.zeros((_ATTITUDES, 13))
-    states[:, 3:7] = np.random.default_rng(0).normal(size=(_ATTITUDES, 4))
-    states[:, 3:7] /= np.linalg.norm(states[:, 3:7], axis=1)[:, None]
+    states[:, QUATERNION] = np.random.default_rng(0).normal(size=(_ATTITUDES, 4))
+    states[:, QUATERNION] /= np.linalg.norm(states[:, QUATERNION], axis=1)[:, None]
     states[:, 2], states[:, 7] = height, 0.01
     return checked_states(states)

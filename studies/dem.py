@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import STATE, Law, Memory, checked_states, wrenches, wrenches_in_time
+from rft_ros.rft import STATE, TWIST, VELOCITY, Law, Memory, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
 from studies.paper import ALPHA_Y, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
@@ -124,7 +124,7 @@ def read_run(name: str) -> DemRun:
     if header != _HEADER:
         raise InputError(f"'{file}' has the header {','.join(header)}; it must be {','.join(_HEADER)}")
     states = checked_states(rows[:, 1:14])
-    moving = np.any(states[:, 7:13] != 0.0, axis=1) | (name in CYCLE_RUNS)
+    moving = np.any(states[:, TWIST] != 0.0, axis=1) | (name in CYCLE_RUNS)
     mesh = DATA / "meshes" / f"{_MESHES[name.split('_')[0]]}.stl"
     return DemRun(
         name=name,
@@ -163,7 +163,7 @@ def settled_error(run: DemRun, model: Array) -> float:
 
     `model`: shape [n, 3]. The measured force is smoothed; its last four samples are dropped.
     """
-    steps = np.linalg.norm(run.states[1:, 7:10], axis=1) * np.diff(run.times)
+    steps = np.linalg.norm(run.states[1:, VELOCITY], axis=1) * np.diff(run.times)
     used = np.flatnonzero(np.concatenate([[0.0], np.cumsum(steps)]) > _SHOCK)[:-4]
     smooth = smoothed(run.forces)[used]
     return float(np.median(np.linalg.norm(model[used] - smooth, axis=1) / np.linalg.norm(smooth, axis=1)))
@@ -171,7 +171,7 @@ def settled_error(run: DemRun, model: Array) -> float:
 
 def cycle_error(run: DemRun, model: Array) -> float:
     """RMS of the vector error in retreats and reloads over the greatest force in them; `model`: shape [n, 3]."""
-    used = np.isclose(np.linalg.norm(run.states[:, 7:10], axis=1), _CYCLE_SPEED, rtol=1e-3)
+    used = np.isclose(np.linalg.norm(run.states[:, VELOCITY], axis=1), _CYCLE_SPEED, rtol=1e-3)
     smooth = smoothed(run.forces, 5)[used]
     rms = np.sqrt(((model[used] - smooth) ** 2).sum(axis=1).mean())
     return float(rms / np.linalg.norm(smooth, axis=1).max())

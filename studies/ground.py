@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.ground import HeightMap, Support
-from rft_ros.rft import Memory, rotation_matrix, wrenches_in_time
+from rft_ros.rft import QUATERNION, Memory, rotation_matrix, wrenches_in_time
 from studies.dem import DATA
 from studies.learning import CHOICES, LAGS, PASSES, Series, dem_model, dem_series, learned, pass_errors, passes_of
 from studies.result import BLACK, BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
@@ -46,7 +46,7 @@ def four_passes() -> tuple[Series, Series]:
     durations = np.diff(level.stamps, prepend=level.stamps[0]) * 1e-9
     for number, ((first, last), drag) in enumerate(zip(pairwise(ends), drags, strict=True), start=1):
         at = states[drag[0]]  # the plate stands lowered while the map is taken
-        place = at[:3], rotation_matrix(at[3:7]), tool.corners
+        place = at[:3], rotation_matrix(at[QUATERNION]), tool.corners
         ground = HeightMap.unknown(CELL) if number == 1 else seen_before(number, place)
         for k in range(first, last):
             surface = support.local_surface(ground, states[k], level=0.0)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.withdrawal import is_withdrawn
-from rft_ros.rft import Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
+from rft_ros.rft import ANGULAR_VELOCITY, VELOCITY, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 from studies.dem import (
     CALIBRATION,
@@ -118,7 +118,9 @@ def _learned(run: DemRun, model: Law) -> Array:
         rows = wrenches(plates, model, states, sensitivities=True)
     learning = Learning(lag=LAG, reach=plates.reach)
     out = np.empty((len(states), 3))
-    speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
+    speeds = np.linalg.norm(states[:, VELOCITY], axis=1) + plates.reach * np.linalg.norm(
+        states[:, ANGULAR_VELOCITY], axis=1
+    )
     for k, time in enumerate(run.times):
         stamp = round(1e9 * (1.0 + time - run.times[0]))
         step = 0.5 * (speeds[k] + speeds[k - 1]) * (time - run.times[k - 1]) if k else 0.0

@@ -26,7 +26,18 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.sigma import without_learning
 from rft_ros.estimator.withdrawal import is_withdrawn
 from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
-from rft_ros.rft import Integration, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    ANGULAR_VELOCITY,
+    TWIST,
+    VELOCITY,
+    Integration,
+    Law,
+    Memory,
+    Plates,
+    checked_states,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.tool import Tool, load_tool
 from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run
 from studies.paper import law
@@ -170,8 +181,8 @@ def series_of(
     name: str, plates: Plates, law: Law, states: Array, times: Array, rows: Array, forces: Array, *, rest: float
 ) -> Series:
     """A series in which every sample counts, as measured; below the speed `rest` [m/s] the tool is at rest."""
-    velocities = states[:, 7:10]
-    speeds = np.linalg.norm(velocities, axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
+    velocities = states[:, VELOCITY]
+    speeds = np.linalg.norm(velocities, axis=1) + plates.reach * np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1)
     motions = zip(velocities[:, 2].tolist(), speeds.tolist(), rows[:, :3].tolist(), strict=True)
     withdrawn = np.array([is_withdrawn(up, speed, (fx, fy, fz)) for up, speed, (fx, fy, fz) in motions])
     passing = withdrawn | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
@@ -202,7 +213,7 @@ def dem_series(name: str, choice: Choice) -> Series:
     states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
     rows = model_rows(plates, law_, states, times)
     series = series_of(name, plates, law_, states, times, rows, forces, rest=1e-9)
-    moving = np.flatnonzero(np.any(states[:, 7:13] != 0.0, axis=1))
+    moving = np.flatnonzero(np.any(states[:, TWIST] != 0.0, axis=1))
     smooth = np.zeros_like(forces)
     smooth[moving] = _smoothed(forces[moving])
     inner = moving[5:-8]
@@ -264,8 +275,10 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
     settings, model = settings_of(own), model_of(own)
     states = track.states.copy()
     plates, rest = model.tool.plates, settings.rest_speed
-    speeds = np.linalg.norm(states[:, 7:10], axis=1) + plates.reach * np.linalg.norm(states[:, 10:13], axis=1)
-    states[speeds < rest, 7:13] = 0.0
+    speeds = np.linalg.norm(states[:, VELOCITY], axis=1) + plates.reach * np.linalg.norm(
+        states[:, ANGULAR_VELOCITY], axis=1
+    )
+    states[speeds < rest, TWIST] = 0.0
     rows = model_rows(plates, model.law, states, track.time, surface=settings.surface_height)
     forces = track.grain_forces(settings.load_cell)
     series = series_of(bag.name, plates, model.law, states, track.time, rows, forces, rest=rest)
@@ -326,7 +339,7 @@ def pass_errors(series: Series, predicted: Array) -> list[float]:
 
 def passes_of(series: Series) -> list[NDArray[np.int64]]:
     """The samples of each level drag."""
-    velocities = series.states[:, 7:10]
+    velocities = series.states[:, VELOCITY]
     moving = np.flatnonzero((velocities[:, 0] > 0.05) & (np.abs(velocities[:, 2]) < 1e-9))
     return [run for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
 

@@ -247,7 +247,7 @@ def draw_fall(path: Path) -> None:
     scene.lay(0.02)
     tool, pictures = scene.grains.tool, []
     size = 1.1 * float(np.linalg.norm(tool.corners, axis=1).max())
-    centers, normals = tool.plates.packed[:3].T, tool.plates.packed[3:6].T
+    centers, normals = tool.plates.centroids.T, tool.plates.normals.T
     faces = tool.vertices[tool.faces]
     middle, out = faces.mean(axis=1), np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
     out /= np.linalg.norm(out, axis=1)[:, None]

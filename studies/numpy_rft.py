@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import Medium, Plates, rotation_matrix
+from rft_ros.rft import ANGULAR_VELOCITY, QUATERNION, VELOCITY, Medium, Plates, rotation_matrix
 
 __all__ = ["AlphaY", "constant", "linear", "wrench"]
 
@@ -39,13 +39,13 @@ def wrench(
 
     `live_only`: first pick out the plates that carry a force, submerged and leading, so that the rest costs less.
     """
-    to_world = rotation_matrix(state[3:7])
-    r = to_world @ plates.packed[:3]
-    n = to_world @ plates.packed[3:6]
-    v = state[7:10, None] + np.cross(state[10:13], r, axis=0)
+    to_world = rotation_matrix(state[QUATERNION])
+    r = to_world @ plates.centroids
+    n = to_world @ plates.normals
+    v = state[VELOCITY, None] + np.cross(state[ANGULAR_VELOCITY], r, axis=0)
     depth = -(state[2] + r[2])
     live = (depth > 0.0) & ((v * n).sum(axis=0) > 0.0)
-    area = plates.packed[6]
+    area = plates.areas
     if live_only:
         r, n, v, depth, area = r[:, live], n[:, live], v[:, live], depth[live], area[live]
     else:

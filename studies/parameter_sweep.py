@@ -13,7 +13,16 @@ from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import INTEGRATIONS, Integration, Plates, checked_states, wrenches
+from rft_ros.rft import (
+    ANGULAR_VELOCITY,
+    INTEGRATIONS,
+    QUATERNION,
+    VELOCITY,
+    Integration,
+    Plates,
+    checked_states,
+    wrenches,
+)
 from rft_ros.tool import load_tool
 from rft_ros.tool.refine import refined_plates
 from rft_ros.tool.tool import centroid_plates
@@ -66,7 +75,7 @@ def scene_states(
     q = np.atleast_2d(attitude.as_quat())
     v, z, w = np.atleast_2d(velocity), np.atleast_1d(height), np.atleast_2d(spin)
     states = np.zeros((max(len(q), len(v), len(z), len(w)), 13))
-    states[:, 2], states[:, 3:7], states[:, 7:10], states[:, 10:13] = z, q, v, w
+    states[:, 2], states[:, QUATERNION], states[:, VELOCITY], states[:, ANGULAR_VELOCITY] = z, q, v, w
     return checked_states(states)
 
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.estimator import PoseSample
 from rft_ros.estimator.motion import PoseDifference
 from rft_ros.parameters import Settings
-from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
+from rft_ros.rft import ANGULAR_VELOCITY, INTEGRATIONS, QUATERNION, TWIST, VELOCITY, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import Motion, circumnutation, oscillating_insertion, sample, straight
 from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, shipped
@@ -109,7 +109,7 @@ def differenced(states: Array, rate: float, width: float) -> Array:
     out[:, 7:13] = 0.0
     for k, row in enumerate(states):
         stamp = 1 + round(k * 1e9 / rate)
-        if difference.push(PoseSample(stamp, "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist()))):
+        if difference.push(PoseSample(stamp, "world", tuple(row[:3].tolist()), tuple(row[QUATERNION].tolist()))):
             out[k, 7:13] = difference.twist
     return out
 
@@ -118,7 +118,7 @@ def _with_noise(states: Array, random: np.random.Generator) -> Array:
     out = states.copy()
     out[:, :3] += random.normal(0.0, NOISE, (len(states), 3))
     turned = Rotation.from_rotvec(random.normal(0.0, _ATTITUDE_NOISE, (len(states), 3)))
-    out[:, 3:7] = (turned * Rotation.from_quat(states[:, 3:7])).as_quat()
+    out[:, QUATERNION] = (turned * Rotation.from_quat(states[:, QUATERNION])).as_quat()
     return out
 
 
@@ -137,7 +137,9 @@ def _rms(vectors: Array) -> float:
 
 def _fastest(states: Array, reach: float) -> Array:
     """The speed that the estimator compares with `rest_speed` [m/s]."""
-    return np.asarray(np.linalg.norm(states[:, 7:10], axis=1) + reach * np.linalg.norm(states[:, 10:13], axis=1))
+    return np.asarray(
+        np.linalg.norm(states[:, VELOCITY], axis=1) + reach * np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1)
+    )
 
 
 def window() -> StudyResult:
@@ -208,7 +210,7 @@ class Work(NamedTuple):
 
 def work(times: Array, states: Array, wrenches: Array) -> Work:
     """Work over a motion: times [s], states, shape [n, 13], wrenches, shape [n, 6 or more] [N, N m], world axes."""
-    by_component = trapezoid(-wrenches[:, :6] * states[:, 7:13], times, axis=0)
+    by_component = trapezoid(-wrenches[:, :6] * states[:, TWIST], times, axis=0)
     return Work(float(by_component[2]), float(by_component.sum()))
 
 

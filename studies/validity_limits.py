@@ -4,7 +4,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import MEDIA, plate_forces
+from rft_ros.rft import MEDIA, POSITION, QUATERNION, plate_forces
 from rft_ros.sweeps.motions import circumnutation, sample
 from studies.paper import ZETA, law, root_tip
 from studies.parameter_sweep import Array
@@ -68,14 +68,14 @@ def share_in_wake(pitch: float) -> float:
     _, states = sample(circumnutation(pitch=pitch, travel=0.06), _POSES)
     last = states[-1]
     force = np.linalg.norm(plate_forces(plates, law("constant"), last), axis=1)
-    places = Rotation.from_quat(last[3:7]).apply(plates.packed[:3].T.copy()) + last[:3]
+    places = Rotation.from_quat(last[3:7]).apply(plates.centroids.T.copy()) + last[:3]
     sides = np.unique(
         ConvexHull(tool.vertices).equations.round(9), axis=0
     )  # outward normals and offsets: the root is convex
     passed = np.zeros(len(plates), dtype=np.bool_)
     for state in states[:-1]:
         left = np.flatnonzero(~passed)
-        there = Rotation.from_quat(state[3:7]).inv().apply(places[left] - state[:3])
+        there = Rotation.from_quat(state[QUATERNION]).inv().apply(places[left] - state[POSITION])
         passed[left] = (there @ sides[:, :3].T + sides[:, 3]).max(axis=1) < -_DEEP
     return float(force[passed].sum() / force.sum())
 

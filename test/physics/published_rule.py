@@ -6,6 +6,8 @@ Slow on purpose and independent of rft_ros: it computes angles, the kernel avoid
 from collections.abc import Callable, Iterable, Sequence
 from math import atan2, atanh, cos, degrees, hypot, pi, sin, tanh
 
+from rft_ros.rft import ANGULAR_VELOCITY, QUATERNION, VELOCITY
+
 Vec = Sequence[float]
 AlphaY = Callable[[float], float]  # β [rad] -> N/cm³
 
@@ -110,7 +112,7 @@ def wrench(
     surface_height: float = 0.0,
 ) -> list[float]:
     """Force [N] and torque about the tool frame's origin [N m] of plates (centroid, normal, area) in the tool frame."""
-    p, q, v, w = state[0:3], state[3:7], state[7:10], state[10:13]
+    p, q, v, w = state[0:3], state[QUATERNION], state[VELOCITY], state[ANGULAR_VELOCITY]
     total = [0.0] * 6
     for centroid, normal, area in plates:
         r, n = turned(q, centroid), turned(q, normal)

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft import (
     INTEGRATIONS,
     MEDIA,
+    QUATERNION,
     Integration,
     Plates,
     agarwal2023,
@@ -76,7 +77,7 @@ def random_scene(rng: np.random.Generator, n: int) -> Array:
 def without_flat(plates: Plates, state: Array, margin: float = 1e-4) -> Plates:
     """The plates that are not within the horizontal cap in this state, where the nudge along x breaks symmetry."""
     rows = plates.rows
-    nz = (rotation_matrix(state[3:7]) @ rows[3:6])[2]
+    nz = (rotation_matrix(state[QUATERNION]) @ rows[3:6])[2]
     return Plates(rows[:, np.abs(nz) < LEVEL[plates.integration] - margin])
 
 

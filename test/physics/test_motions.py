@@ -5,7 +5,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from rft_ros.errors import InputError
-from rft_ros.rft import checked_states
+from rft_ros.rft import POSITION, checked_states
 from rft_ros.sweeps.design import motion_of
 from rft_ros.sweeps.motions import FAMILIES, circumnutation, oscillating_insertion, plate_drag, sample, straight
 from studies.dem import DATA
@@ -37,7 +37,7 @@ def test_the_twist_is_the_derivative_of_the_pose(motion):
 def test_samples_run_from_the_start_to_the_end(motion):
     times, states = sample(motion, 7)
     assert (times[0], times[-1]) == (0.0, motion.duration)
-    assert states[-1, :3] - states[0, :3] == pytest.approx(motion.duration * np.array(motion.velocity))
+    assert states[-1, POSITION] - states[0, POSITION] == pytest.approx(motion.duration * np.array(motion.velocity))
     every_times, every_states = sample_every(motion, step=motion.duration / 6)
     assert every_times == pytest.approx(times)
     assert every_states == pytest.approx(states)
@@ -67,7 +67,7 @@ def test_the_families_contain_the_simulated_runs(run, motion):
     rows = np.loadtxt(DATA / f"{run}.csv", delimiter=",", skiprows=1)
     rows = rows[np.any(rows[:, 8:14] != 0.0, axis=1)]
     states = motion.at(rows[:, 0])
-    shift = rows[:, 1:4] - states[:, :3]
+    shift = rows[:, 1:4] - states[:, POSITION]
     assert shift == pytest.approx(np.tile(shift[0], (len(rows), 1)), abs=2e-7)
     assert states[:, 3:] == pytest.approx(rows[:, 4:14], abs=1e-6)
 

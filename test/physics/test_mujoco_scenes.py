@@ -159,7 +159,7 @@ def test_primitive_geoms_are_shapes_and_bodies_of_one_object_rest_as_each_alone(
     assert data.body("can").xpos == pytest.approx(single.body("can").xpos, abs=1e-4)
     assert (grains.energy > 0.0).all()
     assert grains.stiffness.shape == (5, 6, 6)
-    forces = grains.tractions("egg") * grains.tools[4].plates.packed[6][:, None]
+    forces = grains.tractions("egg") * grains.tools[4].plates.areas[:, None]
     assert forces.sum(axis=0)[2] == pytest.approx(wrenches[4, 2], rel=0.01)
 
 

@@ -7,7 +7,17 @@ import pytest
 from hypothesis import given
 from scenes import CONSTANT, LINEAR, random_plates, random_scene, seeds
 
-from rft_ros.rft import COLUMNS, SENSITIVITIES, Memory, plate_forces, rotation_matrix, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    COLUMNS,
+    QUATERNION,
+    SENSITIVITIES,
+    TWIST,
+    Memory,
+    plate_forces,
+    rotation_matrix,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.tool import load_tool
 
 TOOLS = {integration: load_tool("ellipsoid", integration=integration).plates for integration in ("centroid", "refined")}
@@ -24,7 +34,7 @@ def test_the_moments_are_the_sums_over_plates_of_place_times_force(seed):
     rng = np.random.default_rng(seed)
     plates, state = random_plates(rng, 40), random_scene(rng, 1)
     forces = plate_forces(plates, LINEAR, state[0])
-    places = plates.packed[:3].T @ rotation_matrix(state[0, 3:7]).T
+    places = plates.centroids.T @ rotation_matrix(state[0, QUATERNION]).T
     moments = wrenches(plates, LINEAR, state, sensitivities=True)[0, 10:].reshape(3, 3)
     assert SENSITIVITIES[3:6] == ("x_fx", "x_fy", "x_fz")
     scale = np.abs(places).max() * np.abs(forces).sum() + 1e-30
@@ -47,7 +57,7 @@ def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_
     """Deep and steady, with a law that pushes no plate onwards: all have its traction, as without memory."""
     path = np.linspace(0.0, 0.5, 400)
     states = np.repeat(DOWN, len(path), axis=0)
-    states[:, 2], states[:, 3:7], states[:, 7:] = -0.05, (0, 0, 0, 1), 0.0
+    states[:, 2], states[:, QUATERNION], states[:, TWIST] = -0.05, (0, 0, 0, 1), 0.0
     states[:, 7], states[:, 0] = 0.01, path
     durations = np.diff(path, prepend=0.0) / 0.01
     for plates in TOOLS.values():

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rft_ros.rft import STATE, Plates, checked_states, rotation_matrix, unit_quaternion
+from rft_ros.rft import QUATERNION, STATE, Plates, checked_states, rotation_matrix, unit_quaternion
 
 numbers = st.floats(-1.0, 1.0)
 STILL = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -60,7 +60,7 @@ def test_a_quaternion_within_a_hundredth_of_unit_length_is_made_unit_length_and_
     assert made == pytest.approx(unit, abs=1e-15)
     assert math.hypot(*made) == pytest.approx(1.0, abs=1e-15)
     row = state(**dict(zip(("qx", "qy", "qz", "qw"), (c * (1.0 + error) for c in unit), strict=True)))
-    assert checked_states(row)[0, 3:7] == pytest.approx(unit, abs=1e-15)
+    assert checked_states(row)[0, QUATERNION] == pytest.approx(unit, abs=1e-15)
 
 
 @pytest.mark.parametrize("q", [(0, 0, 0, 0), (0, 0, 0, 1.011), (0, 0, 0, 0.989), (math.nan, 0, 0, 1), (1e200, 0, 0, 0)])
@@ -80,7 +80,7 @@ def test_plates_know_their_number_area_and_reach():
     assert len(plates) == 2
     assert plates.area == pytest.approx(3e-4)
     assert plates.reach == pytest.approx(0.05)
-    assert plates.packed[3:6].T.tolist() == [[0, 0, 1], [0.6, 0, 0.8]]
+    assert plates.normals.T.tolist() == [[0, 0, 1], [0.6, 0, 0.8]]
 
 
 def test_plates_cannot_be_written_to():

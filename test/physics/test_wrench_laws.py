@@ -20,7 +20,7 @@ from scenes import (
     without_flat,
 )
 
-from rft_ros.rft import Plates, plate_forces, rotation_matrix, wrenches
+from rft_ros.rft import ANGULAR_VELOCITY, QUATERNION, VELOCITY, Plates, plate_forces, rotation_matrix, wrenches
 
 LAWS = pytest.mark.parametrize(
     "law", [CONSTANT, LINEAR, AGARWAL, INERTIAL], ids=["constant", "linear", "agarwal2023", "inertia"]
@@ -50,9 +50,9 @@ def yawed(state, angle):
     c, s = math.cos(angle), math.sin(angle)
     turn = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
     sh, ch = math.sin(angle / 2), math.cos(angle / 2)
-    x, y, z, w = state[0, 3:7]
+    x, y, z, w = state[0, QUATERNION]
     q = [ch * x - sh * y, ch * y + sh * x, ch * z + sh * w, ch * w - sh * z]  # (0, 0, sh, ch) * q
-    parts = [turn @ state[0, 0:3], q, turn @ state[0, 7:10], turn @ state[0, 10:13]]
+    parts = [turn @ state[0, 0:3], q, turn @ state[0, VELOCITY], turn @ state[0, ANGULAR_VELOCITY]]
     return np.concatenate(parts)[None], turn
 
 
@@ -116,10 +116,10 @@ def test_about_another_origin_the_torque_shifts_by_lever_arm_cross_force(rule, l
     """The same motion told of another point of the tool: its velocity differs by ω x shift."""
     body, state, rng = scene(seed, rule)
     shift = rng.uniform(-0.1, 0.1, 3)
-    arm = rotation_matrix(state[0, 3:7]) @ shift
+    arm = rotation_matrix(state[0, QUATERNION]) @ shift
     other = state.copy()
     other[0, 0:3] += arm
-    other[0, 7:10] += np.cross(state[0, 10:13], arm)
+    other[0, 7:10] += np.cross(state[0, ANGULAR_VELOCITY], arm)
     expected = wrench(body, law, state)
     expected[3:] -= np.cross(arm, expected[:3])
     assert_same(wrench(moved(body, shift), law, other), expected, accuracy=1e-9)
@@ -153,7 +153,7 @@ def test_below_the_surface_the_wrench_is_linear_in_depth(rule, seed, factor):
     """Not of a refined tool that turns: its plates move as their centre of pressure does, which rises with depth."""
     body, state, _ = scene(seed, rule)
     if rule == "refined":
-        state[0, 10:13] = 0.0
+        state[0, ANGULAR_VELOCITY] = 0.0
     at = {}
     for depth in (0.1, 0.1 + 0.01 * factor, 0.1 + 0.02 * factor):
         state[0, 2] = -depth

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CONSTANT, GENERIC, LINEAR, listed, random_plates, random_scene, seeds, without_flat
 
-from rft_ros.rft import Plates, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.rft import QUATERNION, Plates, alpha_y_model, checked_states, treers2021, wrenches
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,7 @@ def test_the_submerged_area_is_that_of_the_plates_below_the_surface_whatever_the
     expected = sum(
         area
         for centroid, _, area in listed(body)
-        if state[0, 2] + rule.turned(state[0, 3:7].tolist(), centroid)[2] < 0.0
+        if state[0, 2] + rule.turned(state[0, QUATERNION].tolist(), centroid)[2] < 0.0
     )
     assert wrenches(body, CONSTANT, state)[0, 6] == pytest.approx(expected, rel=1e-12)
 

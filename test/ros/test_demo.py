@@ -9,6 +9,7 @@ from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.installation import share_directory
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
+from rft_ros.rft import QUATERNION, VELOCITY
 
 
 def descent(mode):
@@ -22,8 +23,8 @@ def descent(mode):
             continue
         stamp, numbers = round((t + 1.0) * 1e9), state.tolist()
         estimator.push(WrenchSample(stamp, "ft_sensor", reading))
-        estimator.push(TwistSample(stamp, "world", tuple(numbers[7:10]), tuple(numbers[10:])))
-        answer = estimator.push_pose(PoseSample(stamp, "world", tuple(numbers[:3]), tuple(numbers[3:7])))
+        estimator.push(TwistSample(stamp, "world", tuple(numbers[VELOCITY]), tuple(numbers[10:])))
+        answer = estimator.push_pose(PoseSample(stamp, "world", tuple(numbers[:3]), tuple(numbers[QUATERNION])))
         surprised = bool(answer.quality_flags & QualityFlag.SURPRISE)
         rows[stamp] = [estimator.depth(), *answer.predicted[:3], *answer.sigma[:3], surprised]
     estimator.finish()

@@ -17,6 +17,7 @@ from test_live_transforms import transform_publishers
 from rft_ros.doctor.running import _as_if_in_time, _of_losses
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample
 from rft_ros.node.listen import Message, Publisher, Topic
+from rft_ros.rft import POSE, POSITION, QUATERNION, TWIST, VELOCITY
 
 _RATE = 100.0
 _HASTE = 4  # the recorded motion takes 10 s
@@ -25,7 +26,7 @@ _HASTE = 4  # the recorded motion takes 10 s
 def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
     """What the doctor says of a node, while `send(state, load, time)` is called at 100 Hz; but for the compilation."""
     states = motion(_RATE / _HASTE)
-    states[:, 7:10] *= _HASTE
+    states[:, VELOCITY] *= _HASTE
     sent = list(zip(states.tolist(), loads(states).tolist(), strict=True))
     file = tmp_path / "doctor.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
@@ -66,10 +67,12 @@ def test_a_right_cell_needs_nothing(start_node, tmp_path, sources):
     def send(state, load, now):
         rft.wrench.publish(cdr("wrench", now, load))
         if sources:
-            publishers["tf"].publish(transforms_cdr(TransformSample(now, "world", "tool", state[:3], state[3:7])))
+            publishers["tf"].publish(
+                transforms_cdr(TransformSample(now, "world", "tool", state[POSITION], state[QUATERNION]))
+            )
         else:
-            rft.twist.publish(cdr("twist", now, state[7:]))
-            rft.pose.publish(cdr("pose", now, state[:7]))
+            rft.twist.publish(cdr("twist", now, state[TWIST]))
+            rft.pose.publish(cdr("pose", now, state[POSE]))
 
     lines = examined(rft, tmp_path, send, parameters)
     assert faults(lines) == []
@@ -102,7 +105,7 @@ def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
 
     def send(state, _, now):
         for publisher in (arm, cell):
-            publisher.publish(cdr("pose", now, state[:7]))
+            publisher.publish(cdr("pose", now, state[POSE]))
 
     found = faults(examined(rft, tmp_path, send, PARAMETERS))
     for sentence in (

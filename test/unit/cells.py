@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import TransformSample
 from rft_ros.parameters import defaults, model_of
-from rft_ros.rft import STATE, wrenches
+from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, wrenches
 from rft_ros.rft.placement import Placement
 
 SURFACE = 0.12
@@ -35,8 +35,8 @@ def motion(rate: float) -> NDArray[np.float64]:
     """
     velocity = np.repeat([v for _, v in LEGS], [round(s * rate) for s, _ in LEGS], axis=0) * 0.02
     states = np.zeros((len(velocity), len(STATE)))
-    states[:, 6], states[:, 7:10] = 1.0, velocity
-    states[:, :3] = np.cumsum(velocity, axis=0) / rate + (0.4, 0.1, SURFACE + 0.055)
+    states[:, 6], states[:, VELOCITY] = 1.0, velocity
+    states[:, POSITION] = np.cumsum(velocity, axis=0) / rate + (0.4, 0.1, SURFACE + 0.055)
     return states
 
 
@@ -64,14 +64,14 @@ def record(
     for k, (state, reading) in enumerate(zip(states.tolist(), readings.tolist(), strict=True)):
         stamp = START + k * STEP
         place = TransformSample(
-            stamp if stamped else 0, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[3:7],)
+            stamp if stamped else 0, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[QUATERNION],)
         )
         now = (
             ("/rft/wrench_measured", WRENCH, cdr("wrench", stamp, reading)),
             ("/unstamped", WRENCH, cdr("wrench", 0, reading)),
             ("/still", WRENCH, cdr("wrench", stamp, [0.01 * (k % 3)] * 6)),
-            ("/rft/twist", TWIST, cdr("twist", stamp, state[7:])),
-            ("/rft/pose", POSE, cdr("pose", stamp, state[:7])),
+            ("/rft/twist", TWIST, cdr("twist", stamp, state[TWIST])),
+            ("/rft/pose", POSE, cdr("pose", stamp, state[POSE])),
             ("/tf", TF, transforms_cdr(place)),
         )
         messages += [(stamp + 1_000_000, *one) for one in now]

@@ -117,7 +117,7 @@ def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, co
 
 def write_run(path: Path, time, states, readings, **named) -> Path:
     """A bag of what a load cell reads, twist and pose at each moment [s]; `named`: `topics` and `frames`."""
-    columns = {"wrench": readings, "twist": states[:, 7:13], "pose": states[:, :7]}
+    columns = {"wrench": readings, "twist": states[:, TWIST], "pose": states[:, POSE]}
     stamps = [START + round(t * 1e9) for t in time]
     return write_ros2(path, [(r, t, t, columns[r][k]) for k, t in enumerate(stamps) for r in columns], **named)
 

@@ -18,6 +18,7 @@ from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
+from rft_ros.rft import POSITION, QUATERNION, VELOCITY
 from rft_ros.rft.placement import Placement
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
@@ -144,14 +145,14 @@ def test_a_wrong_load_cell_does_not_hide_the_surface(examined, cell):
 def test_a_tool_that_pitches_on_its_way_down_shows_the_surface():
     states, values = motion(100.0), {**defaults(), **PARAMETERS, "surface_height": SURFACE + 0.03}
     time = 0.01 * np.arange(len(states))
-    states[:, 3:7] = Rotation.from_rotvec(np.outer(0.4 * np.sin(3.0 * time), (0, 1, 0))).as_quat()
+    states[:, QUATERNION] = Rotation.from_rotvec(np.outer(0.4 * np.sin(3.0 * time), (0, 1, 0))).as_quat()
     states[:, 11] = 1.2 * np.cos(3.0 * time)
     checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics_of(values))
     for k, (state, load) in enumerate(zip(states.tolist(), loads(states).tolist(), strict=True)):
         stamp = START + k * STEP
         checkup.push(WrenchSample(stamp, "ft_sensor", tuple(load)), stamp)
-        checkup.push(TwistSample(stamp, "world", tuple(state[7:10]), tuple(state[10:])), stamp)
-        checkup.push(PoseSample(stamp, "world", tuple(state[:3]), tuple(state[3:7])), stamp)
+        checkup.push(TwistSample(stamp, "world", tuple(state[VELOCITY]), tuple(state[10:])), stamp)
+        checkup.push(PoseSample(stamp, "world", tuple(state[POSITION]), tuple(state[QUATERNION])), stamp)
     (found,) = (text for ok, text in checkup.findings() if not ok)
     assert found.startswith("surface_height: the measured force begins 23 mm below")
 
@@ -226,8 +227,8 @@ def of_cell_with_delays(delays):
         arrival = max(arrival, stamp + round(1e9 * delays[k % len(delays)]))  # none overtakes another
         pushed += [
             (arrival, WrenchSample(stamp, "ft_sensor", tuple(load))),
-            (arrival, TwistSample(stamp, "world", tuple(state[7:10]), tuple(state[10:]))),
-            (arrival, PoseSample(stamp, "world", tuple(state[:3]), tuple(state[3:7]))),
+            (arrival, TwistSample(stamp, "world", tuple(state[VELOCITY]), tuple(state[10:]))),
+            (arrival, PoseSample(stamp, "world", tuple(state[POSITION]), tuple(state[QUATERNION]))),
         ]
     for arrival, sample in sorted(pushed, key=lambda one: one[0]):
         checkup.push(sample, arrival)

@@ -15,7 +15,7 @@ import pytest
 from refusals import refusal
 
 from rft_ros.errors import InputError
-from rft_ros.rft import MEDIA, Memory, alpha_y_model, treers2021, wrenches_in_time
+from rft_ros.rft import MEDIA, TWIST, Memory, alpha_y_model, treers2021, wrenches_in_time
 from rft_ros.sweeps import design
 from rft_ros.sweeps import run as runs
 from rft_ros.sweeps.design import Variant, read_design
@@ -101,7 +101,7 @@ def test_a_row_holds_what_the_core_gives_for_its_variant(small):
     expected = wrenches_in_time(plates, law, states, np.diff(times, prepend=times[0]), Memory(plates))[:, :6]
     assert float(row["mean_fz"]) == pytest.approx(expected[:, 2].mean(), rel=1e-14)  # sums of another order
     assert float(row["peak_force"]) == np.linalg.norm(expected[:, :3], axis=1).max()
-    power = -(expected * states[:, 7:]).sum(axis=1)
+    power = -(expected * states[:, TWIST]).sum(axis=1)
     assert float(row["total_work"]) == pytest.approx(np.diff(times) @ (power[1:] + power[:-1]) / 2.0)
 
 

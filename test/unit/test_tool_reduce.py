@@ -65,7 +65,7 @@ def test_merging_keeps_area_and_first_moment(rule):
     assert 80 <= len(few) <= 100
     assert few.integration == rule
     assert few.area == pytest.approx(full.area, rel=1e-12)
-    np.testing.assert_allclose(*(p.packed[:3] @ p.packed[6] for p in (few, full)), atol=1e-12 * full.area)
+    np.testing.assert_allclose(*(p.centroids @ p.areas for p in (few, full)), atol=1e-12 * full.area)
 
 
 def test_a_flat_square_merged_to_one_triangle_feels_the_same_wrench_while_it_is_submerged():
@@ -86,8 +86,8 @@ def test_a_scene_needs_few_plates_and_they_are_facets_with_other_areas():
     scene, said = reduced_for_scene(tool.facets, INSERTION, 0.025)
     assert len(scene) < 0.02 * len(tool.facets)
     assert said.endswith(" % at the 95th percentile of a scene of 240 states")
-    assert (scene.packed[6] > 0.0).all()
-    assert {tuple(place) for place in scene.packed[:3].T} <= {tuple(place) for place in tool.facets.packed[:3].T}
+    assert (scene.areas > 0.0).all()
+    assert {tuple(place) for place in scene.centroids.T} <= {tuple(place) for place in tool.facets.centroids.T}
 
 
 @pytest.mark.parametrize(
@@ -136,7 +136,7 @@ def test_the_file_holds_the_tool_that_the_tolerance_gives(tmp_path, rule):
 
 def test_scale_and_origin_mean_what_they_mean_for_the_mesh(of_refined):
     moved, plain = load_tool(of_refined, scale=0.002, origin=(1.0, 2.0, 3.0)), load_tool(of_refined)
-    for there, here in ((moved.vertices, plain.vertices), (moved.plates.packed[:3].T, plain.plates.packed[:3].T)):
+    for there, here in ((moved.vertices, plain.vertices), (moved.plates.centroids.T, plain.plates.centroids.T)):
         np.testing.assert_allclose(there, 2.0 * (here - [0.001, 0.002, 0.003]), atol=1e-15)
     assert moved.plates.area == pytest.approx(4.0 * plain.plates.area)
 

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.parameters import defaults, tool_of
-from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
+from rft_ros.rft import MEDIA, QUATERNION, alpha_y_model, checked_states, law_named, wrenches
 from rft_ros.tool import load_tool
 from rft_ros.tool.reduce import random_motions
 
@@ -30,7 +30,7 @@ def test_a_turned_mesh_in_a_frame_turned_back_has_the_same_force_in_the_world(an
     np.testing.assert_allclose(turned.vertices, turn.apply(plain.vertices), atol=1e-12)
     states = random_motions(plain.corners, 20, seed=seed)
     back = states.copy()
-    back[:, 3:7] = (Rotation.from_quat(states[:, 3:7]) * turn.inv()).as_quat()
+    back[:, 3:7] = (Rotation.from_quat(states[:, QUATERNION]) * turn.inv()).as_quat()
     law = law_named("treers2021", MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]))
     force = wrenches(plain.plates, law, states)
     # a facet at the edge of leading, whose normal rounding turns, has next to no force

@@ -45,7 +45,7 @@ def test_normals_come_from_the_winding_not_from_the_file(tmp_path):
         start = 84 + 50 * facet
         data[start : start + 12] = np.array([0.6, 0.0, 0.8], dtype="<f4").tobytes()
     (tmp_path / "box.stl").write_bytes(data)
-    np.testing.assert_allclose(load_tool(str(tmp_path / "box.stl")).plates.packed[3:6].T, mesh.face_normals, atol=1e-6)
+    np.testing.assert_allclose(load_tool(str(tmp_path / "box.stl")).plates.normals.T, mesh.face_normals, atol=1e-6)
 
 
 def test_facets_without_area_are_dropped(tmp_path):
