@@ -45,7 +45,7 @@ def test_the_script_records_a_bag_that_replays(rft, tmp_path):
 
 
 def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_path):
-    states = np.zeros((300, 14))  # from the surface down, at 20 mm/s for 3 s: the first answers come before DDS connects
+    states = np.zeros((300, 14))  # from the surface down, at 20 mm/s: the first may be lost
     states[:, 0] = 0.01 * np.arange(300)
     states[:, 3], states[:, 7], states[:, 10] = -0.02 * states[:, 0], 1.0, -0.02
     header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
