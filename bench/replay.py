@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from bench.kernel import cpu_model, ratio, seconds
 from rft_ros.bags.replay import replay, replay_model
 from rft_ros.bags.writing import BagWriter
-from rft_ros.estimator.messages import TYPES, Role
+from rft_ros.messages import TYPES, Role
 from rft_ros.parameters import defaults
 
 RATE = 125

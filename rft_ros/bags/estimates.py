@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from rft_ros.bags.phases import PHASES, lowest_points, phases_of
 from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
-from rft_ros.estimator.messages import TYPES, wrench_cdr
 from rft_ros.estimator.quality import flag_names
+from rft_ros.messages import TYPES, wrench_cdr
 
 __all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "ROW", "Rows", "Run", "write_estimates"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from rft_ros.bags.reading import NAMES, Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
-from rft_ros.estimator.messages import Role
 from rft_ros.ground import HeightMap
+from rft_ros.messages import Role
 from rft_ros.parameters import NODE, LoadCell, Values, section_parameters, settings_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, QUATERNION

@@ -21,8 +21,8 @@ from rosbags.rosbag2 import Reader as Reader2
 from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, unpacked
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
-from rft_ros.estimator.messages import TYPES, UNREADABLE, Role, decoder
 from rft_ros.files import checked_file, resolved
+from rft_ros.messages import TYPES, UNREADABLE, Role, decoder
 
 __all__ = ["NAMES", "Recording", "bag_name"]
 

@@ -17,9 +17,9 @@ from rft_ros.bags.estimates import AXES, Rows
 from rft_ros.bags.phases import PHASES
 from rft_ros.errors import InputError
 from rft_ros.estimator import Reason
-from rft_ros.estimator.messages import Role
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, trust
 from rft_ros.files import read_yaml
+from rft_ros.messages import Role
 from rft_ros.parameters import Value
 from rft_ros.parameters.sections import flat
 from rft_ros.rft import FORCE, TORQUE

@@ -1,7 +1,6 @@
 """Commands about a tool: check its mesh, reduce its plates, try variants of its design."""
 
 import argparse
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -69,7 +68,7 @@ def reduce(arguments: argparse.Namespace) -> int:
         else:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
     frame = MeshFrame.checked(values["mesh.scale"], values["mesh.origin"], values["mesh.quaternion"])
-    save_reduced(output, replace(tool, plates=plates, reduction=reduction), frame)
+    save_reduced(output, frame, vertices=tool.vertices, faces=tool.faces, plates=plates, reduction=reduction)
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
     origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
     same = f"scale, {values['mesh.scale']:g}, origin, {origin}, and rotation, {rotation}"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from rft_ros.doctor.finding import Finding
 from rft_ros.errors import InputError
-from rft_ros.estimator.messages import Role
 from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.messages import Role
 from rft_ros.parameters import Model, Values
 
 __all__ = ["Cell", "compiled"]

@@ -11,8 +11,8 @@ from rft_ros.bags.estimates import Rows, Run
 from rft_ros.bags.playback import push_all
 from rft_ros.doctor.finding import Finding
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
-from rft_ros.estimator.messages import Role
 from rft_ros.ground import Cloud
+from rft_ros.messages import Role
 from rft_ros.parameters import Model, Values, settings_of
 from rft_ros.rft import FORCE, STATE
 from rft_ros.rft.placement import Placement

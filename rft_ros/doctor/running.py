@@ -11,8 +11,8 @@ from rft_ros.doctor.cell import Cell
 from rft_ros.doctor.checkup import Checkup, delayed
 from rft_ros.doctor.finding import Finding
 from rft_ros.estimator import Sample, Stamped
-from rft_ros.estimator.messages import UNREADABLE, decoder
 from rft_ros.files import resolved
+from rft_ros.messages import UNREADABLE, decoder
 from rft_ros.node.listen import Message, Topic, listener
 from rft_ros.parameters import FILES, Value, Values
 

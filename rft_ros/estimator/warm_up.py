@@ -10,7 +10,6 @@ from numba.core import event
 from rft_ros.child_process import lower_priority, start_child
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.messages import decoder
 from rft_ros.estimator.motion import PoseDifference
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.sigma import without_learning
@@ -36,7 +35,6 @@ def _answers() -> None:
 def _ground() -> None:
     level = HeightMap.unknown(1.0).with_points(*np.zeros((3, 1)))
     Support(np.eye(3)).local_surface(level, _STATE, level=0.0)
-    decoder("surface", ros1=False)
 
 
 _PARTS: dict[str, Callable[[], object]] = {

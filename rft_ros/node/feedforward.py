@@ -11,8 +11,8 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from rft_ros.estimator import Estimate, Estimator, Wrench
-from rft_ros.estimator.messages import wrench_cdr
 from rft_ros.estimator.quality import Trust, trust
+from rft_ros.messages import wrench_cdr
 from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
 from rft_ros.rft.placement import Placement

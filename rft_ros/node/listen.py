@@ -14,7 +14,7 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator.messages import Role
+from rft_ros.messages import Role
 from rft_ros.node.start import start_ros
 from rft_ros.node.topics import INPUTS, message_class, transforms_come, type_name
 from rft_ros.parameters import Values, checked

@@ -14,7 +14,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, Stamped
-from rft_ros.estimator.messages import UNREADABLE, Role, decoder, wrench_cdr
+from rft_ros.messages import UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.markers import Markers

@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.messages import TYPES, Role
+from rft_ros.messages import TYPES, Role
 
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)

@@ -29,8 +29,6 @@ from rft_ros.tool.mesh_frame import MeshFrame
 if TYPE_CHECKING:
     import trimesh
 
-    from rft_ros.tool.tool import Tool
-
 __all__ = ["SUFFIX", "checked_mesh", "is_mesh_path", "locate_mesh", "read_mesh", "read_reduced", "save_reduced"]
 
 Array = NDArray[np.float64]
@@ -190,18 +188,22 @@ def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: 
     return mesh
 
 
-def save_reduced(file: Path, tool: "Tool", frame: MeshFrame) -> None:
-    """Write a reduced tool for `load_tool`; `frame` is the one that `tool` was loaded with.
+def save_reduced(
+    file: Path, frame: MeshFrame, *, vertices: Array, faces: NDArray[np.int64], plates: Plates, reduction: str
+) -> None:
+    """Write a reduced tool for `load_tool`. The arguments after `frame` are the fields of `Tool`.
+
+    `frame`: the one that the tool was loaded with.
 
     The same content gives the same bytes. Raises InputError where the file cannot be written.
     """
     with whole(file) as part, part.open("wb") as stream:
         np.savez(
             stream,
-            vertices=frame.to_file(tool.vertices),
-            faces=tool.faces,
-            plates=frame.plates_to_file(tool.plates).rows,
-            about=np.array([_FORMAT, tool.reduction]),
+            vertices=frame.to_file(vertices),
+            faces=faces,
+            plates=frame.plates_to_file(plates).rows,
+            about=np.array([_FORMAT, reduction]),
         )
 
 

@@ -17,7 +17,7 @@ from typing import IO, TYPE_CHECKING
 
 import pytest
 
-from rft_ros.estimator.messages import TYPES
+from rft_ros.messages import TYPES
 
 if TYPE_CHECKING:
     from catkin_pkg.package import Package

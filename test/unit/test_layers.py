@@ -16,6 +16,7 @@ ALLOWED = {
     "rft": "",
     "files": "errors",
     "installation": "errors",
+    "messages": "estimator ground",
     "states_file": "parameters files rft errors",
     "tool": "files installation rft errors",
     "ground": "files rft errors",
@@ -23,11 +24,11 @@ ALLOWED = {
     "estimator": "parameters ground tool rft child_process errors",
     "simulation": "files ground tool rft errors installation",
     "report": "files ground tool rft errors",
-    "bags": "estimator parameters ground tool rft report errors progress files",
+    "bags": "messages estimator parameters ground tool rft report errors progress files",
     "calibration": "files bags estimator parameters ground tool rft errors",
     "sweeps": "parameters tool rft states_file installation progress errors files",
-    "node": "bags estimator parameters ground tool rft report files installation child_process errors",
-    "doctor": "node bags estimator parameters ground tool rft files errors",
+    "node": "messages bags estimator parameters ground tool rft report files installation child_process errors",
+    "doctor": "node bags messages estimator parameters ground tool rft files errors",
     "demo": "node bags estimator simulation sweeps tool rft files errors",
     "commands": "doctor demo bags estimator parameters tool rft report errors states_file calibration sweeps progress"
     " installation files",
@@ -55,6 +56,28 @@ def test_a_package_imports_only_what_lies_below_it(imports):
     for file, (own, names) in imports.items():
         used = {name.split(".")[1] for name in names if name.startswith("rft_ros.")}
         assert used - {own} <= set(ALLOWED[own].split()), file
+
+
+def modules_imported(file, modules):
+    """The modules of the package, by name with dots, that a file imports anywhere, also for types only."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        if isinstance(node, ast.ImportFrom) and node.module:
+            names = [f"{node.module}.{alias.name}" for alias in node.names]
+        for name in names:  # of a name in a module, the module
+            found.add(name if name in modules else name.rpartition(".")[0])
+    return found & modules
+
+
+def test_no_module_imports_itself_by_way_of_others():
+    files = {".".join(f.relative_to(PACKAGE.parent).with_suffix("").parts): f for f in PACKAGE.rglob("*.py")}
+    files = {name.removesuffix(".__init__"): file for name, file in files.items()}
+    del files["rft_ros"]  # it imports a module when one of its names is used
+    left = {name: modules_imported(file, files.keys()) - {name} for name, file in files.items()}
+    while free := {name for name, imported in left.items() if not imported & left.keys()}:
+        left = {name: imported for name, imported in left.items() if name not in free}
+    assert not left, "these modules, or some of them, import one another in a circle"
 
 
 def drawn_arrows():

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from recordings import START, cloud_cdr, transforms_cdr
 
 from rft_ros.estimator import TransformSample
-from rft_ros.estimator.messages import UNREADABLE, decoder, wrench_cdr
+from rft_ros.messages import UNREADABLE, decoder, wrench_cdr
 
 LAST = 2**31 - 1
 WRENCH = struct.pack("<6d", *range(6))
