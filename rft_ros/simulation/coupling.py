@@ -52,6 +52,9 @@ COUPLED = np.dtype(
 grains, and the speed at which other forces release it [m/s]; the energy dissipated by the grains [J], the factor of its
 law's stresses, and the height of its surface [m]."""
 
+_TURNS, _SETTLED = 50, 1e-3
+"""Most rounds in which bodies' shares of their wrenches are found, and the change of a share at which they end."""
+
 _TINY = 1e-290  # avoids 0 / 0
 
 
@@ -167,15 +170,14 @@ def _part(b):
 
 
 @inlined
-def _push_back(coupled, wrench, twist, after, ahead, inverse, spring, reach, h):
-    """Limit a wrench that pushes its body back, so that the grains do not throw the body.
+def _allowed_push_back(coupled, wrench, twist, ahead, inverse, spring, reach, h):
+    """The greatest product of a body's wrench and its twist at the end of the step [W], so that no body is thrown.
 
     When the load on a pressed body decreases, as by a servo that rises, the grains follow elastically. A body that
     nothing holds would be thrown by the elastic energy, which real grains dissipate. So the speed to which they push a
     body back is limited. It may grow with the rate at which the acceleration without the grains grows along the push.
-    Returns whether the wrench was reduced.
     """
-    square = stiff = fall = free = back = 0.0
+    square = stiff = fall = free = 0.0
     way = np.empty(6)
     for i in range(6):
         way[i] = _dot(inverse[i], wrench)
@@ -185,16 +187,40 @@ def _push_back(coupled, wrench, twist, after, ahead, inverse, spring, reach, h):
         stiff += way[i] * _dot(spring[i], way)
         fall += wrench[i] * (coupled.free[i] - coupled.last_free[i])
         free += wrench[i] * ahead[i]
-        back += wrench[i] * after[i]
     speed = _path(way, reach)  # of the fastest point, per N s of impulse along the wrench
     most = _SUDDEN if fall > _AT_ONCE * square else _QUICK
     let_go = min(max(fall, 0.0) / max(h * stiff, _TINY) * speed, most)
     coupled.let_go = max(_FADES * coupled.last_let_go, let_go)
-    allowed = max((_SLOW + _LETS_GO * coupled.let_go) * square / max(speed, _TINY), free, 0.0)
-    if back > allowed:
-        wrench *= max(1.0 - (back - allowed) / max(h * square, _TINY), 0.0)
-        return True
-    return False
+    return max((_SLOW + _LETS_GO * coupled.let_go) * square / max(speed, _TINY), free, 0.0)
+
+
+@inlined
+def _limit_push_back(allowed, inverse, h, wrench, after):
+    """Reduce the wrenches that push bodies back by more than is allowed, and write the twists that follow.
+
+    Bodies of one mechanism move each other, so the share of its wrench that each keeps is found in turn (Gauss-Seidel).
+    """
+    n = len(allowed)
+    share, push = np.ones(n), np.empty(6 * n)
+    for _ in range(_TURNS):
+        largest = 0.0
+        for b in range(n):
+            part = _part(b)
+            back = own = 0.0
+            for i in range(6 * n):
+                push[i] = h * _dot(inverse[i, part], wrench[part])
+            for i in range(6 * b, 6 * b + 6):
+                back += wrench[i] * after[i]
+                own += wrench[i] * push[i]
+            change = min(max(share[b] + (allowed[b] - back) / max(own, _TINY), 0.0), 1.0) - share[b]
+            share[b] += change
+            for i in range(6 * n):
+                after[i] += change * push[i]
+            largest = max(largest, abs(change))
+        if largest < _SETTLED:
+            break
+    for b in range(n):
+        wrench[_part(b)] *= share[b]
 
 
 @inlined
@@ -243,14 +269,18 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     found = linear
     if not linear:
         found = _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, after)
+    allowed = np.empty(n)
+    for b in range(n):
+        part, reach = _part(b), beds.bodies[first + b].reach
+        allowed[b] = _allowed_push_back(
+            coupled[b], wrench[part], states[b, 7:], ahead[part], inverse[part, part], springs[b], reach, h
+        )
+    _limit_push_back(allowed, inverse, h, wrench, after)
     changed = False
     for b in range(n):
-        part, own, reach = _part(b), inverse[_part(b), _part(b)], beds.bodies[first + b].reach
-        changed |= _push_back(
-            coupled[b], wrench[part], states[b, 7:], after[part], ahead[part], own, springs[b], reach, h
-        )
+        part = _part(b)
         if not linear and _dot(begin[part], states[b, 7:]) < 0.0 and _dot(wrench[part], after[part]) < 0.0:
-            changed |= _average(begin[part], own, h, wrench[part], after[part])
+            changed |= _average(begin[part], inverse[part, part], h, wrench[part], after[part])
     if changed:
         _follow(ahead, inverse, h, wrench, after)
     return found, path
