@@ -10,7 +10,7 @@ from tempfile import TemporaryFile
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.phases import PHASES, lowest_points, phases_of
+from rft_ros.bags.phases import PHASES, phases_of
 from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.estimator.quality import flag_names
@@ -101,7 +101,7 @@ class Run:
         sinking = np.empty(len(known))
         for start in range(0, len(known), _BLOCK):
             block = known[start : start + _BLOCK]
-            height, sinking[start : start + _BLOCK] = lowest_points(e.model.tool.corners, rows["state"][block])
+            height, sinking[start : start + _BLOCK] = e.model.tool.lowest_points(rows["state"][block])
             if e.ground is None:
                 rows["depth"][block] = e.settings.surface_height - height
         stamps, depth, speed = (rows[name][known] for name in ("stamp", "depth", "speed"))

@@ -3,10 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import QUATERNION, STATE
-from rft_ros.rft.frames import rotation
-
-__all__ = ["PHASES", "lowest_points", "phases_of"]
+__all__ = ["PHASES", "phases_of"]
 
 _Array = NDArray[np.float64]
 _Numbers = NDArray[np.int64]
@@ -16,18 +13,6 @@ PHASES = ("approach", "penetration", "ploughing", "dwell", "withdrawal")
 
 _AROUND = 100_000_000  # ns before and after a moment in which its phase must prevail
 _STEEP = 0.1  # least share of the tool's speed that counts as down or up
-
-
-def lowest_points(corners: _Array, states: _Array) -> tuple[_Array, _Array]:
-    """World z [m] of the lowest of a tool's corners, and its downward velocity [m/s], shape [n] each, at n states.
-
-    `corners`: in the tool frame [m], shape [m, 3]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
-    """
-    axes = np.array(rotation(*states[:, QUATERNION].T)).T.reshape(-1, 3, 3)
-    lowest = corners[(axes[:, 2] @ corners.T).argmin(axis=1)]
-    x, y, z = np.einsum("nij,nj->in", axes, lowest)
-    column = dict(zip(STATE, states.T, strict=True))
-    return column["pz"] + z, column["wy"] * x - column["wx"] * y - column["vz"]
 
 
 def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, rest_speed: float) -> _Numbers:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.phases import lowest_points
 from rft_ros.calibration.recorded import Recorded
 from rft_ros.calibration.track import Rows
 from rft_ros.rft import wrenches
@@ -24,7 +23,7 @@ def _misfit(recording: Recorded, rows: Rows, surface: float, turn: Rotation) -> 
     """RMS residual over the peak, for ζ of its own, of the tool turned in its frame; it meets the surface as it did."""
     states = recording.track.smooth_states()[rows]
     states[:, 3:7] = (Rotation.from_quat(states[:, 3:7]) * turn).as_quat()
-    lowest, _ = lowest_points(recording.track.tool.corners, states)
+    lowest, _ = recording.track.tool.lowest_points(states)
     height = surface + float(np.mean(lowest - recording.heights[rows]))
     predicted = wrenches(recording.track.tool.plates, recording.law, states, surface_height=height, threads=1)[:, :3]
     measured = recording.forces[rows]

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.phases import lowest_points
 from rft_ros.bags.playback import ReplayOptions, play, reasons, topics_of
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
@@ -70,9 +69,7 @@ class Track:
 
     def heights(self) -> Array:
         """World z of the tool's lowest point [m], shape [n]."""
-        # in parts: the heights of all corners at all moments could fill the memory
-        parts = np.array_split(self.states, 1 + len(self.states) * len(self.tool.corners) // 10_000_000)
-        return np.concatenate([lowest_points(self.tool.corners, part)[0] for part in parts])
+        return self.tool.lowest_points(self.states)[0]
 
     def smooth_states(self) -> Array:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise averages out."""

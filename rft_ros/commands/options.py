@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.phases import lowest_points
 from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.estimator.plausible import sentence_on
 from rft_ros.files import refuse_overwriting
@@ -29,7 +28,6 @@ OF_RECORDING = ("--params", "--remap", "--start", "--end")
 _Array = NDArray[np.float64]
 
 _TOUCHES = 1e-6  # m: least depth of a first state in the grains, beyond rounding
-_AT_ONCE = 512  # states whose lowest points are found together
 
 _ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
 _TOLERANCE = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
@@ -114,7 +112,7 @@ def warn_of_motion(tool: Tool, times: _Array, states: _Array, forces: _Array, *,
 
     `times` [s], shape [n], `states`, shape [n, 13], `forces` [N], shape [n, 3]; `surface_height` [m].
     """
-    depth, size = surface_height - _lowest(tool, states), np.linalg.norm(forces, axis=1)
+    depth, size = surface_height - tool.lowest_points(states)[0], np.linalg.norm(forces, axis=1)
     doubtful = {int(k) for k in (depth.argmax(), depth.argmin(), size.argmax())}
     for k in sorted(doubtful):
         sentence = sentence_on(tool, depth=float(depth[k]), force=float(size[k]))
@@ -127,12 +125,6 @@ def warn_of_motion(tool: Tool, times: _Array, states: _Array, forces: _Array, *,
             begins += f", with a force of {size[0]:.2f} N"
         advice = "to begin at the surface, begin at the tool's lowest point (rft check-mesh), or set --surface-height"
         print(f"warning: {begins}; {advice}", file=sys.stderr, flush=True)
-
-
-def _lowest(tool: Tool, states: _Array) -> _Array:
-    """World z of the tool's lowest point at each state [m], shape [n]."""
-    parts = np.array_split(states, 1 + len(states) // _AT_ONCE)
-    return np.concatenate([lowest_points(tool.corners, part)[0] for part in parts])
 
 
 def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:

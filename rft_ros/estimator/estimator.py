@@ -16,7 +16,7 @@ from rft_ros.estimator.quality import QualityMonitor, ReadingInAir, inertial_spe
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
 from rft_ros.estimator.sigma import without_learning
 from rft_ros.estimator.withdrawal import Withdrawal
-from rft_ros.ground import Ground, HeightMap, LocalSurface
+from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
 from rft_ros.rft import COLUMNS, QUATERNION, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
@@ -56,7 +56,7 @@ class Estimator:
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
-        self._ground = Ground(model.ground, model.tool.corners)
+        self._mapper = GroundMapper(model.ground, model.tool.corners)
         self._pose: PoseSample | None = None  # the last one that was accepted
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
@@ -75,19 +75,19 @@ class Estimator:
             return math.nan
         height, (sx, sy), *_ = self.surface
         up = np.array([-sx, -sy, 1.0])
-        lowest = (self.model.tool.corners @ (up @ rotation_matrix(self._pose.quaternion))).min()
+        lowest = self.model.tool.lowest_point(rotation_matrix(self._pose.quaternion), (sx, sy))
         return float(height - up @ self._pose.position - lowest)
 
     @property
     def ground(self) -> HeightMap | None:
         """The map of the ground that the last pose was evaluated on, or None."""
-        return self._ground.map
+        return self._mapper.map
 
     def level_ground(self) -> bool:
         """Go back to the ground at the start; False if the ground is no map."""
-        if self._ground.map is None:
+        if self._mapper.map is None:
             return False
-        self._ground.level()
+        self._mapper.level()
         if self.learning is not None:
             self.learning.forget_place()
         return True
@@ -129,9 +129,9 @@ class Estimator:
             s = self.settings
         self._learn_readings()  # with the filter so far, before the changes below
         if new_ground:
-            self._ground = Ground(m.ground, m.tool.corners)
+            self._mapper = GroundMapper(m.ground, m.tool.corners)
         elif new_tool:
-            self._ground.use_tool(m.tool.corners)
+            self._mapper.use_tool(m.tool.corners)
         self._kinematics.reach = m.tool.plates.reach
         if new_axes:
             self._start_run()
@@ -191,7 +191,7 @@ class Estimator:
         """
         self._start_tool()
         self._kinematics.start_run()
-        self._ground.start_run()
+        self._mapper.start_run()
         self.surface = LocalSurface(self.settings.surface_height)
         self._poses.clear()
         if self.learning is not None:
@@ -205,7 +205,7 @@ class Estimator:
             return self.push_pose(sample)
         for one in (sample,) if isinstance(sample, samples.Stamped) else sample:
             try:
-                self._intake.add(one, self._ground)
+                self._intake.add(one, self._mapper)
             except RefusedError as refused:
                 self.counts[refused.reason.value] += 1
             if isinstance(one, TransformSample) and one.fixed and self.settings.sensor_source == "tf":
@@ -260,7 +260,7 @@ class Estimator:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)
         state = motion.state[0]
-        self.surface = surface = self._ground.surface_at(state, self.settings.surface_height)
+        self.surface = surface = self._mapper.surface_at(state, self.settings.surface_height)
         row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
         if in_grains:
@@ -293,7 +293,7 @@ class Estimator:
             self._intake.start_run(pose.stamp)
             self._start_run()
         self._pose = pose
-        self._ground.add_pose(pose.stamp, pose.position, pose.quaternion)
+        self._mapper.add_pose(pose.stamp, pose.position, pose.quaternion)
         self._comparison.settle(pose.stamp)
         return pose
 

@@ -10,7 +10,7 @@ from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison
 from rft_ros.estimator.samples import PATIENCE, TIME_JUMP, PoseSample, Reason, RefusedError, TwistSample, WrenchSample
 from rft_ros.estimator.transforms import Transforms
-from rft_ros.ground import DELAY, Cloud, Ground
+from rft_ros.ground import DELAY, Cloud, GroundMapper
 from rft_ros.parameters import Settings
 from rft_ros.rft import rotation_matrix, unit_quaternion
 from rft_ros.rft.placement import Placement
@@ -86,14 +86,14 @@ class Intake:
         self._pose = stamp
         return PoseSample(stamp, world, position, quaternion)
 
-    def add(self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, ground: Ground) -> None:
-        """Keep a sample that is no pose. A cloud is added to the `ground`."""
+    def add(self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, mapper: GroundMapper) -> None:
+        """Keep a sample that is no pose. A cloud goes to the `mapper`."""
         if isinstance(sample, TwistSample):
             self._twist(sample)
         elif isinstance(sample, WrenchSample):
             self._wrench(sample)
         elif isinstance(sample, Cloud):
-            self._cloud(sample, ground)
+            self._cloud(sample, mapper)
         else:
             reason = self.transforms.push(sample)
             if reason is not None:  # also TF_TWO_PARENTS, although that transform is used
@@ -119,19 +119,19 @@ class Intake:
         _check_finite("wrench", *sample.wrench)
         self._keep("wrench", self._comparison.samples, sample)
 
-    def _cloud(self, cloud: Cloud, ground: Ground) -> None:
-        """Add points of the ground, with the placement of their frame in the world if that is another frame."""
-        since = cloud.stamp - ground.last_cloud
-        if ground.map is None:
+    def _cloud(self, cloud: Cloud, mapper: GroundMapper) -> None:
+        """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
+        since = cloud.stamp - mapper.last_cloud
+        if mapper.map is None:
             raise RefusedError(Reason.SURFACE_OFF)
         camera = self._placed("surface", cloud, self._settings.world_frame)
         if -TIME_JUMP < since <= 0:
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
-        if ground.newest - cloud.stamp >= DELAY:
+        if mapper.newest - cloud.stamp >= DELAY:
             raise RefusedError(Reason.SURFACE_LATE)
         if 0 < since < _CLOUD_PERIOD:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
-        ground.add(cloud, camera and (np.array(camera.position), rotation_matrix(camera.quaternion)))
+        mapper.add(cloud, camera and (np.array(camera.position), rotation_matrix(camera.quaternion)))
 
     def _placed(self, kind: str, sample: samples.Stamped, *expected: str) -> Placement | None:
         """Placement of a sample's frame in the first of the expected frames to which fixed transforms link it.

@@ -19,7 +19,7 @@ from rft_ros.rft import LEVEL, rotation_matrix
 from rft_ros.rft.frames import attitude, from_frame, parts_of_state
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["DELAY", "KEPT", "Cloud", "Ground", "LocalSurface", "Support"]
+__all__ = ["DELAY", "KEPT", "Cloud", "GroundMapper", "LocalSurface", "Support"]
 
 Array = NDArray[np.float64]
 
@@ -216,7 +216,7 @@ class Cloud(NamedTuple):
     z: NDArray[np.floating]
 
 
-class Ground:
+class GroundMapper:
     """Keeps the current `map` of the ground, and updates it from clouds. A map of None is a level plane.
 
     `start`: the map before the first cloud. `corners`: of the tool's convex hull [m], shape [k, 3]. `last_cloud` and

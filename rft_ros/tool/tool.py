@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import INTEGRATIONS, Integration, Plates
+from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Plates, frames
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Tool", "centroid_plates", "describe_tool", "load_tool", "tool_of_mesh"]
 
+_MOST_HEIGHTS = 1_000_000  # of corners that are computed at once: 8 MB
 _SAME_AREA = 1e-4  # relative difference of areas that is rounding
 
 
@@ -54,9 +55,31 @@ class Tool:
         """Largest extent along an axis of the tool frame [m]."""
         return max(float(column.max() - column.min()) for column in self.corners.T)
 
-    def lowest_point(self, rotation: NDArray[np.float64]) -> float:
-        """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3]."""
-        return float((self.corners @ rotation[2]).min())
+    def lowest_point(self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL) -> float:
+        """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3].
+
+        `slope`: dz/dx and dz/dy of an inclined plane through the origin. The height is then measured from this plane,
+        and the lowest point is that of the least height.
+        """
+        x, y, z = rotation
+        return float((self.corners @ (z - slope[0] * x - slope[1] * y)).min())
+
+    def lowest_points(self, states: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """World z of the lowest point [m] and its downward velocity [m/s], shape [n] each.
+
+        `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
+        """
+        heights, sinking = np.empty(len(states)), np.empty(len(states))
+        at_once = max(1, _MOST_HEIGHTS // len(self.corners))
+        for start in range(0, len(states), at_once):
+            part = slice(start, start + at_once)
+            column = dict(zip(STATE, states[part].T, strict=True))
+            axes = np.array(frames.rotation(*states[part, QUATERNION].T)).T.reshape(-1, 3, 3)
+            lowest = self.corners[(axes[:, 2] @ self.corners.T).argmin(axis=1)]
+            x, y, z = np.einsum("nij,nj->in", axes, lowest)
+            heights[part] = column["pz"] + z
+            sinking[part] = column["wy"] * x - column["wx"] * y - column["vz"]
+        return heights, sinking
 
 
 def load_tool(
