@@ -10,7 +10,7 @@ from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.file import read_alpha_y_table
 from rft_ros.parameters.medium_file import read_medium
 from rft_ros.parameters.table import Values
-from rft_ros.rft import Law, Medium, Table, alpha_y_model, described, law_named, medium_named
+from rft_ros.rft import LAW_NUMBERS, Law, Medium, Table, alpha_y_model, described, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
 __all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files"]
@@ -126,7 +126,6 @@ def ground_of(values: Values) -> HeightMap | None:
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
 
 
-_OF_MEDIUM = ("zeta", "surface_friction", "density", "inertia", "mobilization_length")
 _OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance")
 _LOADED = {"tool": (_OF_TOOL, tool_of), "ground": (("ground.cell", "ground.file"), ground_of)}
 
@@ -164,7 +163,7 @@ def medium_of(values: Values) -> Medium:
     return read_medium(values["medium.file"]) if values["medium.file"] else medium_named(values["medium.name"])
 
 
-GRAINS = frozenset(f"medium.{name}" for name in _OF_MEDIUM)
+GRAINS = frozenset(f"medium.{name}" for name in LAW_NUMBERS)
 """Parameters that are fields of the law. A change of these changes the law and no other part of a model."""
 
 
@@ -188,7 +187,7 @@ def model_of(
     medium, alpha_y = medium or medium_of(values), values["alpha_y.model"]
     if alpha_y == "table":
         table = table or read_alpha_y_table(values["alpha_y.table"])
-    of_law = {name: values[f"medium.{name}"] for name in _OF_MEDIUM}
+    of_law = {name: values[f"medium.{name}"] for name in LAW_NUMBERS}
     return Model(
         tool=tool or tool_of(values),
         law=law_named(values["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),

@@ -59,7 +59,7 @@ radius y, and beyond follows t along the plate's path s, over a mobilization len
 
 Fast motion. With a bed of density ρ a leading plate, area dA below the surface, feels the inertia of the grains:
 
-    dF = -λ (1 + 2 c²) ρ (v·n)² n dA,   c = max(-n·E3, 0)                                       Eq. (11)
+    dF = -κ (1 + 2 c²) ρ (v·n)² n dA,   c = max(-n·E3, 0)                                       Eq. (11)
 
 A second law, of Agarwal, Goldman, Kamrin 2023 (`agarwal2023`), replaces Eqs. (2) to (8). With the unit velocity v,
 m = n or -n so that m does not point up, and polynomials f1, f2, f3 of x1 = -v·E3, x2 = -m·E3, x3 = m·v:
@@ -68,8 +68,8 @@ m = n or -n so that m does not point up, and polynomials f1, f2, f3 of x1 = -v·
 
 with the pressure p, 0 or more, and s along the plate.
 
-Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `traction`, `plates`, `kernel`,
-`wrench`, for Eq. (10) `memory`, for Eq. (11) `inertia`, for Eq. (12) `agarwal2023`. `chunk` and `compilation` make them
+Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `grains`, `traction`, `plates`,
+`wrench`, for Eq. (10) `memory`, for Eq. (11) `inertia`, for Eq. (12) `agarwal2023`. The package `kernel` makes them
 fast; `arguments` checks inputs.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
@@ -102,6 +102,7 @@ from rft_ros.rft.memory import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.stress_map import LeftOut, MediumFit, StressMap, fit_medium
 from rft_ros.rft.traction import (
+    LAW_NUMBERS,
     LAWS,
     Law,
     Treers2021,
@@ -131,6 +132,7 @@ __all__ += ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_
 __all__ += [
     "INERTIA",
     "LAWS",
+    "LAW_NUMBERS",
     "SURFACE_FRICTION",
     "Agarwal2023",
     "Law",

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from rft_ros.rft.alpha_y import PackedLaw, packed
 from rft_ros.rft.arguments import number
-from rft_ros.rft.inertia import INERTIA, inertial_density
+from rft_ros.rft.grains import Grains
 from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["C1", "C2", "C3", "FLAT_PRESS", "SURFACE_FRICTION", "Agarwal2023", "agarwal2023", "agarwal2023_traction"]
@@ -48,28 +48,22 @@ _TINY = 1e-290
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Agarwal2023:
+class Agarwal2023(Grains):
     """The grains by this law.
 
-    `zeta`: strength of the grains, no unit, comparable to that of `Treers2021` (see `FLAT_PRESS`). `surface_friction`
-    of the tool, no unit. `density` of the bed [kg/m³] and `inertia`, λ of Eq. (11), no unit; density 0: the force does
-    not depend on speed. `mobilization_length` [m]: λ of Eq. (10), for evaluations in time; 0: no memory. `packed`: for
-    the loop. Raises ValueError that names a number out of range.
+    `zeta`: comparable to that of `Treers2021` (see `FLAT_PRESS`). `surface_friction` of the tool, no unit. The others:
+    see `Grains`. `packed`: for the loop. Raises ValueError that names a number out of range.
     """
 
     name: ClassVar[str] = "agarwal2023"
 
-    zeta: float = 1.0
     surface_friction: float = SURFACE_FRICTION
-    density: float = 0.0
-    inertia: float = INERTIA
-    mobilization_length: float = 0.0
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        number("medium.mobilization_length", self.mobilization_length, least=0.0)
+        Grains.__post_init__(self)
         numbers = {
-            "inertia": inertial_density(self.density, self.inertia),
+            "inertia": self.inertial_density,
             "stiffness": self.stiffness,
             "surface_friction": number("medium.surface_friction", self.surface_friction, least=0.0),
         }
@@ -78,7 +72,7 @@ class Agarwal2023:
     @property
     def stiffness(self) -> float:
         """ξ [N/m³]."""
-        return number("medium.zeta", self.zeta, positive=True) * (1e6 / FLAT_PRESS)
+        return self.zeta * (1e6 / FLAT_PRESS)
 
     @property
     def stresses(self) -> dict[str, str]:
@@ -91,22 +85,9 @@ class Agarwal2023:
         return ()
 
 
-def agarwal2023(
-    *,
-    zeta: float = 1.0,
-    surface_friction: float = SURFACE_FRICTION,
-    density: float = 0.0,
-    inertia: float = INERTIA,
-    mobilization_length: float = 0.0,
-) -> Agarwal2023:
-    """The grains by this law; arguments and errors as for `Agarwal2023`."""
-    return Agarwal2023(
-        zeta=zeta,
-        surface_friction=surface_friction,
-        density=density,
-        inertia=inertia,
-        mobilization_length=mobilization_length,
-    )
+def agarwal2023(**numbers: float) -> Agarwal2023:
+    """The grains by this law; arguments, all optional, and errors as for `Agarwal2023`."""
+    return Agarwal2023(**numbers)
 
 
 @inlined

@@ -4,23 +4,33 @@ A law is a dataclass, `Treers2021` or `Agarwal2023`, of all that is known of the
 density and memory. `tractions` takes its `packed` form, and evaluates it for the plates of a chunk.
 """
 
-from dataclasses import dataclass, field
+import itertools
+from dataclasses import MISSING, dataclass, field, fields
 from math import radians, sin, sqrt
 from typing import Any, ClassVar
 
 import numpy as np
 
-from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023, agarwal2023_traction
+from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
-from rft_ros.rft.arguments import number
-from rft_ros.rft.inertia import INERTIA, inertial_density
+from rft_ros.rft.grains import Grains
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.media import Medium
 from rft_ros.rft.velocity_weights import f1_and_f23
 
-__all__ = ["LAWS", "Law", "Treers2021", "described", "has_inertia", "law_named", "traction_per_depth", "treers2021"]
+__all__ = [
+    "LAWS",
+    "LAW_NUMBERS",
+    "Law",
+    "Treers2021",
+    "described",
+    "has_inertia",
+    "law_named",
+    "traction_per_depth",
+    "treers2021",
+]
 __all__ += ["BLENDED", "FLAT", "FLAT_BLEND", "NEVER_FLAT", "SWITCHED", "orient", "packed_law", "tractions"]
 
 N_PER_CM3 = 1e6  # 1 N/cm³ in N/m³
@@ -42,41 +52,34 @@ _NUDGE = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Treers2021:
+class Treers2021(Grains):
     """The grains by 3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
-    `medium`: the nine coefficients of Eq. (4). `alpha_y`: the model of Eq. (7). `zeta`: strength of the grains, no
-    unit. `density` of the bed [kg/m³] and `inertia`, λ of Eq. (11), no unit; density 0: the force does not depend on
-    speed. `mobilization_length` [m]: λ of Eq. (10), for evaluations in time; 0: no memory. `packed`: for the loop.
-    Raises ValueError that names a number out of range, TypeError for what is not a medium or a model.
+    `medium`: the nine coefficients of Eq. (4). `alpha_y`: the model of Eq. (7). The others: see `Grains`. `packed`: for
+    the loop. Raises ValueError that names a number out of range, TypeError for what is not a medium or a model.
     """
 
     name: ClassVar[str] = "treers2021"
 
     medium: Medium
     alpha_y: AlphaY
-    zeta: float = 1.0
-    density: float = 0.0
-    inertia: float = INERTIA
-    mobilization_length: float = 0.0
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        number("medium.mobilization_length", self.mobilization_length, least=0.0)
+        Grains.__post_init__(self)
         m = self.medium
         if not isinstance(m, Medium):
             raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")
         # sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed; in the order of `_stresses`
         of_z = {"A00": m.A00, "A10": m.A10, "B11 + Bm11": m.B11 + m.Bm11, "B11 - Bm11": m.B11 - m.Bm11, "B01": m.B01}
         of_x = {"C01": m.C01, "C11 + Cm11": m.C11 + m.Cm11, "Cm11 - C11": m.Cm11 - m.C11, "D10": m.D10}
-        inertia = inertial_density(self.density, self.inertia)
-        numbers = {"inertia": inertia, "stiffness": self.stiffness, **of_z, **of_x}
+        numbers = {"inertia": self.inertial_density, "stiffness": self.stiffness, **of_z, **of_x}
         object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
 
     @property
     def stiffness(self) -> float:
         """ζ in N/m³ per N/cm³."""
-        return number("medium.zeta", self.zeta, positive=True) * N_PER_CM3
+        return self.zeta * N_PER_CM3
 
     @property
     def stresses(self) -> dict[str, str]:
@@ -96,8 +99,15 @@ class Treers2021:
 Law = Treers2021 | Agarwal2023
 """Any law."""
 
-LAWS = ("treers2021", "agarwal2023")
+_LAWS: dict[str, type[Law]] = {law.name: law for law in (Treers2021, Agarwal2023)}
+LAWS = tuple(_LAWS)
 """Names of the laws: values of the parameter `law`."""
+
+_OPTIONAL = {
+    name: tuple(f.name for f in fields(law) if f.init and f.default is not MISSING) for name, law in _LAWS.items()
+}
+LAW_NUMBERS = tuple(dict.fromkeys(itertools.chain(*_OPTIONAL.values())))
+"""Names of the numbers that a law has: each is the parameter ``medium.`` with this name."""
 
 
 def packed_law(law: Law) -> PackedLaw:
@@ -107,52 +117,24 @@ def packed_law(law: Law) -> PackedLaw:
     return law.packed
 
 
-def treers2021(
-    medium: Medium,
-    alpha_y_model: AlphaY,
-    *,
-    zeta: float = 1.0,
-    density: float = 0.0,
-    inertia: float = INERTIA,
-    mobilization_length: float = 0.0,
-) -> Treers2021:
-    """The grains by this law; arguments and errors as for `Treers2021`."""
-    return Treers2021(
-        medium=medium,
-        alpha_y=alpha_y_model,
-        zeta=zeta,
-        density=density,
-        inertia=inertia,
-        mobilization_length=mobilization_length,
-    )
+def treers2021(medium: Medium, alpha_y_model: AlphaY, **numbers: float) -> Treers2021:
+    """The grains by this law. `numbers`, all optional, and errors: those of `Treers2021`."""
+    return Treers2021(medium=medium, alpha_y=alpha_y_model, **numbers)
 
 
-def law_named(
-    name: str,
-    medium: Medium,
-    alpha_y_model: AlphaY,
-    *,
-    zeta: float = 1.0,
-    surface_friction: float = SURFACE_FRICTION,
-    density: float = 0.0,
-    inertia: float = INERTIA,
-    mobilization_length: float = 0.0,
-) -> Law:
-    """The grains by the law that the parameter `law` names, one of `LAWS`; it ignores what it has no use for.
+def law_named(name: str, medium: Medium, alpha_y_model: AlphaY, **numbers: float) -> Law:
+    """The grains by the law that the parameter `law` names, one of `LAWS`.
 
-    Raises ValueError for other names and for numbers out of range.
+    `numbers`: of `LAW_NUMBERS`, all optional. The law ignores what it has no use for. Raises ValueError for other names
+    and for numbers out of range, TypeError for a number that no law has.
     """
-    in_both: dict[str, float] = {
-        "zeta": zeta,
-        "density": density,
-        "inertia": inertia,
-        "mobilization_length": mobilization_length,
-    }
-    if name == "agarwal2023":
-        return agarwal2023(surface_friction=surface_friction, **in_both)
-    if name == "treers2021":
-        return treers2021(medium, alpha_y_model, **in_both)
-    raise ValueError(f"law '{name}' is none of {', '.join(LAWS)}")
+    if name not in _LAWS:
+        raise ValueError(f"law '{name}' is none of {', '.join(LAWS)}")
+    unknown = [number for number in numbers if number not in LAW_NUMBERS]
+    if unknown:
+        raise TypeError(f"no law has a number '{unknown[0]}'; use {', '.join(LAW_NUMBERS)}")
+    used = {number: value for number, value in numbers.items() if number in _OPTIONAL[name]}
+    return Agarwal2023(**used) if name == Agarwal2023.name else treers2021(medium, alpha_y_model, **used)
 
 
 def has_inertia(law: Law) -> bool:

@@ -13,6 +13,7 @@ from rft_ros.errors import InputError
 from rft_ros.files import read_file, read_yaml
 from rft_ros.installation import release
 from rft_ros.parameters import Values, checked, defaults, is_medium_file
+from rft_ros.rft import LAW_NUMBERS
 from rft_ros.sweeps.motions import FAMILIES, Motion
 from rft_ros.tool import locate_mesh
 
@@ -20,9 +21,8 @@ __all__ = ["PARAMETER_NAMES", "Design", "Variant", "motion_of", "parameters_of",
 
 _TOOL = {"mesh": "mesh.file", "scale": "mesh.scale", "origin": "mesh.origin", "rotate": "mesh.quaternion"}
 _TOOL |= {"integration": "integration", "tolerance": "tolerance"}
-_OF_MEDIUM = ("zeta", "surface_friction", "density", "inertia", "mobilization_length")
 _MEDIUM = {"law": "law", "medium": "medium.name", "alpha_y": "alpha_y.model", "surface_height": "surface_height"}
-_MEDIUM |= {name: f"medium.{name}" for name in _OF_MEDIUM}
+_MEDIUM |= {name: f"medium.{name}" for name in LAW_NUMBERS}
 PARAMETER_NAMES = _TOOL | _MEDIUM
 """The node's parameter for each short name in a study or in an option of the command line."""
 

@@ -25,7 +25,8 @@ from rft_ros.parameters import (
     with_grains,
     write_parameter_file,
 )
-from rft_ros.rft import Constant, Linear
+from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
+from rft_ros.sweeps.design import PARAMETER_NAMES
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
@@ -289,3 +290,18 @@ def test_every_other_parameter_of_the_law_is_none_of_its_numbers():
     for name, value in {"medium.name": "poppy_seeds_loose", "alpha_y.model": "constant", "law": "agarwal2023"}.items():
         assert name not in GRAINS
         assert model_of({**defaults(), name: value}).law != model_of(defaults()).law
+
+
+def test_each_number_of_a_law_is_a_parameter_that_reaches_the_law_and_can_be_varied_in_a_study():
+    for name in LAW_NUMBERS:
+        parameter = f"medium.{name}"
+        assert PARAMETER_NAMES[name] == parameter
+        for law in LAWS:
+            values = {**defaults(), "law": law, parameter: 0.125}
+            made = model_of(values, tool=object()).law
+            assert getattr(made, name, 0.125) == 0.125
+
+
+def test_a_number_that_no_law_has_is_refused_by_its_name():
+    with pytest.raises(TypeError, match=r"'stiffness'.*zeta"):
+        law_named("treers2021", MEDIA["generic"], Constant(0.1), stiffness=2.0)
