@@ -15,7 +15,7 @@ from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.estimator.plausible import sentence_on
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
-from rft_ros.rft import MEDIA, Law
+from rft_ros.rft import ALPHA_Y_MODELS, MEDIA, Law
 from rft_ros.sweeps.design import PARAMETER_NAMES, parameters_of
 from rft_ros.tool import Tool
 
@@ -29,7 +29,8 @@ _Array = NDArray[np.float64]
 
 _TOUCHES = 1e-6  # m: least depth of a first state in the grains, beyond rounding
 
-_ALPHA_Y = "constant, linear or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
+_BY_NAME = ", ".join(name for name in ALPHA_Y_MODELS if name != "table")
+_ALPHA_Y = f"{_BY_NAME} or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
 _TOLERANCE = "use the fewest plates within this share of the force in any motion, such as 0.01 (default 0: full tool)"
 _PARAMS = "the node's own parameter file (default: the node's defaults)"
 _REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"

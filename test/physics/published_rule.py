@@ -48,6 +48,22 @@ def linear(beta: float) -> float:
     return 0.2035 - 0.0015 * degrees(beta)
 
 
+def tabulated(beta: float) -> float:
+    """Between the nodes of `TABLE`."""
+    return 0.1 + (0.3 - 0.1) * beta / pi
+
+
+TABLE = [0.0, pi], [0.0], [[0.1], [0.3]]
+"""β [rad], γ [rad] and α_y [N/cm³] of a table."""
+
+ALPHA_Y: dict[str, Callable[[str], AlphaY]] = {
+    "constant": constant,
+    "linear": lambda _medium: linear,
+    "table": lambda _medium: tabulated,
+}
+"""For each value of `alpha_y.model`, Eq. (7) in a medium."""
+
+
 def dot(a: Vec, b: Vec) -> float:
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 

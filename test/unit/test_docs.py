@@ -15,7 +15,7 @@ from rft_ros.cli import parser
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import defaults, read_parameter_file
-from rft_ros.rft import MEDIA
+from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
 from rft_ros.rft import velocity_weights as weights
 from rft_ros.sweeps.motions import FAMILIES
 
@@ -133,6 +133,21 @@ def test_the_coefficients_of_the_weights_are_those_in_use():
     bracket_23 = weights.math.atanh(weights.B2 - weights.B3) + weights.math.atanh(weights.B3)
     assert printed["N1"] == pytest.approx(weights.A1 * bracket_1, rel=1e-14)
     assert printed["N23"] == pytest.approx(weights.B1 * bracket_23, rel=1e-14)
+
+
+def test_equation_7_has_a_part_for_each_alpha_y_model_on_the_page_and_in_the_package():
+    before, _, _ = METHOD.partition("\\tag{7}")
+    sentence, _, equation = before.rpartition("```math")
+    (listed,) = re.findall(r"[^.\n]*\bmodels: (.*)", sentence.rpartition("\n\n")[2] or sentence[-300:])
+    assert tuple(re.findall(r"`(\w+)`", listed)) == ALPHA_Y_MODELS
+    assert equation.count(";") + 1 == len(ALPHA_Y_MODELS)
+    (line,) = [line for line in rft.__doc__.splitlines() if line.endswith("Eq. (7)")]
+    assert line.count(";") + 1 == len(ALPHA_Y_MODELS)
+
+
+def test_the_help_of_the_command_names_each_alpha_y_model():
+    (option,) = [action for action in COMMANDS["predict"]._actions if action.dest == "alpha_y"]
+    assert [name for name in ALPHA_Y_MODELS if name not in option.help.lower()] == []
 
 
 def test_the_equations_have_the_numbers_by_which_the_code_names_them():

@@ -7,26 +7,42 @@ from pathlib import Path
 import rft_ros
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.parameters import PARAMETERS, LoadCell, Settings
+from rft_ros.rft import LAW_NUMBERS
 
 PACKAGE = Path(rft_ros.__file__).parent
 SOURCES = {f: ast.parse(f.read_text(encoding="utf-8")) for f in PACKAGE.rglob("*.py")}
+NODES = [node for tree in SOURCES.values() for node in ast.walk(tree)]
+
+
+def unread(parameters):
+    """The parameters whose value no code takes: by its name, as an attribute of the settings, or as one of a law."""
+    attributes = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
+    keys = {
+        node.slice.value for node in NODES if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
+    }
+    taken = keys | {f"medium.{name}" for name in LAW_NUMBERS if name in attributes}
+    taken |= {f"sensor.{f.name}" for f in fields(LoadCell) if f.name in attributes}
+    taken |= {f.name for f in fields(Settings) if f.name in attributes}
+    return [name for name in parameters if name not in taken]
 
 
 def test_every_parameter_is_read_somewhere():
-    texts = {
-        node.value
-        for file, tree in SOURCES.items()
-        if file != PACKAGE / "parameters" / "table.py"
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Constant) and isinstance(node.value, str)
-    }
-    taken = {f.name for f in fields(Settings)} | {f"sensor.{f.name}" for f in fields(LoadCell)}
-    taken |= {f.name.replace("_", ".", 1) for f in fields(Settings)}
-    parts = {text.partition(".")[2] for text in texts} | texts
-    unread = [p.name for p in PARAMETERS if p.name not in texts | taken and p.name.partition(".")[2] not in parts]
-    assert unread == []
+    assert unread(p.name for p in PARAMETERS) == []
+
+
+def test_a_parameter_that_nobody_reads_is_found_even_if_the_end_of_its_name_is_a_common_word():
+    assert unread(["medium.zeta", "medium.limit", "sensor.name", "medium.path"]) == [
+        "medium.limit",
+        "sensor.name",
+        "medium.path",
+    ]
+
+
+def test_every_field_of_the_settings_is_used_somewhere():
+    used = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
+    assert [f.name for f in (*fields(Settings), *fields(LoadCell)) if f.name not in used] == []
 
 
 def test_every_quality_flag_is_set_somewhere():
-    named = {node.attr for tree in SOURCES.values() for node in ast.walk(tree) if isinstance(node, ast.Attribute)}
+    named = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
     assert {flag.name for flag in QualityFlag} - named == set()
