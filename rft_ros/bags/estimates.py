@@ -79,9 +79,9 @@ class Run:
         depth = e.surface.depth if codes[0] in _PLACED else math.nan
         self._answers.write(_HEAD.pack(answer.stamp, *codes, depth, speed, *wrenches, *_NONE, *learned))
         self._answers.write(e.state.tobytes())
-        self._take()
+        self._write_measurements()
 
-    def _take(self) -> None:
+    def _write_measurements(self) -> None:
         for measurement in self.estimator.measurements():
             self._measured.write(_WRENCH.pack(*(measurement.compensated or _NONE)))
 
@@ -89,7 +89,7 @@ class Run:
         """The rows of all answers in order, shape [n], with measurements and phases, as a memory map of the file."""
         e = self.estimator
         e.finish()
-        self._take()
+        self._write_measurements()
         for file in (self._answers, self._measured):
             file.flush()
         if not self._answers.tell():

@@ -229,7 +229,7 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     title, settings = "Tool and traction", estimator.settings
     times, states, ground = 1e-9 * (rows["stamp"] - begin), np.array(rows["state"]), estimator.ground
     forces, height = world_forces(rows["predicted"], states, settings.load_cell), settings.surface_height
-    scene = animate(title, model.tool, model.law, times, states, forces, surface_height=height, ground=ground)
+    drawn = animate(title, model.tool, model.law, times, states, forces, surface_height=height, ground=ground)
     shown = what_is_shown(model.law, learned=settings.learning_mode == "apply")
     where = "World axes; the surface is the one at the end. The slider selects a moment in the grains."
-    yield Figure("tool", title, f"{shown} {where}", animation_figure(scene))
+    yield Figure("tool", title, f"{shown} {where}", animation_figure(drawn))

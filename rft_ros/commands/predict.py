@@ -102,8 +102,8 @@ def view(arguments: argparse.Namespace) -> int:
     options.warn_of_motion(tool, *moving, surface_height=height)
     learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
-        scene = animate(tool.name, tool, model.law, *moving, surface_height=height, ground=ground)
-        figure = Figure("tool", "", what_is_shown(model.law, learned=learned), animation_figure(scene))
-        write_page(output, [figure], title=scene.title)
-    print(f"{len(scene.labels)} moments of {scene.title} -> {output}")
+        drawn = animate(tool.name, tool, model.law, *moving, surface_height=height, ground=ground)
+        figure = Figure("tool", "", what_is_shown(model.law, learned=learned), animation_figure(drawn))
+        write_page(output, [figure], title=drawn.title)
+    print(f"{len(drawn.labels)} moments of {drawn.title} -> {output}")
     return 0

@@ -108,39 +108,39 @@ def what_is_shown(law: Law, *, learned: bool) -> str:
     return f"{force}; {colours}."
 
 
-def animation_figure(scene: Animation) -> Any:
+def animation_figure(drawn: Animation) -> Any:
     """A plotly Figure with a slider over the moments, and play and pause buttons."""
     import plotly.graph_objects as go
 
-    low, high = scene.placed.min(axis=(0, 1)), scene.placed.max(axis=(0, 1))
-    low[2], high[2] = min(low[2], scene.surface_height), max(high[2], scene.surface_height)
+    low, high = drawn.placed.min(axis=(0, 1)), drawn.placed.max(axis=(0, 1))
+    low[2], high[2] = min(low[2], drawn.surface_height), max(high[2], drawn.surface_height)
     margin = (high - low).max() * np.array([0.2, 0.2, 0.06])  # so that a deep scene is no narrow column
     low, high = low - margin, high + margin
     height = (high - low)[2] / (high - low).max()
     zoom = np.interp(height, (_FLAT, 1.0), (_ZOOM_FLAT, _ZOOM_TALL))
-    sizes = np.linalg.norm(scene.forces, axis=1)
-    starts = scene.placed.mean(axis=1)
-    ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * scene.forces
-    captions = [f"{scene.title}   {s}   |F| = {f:.2f} N" for s, f in zip(scene.labels, sizes, strict=True)]
-    i, j, k = scene.faces.T
+    sizes = np.linalg.norm(drawn.forces, axis=1)
+    starts = drawn.placed.mean(axis=1)
+    ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * drawn.forces
+    captions = [f"{drawn.title}   {s}   |F| = {f:.2f} N" for s, f in zip(drawn.labels, sizes, strict=True)]
+    i, j, k = drawn.faces.T
 
     def line(points: Any, name: str, colour: str, width: int) -> Any:
         x, y, z = np.array(points).T
         return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, name=name)
 
     def moving(n: int) -> list[Any]:
-        x, y, z = scene.placed[n].astype(np.float32).T
+        x, y, z = drawn.placed[n].astype(np.float32).T
         return [
             go.Mesh3d(
                 x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
-                colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=scene.traction.max() or 1.0, name="tool",
-                intensity=scene.traction[n].astype(np.float32), intensitymode="cell",
+                colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=drawn.traction.max() or 1.0, name="tool",
+                intensity=drawn.traction[n].astype(np.float32), intensitymode="cell",
                 colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
             ),
             line([starts[n], ends[n]], "force on the tool", _FORCE, 8),
         ]  # fmt: skip
 
-    x, y, heights = scene.ground or (*np.array([low, high]).T[:2], np.full((2, 2), scene.surface_height))
+    x, y, heights = drawn.ground or (*np.array([low, high]).T[:2], np.full((2, 2), drawn.surface_height))
     ground = go.Surface(
         x=x, y=y, z=heights.T, name="surface",
         colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
@@ -157,22 +157,22 @@ def animation_figure(scene: Animation) -> Any:
 
     axes = {f"{a}axis": {"title": {"text": f"{a} [mm]"}, "range": [low[n], high[n]]} for n, a in enumerate("xyz")}
     menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
-    steps = [button(label, [str(n)], at_once) for n, label in enumerate(scene.labels)]
+    steps = [button(label, [str(n)], at_once) for n, label in enumerate(drawn.labels)]
     still = line(starts, "path", _PATH, 3), ground
-    return go.Figure(data=[*moving(scene.first), *still], frames=frames).update_layout(
+    return go.Figure(data=[*moving(drawn.first), *still], frames=frames).update_layout(
         template="plotly_white",
-        title=captions[scene.first],
+        title=captions[drawn.first],
         font={"family": "system-ui, sans-serif", "size": 13},
         scene={
             **axes,
             "aspectmode": "manual",  # with "data", a wide scene is larger than the page
             "aspectratio": dict(zip("xyz", (zoom * (high - low) / (high - low).max()).tolist(), strict=True)),
             # view from the side of the loaded faces: the force points from them into the tool
-            "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if scene.forces[scene.first, 2] <= 0.0 else -0.75}},
+            "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if drawn.forces[drawn.first, 2] <= 0.0 else -0.75}},
         },
         legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
         updatemenus=[{**menu, "buttons": [button("Play", None, each), button("Pause", [None], at_once)]}],
-        sliders=[{"x": 0.14, "len": 0.84, "active": scene.first, "steps": steps}],
+        sliders=[{"x": 0.14, "len": 0.84, "active": drawn.first, "steps": steps}],
         margin={"l": 0, "r": 0, "t": 50, "b": 100},
         height=760,
     )
