@@ -127,7 +127,8 @@ class Estimator:
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
             s = self.settings
-        self._learn_readings()  # with the filter so far, before the changes below
+        if self.learning is not None:
+            self._learn_readings()  # with the filter so far, before the changes below
         if new_ground:
             self._mapper = GroundMapper(m.ground, m.tool.corners)
         elif new_tool:

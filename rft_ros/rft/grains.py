@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from rft_ros.rft.arguments import number
-from rft_ros.rft.inertia import INERTIA, inertial_density
+from rft_ros.rft.inertia import INERTIA
 
 __all__ = ["Grains"]
 
@@ -25,9 +25,10 @@ class Grains:
     def __post_init__(self) -> None:
         number("medium.zeta", self.zeta, positive=True)
         number("medium.mobilization_length", self.mobilization_length, least=0.0)
-        inertial_density(self.density, self.inertia)
+        number("medium.density", self.density, least=0.0)
+        number("medium.inertia", self.inertia, least=0.0)
 
     @property
     def inertial_density(self) -> float:
         """κ ρ of Eq. (11) [kg/m³]; 0: no inertia."""
-        return inertial_density(self.density, self.inertia)
+        return self.density * self.inertia

@@ -4,10 +4,9 @@ The stress κ ρ v_n² acts against the plate's normal and does not grow with de
 free surface (Agarwal, Karsai, Goldman, Kamrin, Science Advances 7, 2021). It acts at once, with memory as well.
 """
 
-from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["CONFINEMENT", "INERTIA", "inertia_force", "inertial_density"]
+__all__ = ["CONFINEMENT", "INERTIA", "inertia_force"]
 
 INERTIA = 1.4
 """κ of an upright plate, chosen on simulated runs at 0.5 and 1 m/s; published for plates that are dragged: 1.1."""
@@ -15,11 +14,6 @@ INERTIA = 1.4
 CONFINEMENT = 2.0
 """Grains under a plate cannot yield upwards: κ grows by this times the square of the normal's downward part. Chosen on
 one simulated run, a flat plate at 1 m/s; the square is an assumption."""
-
-
-def inertial_density(density: float, inertia: float) -> float:
-    """κ ρ [kg/m³] of Eq. (11), from the density of the bed [kg/m³] and κ; neither may be negative."""
-    return number("medium.density", density, least=0.0) * number("medium.inertia", inertia, least=0.0)
 
 
 @inlined

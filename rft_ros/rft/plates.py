@@ -132,7 +132,7 @@ class Plates:
     @property
     def form(self) -> tuple[Array, Array, bool, float]:
         """What the kernel takes: blocks, bounds, whether refined, reach."""
-        return self.blocks, self.bounds, self.integration == "refined", self.reach
+        return self.blocks, self.bounds, len(self.rows) == _ROWS_OF_REFINED, self.reach
 
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
