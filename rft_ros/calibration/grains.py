@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.attitude import better_attitude
+from rft_ros.calibration.attitude import doubts_of_zeta
 from rft_ros.calibration.contact import Contact, fit_contact
 from rft_ros.calibration.fitting import (
     FitResults,
@@ -45,7 +45,6 @@ _HEIGHT_STEP, _LENGTH_STEP = 5e-5, 0.1
 
 _UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
 
-_LEAST_ZETA, _GREATEST_ZETA = 0.05, 5.0  # range of dry grains; a ζ outside of it points to another fault
 _LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
 _SHAKEN = 2  # number of fits to poses with more noise
 
@@ -257,16 +256,10 @@ def fit_grains(
         spread = spread_of(strengths, [str(tool.file) for tool in tools])
         result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error, spread=spread))
         zeta = result.fitted[-1].values[0]
-        if not _LEAST_ZETA <= zeta <= _GREATEST_ZETA:
-            result.warnings.append(
-                f"medium.zeta is {zeta:.3g}; dry grains have {_LEAST_ZETA:g} to {_GREATEST_ZETA:g}: check mesh.scale,"
-                " mesh.origin, which way the mesh points, and the units of poses and forces"
-            )
         sunk = [
             (recordings[k], rows[fits.recordings[k].heights[rows] < fits.grains.surface]) for k, rows in fits.ways_down
         ]
-        if words := better_attitude(sunk, fits.grains.surface):
-            result.warnings.append(words)
+        result.warnings += doubts_of_zeta(zeta, sunk, fits.grains.surface)
         deepest = max(fits.penetrations(fits.grains), key=lambda p: p.depth)
         source = f"deepest penetration, {deepest.zeta.bag}"
         result.fitted.append(
