@@ -49,12 +49,19 @@ def generate_launch_description() -> LaunchDescription:
     )
 
 
+def _fault(file: Path) -> str:
+    """What is wrong with a path that is not a file."""
+    if file.is_dir():
+        return "is a folder"
+    return "is a pipe or a device" if file.exists() else "does not exist"
+
+
 def _nodes(context: LaunchContext) -> list[Node]:
     """The nodes to start. Launch ends with the sentence of an error that is raised before any of them runs."""
     given = LaunchConfiguration("params_file").perform(context)
     file = Path(given).expanduser()
     if not file.is_file():
-        raise RuntimeError(f"params_file '{given}' {'is a folder' if file.is_dir() else 'does not exist'}")
+        raise RuntimeError(f"params_file '{given}' {_fault(file)}; give a parameter file (YAML)")
     time = LaunchConfiguration("use_sim_time").perform(context)
     nodes = [
         Node(

@@ -4,11 +4,13 @@ import io
 from bz2 import BZ2Decompressor
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, BinaryIO
 
 import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag1 import reader as rosbag1
+from rosbags.rosbag2 import reader as rosbag2
 from rosbags.rosbag2 import storage_mcap
 
 __all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "unpacked"]
@@ -17,6 +19,8 @@ MOST_BYTES = 256 * 2**20
 """Greatest size of a record or a chunk. Recorders write chunks of up to some MiB."""
 
 _LONGEST_LINE = 2**12
+_DENSEST = 100
+"""Greatest size of an unpacked file over that of the packed one. Recordings are packed to a tenth at best."""
 
 
 class LimitError(ValueError):
@@ -47,14 +51,14 @@ class _LimitedFile(io.BufferedReader):
         return super().readline(_LONGEST_LINE)
 
 
-def unpacked(data: bytes, compression: str, size: int | None = None) -> bytes:
-    """The content of a chunk compressed by lz4, bz2, zstd or none ("").
+def unpacked(data: bytes, compression: str, size: int | None = None, *, what: str = "a chunk") -> bytes:
+    """The content of a chunk, or of `what`, compressed by lz4, bz2, zstd or none ("").
 
     Raises LimitError if the content is over the limit, or if its length is not `size`. No more than the limit is
     unpacked, whatever length the chunk gives.
     """
     if size is not None and size > MOST_BYTES:
-        raise _too_large(size)
+        raise _too_large(size, what)
     most = (MOST_BYTES if size is None else size) + 1
     if compression == "lz4":
         content = LZ4FrameDecompressor().decompress(data, max_length=most)
@@ -66,23 +70,53 @@ def unpacked(data: bytes, compression: str, size: int | None = None) -> bytes:
     elif compression in ("", "none"):
         content = data
     else:
-        raise LimitError(f"a chunk is compressed by '{compression[:40]}'; record it with zstd, lz4 or none")
+        raise LimitError(f"{what} is compressed by '{compression[:40]}'; record it with zstd, lz4 or none")
     if len(content) > MOST_BYTES:
-        raise _too_large(len(content))
+        raise _too_large(len(content), what)
     if size is not None and len(content) != size:
-        raise LimitError(f"a chunk does not have the {size:,} bytes that it declares")
+        raise LimitError(f"{what} does not have the {size:,} bytes that it declares")
     return bytes(content)
 
 
-def _too_large(size: int) -> "LimitError":
+def _too_large(size: int, what: str) -> "LimitError":
     most = f"the limit is {MOST_BYTES / 2**20:.0f} MiB; record with smaller chunks"
-    return LimitError(f"a chunk unpacks to {size / 2**20:.0f} MiB or more; {most}")
+    return LimitError(f"{what} unpacks to {size / 2**20:.0f} MiB or more; {most}")
+
+
+class _UnpackedFile:
+    """The content of a file compressed by zstd, for `shutil.copyfileobj`. Raises LimitError where it grows too large."""
+
+    def __init__(self, file: BinaryIO, _mode: str) -> None:
+        packed = file.seek(0, io.SEEK_END)
+        file.seek(0)
+        self._most, self._so_far = max(MOST_BYTES, _DENSEST * packed), 0
+        self._stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+
+    def __enter__(self) -> "_UnpackedFile":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stream.close()
+
+    def read(self, size: int) -> bytes:
+        content = self._stream.read(size)
+        self._so_far += len(content)
+        if self._so_far > self._most:
+            raise LimitError(
+                f"a compressed file unpacks to {self._most / 2**20:.0f} MiB or more, over {_DENSEST} times its size;"
+                " unpack it by 'unzstd' if it is right"
+            )
+        return bytes(content)
 
 
 def _limited(compression: str) -> Callable[..., bytes]:
     return lambda data, size=None: unpacked(data, compression, size)
 
 
-# rosbags has no option for a limit, but it takes the decompressor of every chunk from these two tables.
+# rosbags has no option for a limit, but it takes the decompressor of every chunk from these two tables, and that of a
+# bag with compression_mode file or message, and the path of the unpacked file, from the reader's module.
 storage_mcap.DECOMPRESSORS.update({name: _limited(name) for name in ("lz4", "zstd")})
 rosbag1.decompressors.update({name: _limited(name) for name in ("lz4", "bz2")})
+_zstd = SimpleNamespace(open=_UnpackedFile, decompress=lambda data: unpacked(data, "zstd", what="a message"))
+rosbag2.zstd = _zstd  # type: ignore[attr-defined]
+rosbag2.Path = LimitedPath  # type: ignore[misc]

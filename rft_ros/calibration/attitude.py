@@ -1,10 +1,10 @@
 """Doubts a fitted ζ: dry grains do not have it, or the tool in another attitude explains the measured force better.
 
-Both point to a mesh that points the wrong way. What speaks for another attitude is how the force grows and where it
-points. Real grains do not follow the model's growth with depth: under round plates and wheels the pressure grows as
-depth to the power of 1.3 to 1.6, in simulated beads more slowly than linearly. A tool that enters with an edge or a tip
-also has a force that grows faster. So attitudes are compared after each had the power that suits it, and an attitude
-that needs a ζ of no dry grains is not proposed.
+Both point to a mesh that points the wrong way. What speaks for another attitude is how the force grows on the way down,
+and its direction. Real grains do not follow the model's growth with depth: under round plates and wheels the pressure
+grows as depth to the power of 1.3 to 1.6, in simulated beads more slowly than linearly. And the surface that was found
+belongs to the given attitude: under a tip the force is small at first, and the contact is seen late. So attitudes are
+compared after each had the power and the surface that suit it, and one that needs a ζ of no dry grains is not proposed.
 """
 
 from collections.abc import Sequence
@@ -17,6 +17,8 @@ from scipy.spatial.transform import Rotation
 from rft_ros.calibration.recorded import Recorded
 from rft_ros.calibration.track import Rows
 from rft_ros.rft import wrenches
+from rft_ros.rft.frames import QUATERNION, TWIST
+from rft_ros.rft.wrench import FORCE
 
 __all__ = ["doubts_of_zeta"]
 
@@ -26,14 +28,20 @@ _LEAST_ZETA, _GREATEST_ZETA = 0.05, 5.0
 """Range of ζ of dry grains."""
 
 _MOST_ROWS = 150  # of a way down that are compared
+_DEPTHS = 128  # at which the force of an attitude is computed
 _POWERS = np.linspace(-0.3, 0.6, 13)  # of depth by which the force may differ from the model's
-_BETTER = 0.5  # greatest RMS residual, relative to the given attitude's, of an attitude that is proposed
-_AS_GOOD = 1.5  # the same if the given attitude needs a ζ that dry grains do not have
-_POOR = 0.03  # least RMS residual over the peak of a given attitude that is doubted
+_SHIFTS = np.linspace(0.0, 0.3, 7)  # of the surface, upwards, relative to the depth
+_BETTER = 0.6  # greatest RMS residual, relative to the given attitude's, of an attitude that is proposed
+_AS_GOOD = 2.0  # the same if the given attitude needs a ζ that dry grains do not have
+_ALIKE = 0.002  # RMS residuals over the peak that differ by less are alike
+_POOR = 0.02  # least RMS residual over the peak of a given attitude that is doubted
 
 
 class _Explained(NamedTuple):
-    """How an attitude explains a way down: RMS residual over the peak, with the best power of depth; ζ without one."""
+    """How an attitude explains a way down.
+
+    `misfit`: RMS residual over the peak, with the power of depth and the surface that suit it best. `zeta`: without.
+    """
 
     misfit: float
     zeta: float
@@ -43,39 +51,51 @@ def _is_of_dry_grains(zeta: float) -> bool:
     return _LEAST_ZETA <= zeta <= _GREATEST_ZETA
 
 
-def _explained(recording: Recorded, rows: Rows, surface: float, turn: Rotation) -> _Explained:
-    """How the tool turned in its frame explains a way down; its lowest point meets the surface as it did."""
-    states, measured = recording.track.smooth_states()[rows], recording.forces[rows]
-    depths = np.maximum(surface - recording.heights[rows], 0.0)
-    states[:, 3:7] = (Rotation.from_quat(states[:, 3:7]) * turn).as_quat()
+def _forces_over_depth(recording: Recorded, bottom: int, turn: Rotation, depths: Array) -> Array:
+    """Model's force [N] at depths of the lowest point [m] of the turned tool, straight down; shape [len(depths), 3].
+
+    The attitude is that at the row `bottom`.
+    """
+    states = np.repeat(recording.track.states[[bottom]], len(depths), axis=0)
+    states[:, QUATERNION] = (Rotation.from_quat(states[:, QUATERNION]) * turn).as_quat()
+    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
     lowest, _ = recording.track.tool.lowest_points(states)
-    height = surface + float(np.mean(lowest - recording.heights[rows]))
-    predicted = wrenches(recording.track.tool.plates, recording.law, states, surface_height=height, threads=1)[:, :3]
-    peak, deepest = float(np.linalg.norm(measured, axis=1).max()), float(depths.max())
-    if not (predicted.any() and peak > 0.0 and deepest > 0.0):
-        return _Explained(1.0, 0.0)
+    states[:, 2] -= lowest + depths
+    return np.asarray(wrenches(recording.track.tool.plates, recording.law, states, threads=1)[:, FORCE])
 
-    def fitted(model: Array) -> tuple[float, Array]:
-        zeta = max(float(np.sum(model * measured) / np.sum(model**2)), 0.0)
-        return zeta, measured - zeta * model
 
-    below = depths > 0.0
-    relative = (depths[below] / deepest)[:, None]
-    predicted, measured = predicted[below], measured[below]
-    residuals = [fitted(relative**power * predicted)[1] for power in _POWERS]
-    least = min(float(np.mean(np.sum(left**2, axis=1))) for left in residuals)
-    return _Explained(least**0.5 / peak, fitted(predicted)[0])
+def _explained(recording: Recorded, rows: Rows, surface: float, turn: Rotation) -> _Explained:
+    """How the tool turned in its frame explains a way down."""
+    deepest = surface - float(recording.heights[rows].min())
+    # higher up no surface that is tried lies, and the load cell may have drifted
+    rows = rows[recording.heights[rows] < surface + float(_SHIFTS.max()) * deepest]
+    rows = rows[:: max(1, len(rows) // _MOST_ROWS)]
+    measured, below = recording.forces[rows], surface - recording.heights[rows]
+    peak = float(np.linalg.norm(measured, axis=1).max())
+    if not peak > 0.0:
+        return _Explained(0.0, 0.0)
+    depths = np.linspace(0.0, deepest * (1.0 + float(_SHIFTS.max())), _DEPTHS)
+    forces = _forces_over_depth(recording, int(rows[-1]), turn, depths)
+
+    def fitted(power: float, shift: float) -> tuple[float, float]:
+        grown = forces * (np.maximum(depths, 1e-9)[:, None] / deepest) ** power
+        model = np.column_stack([np.interp(below + shift * deepest, depths, column) for column in grown.T])
+        square = float(np.sum(model**2))
+        zeta = max(float(np.sum(model * measured)) / square, 0.0) if square > 0.0 else 0.0
+        return float(np.mean(np.sum((measured - zeta * model) ** 2, axis=1))), zeta
+
+    least, _ = min(fitted(power, shift) for power in _POWERS for shift in _SHIFTS)
+    return _Explained(least**0.5 / peak, fitted(0.0, 0.0)[1])
 
 
 def doubts_of_zeta(zeta: float, ways_down: Sequence[tuple[Recorded, Rows]], surface: float) -> list[str]:
     """Sentences: on a `zeta` that no dry grains have, and on a turn of the tool by multiples of 90° that fits better.
 
-    `ways_down`: a recording and its rows below the surface, which lies at `surface` [m].
+    `ways_down`: a recording and its rows on the way down, from the air on; the surface lies at `surface` [m].
     """
-    thinned = [(recording, rows[:: max(1, len(rows) // _MOST_ROWS)]) for recording, rows in ways_down]
 
     def explained(turn: Rotation) -> _Explained:
-        each = [_explained(recording, rows, surface, turn) for recording, rows in thinned]
+        each = [_explained(recording, rows, surface, turn) for recording, rows in ways_down]
         return _Explained(*np.mean(each, axis=0).tolist())
 
     sentences, plausible = [], _is_of_dry_grains(zeta)
@@ -91,13 +111,16 @@ def doubts_of_zeta(zeta: float, ways_down: Sequence[tuple[Recorded, Rows]], surf
     found = [(explained(turn), turn) for turn in turns]
     possible = [(other, turn) for other, turn in found if _is_of_dry_grains(other.zeta)]
     if possible:
-        best, turn = min(possible, key=lambda pair: pair[0].misfit)
+        least = min(other.misfit for other, _ in possible)
+        # of turns that fit alike a half turn is the likeliest: upside down
+        alike = [(other, turn) for other, turn in possible if other.misfit <= 1.2 * least + _ALIKE]
+        best, turn = max(alike, key=lambda pair: round(pair[1].magnitude(), 3))
         if best.misfit <= (_BETTER if plausible else _AS_GOOD) * given.misfit:
             x, y, z, w = (round(float(v), 4) + 0.0 for v in turn.as_quat())
             sentences.append(
                 f"the tool turned in its frame by the quaternion [{x:g}, {y:g}, {z:g}, {w:g}] explains the ways down"
                 f" with a ζ of {best.zeta:.2g} in place of {given.zeta:.2g} and an RMS residual of"
-                f" {100 * best.misfit:.1f} in place of {100 * given.misfit:.1f} % of the peak, whatever power of depth"
-                " the pressure grows with: check which way the mesh points, and set mesh.quaternion"
+                f" {100 * best.misfit:.1f} in place of {100 * given.misfit:.1f} % of the peak, each with the surface"
+                " and the growth with depth that suit it: check which way the mesh points, and set mesh.quaternion"
             )
     return sentences

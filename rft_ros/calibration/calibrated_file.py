@@ -91,6 +91,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             for f in result.fitted
         },
         "not_identifiable": [f"{name}: {why}" for name, why in result.not_identifiable.items()],
+        "warnings": result.warnings,
     }
     # ROS cannot read empty lists
     tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}

@@ -21,6 +21,7 @@ __all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "fit_seri
 Array = NDArray[np.float64]
 
 _MOST_STEPS, _HALVINGS, _CONVERGED = 12, 5, 1e-2  # of Gauss and Newton; the last in steps for derivatives
+_WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
 _MOST_ALIKE = 0.999  # greatest correlation of successive samples of noise
 
 _Result = TypeVar("_Result")
@@ -95,7 +96,7 @@ class Fit(NamedTuple):
     @property
     def errors(self) -> Array:
         """Standard errors of the coefficients, shape [k], in their units."""
-        return np.sqrt(np.diag(self.covariance))
+        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
     @property
     def rms(self) -> float:
@@ -168,30 +169,34 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
     """
     parameters, known = np.array(start, dtype=np.float64), np.isfinite(curve.expected_error)
     weight = np.where(known, 1.0 / np.where(known, curve.expected_error, 1.0) ** 2, 0.0)
-    expected = np.where(known, curve.expected, 0.0)
+    expected, size = np.where(known, curve.expected, 0.0), len(start)
     columns, linear, residuals = curve.linear(parameters, observed)
-    for _ in range(_MOST_STEPS):
+
+    def linearised(steps: Array) -> _Linearised:
         slopes = []
-        for k, step in enumerate(curve.steps):
+        for k, step in enumerate(steps):
             after, before = parameters.copy(), parameters.copy()
             after[k], before[k] = min(after[k] + step, curve.high[k]), max(before[k] - step, curve.low[k])
             slopes.append((curve.columns(after) - curve.columns(before)) @ linear / (after[k] - before[k]))
         jacobian = np.concatenate([np.stack(slopes, axis=-1), columns], axis=-1)
-        size, total = len(parameters), jacobian.reshape(observed.size, -1)
         variance = max(_variances(jacobian, residuals)[1], 1e-300)
-        bend = total.T @ total / variance
-        bend[range(size), range(size)] += weight
-        pull = total.T @ residuals.ravel() / variance
-        pull[:size] += weight * (expected - parameters)
-        change = np.linalg.lstsq(bend, pull, rcond=None)[0][:size]
+        total = jacobian.reshape(observed.size, -1)
+        normal = total.T @ total / variance
+        normal[range(size), range(size)] += weight
+        return _Linearised(jacobian, variance, normal)
 
-        def cost(at: Array, left: Array, variance: float = variance) -> float:
-            return float(np.sum(left**2)) / variance + float(weight @ (at - expected) ** 2)
+    def cost(at: Array, left: Array, variance: float) -> float:
+        return float(np.sum(left**2)) / variance + float(weight @ (at - expected) ** 2)
 
+    for _ in range(_MOST_STEPS):
+        here = linearised(curve.steps)
+        gradient = here.jacobian.reshape(observed.size, -1).T @ residuals.ravel() / here.variance
+        gradient[:size] += weight * (expected - parameters)
+        change = np.linalg.lstsq(here.normal, gradient, rcond=None)[0][:size]
         for halving in range(_HALVINGS):
             moved = np.clip(parameters + 0.5**halving * change, curve.low, curve.high)
             found = curve.linear(moved, observed)
-            if cost(moved, found[2]) <= cost(parameters, residuals):
+            if cost(moved, found[2], here.variance) <= cost(parameters, residuals, here.variance):
                 break
         else:
             break
@@ -199,10 +204,29 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
         parameters, (columns, linear, residuals) = moved, found
         if small.all():
             break
-    inverse = np.asarray(np.linalg.pinv(bend, hermitian=True), dtype=np.float64)
-    covariance = _covariance(jacobian, residuals, inverse / variance)
-    covariance += (inverse[:, :size] * weight) @ inverse[:size]
-    return Fit(np.append(parameters, linear), covariance, residuals, inverse @ total.T / variance)
+    fit = here.fit(np.append(parameters, linear), residuals, weight)
+    # memory makes a curve uneven: what counts for an error is the slope over the error, not that within a small step
+    wide = np.minimum(fit.errors[:size], _WIDEST * (curve.high - curve.low))
+    if (wide > curve.steps).any():
+        wider = linearised(np.maximum(curve.steps, wide)).fit(fit.coefficients, residuals, weight)
+        return max(fit, wider, key=lambda one: float(one.errors[0]))
+    return fit
+
+
+class _Linearised(NamedTuple):
+    """A curve near its parameters: derivatives, variance of a sample, matrix of the normal equations."""
+
+    jacobian: Array
+    variance: float
+    normal: Array
+
+    def fit(self, coefficients: Array, residuals: Array, weight: Array) -> Fit:
+        """The fit with these coefficients; `weight`: of what is known of the first ones."""
+        total, size = self.jacobian.reshape(residuals.size, -1), len(weight)
+        inverse = np.asarray(np.linalg.pinv(self.normal, hermitian=True), dtype=np.float64)
+        covariance = _covariance(self.jacobian, residuals, inverse / self.variance)
+        covariance += (inverse[:, :size] * weight) @ inverse[:size]
+        return Fit(coefficients, covariance, residuals, inverse @ total.T / self.variance)
 
 
 def fit_linear(columns: Array, observed: Array) -> Fit:

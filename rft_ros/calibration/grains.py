@@ -40,8 +40,11 @@ Array = NDArray[np.float64]
 
 _ROUNDS = 8  # of fits with each other's results
 _SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
-_HEIGHT_STEP, _LENGTH_STEP = 5e-5, 0.1
-"""Changes of the surface height [m] and of log λ for derivatives: over several poses, between which fits may jump."""
+_HEIGHT_STEPS, _LENGTH_STEPS = (5e-5, 1e-3), (0.1, 0.5)
+"""Least and greatest change of the surface height [m], and of log λ, for derivatives: between poses fits may jump."""
+
+_GIVEN_SURFACE_ERROR = 0.002
+"""Standard deviation [m] of the file's surface height, where a recording does not show the surface."""
 
 _UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
 
@@ -112,16 +115,18 @@ class _Fits:
         """Standard errors of the surface [m], log λ and ζ, from the own error of each; `zero_error` [N], one axis."""
         surface = self.grains.surface
         log_length = float(np.log(self.grains.length)) if self.grains.length > 0.0 else -np.inf
+        # over the error of what is changed: within a smaller step a fit may stay where it is
+        height_step, length_step = np.clip(own[_SURFACE], *_HEIGHT_STEPS), np.clip(own[_LENGTH], *_LENGTH_STEPS)
         by = np.zeros((3, 3))  # the derivative of each value's fit by the others
         higher, lower = (
-            self.values(surface=surface + step, log_length=log_length) for step in (_HEIGHT_STEP, -_HEIGHT_STEP)
+            self.values(surface=surface + step, log_length=log_length) for step in (height_step, -height_step)
         )
-        by[:, _SURFACE] = (higher - lower) / (2.0 * _HEIGHT_STEP)
+        by[:, _SURFACE] = (higher - lower) / (2.0 * height_step)
         if self.grains.length > 0.0:
             longer, shorter = (
-                self.values(surface=surface, log_length=log_length + step) for step in (_LENGTH_STEP, -_LENGTH_STEP)
+                self.values(surface=surface, log_length=log_length + step) for step in (length_step, -length_step)
             )
-            by[:, _LENGTH] = (longer - shorter) / (2.0 * _LENGTH_STEP)
+            by[:, _LENGTH] = (longer - shorter) / (2.0 * length_step)
         by[[_SURFACE, _LENGTH], [_SURFACE, _LENGTH]] = 0.0
         by_zero = np.zeros((3, 3))
         if self.turns:
@@ -222,6 +227,8 @@ def fit_grains(
     if "surface" in parts and contacts:
         fits.contacts = list(contacts)
         fits.grains = given._replace(surface=float(np.mean([contact.surface for contact in contacts])))
+    elif "surface" in parts:
+        own[_SURFACE] = _GIVEN_SURFACE_ERROR
     if "mobilization" in parts:
         try:
             _fit_turns(fits)
@@ -256,10 +263,8 @@ def fit_grains(
         spread = spread_of(strengths, [str(tool.file) for tool in tools])
         result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error, spread=spread))
         zeta = result.fitted[-1].values[0]
-        sunk = [
-            (recordings[k], rows[fits.recordings[k].heights[rows] < fits.grains.surface]) for k, rows in fits.ways_down
-        ]
-        result.warnings += doubts_of_zeta(zeta, sunk, fits.grains.surface)
+        ways_down = [(recordings[k], rows) for k, rows in fits.ways_down]
+        result.warnings += doubts_of_zeta(zeta, ways_down, fits.grains.surface)
         deepest = max(fits.penetrations(fits.grains), key=lambda p: p.depth)
         source = f"deepest penetration, {deepest.zeta.bag}"
         result.fitted.append(

@@ -6,10 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.smoothing import noise_of_poses, shaken_states, smoothed_states
+from rft_ros.calibration.smoothing import Motion, fine_motion, noise_of_poses, shaken_states, smoothed_states
 from rft_ros.calibration.track import GAP, Rows, Track
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import Law, Memory, wrenches, wrenches_in_time
+from rft_ros.rft.frames import ANGULAR_VELOCITY, TWIST, VELOCITY
+from rft_ros.rft.wrench import FORCE
 
 __all__ = ["Grains", "Recorded", "recorded"]
 
@@ -30,13 +32,13 @@ class Grains(NamedTuple):
 class Recorded:
     """One recording of n moments, for `law` at ζ = 1.
 
-    `states`: shape [n, 13], without the noise of the poses, at rest with velocity 0. `heights` of the tool's lowest
-    point [m], shape [n]. `forces`: measured force of the grains, world axes [N], shape [n, 3].
+    `motion`: without the noise of the poses, at rest with velocity 0. `heights` of the tool's lowest point [m], shape
+    [n]. `forces`: measured force of the grains, world axes [N], shape [n, 3].
     """
 
     track: Track
     law: Law
-    states: Array
+    motion: Motion
     heights: Array
     forces: Array
 
@@ -52,13 +54,14 @@ class Recorded:
         if grains.length <= 0.0:
             # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
             states = self.track.smooth_states()[rows]
-            return wrenches(plates, self.law, states, surface_height=grains.surface, threads=1)[:, :3]
+            return wrenches(plates, self.law, states, surface_height=grains.surface, threads=1)[:, FORCE]
         law = replace(self.law, mobilization_length=grains.length)
-        durations = np.diff(self.track.time[first : last + 1], prepend=self.track.time[first])
+        time, states, at = self.motion
+        span = slice(at[first], at[last] + 1)
+        durations = np.diff(time[span], prepend=time[span.start])
         memory = Memory(plates, slack=grains.lost_motion)
-        states = self.states[first : last + 1]
-        found = wrenches_in_time(plates, law, states, durations, memory, surface_height=grains.surface)
-        return np.asarray(found[rows - first, :3])
+        found = wrenches_in_time(plates, law, states[span], durations, memory, surface_height=grains.surface)
+        return np.asarray(found[at[rows] - span.start, FORCE])
 
     def noise(self) -> float:
         """Standard deviation of one coordinate of the tool's fastest point [m]; 0 where the poses have no noise."""
@@ -69,18 +72,18 @@ class Recorded:
         """The recording with noise added, so that its deviation doubles; itself if the poses have no noise."""
         track = self.track
         states = shaken_states(track.time, track.states, gap=GAP, times=3.0**0.5, rng=rng)
-        return self if states is None else replace(self, states=_moving_states(track, states))
+        return self if states is None else replace(self, motion=_motion(track, states))
 
 
-def _moving_states(track: Track, states: Array) -> Array:
-    """The states without the noise of the poses, at rest with velocity 0."""
+def _motion(track: Track, states: Array) -> Motion:
+    """The motion without the noise of the poses, at rest with velocity 0."""
     smooth = smoothed_states(track.time, states, gap=GAP)
-    speed, spin = np.linalg.norm(smooth[:, 7:13].reshape(-1, 2, 3), axis=2).T
-    smooth[speed + spin * track.tool.plates.reach < track.rest_speed, 7:13] = 0.0
-    return smooth
+    speed, spin = (np.linalg.norm(smooth[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
+    smooth[speed + spin * track.tool.plates.reach < track.rest_speed, TWIST] = 0.0
+    return fine_motion(track.time, smooth, gap=GAP)
 
 
 def recorded(track: Track, cell: LoadCell, law: Law) -> Recorded:
     """Prepare a recording; `law`: without memory and inertia, at ζ = 1."""
-    states, forces = _moving_states(track, track.states), track.grain_forces(cell)
-    return Recorded(track=track, law=law, states=states, heights=track.heights(), forces=forces)
+    motion, forces = _motion(track, track.states), track.grain_forces(cell)
+    return Recorded(track=track, law=law, motion=motion, heights=track.heights(), forces=forces)

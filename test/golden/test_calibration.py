@@ -119,7 +119,7 @@ def test_memory_halves_the_residual_of_the_withdrawal_and_the_push_is_gone_after
     assert abs(measured[after]) < 0.015
 
 
-def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_data, tmp_path):
+def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_data, tmp_path, capsys):
     """In the model the pressure under a plate does not depend on its size."""
     rules, bags = [], []
     for name, diameter in PLATES.items():
@@ -132,8 +132,9 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_
     file, out = tmp_path / "cmu.yaml", tmp_path / "calibrated.yaml"
     file.write_text(yaml.safe_dump({n: {"ros__parameters": p} for n, p in (("/**", given), ("rft_replay", remap))}))
     assert main(["calibrate", *bags, "--params", str(file), *rules, "-o", str(out)]) == 0
+    assert "mesh points" not in capsys.readouterr().err  # a plate on its edge has a force of the measured growth
     zeta = record(out)["fitted"]["medium_zeta"]
-    assert "ζ differs by 44 %: tools of different size" in zeta["goodness"]
+    assert "ζ differs by 43 %: tools of different size" in zeta["goodness"]
     assert "60mm_1 1.26" in zeta["source"]
     assert "100mm_4 1.8" in zeta["source"]
     assert zeta["value"] == [pytest.approx(1.53, abs=0.01)]

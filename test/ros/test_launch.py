@@ -57,6 +57,7 @@ def launched(environment: dict[str, str], *arguments: str) -> "subprocess.Popen[
     [
         ("params_file:=~/cell.yaml", "params_file '~/cell.yaml' does not exist"),
         ("params_file:=/", "params_file '/' is a folder"),
+        ("params_file:=/dev/null", "params_file '/dev/null' is a pipe or a device"),
         ("use_sim_time:=yess", 'Argument "use_sim_time" provided value "yess" is not valid'),
         ("rviz:=yess", 'Argument "rviz" provided value "yess" is not valid'),
         pytest.param(

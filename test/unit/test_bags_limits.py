@@ -9,8 +9,9 @@ import sys
 
 import pytest
 import zstandard
-from recordings import moments, write_ros2
+from recordings import POSE, ROS2, START, STEP, cdr, moments, write_ros2
 from refusals import refusal
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from rft_ros.bags.limits import MOST_BYTES, LimitedPath, unpacked
 from rft_ros.bags.reading import Recording
@@ -78,6 +79,40 @@ def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_
     said, memory = read(tmp_path / "bomb.mcap")
     assert "bomb.mcap" in said
     assert re.search("a chunk unpacks to|a chunk does not have", said)
+    assert memory < 2 * MOST_BYTES / 2**20
+
+
+def packed_bag(folder, mode, *, mib):
+    """A bag with compression_mode file or message, one message or its file of many zeros; and its size on disk."""
+    bag = Writer(folder, version=8, storage_plugin=StoragePlugin.SQLITE3)
+    bag.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
+    with bag as writer:
+        pose = writer.add_connection(TOPICS["pose"], POSE, typestore=ROS2)
+        for k in range(30):
+            writer.write(pose, START + k * STEP, cdr("pose", START + k * STEP, (0, 0, 0, 0, 0, 0, 1)))
+        if mode == "message" and mib:
+            writer.write(pose, START + 30 * STEP, bytes(mib * 2**20))
+    if mode == "file" and mib:
+        (file,) = folder.glob("*.zstd")
+        compressor = zstandard.ZstdCompressor(level=1).compressobj()
+        zeros = b"".join(compressor.compress(bytes(2**20)) for _ in range(mib)) + compressor.flush()
+        file.write_bytes(file.read_bytes() + zeros)
+    return sum(file.stat().st_size for file in folder.iterdir())
+
+
+@pytest.mark.parametrize("mode", ["file", "message"])
+def test_a_bag_that_is_compressed_by_file_or_message_is_read(tmp_path, mode):
+    packed_bag(tmp_path / "bag", mode, mib=0)
+    with Recording(tmp_path / "bag", TOPICS) as recording:
+        assert sum(1 for _ in recording) == 30
+    assert recording.damage is None
+
+
+@pytest.mark.parametrize("mode", ["file", "message"])
+def test_a_compressed_file_or_message_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path, mode):
+    assert packed_bag(tmp_path / "bag", mode, mib=900) < 2**18
+    said, memory = read(tmp_path / "bag")
+    assert re.search("a (compressed file|message) unpacks to", said)
     assert memory < 2 * MOST_BYTES / 2**20
 
 
