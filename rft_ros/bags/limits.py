@@ -84,7 +84,7 @@ def _too_large(size: int, what: str) -> "LimitError":
 
 
 class _UnpackedFile:
-    """The content of a file compressed by zstd, for `shutil.copyfileobj`. Raises LimitError where it grows too large."""
+    """The content of a file compressed by zstd, for `shutil.copyfileobj`. Raises LimitError where it is too large."""
 
     def __init__(self, file: BinaryIO, _mode: str) -> None:
         packed = file.seek(0, io.SEEK_END)
@@ -96,7 +96,7 @@ class _UnpackedFile:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stream.close()
+        self._stream.close()  # type: ignore[no-untyped-call]
 
     def read(self, size: int) -> bytes:
         content = self._stream.read(size)
@@ -118,5 +118,4 @@ def _limited(compression: str) -> Callable[..., bytes]:
 storage_mcap.DECOMPRESSORS.update({name: _limited(name) for name in ("lz4", "zstd")})
 rosbag1.decompressors.update({name: _limited(name) for name in ("lz4", "bz2")})
 _zstd = SimpleNamespace(open=_UnpackedFile, decompress=lambda data: unpacked(data, "zstd", what="a message"))
-rosbag2.zstd = _zstd  # type: ignore[attr-defined]
-rosbag2.Path = LimitedPath  # type: ignore[misc]
+vars(rosbag2).update(zstd=_zstd, Path=LimitedPath)

@@ -12,6 +12,7 @@ and Stefanski, Journal of the American Statistical Association 89, 1994).
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,19 @@ _SURFACE, _LENGTH, _ZETA = range(3)
 """Rows of the three values in the system of errors."""
 
 
+class _Coupling(NamedTuple):
+    """How errors reach the surface [m], log λ and ζ: from each other, from noise of the poses, from the cell's zero.
+
+    `by`: the derivative of each value's fit by the others, shape [3, 3]. `by_poses`: standard errors, shape [3].
+    `by_zero`: the derivative by an offset of the load cell [1/N], shape [3, 3]. `ways_down`: those it is of.
+    """
+
+    by: Array
+    by_poses: Array
+    by_zero: Array
+    ways_down: list[tuple[int, Rows]]
+
+
 @dataclass(slots=True, eq=False)
 class _Fits:
     """The parts of the recordings that identify each value, and the fits to them. No parts: the value is not fitted.
@@ -69,6 +83,7 @@ class _Fits:
     ways_down: list[tuple[int, Rows]] = field(default_factory=list)
     found_contacts: list[Measurement] = field(default_factory=list)
     found_turns: list[TurnFit] = field(default_factory=list)
+    coupling: _Coupling | None = None
 
     def surfaces(self, grains: Grains) -> list[Measurement]:
         """The surface height at each contact."""
@@ -113,6 +128,13 @@ class _Fits:
 
     def errors(self, own: Array, zero_error: float) -> Array:
         """Standard errors of the surface [m], log λ and ζ, from the own error of each; `zero_error` [N], one axis."""
+        if self.coupling is None or len(self.coupling.ways_down) != len(self.ways_down):
+            self.coupling = self._coupled(own)
+        by, by_poses, by_zero, _ = self.coupling
+        sources = np.hstack([np.diag(own), np.diag(by_poses), zero_error * by_zero])
+        return np.asarray(np.linalg.norm(np.linalg.solve(np.eye(3) - by, sources), axis=1))
+
+    def _coupled(self, own: Array) -> _Coupling:
         surface = self.grains.surface
         log_length = float(np.log(self.grains.length)) if self.grains.length > 0.0 else -np.inf
         # over the error of what is changed: within a smaller step a fit may stay where it is
@@ -133,8 +155,7 @@ class _Fits:
             by_zero[_LENGTH] = np.mean([turn.by_zero for turn in self.found_turns], axis=0)
         if self.ways_down:
             by_zero[_ZETA] = np.mean([way.by_zero for way in self.penetrations(self.grains)], axis=0)
-        sources = np.hstack([np.diag(own), np.diag(self._by_poses(surface, log_length)), zero_error * by_zero])
-        return np.asarray(np.linalg.norm(np.linalg.solve(np.eye(3) - by, sources), axis=1))
+        return _Coupling(by, self._by_poses(surface, log_length), by_zero, self.ways_down)
 
     def _by_poses(self, surface: float, log_length: float) -> Array:
         """The effect of pose noise on the fitted values: RMS change of fits to poses with twice the noise.

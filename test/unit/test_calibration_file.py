@@ -181,3 +181,17 @@ def test_samples_that_repeat_a_stamp_are_left_out(tmp_path):
 )
 def test_digits_end_at_a_hundredth_of_the_error(value, error, kept):
     assert rounded(value, error) == kept
+
+
+def test_a_doubt_of_the_fit_is_said_and_stays_in_the_file(cell, tmp_path, capsys):
+    """The plate's mesh stands on its edge."""
+    tree = yaml.safe_load((cell / "cell.yaml").read_text())
+    tree["/**"]["ros__parameters"]["mesh.quaternion"] = [0.0, 0.5**0.5, 0.0, 0.5**0.5]
+    wrong, out = tmp_path / "wrong.yaml", tmp_path / "out.yaml"
+    wrong.write_text(yaml.safe_dump(tree))
+    fit = ["--fit", "sensor", "--fit", "surface", "--fit", "zeta"]
+    assert main(["calibrate", str(cell / "pressed"), "--params", str(wrong), "-o", str(out), *fit]) == 0
+    kept = record(out)["warnings"]
+    assert any("mesh.quaternion" in sentence for sentence in kept)
+    said = capsys.readouterr().err
+    assert all(sentence in said for sentence in kept)
