@@ -12,7 +12,18 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
-from synthetic_track import LOAD_CELL, ORIENTATIONS, Path, law, read_by, shaken, track_of, unknown
+from synthetic_track import (
+    LOAD_CELL,
+    ORIENTATIONS,
+    Path,
+    grain_wrenches,
+    known,
+    law,
+    read_by,
+    shaken,
+    track_of,
+    unknown,
+)
 
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.estimator import PoseSample
@@ -99,13 +110,42 @@ def scores(seeds):
 
 
 def test_the_truth_lies_within_three_standard_errors_of_random_recordings():
-    """83 % of ζ and λ did, where corners between poses were not part of the path and the file's surface was exact."""
+    """Six recordings; the module, run by itself, tries more. Of 43 such 83 % of ζ and λ did, before the tests below."""
     found = scores(range(7000, 7006))
     of_grains = np.concatenate([found[name] for name in NAMES[:3]])
     assert len(of_grains) >= 14  # of 18
     assert np.mean(of_grains <= 3.0) >= 0.95
     assert np.mean(np.concatenate([*found.values()]) <= 3.0) >= 0.95
     assert np.mean(of_grains <= 1.0) >= 0.4  # no more than chance
+
+
+def test_a_turn_between_two_poses_does_not_shift_lambda():
+    """At 125 Hz the arm does 36 µm after a pose and undoes them before the next: λ was 10 % too short."""
+    path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.065), 0.0115).move((0.0, 0.0, 0.03), 0.0115)
+    time, states = path.states(1000.0)
+    grains = replace(law(0.8), mobilization_length=0.003)
+    tool = tool_of("abb_plate", "refined")
+    durations = np.diff(time, prepend=0.0)
+    force = wrenches_in_time(tool.plates, grains, states, durations, Memory(tool.plates), surface_height=0.0)
+    for first in (0, 3, 6):
+        some = slice(first, None, 8)
+        readings = read_by(LOAD_CELL, states[some], force[some], np.random.default_rng(1), noise=(0.02, 0.0004))
+        result = calibrate([track_of(time[some] - time[first], states[some], readings, tool=tool)], known())
+        (length,) = (f for f in result.fitted if f.name == "medium.mobilization_length")
+        assert abs(length.values[0] - 0.003) <= 3.0 * length.errors[0]
+        assert abs(length.values[0] - 0.003) < 0.03 * 0.003
+
+
+def test_the_error_of_zeta_has_that_of_a_surface_that_no_contact_shows():
+    """The recording begins in the grains, and the file's height, which is 3 mm off, was taken as exact."""
+    time, states = Path((0.0, 0.0, -0.01)).wait(1.0).move((0.0, 0.0, -0.03), 0.01).states()
+    force = grain_wrenches(time, states, law(0.8), surface=0.0)
+    readings = read_by(LOAD_CELL, states, force, np.random.default_rng(1), noise=(0.02, 0.0004))
+    result = calibrate([track_of(time, states, readings)], known(surface_height=0.003))
+    assert "surface_height" in result.not_identifiable
+    (zeta,) = (f for f in result.fitted if f.name == "medium.zeta")
+    assert abs(zeta.values[0] - 0.8) <= 3.0 * zeta.errors[0]
+    assert zeta.errors[0] < 0.1
 
 
 if __name__ == "__main__":
