@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import TransformSample
 from rft_ros.parameters import defaults, model_of
-from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, wrenches
+from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, frames, wrenches
 from rft_ros.rft.placement import Placement
 
 SURFACE = 0.12
@@ -70,8 +70,8 @@ def record(
             ("/rft/wrench_measured", WRENCH, cdr("wrench", stamp, reading)),
             ("/unstamped", WRENCH, cdr("wrench", 0, reading)),
             ("/still", WRENCH, cdr("wrench", stamp, [0.01 * (k % 3)] * 6)),
-            ("/rft/twist", TWIST, cdr("twist", stamp, state[TWIST])),
-            ("/rft/pose", POSE, cdr("pose", stamp, state[POSE])),
+            ("/rft/twist", TWIST, cdr("twist", stamp, state[frames.TWIST])),
+            ("/rft/pose", POSE, cdr("pose", stamp, state[frames.POSE])),
             ("/tf", TF, transforms_cdr(place)),
         )
         messages += [(stamp + 1_000_000, *one) for one in now]

@@ -10,7 +10,7 @@ from rosbags.typesys import Stores, get_typestore
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.parameters import checked, defaults
-from rft_ros.rft import frames as state
+from rft_ros.rft import frames
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -118,7 +118,7 @@ def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, co
 
 def write_run(path: Path, time, states, readings, **named) -> Path:
     """A bag of what a load cell reads, twist and pose at each moment [s]; `named`: `topics` and `frames`."""
-    columns = {"wrench": readings, "twist": states[:, state.TWIST], "pose": states[:, state.POSE]}
+    columns = {"wrench": readings, "twist": states[:, frames.TWIST], "pose": states[:, frames.POSE]}
     stamps = [START + round(t * 1e9) for t in time]
     return write_ros2(path, [(r, t, t, columns[r][k]) for k, t in enumerate(stamps) for r in columns], **named)
 
