@@ -58,7 +58,7 @@ _AS_PARAMETERS = {
 
 
 def _command(name: str, command: argparse.ArgumentParser, described: dict[str, str]) -> str:
-    """The section of a command. What an argument above has described, by its help in `described`, is not repeated."""
+    """The section of a command. An argument that a command above has, by its help in `described`, is named only."""
     rows, as_above, as_parameters = [], [], []
     for action in _arguments(command):
         typed = f"`{', '.join([*action.option_strings[:-1], _named(action)])}`"
@@ -72,7 +72,7 @@ def _command(name: str, command: argparse.ArgumentParser, described: dict[str, s
         elif described[meaning] == typed:
             as_above.append(typed)
         else:
-            rows.append(f"- {typed}: as {described[meaning]} above")
+            rows.append(f"- {typed}: {meaning}")
     if as_parameters:
         rows.append(f"- {', '.join(as_parameters)}: as the node's [parameters](node.md#parameters)")
     if as_above:
@@ -93,7 +93,7 @@ def commands_page() -> str:
         "Only `rft demo`, and `rft doctor` without `--bag`, need ROS. After `colcon build`, type `ros2 run rft_ros rft`"
         " instead of `rft`.\n",
         f"Every error is one sentence on stderr. Exit status: {status} A recording is a {BAG}.\n",
-        'Units, shapes and defaults are in brackets and parentheses. "As above" means that an earlier command has the'
+        'Units are in brackets, defaults in parentheses. "As above" means that an earlier command has the'
         " argument with the same meaning.\n",
     ]
     described: dict[str, str] = {}

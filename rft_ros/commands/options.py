@@ -19,7 +19,7 @@ from rft_ros.rft import ALPHA_Y_MODELS, MEDIA, Law
 from rft_ros.sweeps.design import PARAMETER_NAMES, parameters_of
 from rft_ros.tool import Tool
 
-BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, ROS 1 .bag"
+BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, or ROS 1 .bag"
 
 PLACED = ("--scale", "--origin", "--rotate")
 OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")

@@ -42,7 +42,7 @@ class QualityFlag(IntFlag):
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
     WAKE = 8, "in the wake of its own motion, where the grains are looser"
-    CONCAVE = 16, "a hollow tool: facets that others shadow count in full"
+    CONCAVE = 16, "a hollow tool: the model counts facets behind others in full"
     WITHDRAWAL = 32, "moving up: the measured force vanishes sooner than the predicted one"
     KNIFE_EDGE = 64, "faces that move along themselves: an error of one degree changes much of the force"
     DEEP = 128, "deeper than medium.calibrated_depth"
@@ -53,8 +53,8 @@ class QualityFlag(IntFlag):
     MESH = 4096, "a mesh with faults, which falsify the force"
     IMPOSSIBLE = (
         8192,
-        "buried by ten times its size, 50 m above the grains, over 10 m or under 1 mm large, or a force over 500 kN:"
-        " poses are in metres and mesh.scale in metres per mesh unit, so look for millimetres",
+        "not plausible: deeper than ten times the tool's size, 50 m above the grains, a tool over 10 m or under 1 mm,"
+        " or a force over 500 kN: check for millimetres in poses (metres) and mesh.scale (metres per mesh unit)",
     )
 
 
