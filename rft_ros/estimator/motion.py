@@ -107,11 +107,11 @@ class Kinematics:
     def noise_of_tip(self) -> float:
         """Standard deviation [m] of a coordinate of the tool's farthest point, by the noise of the poses.
 
-        0 where it is not known: with a topic of twists, and at the beginning.
+        A part of the noise that is not known counts as 0: both with a topic of twists and at the beginning, and that
+        of rotations or of positions that have not changed yet, as of an arm that keeps its attitude exactly.
         """
-        position, rotation = self._difference.noise
-        variance = position + self.reach * self.reach * rotation
-        return math.sqrt(variance) if variance < np.inf else 0.0
+        position, rotation = (variance if variance < np.inf else 0.0 for variance in self._difference.noise)
+        return math.sqrt(position + self.reach * self.reach * rotation)
 
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
         """Linear and angular velocity at a pose, world axes; or the reason why it has none."""

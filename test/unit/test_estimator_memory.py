@@ -64,7 +64,9 @@ def test_encoder_noise_at_rest_does_not_wear_the_force_down():
     assert rest(20.0) == pytest.approx(before, rel=0.02)
 
 
-@pytest.mark.parametrize("noise", [(2e-6, 0.0), (5e-6, 3e-5), (3e-6, 1e-4)], ids=["2 um", "30 urad", "100 urad"])
+@pytest.mark.parametrize(
+    "noise", [(2e-6, 0.0), (5e-6, 0.0), (5e-6, 3e-5), (3e-6, 1e-4)], ids=["2 um", "5 um", "30 urad", "100 urad"]
+)
 def test_noise_of_poses_and_of_a_long_lever_at_rest_takes_no_force_off(noise):
     """Of positions [m] and rotations [rad]; the tool's tip is 120 mm below its flange. In a minute at rest."""
     tool, rng = load_tool("plate", origin=(0.0, 0.0, 120.0)), np.random.default_rng(3)
