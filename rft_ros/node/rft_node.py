@@ -1,6 +1,7 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
 from collections.abc import Callable
+from copy import copy
 from functools import partial
 from time import perf_counter
 
@@ -77,7 +78,8 @@ class RftNode(Node):
     def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
         self._decode[role] = decoder(role, ros1=False)
         # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
-        qos, options = INPUTS[role], QoSOverridingOptions.with_default_policies()
+        # rclpy writes what the node's parameters override into the profile it is given.
+        qos, options = copy(INPUTS[role]), QoSOverridingOptions.with_default_policies()
         return self.create_subscription(
             message_class(role), topic, callback, qos, raw=True, qos_overriding_options=options
         )

@@ -20,6 +20,7 @@ from rosgraph_msgs.msg import Clock
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.node.rft_node import RftNode
+from rft_ros.node.topics import INPUTS
 
 S = 1_000_000_000
 
@@ -98,6 +99,7 @@ def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_a
     reliable.open_inputs(best_effort)
     reliable.until(lambda: "'~/pose', offering incompatible QoS" in reliable.said())
     assert reliable.pose.get_subscription_count() == 0
+    assert INPUTS["pose"].reliability == ReliabilityPolicy.BEST_EFFORT  # of every other node of this process
 
 
 def test_speed_beyond_the_papers_is_a_warning_with_the_number(rft):
