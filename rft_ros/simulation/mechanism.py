@@ -118,7 +118,9 @@ class Mechanism:
         jar = np.zeros(data.nefc)
         mujoco.mj_mulJacVec(model, data, jar, data.qacc)
         mujoco.mj_constraintUpdate(model, data, jar - data.efc_aref, None, 1)  # computes the cones' Hessians
-        return rows, (np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32), data.contact.H)
+        places = np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32)
+        # MuJoCo's array has other data of the contact between its rows
+        return rows, (places, np.ascontiguousarray(data.contact.H))
 
     def _damps(self) -> int:
         """Whose damping the integrator takes implicitly: 0 none, 1 that of joints, 2 of actuators, 3 of tendons too."""

@@ -98,12 +98,25 @@ ARM = """
 
 
 @pytest.mark.parametrize("integrator", ["Euler", "implicit", "implicitfast"])
-@pytest.mark.parametrize(("cone", "jacobian"), [("pyramidal", "dense"), ("elliptic", "sparse")])
-def test_the_inverse_inertia_is_what_a_small_force_changes_in_a_step_of_mujoco(integrator, cone, jacobian):
+@pytest.mark.parametrize(
+    ("cone", "jacobian", "solver", "speed"),
+    [
+        ("pyramidal", "dense", "Newton", 0.3),
+        ("elliptic", "sparse", "Newton", 0.3),
+        ("elliptic", "dense", "Newton", 1.0),
+        ("elliptic", "sparse", "PGS", 1.0),
+    ],
+    ids=["pyramids stick", "cones stick", "cones slide", "cones slide, dual solver"],
+)
+def test_the_inverse_inertia_is_what_a_small_force_changes_in_a_step_of_mujoco(
+    integrator, cone, jacobian, solver, speed
+):
     step = 0.004
     model = mujoco.MjModel.from_xml_string(ARM.format(step=step, integrator=integrator, cone=cone, jacobian=jacobian))
+    model.opt.solver, model.geom_friction[:, 0] = getattr(mujoco.mjtSolver, f"mjSOL_{solver.upper()}"), 0.2
+    model.opt.iterations, model.opt.tolerance = 1000, 1e-14
     data = mujoco.MjData(model)
-    data.ctrl[:], data.qvel[:3] = 0.4, (0.3, 0.1, 0.0)
+    data.ctrl[:], data.qvel[:3] = 0.4, (speed, 0.1, 0.0)
     for _ in range(20):
         mujoco.mj_step(model, data)
     bodies = [model.body(name).id for name in ("tip", "other")]
