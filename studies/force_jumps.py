@@ -267,10 +267,10 @@ def withdrawal() -> StudyResult:
 
     degrees = np.arange(0.0, 181.0, 2.0)
     for model, colour in zip(ALPHA_Y, (GREEN, PURPLE), strict=True):
-        for intruding, dash in ((False, "-"), (True, "--")):
-            power = [greatest_power(b, "refined", model, intruding=intruding) for b in np.radians(degrees)]
-            moving = "γ >= 0" if intruding else "any direction"
-            by_angle.plot(degrees, power, dash, color=colour, label=f"α_y {model}, {moving}")
+        rules: tuple[tuple[Integration, str], ...] = (("centroid", "--"), ("refined", "-"))
+        for rule, dash in rules:
+            power = [greatest_power(b, rule, model, intruding=False) for b in np.radians(degrees)]
+            by_angle.plot(degrees, power, dash, color=colour, label=f"α_y {model}, {rule}")
     by_angle.axhline(0.0, color=BLACK, lw=0.6)
     by_angle.axvline(0.2035 / 0.0015, color=GREY, lw=0.8, ls=":")
     by_angle.set_ylim(-0.15, 0.1)

@@ -76,8 +76,8 @@ def _draw(axes: Axes, marks: Sequence[Mark]) -> None:
         for group in _near([m for m in marks if m.side == side]):
             _name(axes, group, top)
     low, high = min(m.seconds for m in marks), max(m.seconds for m in marks)
-    room = 3.0 * 10.0**_ROOM  # beside the marks, for names
-    axes.set_xlim(low / room, high * (2.0 * room if high < 0.1 else 4.0))
+    room = 3.0 * 10.0**_ROOM  # beside the marks, for names; the longest are on the left
+    axes.set_xlim(low / (6.0 * room), high * (0.9 * room if high < 0.1 else 4.0))
     shown = {t: text for t, text in _TICKS.items() if 0.3 * low < t < 2.0 * high}
     axes.set_xticks(list(shown), list(shown.values()))
     axes.minorticks_off()
