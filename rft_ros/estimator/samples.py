@@ -1,7 +1,7 @@
 """The estimator's inputs (samples) and outputs (estimates, measurements, and the reasons for having none)."""
 
 from collections.abc import Reversible
-from enum import Enum
+from enum import Enum, unique
 from typing import NamedTuple, TypeVar
 
 from rft_ros.ground import Cloud
@@ -87,6 +87,7 @@ _MISSING = "no sample stamped at or before the pose has arrived"
 _STALE = "the last sample is older than the pose by more than `max_input_age`"
 
 
+@unique
 class Reason(str, Enum):
     """Why a sample was not used, or a pose has no estimate or no residual. Users read the values."""
 
