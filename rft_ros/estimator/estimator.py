@@ -12,7 +12,7 @@ from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
-from rft_ros.estimator.quality import QualityMonitor, ReadingInAir, inertial_speed
+from rft_ros.estimator.quality import QualityMonitor, ReadingInAir, speed_limits
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
 from rft_ros.estimator.sigma import without_learning
 from rft_ros.estimator.withdrawal import Withdrawal
@@ -28,9 +28,7 @@ Array = NDArray[np.float64]
 
 _AXES = ("world_frame", "tool_frame")
 _SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool, and may be submerged when it is 6 mm above
-_SLACK_OVER_NOISE = (
-    5.0  # the memory's dead band over the noise of the poses at the tool's tip: false motion is no motion
-)
+_SLACK_OVER_NOISE = 5.0  # dead band of the memory over the poses' noise at the tool's tip, so that noise is no motion
 _SLACK_MOST = 5e-4  # m
 _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
@@ -116,7 +114,8 @@ class Estimator:
         """
         old, old_model = self.settings, self.model
         s, m = settings or old, model or old_model
-        number("surface_height", s.surface_height)
+        if settings is not None:
+            number("surface_height", s.surface_height)
         self.settings, self.model = s, m
         self.surface = LocalSurface(s.surface_height)
         new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
@@ -184,6 +183,7 @@ class Estimator:
     def _prepare_step(self) -> None:
         """Prepare the evaluation of the current model, with the memory so far."""
         self._step = prepared(self.model.tool.plates, self.model.law, self._memory)
+        self._limits = speed_limits(self.model.law)
 
     def _start_run(self) -> None:
         """Start a new run, or a run in new axes: no path, no memory, the ground at the start.
@@ -277,7 +277,7 @@ class Estimator:
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         self._learn_readings()  # the reading at this pose may have come already; it decides the flag SURPRISE
         flags = self._quality.flags(
-            motion, surface, self.settings, self.model.law, force=force, in_grains=in_grains, depth=self.depth,
+            motion, surface, self.settings, self._limits, force=force, in_grains=in_grains, depth=self.depth,
             withdrawn=self._withdrawal.active, learning=self.learning,
         )  # fmt: skip
         return Estimate(pose.stamp, wrench, sigma, motion.speed_bound, area, self.model.generation, flags)
@@ -322,7 +322,7 @@ class Estimator:
             answer = np.empty(12)
             without_learning(row, self.settings.zeta_error, self._kinematics.reach, answer)
             return answer
-        fast = math.hypot(*motion.velocity) > inertial_speed(self.model.law)
+        fast = math.hypot(*motion.velocity) > self._limits.inertial
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 

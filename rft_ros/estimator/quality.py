@@ -2,7 +2,8 @@
 
 import math
 from collections.abc import Callable
-from enum import Enum, IntFlag
+from enum import Enum, IntFlag, unique
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,11 @@ from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
-__all__ = ["QualityFlag", "QualityMonitor", "ReadingInAir", "Trust"]
-__all__ += ["flag_names", "inertial_speed", "sentences", "trust"]
+__all__ = ["QualityFlag", "QualityMonitor", "ReadingInAir", "SpeedLimits", "Trust"]
+__all__ += ["flag_names", "sentences", "speed_limits", "trust"]
 
 
+@unique
 class QualityFlag(IntFlag):
     """Known causes of error that apply to an estimate; `docs/where-it-fails.md` shows most of them."""
 
@@ -86,7 +88,6 @@ def sentences(quality_flags: int) -> str:
     return "; ".join(flag.sentence for flag in QualityFlag if quality_flags & flag)
 
 
-_FAST_SPEED = 0.025  # m/s, the highest speed tested in the paper
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
 _EDGE_SHARE = 0.4  # of the submerged area; the narrow sides of a plate that moves straight down have less
@@ -126,9 +127,20 @@ class ReadingInAir:
         return [ISSUES[OFFSET]] if enough and reads else []
 
 
-def inertial_speed(law: Law) -> float:
-    """Speed [m/s] up to which a law holds: without inertia 0.2, with it that of the fastest simulated run."""
-    return 1.0 if has_inertia(law) else 0.2
+class SpeedLimits(NamedTuple):
+    """Speeds [m/s]: up to `checked` a law was compared with measurements or simulations, up to `inertial` it holds."""
+
+    checked: float
+    inertial: float
+
+
+_WITHOUT_INERTIA = SpeedLimits(checked=0.025, inertial=0.2)  # 0.025: the highest speed tested in the paper
+_WITH_INERTIA = SpeedLimits(checked=1.0, inertial=1.0)  # the speed of the fastest simulated run
+
+
+def speed_limits(law: Law) -> SpeedLimits:
+    """The limits of a law, which are higher if it has the grains' inertia."""
+    return _WITH_INERTIA if has_inertia(law) else _WITHOUT_INERTIA
 
 
 class QualityMonitor:
@@ -146,7 +158,7 @@ class QualityMonitor:
         motion: Motion,
         surface: LocalSurface,
         settings: Settings,
-        law: Law,
+        limits: SpeedLimits,
         *,
         force: Vector,
         in_grains: bool,
@@ -173,9 +185,8 @@ class QualityMonitor:
         if math.hypot(*force) > LARGEST_FORCE or (may_be_deep and depth() > self._deepest):
             flags |= f.IMPOSSIBLE.value
         flags |= f.WITHDRAWAL.value if withdrawn else 0
-        limit = inertial_speed(law)
-        if motion.speed_bound > (limit if has_inertia(law) else _FAST_SPEED):
-            flags |= f.FAST.value | (f.INERTIAL.value if motion.speed_bound > limit else 0)
+        if motion.speed_bound > limits.checked:
+            flags |= f.FAST.value | (f.INERTIAL.value if motion.speed_bound > limits.inertial else 0)
         elif motion.speed_bound < _NEAR_REST_FACTOR * settings.rest_speed:
             flags |= f.NEAR_REST.value
         if not math.isnan(surface.depth):  # the ground is a map

@@ -169,9 +169,12 @@ GRAINS = frozenset(f"medium.{name}" for name in LAW_NUMBERS)
 
 def with_grains(model: Model, changes: Values) -> Model:
     """The next model, which differs in its law only. `changes`: checked values of parameters in `GRAINS`."""
-    given = {name.removeprefix("medium."): value for name, value in changes.items()}
-    used = {name: given[name] for name in given.keys() & type(model.law).__dataclass_fields__.keys()}
-    return replace(model, law=replace(model.law, **used), generation=model.generation + 1)
+    changed = {}
+    for parameter, value in changes.items():
+        field_name = parameter.removeprefix("medium.")
+        if hasattr(model.law, field_name):  # surface_friction, for example, is a field of one law only
+            changed[field_name] = value
+    return replace(model, law=replace(model.law, **changed), generation=model.generation + 1)
 
 
 def model_of(
