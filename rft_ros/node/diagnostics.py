@@ -1,6 +1,5 @@
 """/diagnostics at 1 Hz: inputs, estimates, model and what was learned, each OK, WARN or ERROR (REP 107)."""
 
-import math
 from collections import Counter
 
 import numpy as np
@@ -29,7 +28,8 @@ class Diagnostics:
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
         self._ongoing: dict[str, int] = {}  # for each problem, the number of reports since it was last present
         self._idle = True  # no pose came in the second before the last report
-        self._first_depth: float | None = None  # of the first estimate [m]; -inf in the air, and once it was logged
+        self._answered = False  # whether an estimate has come
+        self._first_depth = 0.0  # of a first estimate that is in the grains [m], until it is logged
         self._start_period()
 
     def _start_period(self) -> None:
@@ -47,8 +47,9 @@ class Diagnostics:
         self._latencies.append(latency)
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed)
-        if self._first_depth is None:
-            self._first_depth = self._estimator.depth() if estimate.submerged_area > 0.0 else -math.inf
+        if not self._answered and estimate.submerged_area > 0.0:
+            self._first_depth = self._estimator.depth()
+        self._answered = True
 
     def summary(self) -> str:
         """A sentence on the current tool and a swap in progress. Raises InputError, which adds the problems, if any."""
@@ -80,11 +81,11 @@ class Diagnostics:
             array.status.append(self._medium(learning))
         self._publisher.publish(array)
         self._log_changes(bad)
-        if self._first_depth is not None and self._first_depth > 0.0:
+        if self._first_depth > 0.0:
             depth, check = 1e3 * self._first_depth, "mesh.origin, mesh.quaternion and surface_height"
             where = f"the first estimate is {depth:.1f} mm deep in the grains: if the tool is in the air, check {check}"
             self._node.get_logger().warning(where)
-            self._first_depth = -math.inf
+            self._first_depth = 0.0
         self._idle = not self._received["pose"]
         self._start_period()
 

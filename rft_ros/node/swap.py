@@ -69,6 +69,15 @@ class _Load:
     since: float
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _CodeLoad:
+    """Parts of the machine code that are being loaded in the background. `since`: as in `_Load`."""
+
+    parts: frozenset[str]
+    future: "Future[None]"
+    since: float
+
+
 class Swap:
     """Loads the parts of a model (tool, ground) and machine code. `parts`: the loaded parts, arguments of `model_of`.
 
@@ -87,7 +96,7 @@ class Swap:
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
-        self._code_load: tuple[frozenset[str], Future[None], float] | None = None  # parts; result; start, as `_Load`
+        self._code_load: _CodeLoad | None = None
         self._read: dict[tuple[str, str], Medium | Table] = {}  # `Prepared.read` of the current values
         self.prepared = self._made(values, generation=0)
         """The values, settings and model that are used now."""
@@ -136,8 +145,8 @@ class Swap:
         now = time.monotonic()
         loads = [f"{named({part: load.wanted})} for {now - load.since:.0f} s" for part, load in self._loads.items()]
         if self._code_load is not None:
-            code, _, since = self._code_load
-            loads.append(f"machine code of {' and '.join(sorted(code))} for {now - since:.0f} s")
+            code = " and ".join(sorted(self._code_load.parts))
+            loads.append(f"machine code of {code} for {now - self._code_load.since:.0f} s")
         return " and ".join(loads)
 
     def want(self, prepared: Prepared) -> None:
@@ -164,12 +173,13 @@ class Swap:
     def _want_code(self) -> None:
         missing = self.prepared.code - self._code
         if missing and self._code_load is None:
-            self._code_load = missing, self._code_thread.submit(_load_code, missing), time.monotonic()
+            future = self._code_thread.submit(_load_code, missing)
+            self._code_load = _CodeLoad(parts=missing, future=future, since=time.monotonic())
 
     def poll(self) -> Swapped | None:
         """The next load that has ended; None if none has. After success `prepared` has the loaded part."""
-        if self._code_load is not None and self._code_load[1].done():
-            self._code |= self._code_load[0]
+        if self._code_load is not None and self._code_load.future.done():
+            self._code |= self._code_load.parts
             self._code_load = None
             self._want_code()
             return self._succeeded()

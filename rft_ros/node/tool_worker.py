@@ -15,8 +15,12 @@ __all__ = ["ToolWorker", "named"]
 
 _SIGN_PERIOD = 1.0  # s between two signs of life from a process that loads
 _SILENT = 300.0  # s without a sign of life after which the process is given up
-_BLOCKED = 60.0, 0.01  # s: a process that uses less CPU time than the second in the first is blocked by a file
-_STARVED = 5.0, 0.5  # s, share of a core: a process of low priority that gets less is replaced by one of normal
+_BLOCKED_AFTER, _BLOCKED_CPU = 60.0, 0.01
+"""A process that uses less than `_BLOCKED_CPU` [s] of CPU time in `_BLOCKED_AFTER` [s] waits for a file, as for a pipe.
+"""
+
+_STARVED_AFTER, _STARVED_SHARE = 5.0, 0.5
+"""A process of low priority that gets less than this share of a core is replaced after this time [s]."""
 
 
 class _Alive(NamedTuple):
@@ -94,16 +98,16 @@ class ToolWorker:
                 raise InputError(f"{named(files)} is no longer wanted")
             now = time.monotonic()
             used = self.used or 0.0
-            if self._low_priority and now - begin > _STARVED[0] and used < _STARVED[1] * (now - begin):
+            if self._low_priority and now - begin > _STARVED_AFTER and used < _STARVED_SHARE * (now - begin):
                 self._replace(low_priority=False)
                 self.used = None
                 self._connection.send(files)
                 moved = heard = now
                 used_then = 0.0
-            if used - used_then > _BLOCKED[1]:
+            if used - used_then > _BLOCKED_CPU:
                 moved, used_then = now, used
-            if self.used is not None and now - moved > _BLOCKED[0]:
-                raise InputError(f"{named(files)} could not be read for {_BLOCKED[0]:g} s; give a regular file")
+            if self.used is not None and now - moved > _BLOCKED_AFTER:
+                raise InputError(f"{named(files)} could not be read for {_BLOCKED_AFTER:g} s; give a regular file")
             if now - heard > _SILENT:
                 raise InputError(f"the process that loads {named(files)} was silent for {_SILENT:g} s; set it again")
             if not self._connection.poll(_SIGN_PERIOD):

@@ -112,7 +112,8 @@ def test_a_worker_that_was_killed_while_idle_refuses_nothing_even_if_it_dies_onl
 def test_a_worker_that_gets_no_core_is_replaced_by_one_of_the_nodes_own_priority(worker, big, monkeypatch):
     loaded(worker, "sphere")
     low = worker.process.pid
-    monkeypatch.setattr(tool_worker, "_STARVED", (0.0, 2.0))  # no process can have two cores
+    monkeypatch.setattr(tool_worker, "_STARVED_AFTER", 0.0)
+    monkeypatch.setattr(tool_worker, "_STARVED_SHARE", 2.0)  # no process can have two cores
     assert loaded(worker, big).name == "big"
     assert worker.process.pid != low
 
@@ -120,7 +121,8 @@ def test_a_worker_that_gets_no_core_is_replaced_by_one_of_the_nodes_own_priority
 def test_a_file_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, monkeypatch):
     """As /proc/kmsg, or a disk that has gone."""
     with monkeypatch.context() as patched:
-        patched.setattr(tool_worker, "_BLOCKED", (0.0, 1e9))
+        patched.setattr(tool_worker, "_BLOCKED_AFTER", 0.0)
+        patched.setattr(tool_worker, "_BLOCKED_CPU", 1e9)
         with pytest.raises(InputError, match=r"mesh\.file '.*big\.stl' could not be read for 0 s; give a"):
             loaded(worker, big)
     assert loaded(worker, "plate").name == "plate"
@@ -147,7 +149,7 @@ def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
     "others", [{"learning.mode": "observe"}, {"twist_source": "pose_difference"}, {"ground.cell": 0.01}], ids=str
 )
 def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big, others, monkeypatch):
-    monkeypatch.setattr(tool_worker, "_STARVED", (1e9, 0.0))  # it stands still while this test looks
+    monkeypatch.setattr(tool_worker, "_STARVED_AFTER", 1e9)  # it stands still while this test looks
     monkeypatch.setattr(swap, "prepare", lambda *_, **__: None)  # machine code may have to compile first
     values = {**defaults(), "tolerance": 0.0}
     pending = Swap(worker, values, on_cold_cache=lambda: None)
