@@ -65,9 +65,11 @@ class Learning:
 
     def forget_place(self) -> None:
         """Keep the strength, and reset surface and turn: the tool moved elsewhere or is another one, or time jumped."""
-        state, latest, prior, push = (self._state, *(self._state[name] for name in ("latest", "prior", "push")))
-        for name in (n for n, *_ in JUDGE if n != "doubts"):
-            state[name] = 0
+        state = self._state
+        latest, prior, push = state["latest"], state["prior"], state["push"]
+        for name, *_ in JUDGE:
+            if name != "doubts":
+                state[name] = 0
         state["first"] = state["open"] = state["end"]
         state["learned"] = state["judged"] = state["path"]
         latest["theta"], latest["p"] = prior["theta"], prior["p"]
@@ -116,10 +118,23 @@ class Learning:
 
     def belief(self) -> Belief:
         """θ in the terms of users, with standard errors."""
-        mean, errors, state = self.theta, np.sqrt(np.diag(self.covariance)), self._state
-        mean[2], errors[2] = math.atan2(mean[2], mean[1]), errors[2] / mean[1]
-        excess = float(state["excess"] / state["size"]) if state["size"] > 0.0 else 0.0
-        return Belief(*(*mean.tolist(), *errors.tolist(), float(state["path"]), float(state["score"]), excess))
+        state = self._state
+        vertical, horizontal, sideways, surface = self.theta.tolist()
+        errors: list[float] = np.sqrt(np.diag(self.covariance)).tolist()
+        vertical_error, horizontal_error, sideways_error, surface_error = errors
+        return Belief(
+            vertical_strength=vertical,
+            horizontal_strength=horizontal,
+            turn=math.atan2(sideways, horizontal),
+            surface=surface,
+            vertical_strength_error=vertical_error,
+            horizontal_strength_error=horizontal_error,
+            turn_error=sideways_error / horizontal,
+            surface_error=surface_error,
+            path=float(state["path"]),
+            surprise=float(state["score"]),
+            excess=float(state["excess"] / state["size"]) if state["size"] > 0.0 else 0.0,
+        )
 
     def strength(self) -> tuple[float, float] | None:
         """Strength of the bed over the model's at the last push, and its standard error; None if nothing was learned.
@@ -136,7 +151,10 @@ class Learning:
     @property
     def surprise(self) -> Literal["", "harder", "softer"]:
         """Whether the grains at the last measurement were harder or softer than the filter expected."""
-        return ("", "harder", "softer")[self._surprise[0]]
+        harder = int(self._surprise[0])
+        if harder == 0:
+            return ""
+        return "harder" if harder > 0 else "softer"
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
