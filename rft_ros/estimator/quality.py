@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.learning.surprise import ISSUES, OFFSET
+from rft_ros.estimator.learning.surprise import AIR_SAMPLES, ISSUES, OFFSET, OFFSET_LEAST, OFFSET_SHARE
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.plausible import HIGHEST, LARGEST_FORCE, deepest, is_plausible_tool
 from rft_ros.estimator.samples import Vector
@@ -94,8 +94,6 @@ _EDGE_SHARE = 0.4  # of the submerged area; the narrow sides of a plate that mov
 _DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
 _STEEP_SLOPE = math.tan(math.radians(15.0))
 _UNEVEN_SHARE = 0.25  # of the depth
-_AIR_SAMPLES = 64  # in the mean of the force in the air
-_OFFSET_LEAST, _OFFSET_SHARE = 0.2, 0.1  # N, and share of the model's greatest force: most that is read in the air
 _EVERY = 8  # estimates between two evaluations of the slow flags
 
 
@@ -116,15 +114,16 @@ class ReadingInAir:
 
     def add_in_air(self, measured: Vector) -> None:
         """Add a compensated force in the air [N], world axes."""
-        self._count = n = min(self._count + 1, _AIR_SAMPLES)
+        self._count = n = min(self._count + 1, AIR_SAMPLES)
         (x, y, z), (a, b, c) = self._mean, measured
         self._mean = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
 
     def issues(self) -> list[str]:
         """The issue `OFFSET` if the load cell reads a force in the air; otherwise none."""
-        enough = 2 * self._count >= _AIR_SAMPLES
-        reads = math.hypot(*self._mean) > max(_OFFSET_LEAST, _OFFSET_SHARE * self._greatest)
-        return [ISSUES[OFFSET]] if enough and reads else []
+        if 2 * self._count < AIR_SAMPLES:
+            return []
+        has_offset = math.hypot(*self._mean) > max(OFFSET_LEAST, OFFSET_SHARE * self._greatest)
+        return [ISSUES[OFFSET]] if has_offset else []
 
 
 class SpeedLimits(NamedTuple):
@@ -194,10 +193,11 @@ class QualityMonitor:
             flags |= f.UNEVEN.value if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
         if self._countdown == 0:  # these are expensive and change slowly
             self._countdown, state = _EVERY, motion.state[0]
+            self._path.extend(state)
             height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
             deep = settings.calibrated_depth and depth() > _DEEPER * settings.calibrated_depth
             edge = edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE
-            self._slow = self._of_tool | (f.WAKE.value if self._path.add(state) else 0)
+            self._slow = self._of_tool | (f.WAKE.value if self._path.crosses_itself else 0)
             self._slow |= (f.DEEP.value if deep else 0) | (f.KNIFE_EDGE.value if edge else 0)
         self._countdown -= 1
         return flags | self._slow
@@ -224,15 +224,17 @@ class _Path:
 
     def clear(self) -> None:
         """Clear the path. The tool has left the grains, which fill its traces."""
-        self._count, self._length, self._crosses = 0, 0.0, False
+        self._count, self._length = 0, 0.0
+        self.crosses_itself = False
+        """Whether the tool crosses its earlier path."""
 
-    def add(self, state: Array) -> bool:
-        """Add the next state, shape [13]; returns whether the tool crosses its earlier path."""
+    def extend(self, state: Array) -> None:
+        """Add the next state, shape [13]."""
         place = state[POSITION] + rotation_matrix(state[QUATERNION]) @ self._centre
         if self._count:
             step = math.dist(place, self._places[(self._count - 1) % self._KEPT])
             if step < self._width / 8.0:
-                return self._crosses
+                return
             self._length += step
         self._places[self._count % self._KEPT] = place
         self._lengths[self._count % self._KEPT] = self._length
@@ -240,5 +242,4 @@ class _Path:
         since = self._length - self._lengths[: self._count]
         apart = np.linalg.norm(self._places[: self._count] - place, axis=1)
         near = (since >= 2.0 * self._width) & (apart < 2.0 * self._width) & (apart < self._BENT * since)
-        self._crosses = bool(near.any())
-        return self._crosses
+        self.crosses_itself = bool(near.any())

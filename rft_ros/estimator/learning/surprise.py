@@ -5,7 +5,21 @@ import math
 from rft_ros.estimator.learning.filter import dot
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["ISSUES", "JUDGE", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "average_in_air", "judge"]
+__all__ = [
+    "AIR_SAMPLES",
+    "ISSUES",
+    "JUDGE",
+    "OFFSET",
+    "OFFSET_LEAST",
+    "OFFSET_SHARE",
+    "OPPOSED",
+    "STRONG",
+    "STUCK",
+    "TURNED",
+    "WEAK",
+    "average_in_air",
+    "judge",
+]
 
 _ENTRY = 0.008  # path [m] after entering without a judgement, since the estimate of δ has not settled
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
@@ -17,8 +31,12 @@ _OPPOSING = 0.05  # [N]; the direction of a smaller force is random
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
 _STUCK_LENGTH = 0.005  # path [m]; a cell that repeats one reading over more is stuck
 _STUCK_STEP = 0.002  # path [m]; most that one sample adds to that
-_OFFSET_LEAST = 0.2  # [N] in the air; a tared cell reads less
-_AIR_SAMPLES = 64.0  # in the mean reading in the air
+
+AIR_SAMPLES = 64
+"""Readings in the mean force in the air; half of them are enough to judge it."""
+
+OFFSET_LEAST, OFFSET_SHARE = 0.2, 0.1
+"""A tared cell reads less in the air: a force [N], or a share of the model's force in the grains if that is more."""
 
 JUDGE = [
     ("entered", float),  # path at which the tool last entered
@@ -57,7 +75,7 @@ ISSUES = {
 @inlined
 def average_in_air(state, y):
     """Add a reading in the air to their mean, which is zero for a tared cell."""
-    state.air_samples = min(state.air_samples + 1.0, _AIR_SAMPLES)
+    state.air_samples = min(state.air_samples + 1.0, float(AIR_SAMPLES))
     for i in range(3):
         state.air[i] += (y[i] - state.air[i]) / state.air_samples
     state.issues = state.issues & ~OFFSET | _offset_issue(state)
@@ -66,12 +84,12 @@ def average_in_air(state, y):
 @inlined
 def _offset(state):
     """Mean reading in the air [N]; 0 before there are enough readings."""
-    return math.sqrt(dot(state.air, state.air)) if 2.0 * state.air_samples >= _AIR_SAMPLES else 0.0
+    return math.sqrt(dot(state.air, state.air)) if 2.0 * state.air_samples >= AIR_SAMPLES else 0.0
 
 
 @inlined
 def _offset_issue(state):
-    return OFFSET if _offset(state) > max(_OFFSET_LEAST, 0.1 * math.sqrt(state.square)) else 0
+    return OFFSET if _offset(state) > max(OFFSET_LEAST, OFFSET_SHARE * math.sqrt(state.square)) else 0
 
 
 @inlined
