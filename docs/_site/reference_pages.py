@@ -54,7 +54,20 @@ _AS_PARAMETERS = {
     "--mobilization-length": "medium.mobilization_length",
     "--surface-height": "surface_height",
 }
-"""Options that mean what a parameter of the node means."""
+"""Options that mean what a parameter of the node means, in most commands."""
+
+_DESCRIPTIONS = {p.name: p.description for p in PARAMETERS}
+
+
+def _is_as_parameter(action: argparse.Action) -> bool:
+    """Whether the option means a parameter and has its default. Its help then begins with the parameter's."""
+    for option in action.option_strings:
+        if option == "--medium":  # of medium.name and medium.file
+            return True
+        if option in _AS_PARAMETERS:
+            meaning = _DESCRIPTIONS[_AS_PARAMETERS[option]].rstrip(".").lower()
+            return (action.help or "").replace("%%", "%").lower().startswith(meaning)
+    return False
 
 
 def _command(name: str, command: argparse.ArgumentParser, described: dict[str, str]) -> str:
@@ -63,7 +76,7 @@ def _command(name: str, command: argparse.ArgumentParser, described: dict[str, s
     for action in _arguments(command):
         typed = f"`{', '.join([*action.option_strings[:-1], _named(action)])}`"
         meaning = (action.help or "").replace(BAG, "recording")
-        if any(option in _AS_PARAMETERS for option in action.option_strings):
+        if _is_as_parameter(action):
             as_parameters.append(typed)
         elif meaning not in described:
             described[meaning] = typed

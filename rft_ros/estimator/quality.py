@@ -37,26 +37,30 @@ class QualityFlag(IntFlag):
         return flag
 
     NONE = 0
-    FAST = 1, "faster than the model was checked at (0.025 m/s; with medium.density 1 m/s)"
+    FAST = 1, "faster than the speed up to which the model was checked (0.025 m/s, or 1 m/s with medium.density)"
     INERTIAL = (
         2,
-        "so fast that inertia matters (over 0.2 m/s; with medium.density over 1 m/s: not checked)",
+        "so fast that the grains' inertia matters (over 0.2 m/s), or with medium.density over 1 m/s, where the modelled"
+        " inertia was not checked",
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
     WAKE = 8, "in the wake of its own motion, where the grains are looser"
-    CONCAVE = 16, "a hollow tool: the model counts facets behind others in full"
-    WITHDRAWAL = 32, "moving up: the measured force vanishes sooner than the predicted one"
-    KNIFE_EDGE = 64, "faces that move along themselves: an error of one degree changes much of the force"
+    CONCAVE = 16, "a hollow tool: the model computes each facet as if no other facet were near"
+    WITHDRAWAL = 32, "the tool moves up: the force of real grains vanishes sooner than the predicted one"
+    KNIFE_EDGE = 64, "faces move nearly along themselves: an error of one degree changes the force by a tenth or more"
     DEEP = 128, "deeper than medium.calibrated_depth"
-    SURPRISE = 256, "grains harder or softer than learned"
+    SURPRISE = 256, "the grains are harder or softer than the filter has estimated"
     STEEP = 512, "the ground is tilted by over 15 degrees"
-    UNEVEN = 1024, "the ground is uneven over the width of the tool"
-    DISAGREEMENT = 2048, "load cell and model differ by more than grains can explain"
-    MESH = 4096, "a mesh with faults, which falsify the force"
+    UNEVEN = 1024, "the ground departs from the plane under the tool by over a quarter of the depth (RMS)"
+    DISAGREEMENT = (
+        2048,
+        "the load cell's readings are not plausible, or the model is wrong; /diagnostics or the report names the fault",
+    )
+    MESH = 4096, "the mesh has faults, such as repeated or inverted facets, that make the force wrong"
     IMPOSSIBLE = (
         8192,
-        "not plausible: deeper than ten times the tool's size, 50 m above the grains, a tool over 10 m or under 1 mm,"
-        " or a force over 500 kN: check for millimetres in poses (metres) and mesh.scale (metres per mesh unit)",
+        "not plausible: deeper than 0.3 m + 10 times the tool's size, over 50 m above the grains, a tool over 10 m or"
+        " under 1 mm, or a force over 500 kN. Poses must be in metres, and mesh.scale in metres per mesh unit",
     )
 
 

@@ -82,7 +82,10 @@ Sample = Stamped | tuple[TransformSample, ...]
 _NOT_FINITE = "NaN, infinity or an absurdly large number"
 _FRAME_UNKNOWN = "the frame_id is not the expected one, and no fixed transforms link the two"
 _STAMP_ZERO = "the stamp is zero"
-_OUT_OF_ORDER = "the stamp is not after that of the last sample of this input; 1 s or more before it begins a new run"
+_OUT_OF_ORDER = (
+    "the stamp is not after that of this input's last sample. A sample whose stamp is 1 s or more earlier is used:"
+    " it starts a new run"
+)
 _MISSING = "no sample stamped at or before the pose has arrived"
 _STALE = "the last sample is older than the pose by more than `max_input_age`"
 
@@ -138,16 +141,20 @@ class Reason(str, Enum):
     TF_OUT_OF_ORDER = "tf_out_of_order", "a transform's stamp is not after the frame's last one"
     TF_TWO_PARENTS = (
         "tf_two_parents",
-        "a frame came with another parent, or a moving frame came as fixed; the new one is used, as tf2 does",
+        "a transform gives a frame another parent than before, or makes a moving frame fixed, or a fixed one moving."
+        " The new transform is used, as in tf2",
     )
     TF_LOOP = "tf_loop", "a transform would make a frame its own ancestor"
     TF_FRAME_UNKNOWN = "tf_frame_unknown", "no transforms link `tool_frame` and `world_frame`"
-    TF_MISSING = "tf_missing", "the stamp of the pose is before the oldest transform that is kept (2 s at 500 Hz)"
+    TF_MISSING = (
+        "tf_missing",
+        "the stamp of the pose is before the oldest transform that the node keeps: the last 1,024 of each frame",
+    )
     TF_STALE = (
         "tf_stale",
         "no transform stamped after the pose has come, although other inputs are stamped 1 s later",
     )
-    TF_GAP = "tf_gap", "the transforms before and after the stamp of the pose are further from it than `max_input_age`"
+    TF_GAP = "tf_gap", "the transform before the pose's stamp, or the one after it, is over `max_input_age` away"
     SURFACE_OFF = "surface_off", "Python code pushed a cloud, but `ground.cell` is 0"
     SURFACE_LATE = "surface_late", "a cloud's stamp is 0.5 s or more before the last pose"
     SURFACE_FRAME_UNKNOWN = "surface_frame_unknown", _FRAME_UNKNOWN

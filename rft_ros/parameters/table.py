@@ -50,10 +50,15 @@ PARAMETERS = (
     Parameter(
         "law",
         "treers2021",
-        "Traction law. agarwal2023 has coefficients of its own, and uses no medium.name and no alpha_y.model.",
+        "Traction law. agarwal2023 has its own coefficients and ignores medium.name, medium.file and alpha_y.model.",
         choices=LAWS,
     ),
-    Parameter("medium.name", "generic", "Medium whose stresses were measured (Li et al. 2013).", choices=tuple(MEDIA)),
+    Parameter(
+        "medium.name",
+        "generic",
+        "Medium whose coefficients give the stresses, as measured by Li et al. 2013. medium.zeta scales them.",
+        choices=tuple(MEDIA),
+    ),
     Parameter(
         "medium.file",
         "",
@@ -65,8 +70,8 @@ PARAMETERS = (
     Parameter(
         "medium.mobilization_length",
         0.003,
-        "Displacement over which the force at 30 mm depth reaches 63 % of its full value; at rest the force "
-        "then holds. 0.0: no memory, as published.",
+        "Memory of the grains: displacement over which the force at 30 mm depth reaches 63 % of its full value. "
+        "With memory the force holds at rest. 0.0: no memory, as published.",
         "m",
         (0.0, 1e3),
     ),
@@ -78,7 +83,14 @@ PARAMETERS = (
         (0.0, 1e3),
     ),
     Parameter("medium.density", 0.0, "Bulk density, for the grains' inertia. 0.0: no inertia.", "kg/m3", (0.0, 1e5)),
-    Parameter("medium.inertia", INERTIA, "Factor of the grains' inertia, for an upright plate.", "", (0.0, 100.0)),
+    Parameter(
+        "medium.inertia",
+        INERTIA,
+        "Factor of the grains' inertia on an upright plate. On a level plate that moves down it is three times as "
+        "large.",
+        "",
+        (0.0, 100.0),
+    ),
     Parameter(
         "medium.surface_friction",
         SURFACE_FRICTION,
@@ -107,7 +119,7 @@ PARAMETERS = (
     Parameter(
         "tolerance",
         0.025,
-        "Reduce the tool to the fewest plates that keep the force within this share. 0.0: use all plates.",
+        "Reduce the tool to the fewest plates whose force deviates by at most this share. 0.0: use all plates.",
         "",
         (0.0, 1.0),
     ),
@@ -151,7 +163,7 @@ PARAMETERS = (
     Parameter(
         "feedforward.rise_time",
         0.2,
-        "Least time from zero to feedforward.limit, and back. When the node ends, at most 0.25 s.",
+        "Least time from zero to feedforward.limit, and back. When the node ends, the way back takes at most 0.25 s.",
         "s",
         (0.01, 1.0),
     ),
@@ -181,7 +193,13 @@ PARAMETERS = (
         "fixed transforms.",
         choices=("parameters", "tf"),
     ),
-    Parameter("sensor.sign", 1.0, "1.0: the driver reports the force on the tool; -1.0: by the tool.", "", (-1.0, 1.0)),
+    Parameter(
+        "sensor.sign",
+        1.0,
+        "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes.",
+        "",
+        (-1.0, 1.0),
+    ),
     Parameter(
         "sensor.bias",
         (0.0,) * 6,
@@ -204,7 +222,7 @@ PARAMETERS = (
     Parameter(
         "twist_source",
         "topic",
-        "Source of the velocity. topic: ~/twist. pose_difference: the last poses.",
+        "Source of the velocity. topic: ~/twist. pose_difference: computed from the last poses.",
         choices=("topic", "pose_difference"),
     ),
     Parameter("twist_window", 0.2, "Longest span of poses to which pose_difference fits a curve.", "s", (1e-4, 1.0)),
@@ -215,8 +233,8 @@ PARAMETERS = (
     Parameter(
         "rest_speed",
         0.0002,
-        "A tool in the grains that is slower than this is at rest. It then has no estimate or, with memory, "
-        "keeps its force.",
+        "A tool that is slower than this is at rest: the filter is not updated and, in the grains without memory, "
+        "there is no estimate.",
         "m/s",
         (0.0, 1e3),
     ),
