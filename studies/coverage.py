@@ -21,7 +21,7 @@ GROUPS = {
     "dem": "simulated grains",
     "abb": "ABB plate, penetration",
     "cmu": "round plates, penetration",
-    "wheel": "wheels by the round plates",
+    "wheel": "wheel, ζ of the round plates",
 }
 """Groups of recordings."""
 
@@ -50,7 +50,7 @@ def study() -> StudyResult:
     rows: list[tuple[str, ...]] = []
     pooled: dict[float | None, list[Array]] = {mode: [] for mode in _MODES}
     for choice in CHOICES:
-        of_halves: dict[str, list[list[Array]]] = {"chosen on": [], "kept apart": []}
+        of_halves: dict[str, list[list[Array]]] = {"tuned on": [], "held out": []}
         for group, title in GROUPS.items():
             runs = series_of_group(group, choice)
             for half, name in enumerate(of_halves):
@@ -61,16 +61,16 @@ def study() -> StudyResult:
         for name, errors in of_halves.items():
             rows.append((f"**all**; {choice.name}", name, *_cells(errors)))
         if choice == CHOICES[-1]:
-            for errors_of_run in of_halves["kept apart"]:
+            for errors_of_run in of_halves["held out"]:
                 for mode, error in zip(_MODES, errors_of_run, strict=True):
                     pooled[mode].append(error)
-    header = ("what", "recordings", "fixed model", *(f"learned, {1e3 * lag:g} mm before" for lag in LAGS))
+    header = ("data; model", "recordings", "fixed model", *(f"learning, lag {1e3 * lag:g} mm" for lag in LAGS))
     figure = new_figure(9.0, 4.0)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, part, title in zip(panels, (slice(0, 2), slice(2, 3)), ("horizontal", "vertical"), strict=True):
         for mode, colour in zip(_MODES, (BLUE, VERMILION, ORANGE), strict=True):
             shares = [np.mean([(e[:, part] < k).mean() for e in pooled[mode]]) for k in _FACTORS]
-            label = "fixed model" if mode is None else f"learned, {1e3 * mode:g} mm before"
+            label = "fixed model" if mode is None else f"learning, lag {1e3 * mode:g} mm"
             axes.plot(_FACTORS, 100.0 * np.array(shares), color=colour, label=label)
         axes.fill_between([0.97, 1.03], 60.0, 80.0, color=BLACK, alpha=0.2, lw=0)
         axes.fill_between([1.97, 2.03], 93.0, 100.0, color=BLACK, alpha=0.2, lw=0)

@@ -72,7 +72,7 @@ def study() -> StudyResult:
     }
     for lag in LAGS:
         for name, series in (("level plane", level), ("ground", ground)):
-            cases[f"{name}, learned {1e3 * lag:g} mm before"] = series, learned(series, lag=lag).out
+            cases[f"{name}, learning with lag {1e3 * lag:g} mm"] = series, learned(series, lag=lag).out
     table = []
     for name, (series, out) in cases.items():
         errors = pass_errors(series, out)
@@ -97,7 +97,7 @@ def _draw(level: Series, ground: Series) -> Figure:
         force.plot(x, -level.expected[drag, 0], color=BLACK, lw=1.0, label="simulated")
         force.plot(x, -level.rows[drag, 0], color=VERMILION, ls="--", label="level plane")
         force.plot(x, -ground.rows[drag, 0], color=BLUE, label="ground seen before the pass")
-        force.plot(x, -applied[drag, 0], color=ORANGE, lw=1.0, label="ground, learned 2 mm before")
+        force.plot(x, -applied[drag, 0], color=ORANGE, lw=1.0, label="ground, learning with lag 2 mm")
         force.set_title(f"Pass {number + 1}")
         force.set_ylim(0.0, 1.7)
         cells = seen_before(number + 1).points()

@@ -81,16 +81,16 @@ def study() -> StudyResult:
         figure=_draw(faces, whole),
         numbers={"horizontal": numbers},
         table=published_against_ours(
-            ("maximum F1, raw (with the thin edges)", f"{PUBLISHED['F1 raw']} N", both.format(*raw_max.values())),
-            ("maximum F1, less the thin edges", f"{PUBLISHED['F1']} N", both.format(*f1_max.values())),
+            ("maximum F1 with the thin edges", f"{PUBLISHED['F1 raw']} N", both.format(*raw_max.values())),
+            ("maximum F1 without the thin edges", f"{PUBLISHED['F1']} N", both.format(*f1_max.values())),
             (
-                "what the thin edges carry",
+                "force on the thin edges",
                 f"{PUBLISHED['F1 raw'] - PUBLISHED['F1']:.1f} N",
                 f"{edges:.2f} N (3.2 mm thick)",
             ),
             ("maximum F23", f"{PUBLISHED['F23']} N", f"{f23_max:.2f} N ({f2_max:.2f} N of it horizontal)"),
             (
-                "F1 over F23, maximum values (no depth in it)",
+                "maximum F1 over maximum F23 (does not depend on the depth)",
                 f"{PUBLISHED['F1'] / PUBLISHED['F23']:.2f}",
                 "α_y constant {:.2f}, linear {:.2f}".format(*(f1_max[m] / f23_max for m in ALPHA_Y)),
             ),

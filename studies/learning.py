@@ -401,9 +401,9 @@ def study() -> StudyResult:
         )
         rows.append(_surprise_row(choice, [*dem, *(dem_series(name, choice) for name in _FRESH)], real))
     header = (
-        "what",
+        "data; model",
         "fixed model",
-        *(f"learned, {1e3 * lag:g} mm before" for lag in LAGS),
+        *(f"learning, lag {1e3 * lag:g} mm" for lag in LAGS),
         "within 1σ, 2σ [%] (fixed / 2 / 5 mm)",
     )
     return StudyResult(
@@ -426,7 +426,7 @@ def followed_force() -> Figure:
         path, up, sigma = 1e3 * run.path, result.out[:, 2], result.out[:, 8]
         axes.plot(path, run.forces[:, 2], color=BLUE, lw=0.8, label="measured (simulated grains)")
         axes.plot(path, run.rows[:, 2], color=VERMILION, ls="--", label="fixed model")
-        axes.plot(path, up, color=ORANGE, label="learned, 2 mm before, ± σ")
+        axes.plot(path, up, color=ORANGE, label="learning, lag 2 mm, ± σ")
         axes.fill_between(path, up - sigma, up + sigma, color=ORANGE, alpha=0.3, lw=0)
         for k in result.reports():
             axes.axvline(path[k], color=GREY, lw=0.8, ls=":", label="surprise reported")

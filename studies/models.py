@@ -334,6 +334,7 @@ def study() -> StudyResult:
             },
         },
         table=TextTable(
-            header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "an evaluation"), rows=tuple(rows)
+            header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "time of an evaluation"),
+            rows=tuple(rows),
         ),
     )
