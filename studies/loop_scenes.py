@@ -16,6 +16,7 @@ from rft_ros.simulation.mechanism import import_mujoco
 
 __all__ = [
     "KINDS",
+    "LIFTS",
     "Numbers",
     "Scene",
     "block",
@@ -35,6 +36,9 @@ Numbers = dict[str, float]
 
 KINDS = "weld", "limit", "friction loss", "joint equality", "servo"
 """What else bears on the tool in `pressed`."""
+
+LIFTS = "servo", "weld", "force"
+"""What lifts the tool in `lifted`: a position actuator, a weld to a mocap body, a controller in `qfrc_applied`."""
 
 _NO_CONTACT = 'contype="0" conaffinity="0"'
 _PRESS = 99.0  # N
@@ -174,39 +178,64 @@ def pressed(kind: str, step: float, integrator: str = "Euler", *, option: str = 
     }
 
 
-def lifted(speed: float, stiffness: float, step: float, integrator: str = "Euler") -> Numbers:
-    """A servo [N/m] presses a tool of 2 kg with 99 N, and lifts it at a speed [m/s].
+def lifted(
+    speed: float,
+    stiffness: float,
+    step: float,
+    integrator: str = "Euler",
+    *,
+    by: str = "servo",
+    mass: float = 2.0,
+    held: bool = False,
+) -> Numbers:
+    """A tool is pressed with 99 N and lifted at a speed [m/s], by one of `LIFTS` with a stiffness [N/m].
 
     In shares of the press: ``error``, the greatest distance of the wrench from the memory's at the end of the step, and
-    the greatest pulls.
+    the greatest pulls. ``limited``: of the grains, which are told that the tool is `held`.
     """
-    damping = 2.0 * np.sqrt(stiffness * 2.0)
-    servo = f'<actuator><position joint="z" kp="{stiffness}" kv="{damping}"/></actuator>'
-    tool = _tool('<joint name="z" type="slide" axis="0 0 1"/>', mass=2.0)
-    scene = Scene(tool, step, integrator, more=servo)
+    damping = 2.0 * np.sqrt(stiffness * mass)
+    slide = '<joint name="z" type="slide" axis="0 0 1"/>'
+    tree, more = _tool(slide, mass=mass), ""
+    if by == "servo":
+        more = f'<actuator><position joint="z" kp="{stiffness}" kv="{damping}"/></actuator>'
+    elif by == "weld":
+        tree = '<body name="hand" mocap="true"/>' + _tool("<freejoint/>", mass=mass)
+        # solref: stiffness and damping over the mass, in MuJoCo's sign; solimp: the same at every distance
+        reference = f"{-stiffness / mass} {-damping / mass}"
+        more = f'<equality><weld body1="hand" body2="tool" solref="{reference}" solimp="0.9 0.9 0.001"/></equality>'
+    scene = Scene(tree, step, integrator, more=more)
+    if held:
+        scene.grains = MujocoGrains(scene.model, body="tool", law=law(), held=True)
     data, command, lifts, rows = scene.data, 0.003, np.inf, []
-    data.qpos[0] = command
-    while data.qpos[0] < 0.004 and data.time < 20.0:
+    height = data.xpos[scene.body]
+    data.qpos[-1 if by != "weld" else 2] = command
+    while (height[2] < 0.004 or lifts == np.inf) and data.time < 20.0:
         if lifts == np.inf:
             command -= 0.02 * step
             lifts = data.time + 0.5 if scene.grains.wrench[2] >= _PRESS else np.inf
         elif data.time >= lifts:
             command += speed * step
-        data.ctrl[0] = command
+        if by == "servo":
+            data.ctrl[0] = command
+        elif by == "weld":
+            data.mocap_pos[0, 2] = command
+        else:
+            data.qfrc_applied[0] = stiffness * (command - data.qpos[0]) - damping * data.qvel[0]
         wrench = scene.grains.apply(data)[2]
         rows.append((data.time, wrench, scene.remembered()[2]))
         scene.mujoco.mj_step(scene.model, data)
-    time, held, memory = np.array(rows).T
+    time, wrenches, memory = np.array(rows).T
     after = (time >= lifts)[:-1]
     if not after.any():  # the servo is unstable by itself
-        return dict.fromkeys(("press", "error", "pull", "memory's pull", "failures"), np.nan)
-    press = held[:-1][~after][-1]
+        return dict.fromkeys(("press", "error", "pull", "memory's pull", "failures", "limited"), np.nan)
+    press = wrenches[:-1][~after][-1]
     return {
         "press": float(press),
-        "error": float(np.abs(held[:-1] - memory[1:])[after].max() / press),
-        "pull": float(-held[:-1][after].min() / press),
+        "error": float(np.abs(wrenches[:-1] - memory[1:])[after].max() / press),
+        "pull": float(-wrenches[:-1][after].min() / press),
         "memory's pull": float(-memory[1:][after].min() / press),
         "failures": scene.grains.failures,
+        "limited": scene.grains.limited,
     }
 
 
@@ -221,7 +250,12 @@ def released(mass: float, step: float, integrator: str = "Euler", *, mesh: str =
         work = scene.advance()
         took, gave = took + max(-work, 0.0) * pushes, gave + max(work, 0.0) * (not pushes)
         low, top = (data.qpos[2],) * 2 if pushes else (low, max(top, data.qpos[2]))
-    return {"rise": 1e3 * float(top - low), "back": 100.0 * gave / took, "failures": scene.grains.failures}
+    return {
+        "rise": 1e3 * float(top - low),
+        "back": 100.0 * gave / took,
+        "failures": scene.grains.failures,
+        "limited": scene.grains.limited,
+    }
 
 
 def slid(step: float, integrator: str = "Euler", *, speed: float = 3.0, explicit: bool = False) -> Numbers:

@@ -35,22 +35,31 @@ _OVERSHOT, _LEVEL = 0.5, 0.1
 changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
 
 _SLOW, _SUDDEN, _QUICK = 0.002, 0.01, 0.1
-"""Greatest speeds [m/s] to which the grains push a body back without loss: a body on its own, a body whose load is
-removed within one step, and a body whose load decreases slowly."""
+"""Greatest speeds [m/s] to which the grains push back a body that nothing holds: under a constant load, and what the
+release adds to it at most (`_PER_RELEASE` times) if the load is removed within one step, and if it decreases slowly."""
 
 _AT_ONCE = 0.5
 """Share of the push: a larger decrease of the load in one step counts as a sudden release."""
 
-_LETS_GO, _FADES = 2.0, 0.9
-"""Factor of the speed at which the load decreases; share of that speed that is kept from step to step."""
+_PER_RELEASE, _KEPT = 2.0, 0.9
+"""Factor of the release speed in the limit of the push-back; share of the release speed kept from step to step."""
+
+_LIMITED = 0.99
+"""A body's push-back counts as limited if it keeps a smaller share of its wrench."""
 
 COUPLED = np.dtype(
     [(name, np.float64, 6) for name in ("wrench", "free", "last_free")]
-    + [(name, np.float64) for name in ("let_go", "last_let_go", "energy", "strength", "height")]
+    + [(name, np.float64) for name in ("release_speed", "last_release_speed", "energy", "strength", "height")]
+    + [(name, np.bool_) for name in ("held", "limited")]
 )
-"""State of a body: the wrench of the last step; in the present and in the last step, its acceleration without the
-grains, and the speed at which other forces release it [m/s]; the energy dissipated by the grains [J], the factor of its
-law's stresses, and the height of its surface [m]."""
+"""State of a body.
+
+`wrench`: of the last step. `free`, `last_free`: its acceleration without the grains in this step and in the last one.
+`release_speed`, `last_release_speed`: the speed to which the decrease of the load on it lets the grains push it back
+[m/s], in the same steps. `energy`: that the grains have taken [J]. `strength`: factor of its law's stresses. `height`:
+of its surface [m]. `held`: whether something else takes up the elastic energy of the grains, so that its push-back is
+not limited. `limited`: whether the push-back in this step was.
+"""
 
 _TURNS, _SETTLED = 50, 1e-3
 """Most rounds in which bodies' shares of their wrenches are found, and the change of a share at which they end."""
@@ -100,7 +109,7 @@ def advance(beds, first, coupled, before, given, states, rows):
     for b in range(len(given)):
         states[b] = given[b]
         coupled[b].energy -= before * _dot(coupled[b].wrench, given[b, 7:])
-        coupled[b].last_free[:], coupled[b].last_let_go = coupled[b].free, coupled[b].let_go
+        coupled[b].last_free[:], coupled[b].last_release_speed = coupled[b].free, coupled[b].release_speed
         evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
 
 
@@ -173,9 +182,9 @@ def _part(b):
 def _allowed_push_back(coupled, wrench, twist, ahead, inverse, spring, reach, h):
     """The greatest product of a body's wrench and its twist at the end of the step [W], so that no body is thrown.
 
-    When the load on a pressed body decreases, as by a servo that rises, the grains follow elastically. A body that
-    nothing holds would be thrown by the elastic energy, which real grains dissipate. So the speed to which they push a
-    body back is limited. It may grow with the rate at which the acceleration without the grains grows along the push.
+    When the load on a pressed body decreases, the grains push it back elastically. A body that nothing holds would be
+    thrown by the elastic energy, which real grains dissipate. So the speed to which they push it back is limited. The
+    limit grows with the rate at which the load decreases. The push-back of a body that something holds has no limit.
     """
     square = stiff = fall = free = 0.0
     way = np.empty(6)
@@ -189,16 +198,19 @@ def _allowed_push_back(coupled, wrench, twist, ahead, inverse, spring, reach, h)
         free += wrench[i] * ahead[i]
     speed = _path(way, reach)  # of the fastest point, per N s of impulse along the wrench
     most = _SUDDEN if fall > _AT_ONCE * square else _QUICK
-    let_go = min(max(fall, 0.0) / max(h * stiff, _TINY) * speed, most)
-    coupled.let_go = max(_FADES * coupled.last_let_go, let_go)
-    return max((_SLOW + _LETS_GO * coupled.let_go) * square / max(speed, _TINY), free, 0.0)
+    release = min(max(fall, 0.0) / max(h * stiff, _TINY) * speed, most)
+    coupled.release_speed = max(_KEPT * coupled.last_release_speed, release)
+    if coupled.held:
+        return np.inf
+    return max((_SLOW + _PER_RELEASE * coupled.release_speed) * square / max(speed, _TINY), free, 0.0)
 
 
 @inlined
-def _limit_push_back(allowed, inverse, h, wrench, after):
+def _limit_push_back(coupled, allowed, inverse, h, wrench, after):
     """Reduce the wrenches that push bodies back by more than is allowed, and write the twists that follow.
 
     Bodies of one mechanism move each other, so the share of its wrench that each keeps is found in turn (Gauss-Seidel).
+    Returns how many bodies are limited.
     """
     n = len(allowed)
     share, push = np.ones(n), np.empty(6 * n)
@@ -219,8 +231,12 @@ def _limit_push_back(allowed, inverse, h, wrench, after):
             largest = max(largest, abs(change))
         if largest < _SETTLED:
             break
+    limited = 0
     for b in range(n):
         wrench[_part(b)] *= share[b]
+        coupled[b].limited = share[b] < _LIMITED
+        limited += coupled[b].limited
+    return limited
 
 
 @inlined
@@ -245,8 +261,8 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     """Write the wrenches to hold over h [s] and the twists at its end, shape [6 n], of bodies from `first` on.
 
     `coupled`: of `COUPLED`, shape [n]. `states`, `rows`: of `advance`, shape [n, 13] and [n, 19]. `inverse`: A, shape
-    [6 n, 6 n]; `ahead`: v_free, shape [6 n]. Returns whether Newton's method came to an end, and the longest path of a
-    point [m].
+    [6 n, 6 n]; `ahead`: v_free, shape [6 n]. Returns whether Newton's method came to an end, the longest path of a
+    point [m], and of how many bodies the push-back was limited.
     """
     n = len(states)
     springs, begin, residual, change = np.empty((n, 6, 6)), np.empty(6 * n), np.empty(6 * n), np.empty(6 * n)
@@ -275,7 +291,7 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
         allowed[b] = _allowed_push_back(
             coupled[b], wrench[part], states[b, 7:], ahead[part], inverse[part, part], springs[b], reach, h
         )
-    _limit_push_back(allowed, inverse, h, wrench, after)
+    limited = _limit_push_back(coupled, allowed, inverse, h, wrench, after)
     changed = False
     for b in range(n):
         part = _part(b)
@@ -283,7 +299,7 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
             changed |= _average(begin[part], inverse[part, part], h, wrench[part], after[part])
     if changed:
         _follow(ahead, inverse, h, wrench, after)
-    return found, path
+    return found, path, limited
 
 
 @inlined
@@ -341,14 +357,15 @@ def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, afte
 def hold_each(beds, first, coupled, states, rows, inverse, free, h, wrenches):
     """Write the wrenches of bodies that do not meet, shape [n, 6]; `inverse`: [n, 6, 6]; `free`: acceleration, [n, 6].
 
-    Returns how many times Newton's method did not come to an end, and the longest path of a point [m].
+    Returns how many times Newton's method did not come to an end, the longest path of a point [m], and of how many
+    bodies the push-back was limited.
     """
-    after, ahead, failed, longest = np.empty(6), np.empty(6), 0, 0.0
+    after, ahead, failed, longest, limited = np.empty(6), np.empty(6), 0, 0.0, 0
     for b in range(len(states)):
         ahead[:] = states[b, 7:] + h * free[b]
         one = slice(b, b + 1)
-        found, path = hold(
+        found, path, slowed = hold(
             beds, first + b, coupled[one], states[one], rows[one], inverse[b], ahead, h, wrenches[b], after
         )
-        failed, longest = failed + (0 if found else 1), max(longest, path)
-    return failed, longest
+        failed, longest, limited = failed + (0 if found else 1), max(longest, path), limited + slowed
+    return failed, longest, limited

@@ -84,6 +84,8 @@ class GrainsBatch:
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
         """Number of steps of a body in which Newton's method did not converge."""
+        self.limited = 0
+        """Number of steps of a body in which the grains pushed it back by less than the memory's wrench."""
         # Each thread takes the next part of the bodies when it has finished one.
         parts = 1 if threads == 1 else min(n, 2 * self._threads)
         self._parts = [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())]
@@ -103,6 +105,7 @@ class GrainsBatch:
         *,
         inverse_inertia: ArrayLike | None = None,
         free_acceleration: ArrayLike | None = None,
+        held: ArrayLike = False,
     ) -> Array:
         """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
 
@@ -111,8 +114,10 @@ class GrainsBatch:
         `inverse_inertia`: A, shape [n, 6, 6] or [6, 6] for all: how a wrench accelerates a body, in the same axes and
         about the same point (`free_body`). `free_acceleration` [m/s², rad/s²]: of the body frame without the grains,
         shape [n, 6] or [6]. With both the step is implicit, for a simulator that adds `dt` times the acceleration to
-        the twist and moves the body by `dt` times the new twist. Without them the wrench is the grains' own at
-        `states`. Raises ValueError, and forgets nothing, for values that cannot be used.
+        the twist and moves the body by `dt` times the new twist. The grains push a body back slowly, so that none is
+        thrown, unless it is `held` by a servo or another stiff support: True or False, for each body or for all.
+        Without both the wrench is the grains' own at `states`. Raises ValueError, and forgets nothing, for values that
+        cannot be used.
         """
         given = checked_states(states)
         n = len(self.rows)
@@ -129,16 +134,23 @@ class GrainsBatch:
             inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
             free = _each("free_acceleration", free_acceleration, (n, 6))
             _refuse_without_bound(duration, given[:, 7:], free, inverse)
+            self.coupled["held"] = each_flag("held", held, n)
             self.advance(given, duration)
             wrenches = np.empty((n, 6))
 
-            def hold(part: slice) -> tuple[int, float]:
-                failed, path = self._hold(*self._held(part, inverse, free, duration, wrenches))
-                return int(failed), float(path)
+            def hold(part: slice) -> tuple[int, float, int]:
+                failed, path, limited = self._hold(*self._held(part, inverse, free, duration, wrenches))
+                return int(failed), float(path), int(limited)
 
             self._hold = self._hold or machine_code(hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches))
-            failed, paths = zip(*self._in_parts(hold), strict=True)
+            failed, paths, limited = zip(*self._in_parts(hold), strict=True)
             self.failed(sum(failed), dt=duration, path=max(paths))
+            if sum(limited) and not self.limited:
+                _log.info(
+                    "a body without support is pushed back more slowly than by the memory, so that it is not thrown; "
+                    "pass held=True if a servo holds it"
+                )
+            self.limited += sum(limited)
         self.last[:] = wrenches
         return wrenches
 
@@ -300,6 +312,14 @@ def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool
     return array
 
 
+def each_flag(name: str, values: ArrayLike, n: int) -> NDArray[np.bool_]:
+    """True or False for each of n bodies, from as many or from one. Raises ValueError."""
+    given = np.asarray(values)
+    if given.dtype != np.bool_ or given.shape not in ((), (n,)):
+        raise ValueError(f"{name} is {values!r}; give True or False, or {n} of them, one for each body")
+    return np.broadcast_to(given, n)
+
+
 def _refuse_without_bound(dt: float, twists: Array, free: Array, inverse: Array) -> None:
     """Refuse steps whose results would overflow."""
     for name, largest in (("twist", twists), ("free_acceleration", dt * free), ("inverse_inertia", inverse)):
@@ -325,6 +345,7 @@ class Grains:
         *,
         inverse_inertia: ArrayLike | None = None,
         free_acceleration: ArrayLike | None = None,
+        held: bool = False,
     ) -> Array:
         """The wrench to hold over the next `dt` [s]: force [N] and torque [N m], shape [6], world axes.
 
@@ -333,7 +354,7 @@ class Grains:
         """
         given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
         state = np.concatenate([numbers(name, v, rows=n) for name, v, n in given])
-        response: Any = {"inverse_inertia": inverse_inertia, "free_acceleration": free_acceleration}
+        response: Any = {"inverse_inertia": inverse_inertia, "free_acceleration": free_acceleration, "held": held}
         return np.asarray(self._one.step(state, dt, **response)[0])
 
     @property

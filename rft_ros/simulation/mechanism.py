@@ -37,16 +37,19 @@ class Mechanism:
     """The bodies with these ids in one model; arrays of n bodies are stacked as in `rft_ros.simulation.coupling`.
 
     `states`: shape [n, 13], columns and units of `rft_ros.rft.STATE`. `inverse`: A, shape [6 n, 6 n]; `ahead`: the
-    twists at the end of the step without the wrenches, shape [6 n]. World axes.
+    twists at the end of the step without the wrenches, shape [6 n]. `jacobian`: J, shape [6 n, nv]; `moves`: row i is
+    Mi^-1 M H^-1 of J's row i, by which a wrench changes the joints' velocities. `mass`, `damping`: M, and what h
+    multiplies in Mi, shape [nv, nv]. World axes.
     """
 
     def __init__(self, model: Any, bodies: list[int]) -> None:
         self._mujoco, self.model, self._bodies = import_mujoco(), model, bodies
         n, nv = len(bodies), int(model.nv)
         self.states, self.inverse, self.ahead = np.zeros((n, 13)), np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-        self._jacobian, self._mass, self._damping = np.zeros((6 * n, nv)), np.zeros((nv, nv)), np.zeros((nv, nv))
+        self.jacobian, self.moves = np.zeros((2, 6 * n, nv))
+        self.mass, self.damping = np.zeros((2, nv, nv))
         self._parts = [
-            (self._jacobian[6 * k : 6 * k + 3], self._jacobian[6 * k + 3 : 6 * k + 6], body)
+            (self.jacobian[6 * k : 6 * k + 3], self.jacobian[6 * k + 3 : 6 * k + 6], body)
             for k, body in enumerate(bodies)
         ]
         flags = self._mujoco.mjtDisableBit
@@ -80,13 +83,13 @@ class Mechanism:
         mujoco, model, data = self._mujoco, self.model, self.data
         for linear, angular, body in self._parts:
             mujoco.mj_jacBody(model, data, linear, angular, body)
-        _full_inertia(mujoco, model, data, self._mass)
+        _full_inertia(mujoco, model, data, self.mass)
         rows, cones = self._constraints() if data.nefc else (_NO_ROWS, _NO_CONES)
         fine: bool = self._respond(*self._arguments(rows, cones, h, held))
         return fine
 
     def _arguments(self, rows: Any, cones: Any, h: float, held: Array) -> tuple[Any, ...]:
-        inertia = self._mass, self._damping, self._jacobian
+        inertia = self.mass, self.damping, self.jacobian, self.moves
         return (
             self._moving,
             inertia,
@@ -266,7 +269,7 @@ def _set_damping(damping, which, dampers):
 def _respond(moving, inertia, which, dampers, rows, cones, h, held, states, inverse, ahead):
     """Write `Mechanism.states`, `inverse` and `ahead`; returns whether all of it is finite and not too fast."""
     ids, positions, quaternions, velocity, acceleration = moving
-    mass, damping, jacobian = inertia
+    mass, damping, jacobian, moves = inertia
     nv, size = len(mass), len(jacobian)
     fine = True
     for b in range(len(ids)):
@@ -287,18 +290,18 @@ def _respond(moving, inertia, which, dampers, rows, cones, h, held, states, inve
         for i in range(nv):
             taken[i] = _dot(mass[i], acceleration)
         _solve(implicit, taken)
-    solved, x = np.empty((size, nv)), np.empty(nv)
+    x = np.empty(nv)
     for i in range(size):
-        solved[i] = jacobian[i]
-        _solve(hessian, solved[i])
+        moves[i] = jacobian[i]
+        _solve(hessian, moves[i])
         if damped:
             for k in range(nv):
-                x[k] = _dot(mass[k], solved[i])
+                x[k] = _dot(mass[k], moves[i])
             _solve(implicit, x)
-            solved[i] = x
+            moves[i] = x
     for i in range(size):
         for j in range(size):
-            inverse[i, j] = _dot(jacobian[i], solved[j])
+            inverse[i, j] = _dot(jacobian[i], moves[j])
             fine &= np.isfinite(inverse[i, j])
     for i in range(size):
         twist = states[i // 6, 7 + i % 6]

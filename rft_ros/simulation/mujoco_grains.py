@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -17,7 +17,8 @@ from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021
 from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.simulation.coupling import hold
-from rft_ros.simulation.grains import GrainsBatch, GrainsState
+from rft_ros.simulation.grains import GrainsBatch, GrainsState, each_flag
+from rft_ros.simulation.holding import Holding
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
 from rft_ros.simulation.shapes import check_size, tool_of_body
 from rft_ros.tool import load_tool
@@ -33,6 +34,12 @@ _ROUNDS, _SETTLED = 12, 1e-3
 """Of the grains and MuJoCo's constraints in turn: the most rounds, and the change of the wrench, as a share of it, at
 which they end."""
 
+_HELD = 0.1
+"""A body is held if the other forces take up a larger share of the grains' elastic energy."""
+
+_LOADED, _CHANGED = 0.05, 0.02
+"""Force of actuators and of the user's on a body that may hold it, and its change in a step, over the grains' push."""
+
 _LEAST, _TINY = 0.05, 1e-290  # share of the change that a round takes; avoids 0 / 0
 
 _log = logging.getLogger("rft_ros.simulation")
@@ -46,8 +53,9 @@ class MujocoGrains:
     `load_tool`, in the body frame, with `scale` in metres per unit; for several bodies, a file, or None, for each.
     Reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains: `zeta`, `alpha_y` (a model's
     name) of the generic medium and `mobilization_length` [m] (3 mm), or a `law` of your own; `surface_height` [m], or
-    `ground`, as for `GrainsBatch`. One object serves one `MjData`. It starts anew when the data's time goes back, as
-    after `mj_resetData`; call `reset` after other jumps. Raises ValueError or TypeError.
+    `ground`, as for `GrainsBatch`. `held`: True, or a sequence with True for each body that a controller of your own
+    holds, whose stiffness MuJoCo does not know; see `limited`. One object serves one `MjData`. It starts anew when the
+    data's time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises ValueError or TypeError.
     """
 
     def __init__(
@@ -65,10 +73,12 @@ class MujocoGrains:
         mesh: _Path | Sequence[_Path | None] | None = None,
         scale: float = 0.001,
         tolerance: float = 0.025,
+        held: bool | Sequence[bool] = False,
     ) -> None:
         self._given = partial(
             MujocoGrains, body=body, bodies=bodies, zeta=zeta, alpha_y=alpha_y, mobilization_length=mobilization_length,
             law=law, surface_height=surface_height, ground=ground, mesh=mesh, scale=scale, tolerance=tolerance,
+            held=held,
         )  # fmt: skip
         mujoco = import_mujoco()
         if not isinstance(model, mujoco.MjModel):
@@ -102,6 +112,7 @@ class MujocoGrains:
         self._grains = GrainsBatch(tools, law, bodies=len(tools), surface_height=surface_height, ground=ground)
         self._option, self._single, self._time = model.opt, bodies is None, -math.inf
         self._model, self._mechanism = model, Mechanism(model, self._ids)
+        self._held, self._holding = each_flag("held", held, len(tools)), Holding(self._mechanism)
         n = len(tools)
         self._wrench, self._before, self._after = np.zeros((3, 6 * n))
         self._own, self._written = np.zeros((2, n, 6))  # forces of the user's, and those with the grains'
@@ -154,10 +165,13 @@ class MujocoGrains:
         if not mechanism.measure(wrench, h):
             raise self._without_bound(data)
         self._grains.advance(mechanism.states, h)
+        self._grains.coupled["held"] = self._held
         share, last = 1.0, None
         for _ in range(_ROUNDS):
             self._before[:] = wrench
-            found, path = self._hold(*self._arguments(h))
+            found, path, limited = self._hold(*self._arguments(h))
+            if limited and self._find_held(h):
+                found, path, limited = self._hold(*self._arguments(h))
             change = wrench - self._before
             settled = not data.nefc or _size(change) <= _SETTLED * _size(wrench)
             if last is not None and not settled:  # Aitken's relaxation, for constraints that act by turns
@@ -173,7 +187,37 @@ class MujocoGrains:
                 raise self._without_bound(data)
         self._grains.last[:] = wrench.reshape(-1, 6)
         self._grains.failed(0 if found and settled else 1, dt=h, path=path)
+        if limited:
+            self._tell_limits()
         return self.wrench
+
+    def _limited_pushes(self) -> Iterator[tuple[int, Array]]:
+        """Each body whose push-back is limited, and the grains' own wrench on it at the beginning of the step."""
+        for b in np.flatnonzero(self._grains.coupled["limited"]).tolist():
+            yield b, self._grains.rows[b, :6]
+
+    def _find_held(self, h: float) -> bool:
+        """Mark the bodies with a limit that something holds; returns whether there are any."""
+        stiffness, found = self._grains.stiffness, False
+        for b, push in self._limited_pushes():
+            reach = float(self._grains.beds.bodies[b]["reach"])
+            if self._holding.share(b, push, stiffness[b], reach=reach, h=h) > _HELD:
+                self._grains.coupled["held"][b] = found = True
+        return found
+
+    def _tell_limits(self) -> None:
+        """Count the bodies whose push-back is limited while forces that may hold them change. Logs the first."""
+        for b, push in self._limited_pushes():
+            load, change = self._holding.load(b, push, self._before, self._grains.coupled[b])
+            if load > _LOADED and change > _CHANGED:
+                if not self.limited:
+                    _log.warning(
+                        "body '%s' is pushed back more slowly than by the memory, at %g s, as nothing in the model "
+                        "holds it; if a controller of your own does, pass held=True to MujocoGrains",
+                        self._model.body(self._ids[b]).name,
+                        self._time,
+                    )
+                self._grains.limited += 1
 
     def _without_bound(self, data: Any) -> ValueError:
         """Take the grains' wrench away; the error that says why."""
@@ -218,6 +262,17 @@ class MujocoGrains:
     def failures(self) -> int:
         """Steps that did not converge; the first is logged."""
         return self._grains.failures
+
+    @property
+    def limited(self) -> int:
+        """Steps in which the grains push a body back more slowly than by the memory, though something may hold it.
+
+        The grains limit the push-back of bodies that nothing holds, so that none is thrown. They know the servos and
+        constraints of the model, but not the stiffness of forces of your own (`qfrc_applied`, `xfrc_applied`, `ctrl` of
+        motors). This counts the steps in which such forces change on a body whose push-back is limited; the first is
+        logged.
+        """
+        return self._grains.limited
 
     def reset(self) -> None:
         """Start with level beds, without hysteresis."""

@@ -36,11 +36,32 @@ def test_a_tool_feels_what_the_grains_remember_whatever_else_bears_on_it(kind, s
     assert found["scatter"] < 1e-3
 
 
-@pytest.mark.parametrize(("speed", "stiffness", "step"), [(0.05, 2e5, 0.002), (0.2, 2e4, 0.005), (0.01, 2e6, 0.0005)])
-def test_a_tool_that_is_lifted_feels_no_more_than_the_grains_remember(speed, stiffness, step):
-    found = scenes.lifted(speed, stiffness, step)
+@pytest.mark.parametrize(
+    ("by", "speed", "stiffness", "step", "integrator"),
+    [
+        ("servo", 0.05, 2e5, 0.002, "Euler"),
+        ("servo", 0.2, 2e4, 0.005, "Euler"),
+        ("servo", 0.01, 2e6, 0.0005, "Euler"),
+        ("servo", 0.2, 2e5, 0.002, "Euler"),
+        ("servo", 0.2, 2e5, 0.005, "implicitfast"),
+        ("servo", 0.2, 2e6, 0.0005, "Euler"),
+        ("weld", 0.2, 2e5, 0.002, "Euler"),
+    ],
+)
+def test_a_tool_that_is_lifted_feels_what_the_grains_remember(by, speed, stiffness, step, integrator):
+    found = scenes.lifted(speed, stiffness, step, integrator, by=by)
     assert found["error"] < 0.05
     assert found["pull"] < found["memory's pull"] + 0.05
+    assert found["limited"] == 0
+
+
+def test_a_lift_by_a_controller_of_the_users_is_told_once_and_is_right_if_the_body_is_said_to_be_held(caplog):
+    lift = {"speed": 0.2, "stiffness": 2e5, "step": 0.002, "by": "force"}
+    assert scenes.lifted(**lift)["limited"] > 0
+    assert len([r for r in caplog.records if "'tool'" in r.getMessage() and "held=True" in r.getMessage()]) == 1
+    found = scenes.lifted(**lift, held=True)
+    assert found["error"] < 0.05
+    assert found["limited"] == 0
 
 
 @pytest.mark.parametrize(("mass", "step"), [(0.005, 0.002), (0.1, 0.015), (0.5, 0.005), (0.02, 0.02)])
@@ -48,6 +69,7 @@ def test_a_body_that_is_released_stays_where_it_was_pressed(mass, step):
     found = scenes.released(mass, step)
     assert found["rise"] < 1.0
     assert found["back"] < 0.5
+    assert found["limited"] == 0  # nothing holds it
 
 
 def test_a_plate_slides_as_far_in_long_steps_as_in_short_ones():
