@@ -63,7 +63,7 @@ class Holding:
         return of_springs + of_dampers
 
     def load(self, b: int, push: Array, acting: Array, coupled: np.void) -> tuple[float, float]:
-        """Size of the actuators' and the user's forces along the push on body b, and their change in this step.
+        """Size of the actuators' and the user's forces along the push on body b, and their decrease in this step.
 
         Both as shares of the push. `acting`: the wrenches of the grains that act now, shape [6 n]. `coupled`: the
         body's state, of `COUPLED`.
@@ -71,8 +71,8 @@ class Holding:
         data, acceleration = self._mechanism.data, self._along(b, push)
         others = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - self._mechanism.jacobian.T @ acting
         square = max(float(push @ self._jacobian(b) @ acceleration), _TINY)
-        change = float(push @ (coupled["free"] - coupled["last_free"]))
-        return abs(float(others @ acceleration)) / square, abs(change) / square
+        decrease = float(push @ (coupled["free"] - coupled["last_free"]))
+        return abs(float(others @ acceleration)) / square, decrease / square
 
     def _jacobian(self, b: int) -> Array:
         rows: Array = self._mechanism.jacobian[6 * b : 6 * b + 6]

@@ -37,8 +37,9 @@ which they end."""
 _HELD = 0.1
 """A body is held if the other forces take up a larger share of the grains' elastic energy."""
 
-_LOADED, _CHANGED = 0.05, 0.02
-"""Force of actuators and of the user's on a body that may hold it, and its change in a step, over the grains' push."""
+_LOADED, _RELEASED = 0.05, 0.02
+"""Force of actuators and of the user's on a body that may hold it, and its decrease in a step, over the grains' push.
+"""
 
 _LEAST, _TINY = 0.05, 1e-290  # share of the change that a round takes; avoids 0 / 0
 
@@ -206,10 +207,10 @@ class MujocoGrains:
         return found
 
     def _tell_limits(self) -> None:
-        """Count the bodies whose push-back is limited while forces that may hold them change. Logs the first."""
+        """Count the bodies whose push-back is limited while forces that may hold them decrease. Logs the first."""
         for b, push in self._limited_pushes():
-            load, change = self._holding.load(b, push, self._before, self._grains.coupled[b])
-            if load > _LOADED and change > _CHANGED:
+            load, decrease = self._holding.load(b, push, self._before, self._grains.coupled[b])
+            if load > _LOADED and decrease > _RELEASED:
                 if not self.limited:
                     _log.warning(
                         "body '%s' is pushed back more slowly than by the memory, at %g s, as nothing in the model "
@@ -269,7 +270,7 @@ class MujocoGrains:
 
         The grains limit the push-back of bodies that nothing holds, so that none is thrown. They know the servos and
         constraints of the model, but not the stiffness of forces of your own (`qfrc_applied`, `xfrc_applied`, `ctrl` of
-        motors). This counts the steps in which such forces change on a body whose push-back is limited; the first is
+        motors). This counts the steps in which such forces decrease on a body whose push-back is limited; the first is
         logged.
         """
         return self._grains.limited
