@@ -60,7 +60,7 @@ class QualityFlag(IntFlag):
     IMPOSSIBLE = (
         8192,
         "not plausible: deeper than 0.3 m + 10 times the tool's size, over 50 m above the grains, a tool over 10 m or"
-        " under 1 mm, or a force over 500 kN. Poses must be in metres, and mesh.scale in metres per mesh unit",
+        " under 1 mm, or a force over 500 kN, as with poses in millimetres or a wrong mesh.scale",
     )
 
 
