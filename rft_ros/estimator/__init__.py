@@ -1,4 +1,4 @@
-"""Stamped samples in, an estimate or a named reason out: the object that the live node and the replay both drive."""
+"""The estimator takes stamped samples and answers each pose with an estimate or a reason. Node and replay use it."""
 
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.samples import (

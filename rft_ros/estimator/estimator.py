@@ -1,4 +1,4 @@
-"""The estimator: stamped samples in; for each pose an estimate or a named reason out. It uses no clock and no ROS."""
+"""The estimator takes stamped samples and answers each pose with an estimate or a reason, without a clock or ROS."""
 
 import math
 from collections import Counter, deque
@@ -34,15 +34,17 @@ _UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn a
 
 
 class Estimator:
-    """Predicted, compensated and residual wrench from poses, twists and load-cell samples.
+    """Computes the predicted, compensated and residual wrench from poses, twists and load-cell samples.
 
-    `push_pose` answers at once. Its prediction uses the last twist stamped at or before the pose among those pushed so
-    far. The compensated and the residual wrench follow in `measurements` once the load-cell samples around the pose's
-    stamp have arrived, in any order (`Comparison`). No sample further than `max_input_age` from the pose is used. A
-    sample in another frame than expected is transformed if fixed `transforms` link the two.
+    `push_pose` returns the prediction at once. Of the twists that were pushed before, it uses the last one stamped at
+    or before the pose. `measurements` returns the compensated and the residual wrench later, when the load-cell samples
+    before and after the pose's stamp have been pushed, in any order. Samples whose stamps differ by more than
+    `max_input_age` are not used together. If a sample is not in the expected frame, it is transformed by the fixed
+    transforms that were pushed.
 
-    `counts`: "estimates" is their number; each `Reason` is how often a sample was refused for it, or a pose had no
-    estimate or no residual. `learning`: the filter of the medium's strength; None while `learning_mode` is off.
+    `counts`: under "estimates" the number of estimates, and under each `Reason` how many samples were refused, or how
+    many poses had no estimate or no residual, for this reason. `learning`: the filter of the medium's strength; None
+    while `learning_mode` is off. `transforms`: the tree of frames.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
@@ -82,7 +84,7 @@ class Estimator:
         return self._mapper.map
 
     def level_ground(self) -> bool:
-        """Go back to the ground at the start; False if the ground is no map."""
+        """Reset the map to the ground at the start. Returns False if the ground is a level plane, which has no map."""
         if self._mapper.map is None:
             return False
         self._mapper.level()
@@ -91,11 +93,14 @@ class Estimator:
         return True
 
     def issues(self) -> list[str]:
-        """Sentences on an implausible load cell or model, from `ISSUES`. Without learning only a force in the air."""
+        """Sentences of `ISSUES` on implausible readings or a wrong model, now. Without learning: a force in the air."""
         return self._air.issues() if self.learning is None else self.learning.issues()
 
     def unknown_frames(self) -> dict[str, str]:
-        """For each reason a sentence on the frame refused last under these settings, unless transforms link it now."""
+        """For each reason that concerns frames, a sentence that names the frame which was refused last.
+
+        Frames that transforms link in the meantime, and frames refused under earlier settings, are left out.
+        """
         return self._intake.unknown_frames()
 
     def counted(self) -> list[str]:
@@ -108,9 +113,9 @@ class Estimator:
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Apply new settings or a new model from the next sample on.
 
-        Earlier samples are kept, except those in the axes of a frame that changes. Another `sensor_frame` drops the
-        samples of the load cell. Another `world_frame` or `tool_frame` drops all others, the path and the ground's
-        changes. With another tool the learned strength of the bed is kept; with another medium or law it is cleared.
+        Earlier samples are kept, unless their frame changes: another `sensor_frame` drops the load-cell samples;
+        another `world_frame` or `tool_frame` drops all other samples, the path and the changes of the ground. Another
+        tool keeps the learned strength of the bed; another medium or law resets it.
         """
         old, old_model = self.settings, self.model
         s, m = settings or old, model or old_model
@@ -215,15 +220,15 @@ class Estimator:
         return None
 
     def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
-        """With `pose_source` tf: the tool's poses that are ready after a sample that was pushed; push them next."""
+        """With `pose_source` tf, call this after `push`: the poses that the sample completed, which are pushed next."""
         return self._intake.poses_after(sample)
 
     def measurements(self) -> list[samples.Measurement]:
-        """The comparisons that became final since the last call: one for each estimate, in the estimates' order."""
+        """The measurements that became final since the last call; each estimate gets one, in the order of estimates."""
         return self._comparison.measurements()
 
     def finish(self) -> None:
-        """Make all pending measurements final: no more samples follow."""
+        """Call this after the last sample: it makes the measurements final that still wait for load-cell samples."""
         self._comparison.settle(math.inf)
         self._learn_readings()
 

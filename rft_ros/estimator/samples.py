@@ -18,7 +18,10 @@ TIME_JUMP = 1_000_000_000
 """A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
 
 PATIENCE = 1_000_000_000
-"""Time [ns] of other inputs' stamps to wait for a load-cell sample or a transform: a process may stall by less."""
+"""How long [ns], by the stamps of other inputs, an estimate waits for a load-cell sample, or a pose for a transform.
+
+A sender may be late by less than this, for example because its process stalls.
+"""
 
 
 class PoseSample(NamedTuple):
@@ -31,7 +34,10 @@ class PoseSample(NamedTuple):
 
 
 class TwistSample(NamedTuple):
-    """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s], in the axes of `frame`; stamp [ns]."""
+    """Velocity of the tool frame's origin [m/s] and angular velocity [rad/s]; stamp [ns].
+
+    Both are in the axes of `frame`, which is the world or the tool frame.
+    """
 
     stamp: int
     frame: str
@@ -40,7 +46,10 @@ class TwistSample(NamedTuple):
 
 
 class WrenchSample(NamedTuple):
-    """The load cell's raw reading, bias and tool weight included: force [N], torque [N m], in `frame`; stamp [ns]."""
+    """The load cell's raw reading, from which bias and tool weight are not subtracted; stamp [ns].
+
+    `wrench`: force [N] and torque [N m], in `frame`.
+    """
 
     stamp: int
     frame: str
@@ -50,7 +59,7 @@ class WrenchSample(NamedTuple):
 class TransformSample(NamedTuple):
     """Pose of the frame `child` in the frame `parent`: stamp [ns], position [m], quaternion xyzw.
 
-    `fixed`: it holds for all stamps.
+    `fixed`: the transform is valid at all stamps.
     """
 
     stamp: int
@@ -76,7 +85,7 @@ def around(history: Reversible[_Kept], stamp: float) -> tuple[_Kept | None, _Kep
 
 Stamped = PoseSample | TwistSample | WrenchSample | Cloud
 Sample = Stamped | tuple[TransformSample, ...]
-"""What an estimator is given."""
+"""A sample of any kind that an estimator takes."""
 
 
 _NOT_FINITE = "NaN, infinity or an absurdly large number"
@@ -176,9 +185,9 @@ class RefusedError(Exception):
 class Estimate(NamedTuple):
     """The immediate answer to one pose.
 
-    `stamp`: the pose's [ns]. `predicted`: the RFT wrench on the tool by the grains, in sensor axes about the sensor's
-    origin. `sigma`: one standard deviation of each of its components, same axes. `speed`: an upper bound on the
-    plates' speeds [m/s]. `submerged_area` [m²]. `generation`: the model's.
+    `stamp`: of the pose [ns]. `predicted`: the wrench on the tool by the grains, in sensor axes about the sensor's
+    origin [N], [N m]. `sigma`: one standard deviation of each of its components. `speed`: an upper bound on the speed
+    of the plates [m/s]. `submerged_area`: area of the plates in the grains [m²]. `generation`: number of the model.
     `quality_flags`: a bitwise or of `quality.QualityFlag`.
     """
 
@@ -199,10 +208,10 @@ class NoEstimate(NamedTuple):
 
 
 class Measurement(NamedTuple):
-    """What the load cell says at the stamp of an estimate [ns]; wrenches in the frame of `Estimate.predicted`.
+    """The load cell's reading at the stamp of an estimate [ns]; wrenches in the frame of `Estimate.predicted`.
 
-    `compensated`: measured minus bias and tool weight. `residual`: compensated - predicted. Without usable load-cell
-    samples around the stamp both are None and `reason` says why.
+    `compensated`: the reading minus bias and tool weight, as a wrench on the tool. `residual`: compensated minus
+    predicted. Without usable load-cell samples around the stamp both are None, and `reason` says why.
     """
 
     stamp: int

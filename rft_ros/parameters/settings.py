@@ -24,9 +24,10 @@ _Vector = tuple[float, float, float]
 class LoadCell:
     """The load cell's mounting, sign and bias, and the mass attached to it.
 
-    `position` [m] and `quaternion` xyzw: sensor frame in the tool frame. `sign`: +1 if the driver reports the force on
-    the tool, -1 if the force by the tool. `bias`: the driver's raw reading with nothing attached [N, N m].
-    `mass` [kg] and `center_of_mass` [m, sensor frame]: of everything attached below the cell.
+    `position` [m] and `quaternion` xyzw: place of the sensor frame in the tool frame. `sign`: +1 if the driver reports
+    the force that acts on the tool, -1 if it reports the force with which the tool pushes. `bias`: the driver's raw
+    reading with nothing attached [N, N m]. `mass` [kg] and `center_of_mass` [m, sensor frame]: of everything that is
+    attached below the cell.
     """
 
     position: _Vector = (0.0, 0.0, 0.0)
@@ -39,12 +40,15 @@ class LoadCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Frames, sources, limits and learning in m, s, m/s, Hz.
+    """The estimator's settings, in m, s, m/s and Hz. Each field is the parameter of the node with the same name.
 
-    `max_rate` 0: answer every pose. `calibrated_depth` and `zeta_error` (relative standard error of ζ) 0: unknown.
-    `tf_rate` 0: a pose from transforms at each load-cell stamp. `learning_lag`: path between a load-cell sample and the
-    first prediction that it may change. Raises InputError if world and tool frame have the same name, because the
-    frame_id of a twist then does not say in which axes the twist is.
+    Some names differ: `load_cell` holds ``sensor.*``, `sensor_source` is ``sensor.frame_source``, `calibrated_depth`
+    and `zeta_error` are ``medium.*``, and `learning_mode` and `learning_lag` are ``learning.*``. docs/node.md lists the
+    parameters. A value of 0 has a special meaning in some fields. `max_rate`: every pose gets an estimate. `tf_rate`:
+    transforms give a pose at each load-cell stamp. `calibrated_depth`, `zeta_error`: unknown.
+
+    Raises InputError if `world_frame` and `tool_frame` have the same name, because the frame_id of a twist then does
+    not say in which axes the twist is.
     """
 
     world_frame: str = "world"
@@ -72,9 +76,10 @@ class Settings:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Model:
-    """A tool, a law and the ground at the start, replaced as a whole; `generation` counts the models of a run.
+    """The model of tool and grains. It is immutable: a change of any part makes a new model.
 
-    `law`: all that is known of the grains. `ground`: known heights; None: a level plane.
+    `law`: the traction law, with all parameters of the grains. `ground`: the map of the ground at the start; None: the
+    ground is a level plane at ``surface_height``. `generation`: the node counts it up with each new model.
     """
 
     tool: Tool

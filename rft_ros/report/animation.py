@@ -95,17 +95,21 @@ def animate(
 
 
 def what_is_shown(law: Law, *, learned: bool) -> str:
-    """A sentence on an animation: what is included in its force and not in its colours. `learned`: mode apply."""
+    """Sentences that say what the line and the colours of an animation show. `learned`: the mode of learning is apply.
+
+    The line is the whole predicted force. The colours are the law's traction without memory and learned corrections.
+    """
     more = []
     if law.mobilization_length > 0.0:
         more.append("memory")
     if learned:
         more.append("learned corrections")
-    force = "The line from the tool's middle, and |F|, are the predicted force on the tool"
-    colours = "the colours are the law's traction on its facets"
+    force = "The line from the tool's middle shows the predicted force on the tool, and |F| is its magnitude"
+    colours = "The colours show the law's traction on the facets"
     if more:
-        return f"{force}, with {' and '.join(more)}; {colours}, without."
-    return f"{force}; {colours}."
+        effects = " and ".join(more)
+        return f"{force}, both with {effects}. {colours}, without {effects}."
+    return f"{force}. {colours}."
 
 
 def animation_figure(drawn: Animation) -> Any:

@@ -1,4 +1,4 @@
-"""The mesh that is drawn of a tool: its own, or if that is fine, a simplification that keeps the shape."""
+"""Chooses the mesh with which a tool is drawn: the tool's own, or a simplification if that has too many faces."""
 
 from typing import NamedTuple
 
@@ -22,7 +22,10 @@ _SAMPLES = 20_000  # points on the drawn surface
 
 
 class DrawnMesh(NamedTuple):
-    """Vertices in the tool frame [m], shape [n, 3]; faces, shape [m, 3]; `facet`: the tool's facet that each shows."""
+    """Vertices in the tool frame [m], shape [n, 3]; faces, shape [m, 3].
+
+    `facet`: for each face the index of the tool's facet whose traction colours it, shape [m].
+    """
 
     vertices: Array
     faces: Indices
@@ -30,9 +33,10 @@ class DrawnMesh(NamedTuple):
 
 
 def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
-    """The tool's mesh. If it has over `most_faces`, the coarsest simplification that keeps extent, area and place.
+    """The mesh with which a tool is drawn. Up to `most_faces` faces, it is the tool's own mesh.
 
-    If no simplification does, as with thin blades, it is the full mesh.
+    For a finer mesh it is the coarsest simplification that keeps the extent, the area and the place of the surface. If
+    no simplification keeps them, as with thin blades, the full mesh is drawn.
     """
     import trimesh
 

@@ -21,7 +21,7 @@ th { color: #555; font-weight: 600; }
 
 
 class Figure(NamedTuple):
-    """A plotly figure with a name (for links), a title, and a sentence that says what it shows."""
+    """A section with a plotly figure. `name`: for links. `title`, `sentence`: what the figure shows, above it."""
 
     name: str
     title: str
@@ -29,7 +29,7 @@ class Figure(NamedTuple):
     drawn: Any
 
     def html(self) -> str:
-        """What follows title and sentence."""
+        """The HTML of the section below its title and sentence."""
         html: str = self.drawn.to_html(
             include_plotlyjs=False,
             full_html=False,
@@ -41,7 +41,7 @@ class Figure(NamedTuple):
 
 
 class Table(NamedTuple):
-    """A table of text with a title, a sentence and the heads of its columns."""
+    """A section with a table of text. `title`, `sentence`: above it. `heads`: of its columns."""
 
     title: str
     sentence: str
@@ -49,7 +49,7 @@ class Table(NamedTuple):
     rows: Iterable[Sequence[str]]
 
     def html(self) -> str:
-        """What follows title and sentence."""
+        """The HTML of the section below its title and sentence."""
         lines = ["".join(f"<th>{escape(head)}</th>" for head in self.heads)]
         lines += ["".join(f"<td>{escape(cell)}</td>" for cell in row) for row in self.rows]
         return f"<table><tr>{'</tr><tr>'.join(lines)}</tr></table>"

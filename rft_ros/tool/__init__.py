@@ -1,4 +1,4 @@
-"""From a mesh file to a tool of plates: locate, read, check, refine, reduce."""
+"""Makes a tool of plates from a mesh file: finds, reads and checks the file, refines and reduces the plates."""
 
 from rft_ros.tool.mesh_file import is_mesh_path, locate_mesh
 from rft_ros.tool.tool import Tool, describe_tool, load_tool, tool_of_mesh

@@ -34,10 +34,11 @@ _SAME_AREA = 1e-4  # relative difference of areas that is rounding
 class Tool:
     """A rigid tool in its own frame [m].
 
-    `name`: the mesh file's stem. `file`: its path. `plates`: the plates whose wrenches are summed. `facets`: one plate
-    per face, in the same order; the same object as `plates` unless the tool was reduced. `vertices`: shape [n, 3].
-    `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside. `issues` of the mesh: sentences by
-    kind. `corners`: vertices of the convex hull, shape [k, 3]. `reduction`: how `plates` came from `facets`, or "".
+    `name`: the mesh file's name without suffix. `file`: its path. `plates`: the plates whose wrenches are summed.
+    `facets`: one plate for each face, in the same order; if the tool was not reduced, this is the same object as
+    `plates`. `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
+    `issues`: what is wrong with the mesh, a sentence for each kind. `corners`: vertices of the convex hull, shape
+    [k, 3]. `reduction`: a sentence that says how `plates` were made from `facets`; "" if the tool was not reduced.
     """
 
     name: str
@@ -56,10 +57,10 @@ class Tool:
         return max(float(column.max() - column.min()) for column in self.corners.T)
 
     def lowest_point(self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL) -> float:
-        """World z of the tool's lowest point, from its frame's origin [m]; `rotation`: tool to world, shape [3, 3].
+        """Height of the tool's lowest point above the tool frame's origin [m], along world z; negative if below.
 
-        `slope`: dz/dx and dz/dy of an inclined plane through the origin. The height is then measured from this plane,
-        and the lowest point is that of the least height.
+        `rotation`: from the tool to the world frame, shape [3, 3]. `slope`: dz/dx and dz/dy of a plane through the
+        origin. Heights are measured from this plane, and the lowest point is the one of least height.
         """
         x, y, z = rotation
         return float((self.corners @ (z - slope[0] * x - slope[1] * y)).min())
@@ -94,11 +95,12 @@ def load_tool(
     """Load a tool from a mesh file or a reduced tool (.npz): a path, package:// URI or name of a shipped mesh.
 
     `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
-    `quaternion`: orientation of the mesh file's axes in the tool frame, xyzw. `integration`: the plates' rule; None:
-    the rule of a reduced tool, ``refined`` for a mesh. `tolerance`: over 0, use the fewest plates whose wrench stays
-    within this share of the full tool's in any motion, at the 95th percentile; a reduced tool stays as it is. Normals
-    come from the facets' winding. Facets without area are dropped. Raises InputError or ValueError, one sentence, for a
-    file or value that cannot be used.
+    `quaternion`: orientation of the mesh file's axes in the tool frame, xyzw. `integration`: the integration rule; None
+    takes the rule of a reduced tool, and ``refined`` for a mesh. `tolerance`: 0 keeps all plates. Over 0, a mesh is
+    reduced to the fewest plates whose wrench deviates from that of the full tool by at most this share, in 95 % of
+    random motions. A tool from an .npz file is not reduced again. Normals come from the winding of the facets. Facets
+    without area are dropped. Raises InputError or ValueError, with one sentence, for a file or a value that cannot be
+    used.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
@@ -118,7 +120,7 @@ def load_tool(
 def tool_of_mesh(
     mesh: "trimesh.Trimesh", *, name: str, file: str = "", integration: Integration = "refined", tolerance: float = 0.0
 ) -> Tool:
-    """The tool of a mesh that is in memory, in the tool frame [m]; arguments as for `load_tool`."""
+    """Make a tool from a mesh in memory, whose vertices are in the tool frame [m]; arguments as for `load_tool`."""
     from scipy.spatial import ConvexHull, QhullError
 
     if not 0.0 <= number("tolerance", tolerance) <= 1.0:
@@ -166,15 +168,15 @@ def describe_tool(tool: Tool) -> list[str]:
 
 
 def _area(tool: Tool) -> str:
-    """The area of the mesh, and the area that forces are computed with if it is another one.
+    """The area of the mesh and, with the refined rule, the area of the curved surface that the facets approximate.
 
-    The refined rule computes with the area of the curved surface that the facets approximate.
+    The refined rule computes forces with the area of that surface.
     """
     mesh = float(centroid_plates(tool.vertices, tool.faces).area)
     restored = tool.facets.area
     if abs(restored - mesh) < _SAME_AREA * mesh:
         return f"{mesh * 1e6:.1f} mm²"
-    curved = f"{restored * 1e6:.1f} mm² of the curved surface that they approximate, which forces are computed with"
+    curved = f"forces are computed with the {restored * 1e6:.1f} mm² of the curved surface that they approximate"
     return f"{mesh * 1e6:.1f} mm² of facets; {curved}"
 
 

@@ -83,7 +83,7 @@ def test_the_page_has_every_figure_and_table_and_loads_nothing(replayed):
     assert not re.search(r"<(script|link|img|iframe)[^>]+(src|href)=.(?!data:)", page)
     assert "@import" not in page.partition("</style>")[0]
     assert re.findall(r'<div id="figure-(\w+)"', page) == list(CHARTS)
-    assert "the predicted force on the tool, with memory; the colours are" in page
+    assert "both with memory. The colours show" in page
     for title in ("Metrics", "Quality flags", "Not used or unanswered", "Parameters"):
         assert f"<h2>{title}</h2>" in page
 
