@@ -23,9 +23,9 @@ __all__ = ["COUPLED", "advance", "forces_on_plates", "hold", "hold_each"]
 _STRIDE = 1.0 / 30.0
 """Longest path of a point in a step, in mobilization lengths, over which the grains are taken as linear."""
 
-_TURN = 0.02
-"""Greatest relative change of the wrench over which the grains are linear for a body that is pushed back. Grains that
-yielded are more than ten times as stiff when the motion reverses."""
+_CHANGE, _TURN = 0.02, 0.002
+"""Greatest relative change of the wrench over which the grains are taken as linear, and the same for a body that is
+pushed back. Grains that yielded are more than ten times as stiff when the motion reverses."""
 
 _MOST, _CLOSE = 20, 0.02
 """Most evaluations of Newton's method, and the relative change of the wrench at which it ends."""
@@ -280,7 +280,8 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
         part, reach = _part(b), beds.bodies[first + b].reach
         path = max(path, h * _path(after[part], reach))
         turns = _dot(begin[part], after[part]) > 0.0
-        linear &= not (turns and _size(change[part], reach) > _TURN * _size(begin[part], reach))
+        most = _TURN if turns else _CHANGE
+        linear &= _size(change[part], reach) <= most * _size(begin[part], reach)
     linear &= path <= _STRIDE * beds.length
     found = linear
     if not linear:

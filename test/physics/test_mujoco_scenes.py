@@ -42,6 +42,7 @@ def test_a_tool_feels_what_the_grains_remember_whatever_else_bears_on_it(kind, s
         ("servo", 0.05, 2e5, 0.002, "Euler"),
         ("servo", 0.2, 2e4, 0.005, "Euler"),
         ("servo", 0.01, 2e6, 0.0005, "Euler"),
+        ("servo", 0.05, 2e4, 0.005, "Euler"),
         ("servo", 0.2, 2e5, 0.002, "Euler"),
         ("servo", 0.2, 2e5, 0.005, "implicitfast"),
         ("servo", 0.2, 2e6, 0.0005, "Euler"),
