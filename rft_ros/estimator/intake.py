@@ -4,15 +4,13 @@ import math
 from collections import Counter, deque
 from typing import TypeVar
 
-import numpy as np
-
 from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison
 from rft_ros.estimator.samples import PATIENCE, TIME_JUMP, PoseSample, Reason, RefusedError, TwistSample, WrenchSample
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud, GroundMapper
 from rft_ros.parameters import Settings
-from rft_ros.rft import rotation_matrix, unit_quaternion
+from rft_ros.rft import unit_quaternion
 from rft_ros.rft.placement import Placement
 
 __all__ = ["Intake"]
@@ -42,7 +40,7 @@ class Intake:
         self.transforms = Transforms()
         self.twists: deque[TwistSample] = deque(maxlen=_TWISTS)
         self._counts, self._comparison = counts, comparison
-        self._pose = 0  # stamp of the last pose
+        self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._last_wanted = 0
         self._last_transforms = 0  # stamp up to which poses were asked of the transforms at `tf_rate`
@@ -72,34 +70,34 @@ class Intake:
     def pose(self, sample: PoseSample) -> PoseSample:
         """The pose in world axes, its quaternion of unit length."""
         stamp, world = sample.stamp, self._settings.world_frame
-        base, position = self._placed("pose", sample, world), sample.position
-        _check_finite("pose", *position, *sample.quaternion)
-        quaternion = unit_quaternion(*sample.quaternion)
+        base = self._placed("pose", sample, world)
+        _check_finite("pose", *sample.position, *sample.quaternion)
+        position, quaternion = sample.position, unit_quaternion(*sample.quaternion)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
         if base is not None:
             position, quaternion = base.of(Placement(position, quaternion))
             _check_finite("pose", *position)
-        behind = self._pose - stamp
+        behind = self._pose_stamp - stamp
         if 0 <= behind < TIME_JUMP:
             raise RefusedError(Reason.POSE_OUT_OF_ORDER if behind else Reason.POSE_REPEATED)
-        self._pose = stamp
+        self._pose_stamp = stamp
         return PoseSample(stamp, world, position, quaternion)
 
     def add(self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, mapper: GroundMapper) -> None:
         """Keep a sample that is no pose. A cloud goes to the `mapper`."""
         if isinstance(sample, TwistSample):
-            self._twist(sample)
+            self._add_twist(sample)
         elif isinstance(sample, WrenchSample):
-            self._wrench(sample)
+            self._add_wrench(sample)
         elif isinstance(sample, Cloud):
-            self._cloud(sample, mapper)
+            self._add_cloud(sample, mapper)
         else:
             reason = self.transforms.push(sample)
             if reason is not None:  # also TF_TWO_PARENTS, although that transform is used
                 raise RefusedError(reason)
 
-    def _twist(self, sample: TwistSample) -> None:
+    def _add_twist(self, sample: TwistSample) -> None:
         """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
             return  # as a replay, which does not read the topic then
@@ -111,7 +109,7 @@ class Intake:
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
         self._keep("twist", self.twists, sample)
 
-    def _wrench(self, sample: WrenchSample) -> None:
+    def _add_wrench(self, sample: WrenchSample) -> None:
         """Keep a reading of the load cell, in the sensor frame."""
         there = self._placed("wrench", sample, self._settings.sensor_frame)
         if there is not None:
@@ -119,19 +117,19 @@ class Intake:
         _check_finite("wrench", *sample.wrench)
         self._keep("wrench", self._comparison.samples, sample)
 
-    def _cloud(self, cloud: Cloud, mapper: GroundMapper) -> None:
+    def _add_cloud(self, cloud: Cloud, mapper: GroundMapper) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
-        since = cloud.stamp - mapper.last_cloud
+        since = cloud.stamp - mapper.cloud_stamp
         if mapper.map is None:
             raise RefusedError(Reason.SURFACE_OFF)
         camera = self._placed("surface", cloud, self._settings.world_frame)
         if -TIME_JUMP < since <= 0:
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
-        if mapper.newest - cloud.stamp >= DELAY:
+        if mapper.pose_stamp - cloud.stamp >= DELAY:
             raise RefusedError(Reason.SURFACE_LATE)
         if 0 < since < _CLOUD_PERIOD:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
-        mapper.add(cloud, camera and (np.array(camera.position), rotation_matrix(camera.quaternion)))
+        mapper.add(cloud, camera)
 
     def _placed(self, kind: str, sample: samples.Stamped, *expected: str) -> Placement | None:
         """Placement of a sample's frame in the first of the expected frames to which fixed transforms link it.
@@ -150,10 +148,10 @@ class Intake:
         raise RefusedError(reason)
 
     def _keep(self, kind: str, history: deque[_Sample], sample: _Sample) -> None:
-        behind = history[-1].stamp - sample.stamp if history else -1
-        if 0 <= behind < TIME_JUMP:  # of equal stamps the first is used, whether or not a pose came in between
-            raise RefusedError(Reason(f"{kind}_out_of_order"))
-        if behind > 0:
+        if history and history[-1].stamp >= sample.stamp:
+            if history[-1].stamp - sample.stamp < TIME_JUMP:
+                # of equal stamps the first is used, whether or not a pose came in between
+                raise RefusedError(Reason(f"{kind}_out_of_order"))
             self._comparison.settle(math.inf)
             history.clear()
         history.append(sample)

@@ -18,12 +18,11 @@ from rft_ros.ground.height_map import HeightMap
 from rft_ros.rft import LEVEL, rotation_matrix
 from rft_ros.rft.frames import attitude, from_frame, parts_of_state
 from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.rft.placement import Placement
 
-__all__ = ["DELAY", "KEPT", "Cloud", "GroundMapper", "LocalSurface", "Support"]
+__all__ = ["DELAY", "LAST_SURFACE", "Cloud", "GroundMapper", "LocalSurface", "Support"]
 
 Array = NDArray[np.float64]
-
-_Camera = tuple[Array, Array] | None
 
 DELAY = 500_000_000
 """A cloud changes the ground of the poses whose stamps are this much later [ns] or more, whenever it arrives before.
@@ -32,12 +31,18 @@ Live and in a replay the same stamps then give the same results. No pose has to 
 hundredths of a second to compute.
 """
 
-_POSITION, _QUATERNION, _LEVEL, _HEIGHT, _SLOPE, _ROUGHNESS, KEPT = 0, 3, 7, 8, 9, 11, 12
-"""Indices into the array that holds the last surface of one body, and the length of that array, `KEPT`.
-
-The pose (position, quaternion) and the level at which the surface was found; its height at x = y = 0, two slopes and
-the roughness.
-"""
+LAST_SURFACE = np.dtype(
+    [
+        ("known", np.int64),  # 1; a Boolean would leave bytes between the fields that a copy does not set
+        ("position", float, 3),  # of the body, where the surface was found
+        ("quaternion", float, 4),
+        ("level", float),
+        ("height", float),  # these three as in `LocalSurface`
+        ("slope", float, 2),
+        ("roughness", float),
+    ]
+)
+"""The last surface of one body; zeros: none is known."""
 
 _CLOUDS = 16  # that wait for a pose
 _PLACES = 2048  # poses kept to look up the tool's place at the stamp of a cloud: 2 s at 1 kHz, four times `DELAY`
@@ -117,8 +122,12 @@ def _fit(heights, i0, j0, cell, level, disc, x, y, radius):
 
 
 @compiled
-def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept):
-    """Update the plane in `kept` if the body has moved; returns the depth of the body's deepest point below it."""
+def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, lasts):
+    """Update the last surface if the body has moved; returns the depth of the body's deepest point below it.
+
+    `lasts`: one record of `LAST_SURFACE`.
+    """
+    last = lasts[0]
     position, quaternion, velocity, angular_velocity = parts_of_state(state)
     px, py, pz = position[0], position[1], position[2]
     ux, uy, uz = velocity[0], velocity[1], velocity[2]
@@ -129,14 +138,13 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
         # number by number: for an assignment of arrays numba also compiles an error message, which takes 2 s
         placed[k, 0], placed[k, 1], placed[k, 2] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
         lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
-    before, q = kept[_POSITION:_QUATERNION], kept[_QUATERNION:_LEVEL]
-    x, y, z = px - before[0], py - before[1], pz - before[2]
+    x, y, z = px - last.position[0], py - last.position[1], pz - last.position[2]
     product = 0.0
     for k in range(4):
-        product += quaternion[k] * q[k]
+        product += quaternion[k] * last.quaternion[k]
     cosine = abs(product)
     moved = np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))  # most of any point [m]
-    if not (moved <= _MOVED and kept[_LEVEL] == level):
+    if not (last.known == 1 and moved <= _MOVED and last.level == level):
         x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
         least = _LEAST_RADIUS * cell
         h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
@@ -162,11 +170,14 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, kept
             x, y = px + mx + ahead * vx, py + my + ahead * vy
             h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
             h -= sx * mx + sy * my  # the height over the disc, which lies ahead, counts at the tool's middle
-        for k in range(_LEVEL):
-            kept[k] = state[k]
-        kept[_LEVEL] = level
-        kept[_HEIGHT], kept[_SLOPE], kept[_SLOPE + 1], kept[_ROUGHNESS] = h - sx * px - sy * py, sx, sy, rough
-    deepest, height, sx, sy = -1e300, kept[_HEIGHT], kept[_SLOPE], kept[_SLOPE + 1]
+        last.known, last.level = 1, level
+        for k in range(3):
+            last.position[k] = position[k]
+        for k in range(4):
+            last.quaternion[k] = quaternion[k]
+        last.height, last.roughness = h - sx * px - sy * py, rough
+        last.slope[0], last.slope[1] = sx, sy
+    deepest, height, sx, sy = -1e300, last.height, last.slope[0], last.slope[1]
     for k in range(corners.shape[0]):
         x, y = px + placed[k, 0], py + placed[k, 1]
         deepest = max(deepest, height + sx * x + sy * y - pz - placed[k, 2])
@@ -183,27 +194,30 @@ class Support:
         flat = np.sqrt(1.0 - z * z)
         directions = np.column_stack([flat * x, flat * y, z])
         self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
-        self._reach = max(float(np.linalg.norm(self._corners, axis=1).max()), _MOVED)  # zeros in `kept` are far away
+        self._reach = float(np.linalg.norm(self._corners, axis=1).max())
 
     def local_surface(
-        self, ground: HeightMap | None, state: Array, *, level: float, kept: Array | None = None
+        self, ground: HeightMap | None, state: Array, *, level: float, last: NDArray[np.void] | None = None
     ) -> LocalSurface:
         """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] without a map.
 
-        Where all cells of the map are unknown it is exactly (level, 0, 0). `kept`: the last surface of one body on one
-        map, shape [`KEPT`], at first zeros. It is used again until the body has moved by 0.1 mm: at rest the direction
-        of the velocity is noise, and the disc would jump about.
+        Where all cells of the map are unknown it is exactly (level, 0, 0). `last`: the last surface of one body on one
+        map, shape [1] of `LAST_SURFACE`, which is updated. It is used again until the body has moved by 0.1 mm: at rest
+        the direction of the velocity is noise, and the disc would jump about.
         """
         if ground is None:
             return LocalSurface(level)
-        kept = np.zeros(KEPT) if kept is None else kept
+        if last is None:
+            last = np.zeros(1, LAST_SURFACE)
         i0, j0 = map(float, ground.corner)  # numba compiles once more for each type of argument
         place = ground.heights, i0, j0, ground.cell, level, _DISC
-        depth = _local_plane(*place, self._corners, self._reach, state, kept)
-        h, sx, sy, rough = kept[_HEIGHT:].tolist()
-        if not math.isfinite(h + sx + sy + rough):  # a pose so far away that its squares overflow
+        depth = _local_plane(*place, self._corners, self._reach, state, last)
+        found = last[0]
+        height, roughness = float(found["height"]), float(found["roughness"])
+        sx, sy = found["slope"].tolist()
+        if not math.isfinite(height + sx + sy + roughness):  # a pose so far away that its squares overflow
             return LocalSurface(level, depth=level - float(state[2]))
-        return LocalSurface(h, (sx, sy), rough, depth)
+        return LocalSurface(height, (sx, sy), roughness, depth)
 
 
 class Cloud(NamedTuple):
@@ -219,15 +233,15 @@ class Cloud(NamedTuple):
 class GroundMapper:
     """Keeps the current `map` of the ground, and updates it from clouds. A map of None is a level plane.
 
-    `start`: the map before the first cloud. `corners`: of the tool's convex hull [m], shape [k, 3]. `last_cloud` and
-    `newest`: stamps of the last cloud and of the last pose [ns].
+    `start`: the map before the first cloud. `corners`: of the tool's convex hull [m], shape [k, 3]. `cloud_stamp` and
+    `pose_stamp`: stamps of the last cloud and of the last pose [ns].
     """
 
     def __init__(self, start: HeightMap | None, corners: Array) -> None:
         self._start = start
         # A thread computes the maps. numba's loops release the GIL, so that a tick does not wait for them.
         self._thread = ThreadPoolExecutor(1)
-        self._clouds: deque[tuple[Cloud, _Camera]] = deque(maxlen=_CLOUDS)
+        self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_CLOUDS)
         self._places: deque[tuple[int, tuple[float, ...], tuple[float, ...]]] = deque(maxlen=_PLACES)
         self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()  # the stamp at which a map is due, and the map
         self.use_tool(corners)
@@ -235,7 +249,7 @@ class GroundMapper:
 
     def use_tool(self, corners: Array) -> None:
         """Continue with another tool. `corners`: of its convex hull [m], shape [k, 3]."""
-        self._corners, self._support, self._kept = corners, Support(corners), np.zeros(KEPT)
+        self._corners, self._support, self._last = corners, Support(corners), np.zeros(1, LAST_SURFACE)
 
     def level(self) -> None:
         """Go back to the map at the start, and drop the clouds that are under way."""
@@ -244,23 +258,22 @@ class GroundMapper:
         self._waiting.clear()
         self._clouds.clear()
         self.map = self._merged = self._start  # the thread alone uses `_merged` while clouds are under way
-        self._kept.fill(0.0)
+        self._last[:] = 0
 
     def start_run(self) -> None:
         """Start a new run, or a run in new axes, with the map at the start."""
         self.level()
         self._places.clear()
-        self.last_cloud = self.newest = 0
+        self.cloud_stamp = self.pose_stamp = 0
 
-    def add(self, cloud: Cloud, camera: _Camera = None) -> None:
+    def add(self, cloud: Cloud, camera: Placement | None = None) -> None:
         """Add a cloud. It waits for the first pose at or after its stamp, since points on the tool are left out.
 
-        `camera`: position [m], shape [3], and rotation, shape [3, 3], of the cloud's frame in the world; None: the
-        cloud is in world axes.
+        `camera`: placement of the cloud's frame in the world; None: the cloud is in world axes.
         """
-        if cloud.stamp < self.last_cloud:
+        if cloud.stamp < self.cloud_stamp:
             self._clouds.clear()  # they belong to the run before, or had stamps in the future
-        self.last_cloud = cloud.stamp
+        self.cloud_stamp = cloud.stamp
         self._clouds.append((cloud, camera))
         self._merge()
 
@@ -268,32 +281,32 @@ class GroundMapper:
         """Add the tool's pose, and use the maps that are due at its stamp [ns]. Waits for a map that is late."""
         if self._start is None:
             return
-        self.newest = stamp
+        self.pose_stamp = stamp
         self._places.append((stamp, position, quaternion))
         if self._clouds:
             self._merge()
         while self._waiting and self._waiting[0][0] <= stamp:
             self.map = self._waiting.popleft()[1].result()
-            self._kept.fill(0.0)
+            self._last[:] = 0
 
     def surface_at(self, state: Array, level: float) -> LocalSurface:
         """The surface around the tool at a state, shape [13], columns `STATE`; `level` [m] where nothing is known."""
-        return self._support.local_surface(self.map, state, level=level, kept=self._kept)
+        return self._support.local_surface(self.map, state, level=level, last=self._last)
 
     def _merge(self) -> None:
-        while self._clouds and self._clouds[0][0].stamp <= self.newest:
+        while self._clouds and self._clouds[0][0].stamp <= self.pose_stamp:
             cloud, camera = self._clouds.popleft()
             _, position, quaternion = next(place for place in self._places if place[0] >= cloud.stamp)
             tool = np.array(position), rotation_matrix(quaternion), self._corners
             self._waiting.append((cloud.stamp + DELAY, self._thread.submit(self._with, cloud, camera, tool)))
 
-    def _with(self, cloud: Cloud, camera: _Camera, tool: tuple[Array, Array, Array]) -> HeightMap:
+    def _with(self, cloud: Cloud, camera: Placement | None, tool: tuple[Array, Array, Array]) -> HeightMap:
         x, y, z = cloud.x, cloud.y, cloud.z
         if camera is not None:
-            position, axes = camera
+            axes = rotation_matrix(camera.quaternion)
             u, v, w = np.array([x, y, z], dtype=np.float64)
             with np.errstate(invalid="ignore", over="ignore"):  # points that are not finite
-                x, y, z = (a * u + b * v + c * w + p for (a, b, c), p in zip(axes, position, strict=True))
+                x, y, z = (a * u + b * v + c * w + p for (a, b, c), p in zip(axes, camera.position, strict=True))
         assert self._merged is not None
         self._merged = self._merged.with_points(x, y, z, tool)
         return self._merged

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.ground import KEPT, HeightMap, Support
+from rft_ros.ground import LAST_SURFACE, HeightMap, Support
 from rft_ros.rft import Law, checked_states
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.frames import rotation_matrix
@@ -69,7 +69,7 @@ class GrainsBatch:
         self.beds, self._law = make_beds([one.plates for one in self.tools], law), law
         self._ground = None if ground is None else ground.filled()
         self._supports = {id(one): Support(one.corners) for one in self.tools}
-        self.coupled, self._surfaces = np.zeros(n, COUPLED), np.zeros((n, KEPT))
+        self.coupled, self._surfaces = np.zeros(n, COUPLED), np.zeros(n, LAST_SURFACE)
         self._duration, self._states = np.zeros(1), np.zeros((n, 13))
         self._remembered: GrainsState = {
             "memory": self.beds.memory,
@@ -176,9 +176,9 @@ class GrainsBatch:
         return [work(self._parts[0])] if len(self._parts) == 1 else list(self._pool.map(work, self._parts))
 
     def _find_surfaces(self, states: Array, ground: HeightMap) -> None:
-        for k, (body, state, kept) in enumerate(zip(self.beds.bodies, states, self._surfaces, strict=True)):
+        for k, (body, state) in enumerate(zip(self.beds.bodies, states, strict=True)):
             support, level = self._supports[id(self.tools[k])], ground.nearest(state[0], state[1])
-            height, (x, y), *_ = support.local_surface(ground, state, level=level, kept=kept)
+            height, (x, y), *_ = support.local_surface(ground, state, level=level, last=self._surfaces[k : k + 1])
             body["height"], body["slope_x"], body["slope_y"] = height, x, y
 
     def failed(self, times: int, *, dt: float, path: float) -> None:

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from rft_ros.errors import InputError
-from rft_ros.ground import KEPT, MOST_CELLS, HeightMap, Support, read_height_map, write_height_map
+from rft_ros.ground import LAST_SURFACE, MOST_CELLS, HeightMap, Support, read_height_map, write_height_map
 from rft_ros.tool import load_tool
 
 CELL = 0.002
@@ -190,15 +190,15 @@ def test_the_ground_ahead_resists_and_not_the_hole_behind():
 
 def test_noise_at_rest_has_no_direction():
     """A tool that has moved by less than 0.1 mm keeps its surface; then it looks ahead again, and on another level."""
-    slope, kept = mapped(lambda x, _: 0.2 * x), np.zeros(KEPT)
-    first = SUPPORT.local_surface(slope, state(FORWARD), level=0.0, kept=kept)
+    slope, last = mapped(lambda x, _: 0.2 * x), np.zeros(1, LAST_SURFACE)
+    first = SUPPORT.local_surface(slope, state(FORWARD), level=0.0, last=last)
     for k, back in enumerate(([-1e-6, 0.0, 0.0], [0.0, 1e-6, -1e-6])):
-        noisy = SUPPORT.local_surface(slope, state(back, x=5e-5 * k, z=-0.01 - 2e-5 * k), level=0.0, kept=kept)
+        noisy = SUPPORT.local_surface(slope, state(back, x=5e-5 * k, z=-0.01 - 2e-5 * k), level=0.0, last=last)
         assert noisy[:3] == first[:3]
         assert noisy.depth == pytest.approx(first.depth + (2e-5 + 0.2 * 5e-5) * k, abs=1e-9)
     for x, level in ((0.0, 0.1), (2e-4, 0.1)):
         moved = state((-0.01, 0.0, 0.0), x=x)
-        again = SUPPORT.local_surface(slope, moved, level=level, kept=kept)
+        again = SUPPORT.local_surface(slope, moved, level=level, last=last)
         assert again == SUPPORT.local_surface(slope, moved, level=level)
         assert again.height < first.height - 0.002
 
