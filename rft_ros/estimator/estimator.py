@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator import samples
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Prediction, mean_in_air
+from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, PastPose, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor, ReadingInAir, speed_limits
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
@@ -60,7 +60,7 @@ class Estimator:
         self._pose: PoseSample | None = None  # the last one that was accepted
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
-        self._poses: deque[tuple[PoseSample, str]] = deque(maxlen=HISTORY)  # each with a reason against a tare, or ""
+        self._poses: deque[PastPose] = deque(maxlen=HISTORY)  # for a tare
         self._duration, self._result = np.zeros(1), np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
@@ -147,12 +147,14 @@ class Estimator:
                 self._memory = self._empty_memory()
             self._prepare_step()
 
-        if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
-            error, on = s.zeta_error or _UNKNOWN_ZETA_ERROR, s.learning_mode != "off"
-            self.learning = Learning(lag=s.learning_lag, strength_error=error) if on else None
+        learns = s.learning_mode != "off"
+        if learns != (self.learning is not None) or s.zeta_error != old.zeta_error:
+            strength_error = s.zeta_error or _UNKNOWN_ZETA_ERROR
+            self.learning = Learning(lag=s.learning_lag, strength_error=strength_error) if learns else None
         if s.load_cell != old.load_cell:
             self._air.forget()
-        if (learning := self.learning) is None:
+        learning = self.learning
+        if learning is None:
             return
         learning.lag, learning.reach = s.learning_lag, m.tool.plates.reach
         if s.load_cell != old.load_cell:
@@ -254,7 +256,7 @@ class Estimator:
         except RefusedError as refused:
             self.counts[refused.reason.value] += 1
             if refused.reason in UNKNOWN_VELOCITY:
-                self._poses.append((sample, f"the tool's velocity was unknown ({refused.reason})"))
+                self._poses.append(PastPose(sample, f"the tool's velocity was unknown ({refused.reason})"))
             return samples.NoEstimate(sample.stamp, refused.reason)
         self.counts["estimates"] += 1
         return answer
@@ -271,7 +273,7 @@ class Estimator:
         in_grains = area > 0.0
         if in_grains:
             self._air.add_in_grains(force)
-        self._poses.append((pose, "the tool was in the grains" if in_grains else ""))
+        self._poses.append(PastPose(pose, "the tool was in the grains" if in_grains else ""))
         self._withdrawal.follow(motion, force, in_grains=in_grains)
         answer = self._corrected(motion, row)
         self._withdrawal.widen(answer)

@@ -16,7 +16,8 @@ from rft_ros.rft.frames import attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.rft.placement import Placement
 
-__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction", "Reading", "drift", "mean_in_air"]
+__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "PastPose", "Prediction", "Reading"]
+__all__ += ["drift", "mean_in_air"]
 
 Array = NDArray[np.float64]
 
@@ -145,7 +146,7 @@ class Comparison:
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
         self._readings: list[Reading] = []
-        self._last: Wrench | None = None
+        self._last_raw: Wrench | None = None
         self.max_age = 0
 
     def add(self, prediction: Prediction) -> None:
@@ -172,8 +173,6 @@ class Comparison:
 
     def readings(self) -> list[Reading]:
         """The readings of the measurements that became final since the last call of this, in their order."""
-        if not self._readings:
-            return self._readings
         new, self._readings = self._readings, []
         return new
 
@@ -184,21 +183,49 @@ class Comparison:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason.value] += 1
             return Measurement(stamp, None, None, reason)
-        # written out by component: loops take twice as long
-        ax, ay, az, dx, dy, dz = before.wrench
+        raw = before.wrench
         if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
             share = (stamp - before.stamp) / (after.stamp - before.stamp)
-            bx, by, bz, ex, ey, ez = after.wrench
-            ax, ay, az = ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)
-            dx, dy, dz = dx + share * (ex - dx), dy + share * (ey - dy), dz + share * (ez - dz)
-        last, self._last = self._last, (ax, ay, az, dx, dy, dz)
-        sign, (bx, by, bz, ex, ey, ez), (fx, fy, fz, tx, ty, tz) = cell.sign, prediction.offset, prediction.wrench
-        ax, ay, az = sign * ax - bx, sign * ay - by, sign * az - bz
-        dx, dy, dz = sign * dx - ex, sign * dy - ey, sign * dz - ez
-        world = cell.into_world(prediction.pose, (ax, ay, az))
-        self._readings.append(Reading(stamp, world, last == self._last, prediction.in_air))
-        residual = ax - fx, ay - fy, az - fz, dx - tx, dy - ty, dz - tz
-        return Measurement(stamp, (ax, ay, az, dx, dy, dz), residual, None)
+            raw = _between(before.wrench, after.wrench, share)
+        repeated, self._last_raw = raw == self._last_raw, raw
+        signed = raw if cell.sign > 0.0 else _negative(raw)
+        compensated = _difference(signed, prediction.offset)
+        force = cell.into_world(prediction.pose, compensated[:3])
+        self._readings.append(Reading(stamp, force, repeated, prediction.in_air))
+        return Measurement(stamp, compensated, _difference(compensated, prediction.wrench), None)
+
+
+# Written out by component, since loops take twice as long.
+
+
+def _between(a: Wrench, b: Wrench, share: float) -> Wrench:
+    """The wrench at a share of the way from one to the other."""
+    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
+    return (
+        ax + share * (bx - ax),
+        ay + share * (by - ay),
+        az + share * (bz - az),
+        dx + share * (ex - dx),
+        dy + share * (ey - dy),
+        dz + share * (ez - dz),
+    )
+
+
+def _difference(a: Wrench, b: Wrench) -> Wrench:
+    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
+    return ax - bx, ay - by, az - bz, dx - ex, dy - ey, dz - ez
+
+
+def _negative(wrench: Wrench) -> Wrench:
+    fx, fy, fz, tx, ty, tz = wrench
+    return -fx, -fy, -fz, -tx, -ty, -tz
+
+
+class PastPose(NamedTuple):
+    """A past pose. `wrong`: why there can be no tare at it; "" if the tool was in the air."""
+
+    pose: PoseSample
+    wrong: str
 
 
 def drift(time: Array, places: Array, reach: float) -> float:
@@ -220,7 +247,7 @@ def drift(time: Array, places: Array, reach: float) -> float:
 
 def mean_in_air(
     samples: deque[WrenchSample],
-    poses: deque[tuple[PoseSample, str]],
+    poses: deque[PastPose],
     window: float,
     *,
     rest_speed: float,
@@ -228,25 +255,26 @@ def mean_in_air(
 ) -> Array:
     """Mean of the raw samples over the last `window` [s], shape [6]. Raises InputError if a tare would be wrong now.
 
-    `poses`: the last ones, at most `HISTORY`, each with a reason against a tare there, or "" if the tool was in the
-    air. The tool must not drift faster than `rest_speed` [m/s]. `reach` of its plates [m].
+    `poses`: the last ones, at most `HISTORY`. The tool must not drift faster than `rest_speed` [m/s]. `reach` of its
+    plates [m].
     """
     if not poses:
         raise InputError("tare refused: no pose with a known velocity has come yet")
-    start = (samples or [poses[-1][0]])[-1].stamp - round(window * 1e9)
+    end = samples[-1].stamp if samples else poses[-1].pose.stamp
+    start = end - round(window * 1e9)
     refused = f"tare refused: within the last {window:g} s"
-    recent = [(pose, wrong) for pose, wrong in poses if pose.stamp > start]
-    for _, wrong in reversed(recent):
-        if wrong:
-            raise InputError(f"{refused} {wrong}")
+    recent = [past for past in poses if past.pose.stamp > start]
+    for past in reversed(recent):
+        if past.wrong:
+            raise InputError(f"{refused} {past.wrong}")
     if len(recent) < 2:
         raise InputError(f"{refused} no pose has shown the tool at rest")
-    time = np.array([pose.stamp - start for pose, _ in recent]) * 1e-9
-    speed = drift(time, np.array([(*pose.position, *pose.quaternion) for pose, _ in recent]), reach)
+    time = np.array([past.pose.stamp - start for past in recent]) * 1e-9
+    speed = drift(time, np.array([(*past.pose.position, *past.pose.quaternion) for past in recent]), reach)
     if speed >= rest_speed:
         raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
     if len(poses) == HISTORY:
-        start = max(start, recent[0][0].stamp)
+        start = max(start, recent[0].pose.stamp)
     used = [s.wrench for s in samples if s.stamp > start]
     if len(used) < _FEWEST_FOR_TARE:
         raise InputError(f"{refused} {len(used)} load-cell samples came; it needs {_FEWEST_FOR_TARE}")
