@@ -23,7 +23,7 @@ from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.sigma import without_learning
+from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.withdrawal import is_withdrawn
 from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
 from rft_ros.rft import (
@@ -355,7 +355,7 @@ def unlearned(series: Series) -> Array:
     """The model's wrench and its standard deviations without learning, shape [n, 12]."""
     answers = np.empty((len(series.rows), 12))
     for row, answer in zip(series.rows, answers, strict=True):
-        without_learning(row, series.zeta_error, series.reach, answer)
+        predict_without_learning(row, series.zeta_error, series.reach, answer)
     return answers
 
 

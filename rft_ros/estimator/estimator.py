@@ -14,7 +14,7 @@ from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Past
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor, ReadingInAir, speed_limits
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
-from rft_ros.estimator.sigma import without_learning
+from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.withdrawal import Withdrawal
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
@@ -211,7 +211,8 @@ class Estimator:
         """Push a sample of any kind; returns the answer to a pose. An unusable sample is counted by its reason."""
         if isinstance(sample, PoseSample):
             return self.push_pose(sample)
-        for one in (sample,) if isinstance(sample, samples.Stamped) else sample:
+        parts = (sample,) if isinstance(sample, samples.Stamped) else sample
+        for one in parts:
             try:
                 self._intake.add(one, self._mapper)
             except RefusedError as refused:
@@ -327,7 +328,7 @@ class Estimator:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         if self.learning is None:
             answer = np.empty(12)
-            without_learning(row, self.settings.zeta_error, self._kinematics.reach, answer)
+            predict_without_learning(row, self.settings.zeta_error, self._kinematics.reach, answer)
             return answer
         fast = math.hypot(*motion.velocity) > self._limits.inertial
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"

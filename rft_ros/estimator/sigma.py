@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["parts_of_answer", "without_learning"]
+__all__ = ["parts_of_answer", "predict_without_learning"]
 
 Array = NDArray[np.float64]
 
@@ -27,7 +27,7 @@ def parts_of_answer(answer):
 
 
 @compiled
-def without_learning(row: Array, zeta_error: float, reach: float, answer: Array) -> None:
+def predict_without_learning(row: Array, zeta_error: float, reach: float, answer: Array) -> None:
     """Write a prediction without learning, (L6), to `answer`, shape [12]: force [N], torque [N m], a deviation of each.
 
     `row`: the model, begins with force and torque; world axes. `zeta_error`: relative standard error of ζ, 0 if

@@ -143,16 +143,17 @@ class Transforms:
         way = self._way(target, source, stamp)
         if way is None:
             return Reason.TF_FRAME_UNKNOWN
-        nowhere = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-        ends, reason = [nowhere, nowhere], None
-        for k, frames in enumerate(way):
+        identity = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+        from_source, from_target = [identity], [identity]  # from either end to the common ancestor, step by step
+        reason = None
+        for frames, places in zip(way, (from_source, from_target), strict=True):
             for frame in frames:
                 step = _placed(self._links[frame], stamp, max_age)
                 if isinstance(step, Placement):
-                    ends[k] = step.of(ends[k])
+                    places.append(step.of(places[-1]))
                 elif reason in (None, Reason.TF_STALE):
                     reason = step
-        return reason or ends[1].inverse().of(ends[0])
+        return reason or from_target[-1].inverse().of(from_source[-1])
 
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""

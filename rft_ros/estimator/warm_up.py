@@ -12,7 +12,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.motion import PoseDifference
 from rft_ros.estimator.samples import PoseSample
-from rft_ros.estimator.sigma import without_learning
+from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.withdrawal import compile_withdrawal
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Values
@@ -28,7 +28,7 @@ _STATE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 
 def _answers() -> None:
     edge_share(_PLATE, _STATE)
     LoadCellFrame(LoadCell()).into_sensor(_STATE[QUATERNION], np.zeros(12))
-    without_learning(np.zeros(7), 0.0, 0.0, np.zeros(12))
+    predict_without_learning(np.zeros(7), 0.0, 0.0, np.zeros(12))
     compile_withdrawal()
 
 

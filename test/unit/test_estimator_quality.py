@@ -11,7 +11,7 @@ from one_plate import SECOND, estimator, plate_model, pose, push, twist
 
 from rft_ros.estimator import Estimate
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
-from rft_ros.estimator.sigma import without_learning
+from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.tool import load_tool
 
 
@@ -151,7 +151,7 @@ def test_without_learning_sigma_is_a_share_of_the_force_and_the_same_in_every_di
     sigmas = []
     for x, y in ((5.0, 0.0), (3.0, 4.0)):
         answer = np.empty(12)
-        without_learning(np.array([x, y, 0.0, 0.0, 0.1, 0.0]), 0.07, 0.02, answer)
+        predict_without_learning(np.array([x, y, 0.0, 0.0, 0.1, 0.0]), 0.07, 0.02, answer)
         sigmas.append(answer[6:9])
         assert answer[6] == pytest.approx(math.sqrt((0.07**2 + 0.4**2 + 0.03**2) * 25.0 + 0.05**2))
     np.testing.assert_allclose(*sigmas, rtol=1e-12)
