@@ -126,9 +126,10 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         answers = play(recording, estimator)
         states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
     compared = zip(states, estimator.measurements(), strict=True)
-    rows = [(m.stamp, state, m.compensated) for state, m in compared if m.compensated is not None]
+    usable = [(state, m) for state, m in compared if m.compensated is not None]
     # a bag recorded in a loop steps back in time and repeats stamps
-    stamps, first = np.unique(np.array([stamp for stamp, _, _ in rows], dtype=np.int64), return_index=True)
+    stamps, first = np.unique(np.array([m.stamp for _, m in usable], dtype=np.int64), return_index=True)
+    chosen = [usable[k] for k in first]
     if len(stamps) < 2:
         found = f"{len(stamps)} poses with a velocity and a load-cell sample (topics {', '.join(topics.values())}"
         raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)})")
@@ -136,8 +137,8 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         name=bag_name(bag),
         begin=int(stamps[0]),
         time=(stamps - stamps[0]) * 1e-9,
-        states=np.array([rows[k][1] for k in first]),
-        readings=np.array([rows[k][2] for k in first]),
+        states=np.array([state for state, _ in chosen]),
+        readings=np.array([m.compensated for _, m in chosen]),
         tool=model.tool,
         rest_speed=settings.rest_speed,
         damage=recording.damage,

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,8 +27,8 @@ _LEAST_FORCE = 0.2  # N: smaller forces are not judged
 _ALIKE = 0.5  # least correlation of the measured and the predicted force along an axis
 _CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
 _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
-_CONTACT = 0.005, 0.1  # m, and share of the depth: greatest error of surface_height
-_STRENGTH = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
+_CONTACT_ERROR, _CONTACT_SHARE = 0.005, 0.1  # m, and share of the depth: together the greatest error of surface_height
+_WEAKEST, _STRONGEST = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
 _RARE = 0.01  # share of poses: rarer reasons are not reported
 _SOONEST = 0.02  # quantile of the ages at arrival: the age due to clocks and drivers alone, without delays on the way
 _START = 1_000_000_000  # ns in which the first transforms and twists may be missing
@@ -41,6 +42,14 @@ _ADVICE: dict[Role, str] = {
     "surface": "the ground remains the map at the start",
 }
 _TURNS = Rotation.create_group("O")  # the 24 turns by multiples of 90 degrees
+
+
+class _Heard(NamedTuple):
+    """A message that arrived at a time [ns], with its stamp [ns] and frame."""
+
+    arrival: int
+    stamp: int
+    frame: str
 
 
 class Checkup:
@@ -63,7 +72,7 @@ class Checkup:
         # learning is off, since it would compensate a wrong sign or unit
         self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
         self._run = Run(self._estimator)
-        self._heard: dict[Role, list[tuple[int, int, str]]] = {role: [] for role in topics}  # arrival, stamp, frame
+        self._heard: dict[Role, list[_Heard]] = {role: [] for role in topics}
         self._began = 0
         self._at_start: Counter[str] = Counter()  # reasons before the first estimate
 
@@ -76,7 +85,7 @@ class Checkup:
             heard = [("tf", transform.stamp, "") for transform in sample if not transform.fixed][-1:]
         for role, stamp, frame in heard:
             if role in self._heard:
-                self._heard[role].append((time, stamp, frame))
+                self._heard[role].append(_Heard(time, stamp, frame))
         counts = self._estimator.counts
         for _, answer in push_all(self._estimator, sample):
             if answer is not None:
@@ -104,7 +113,7 @@ class Checkup:
 
     def _ages(self, role: Role) -> _Array:
         """Ages of a role's stamped messages when they arrived [s], shape [n]."""
-        return np.array([1e-9 * (time - stamp) for time, stamp, _ in self._heard[role] if stamp > 0])
+        return np.array([1e-9 * (m.arrival - m.stamp) for m in self._heard[role] if m.stamp > 0])
 
     def _of_lateness(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
@@ -148,11 +157,10 @@ class Checkup:
             if not heard:
                 yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
                 continue
-            times, stamps, frames = (np.array(column) for column in zip(*heard, strict=True))
-            seconds, ages = (times[-1] - times[0]) * 1e-9, self._ages(role)
+            seconds, ages = (heard[-1].arrival - heard[0].arrival) * 1e-9, self._ages(role)
             # messages may be delayed on their way; the age of those that were not is the difference of the clocks
             age = float(np.quantile(ages, _SOONEST)) if len(ages) else 0.0
-            unstamped = int((stamps <= 0).sum())
+            unstamped = sum(1 for message in heard if message.stamp <= 0)
             if unstamped:
                 yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
             elif abs(age) > limit and role != "surface":
@@ -160,14 +168,15 @@ class Checkup:
                 yield Finding(False, f"{role}: stamps on {topic} are {off} {limit:g} s: synchronise the clocks")
             else:
                 rate = f"{(len(heard) - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
-                named = " and ".join(np.unique(frames))
+                named = " and ".join(sorted({message.frame for message in heard}))
                 frame = f", frame {named}" if named else ""
                 yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * np.median(ages):.0f} ms old")
 
     def _of_frames(self) -> Iterator[Finding]:
         unknown = self._estimator.unknown_frames()
         world = self._estimator.settings.world_frame
-        of_poses, of_twists = ({frame for *_, frame in self._heard.get(role, ())} for role in ("pose", "twist"))
+        of_poses = {message.frame for message in self._heard.get("pose", ())}
+        of_twists = {message.frame for message in self._heard.get("twist", ())}
         if unknown.keys() >= {Reason.POSE_FRAME_UNKNOWN, Reason.TWIST_FRAME_UNKNOWN} and of_poses == of_twists:
             del unknown[Reason.POSE_FRAME_UNKNOWN], unknown[Reason.TWIST_FRAME_UNKNOWN]
             named = " and ".join(map(repr, sorted(of_poses)))
@@ -188,8 +197,8 @@ class Checkup:
 
     def _transforms_unstamped(self) -> bool:
         """Whether most transforms have no stamp, which the finding on their topic reports."""
-        stamps = [stamp for _, stamp, _ in self._heard.get("tf", ())]
-        return 2 * sum(stamp <= 0 for stamp in stamps) > len(stamps)
+        heard = self._heard.get("tf", ())
+        return 2 * sum(1 for message in heard if message.stamp <= 0) > len(heard)
 
     def _of_mount(self) -> Iterator[Finding]:
         """Compare the sensor's place in the parameters with that on /tf_static, if both have it."""
@@ -232,7 +241,7 @@ class Checkup:
         yield direction
         if direction.ok:
             ratio = float((predicted * measured).sum() / (predicted**2).sum())
-            ok = _STRENGTH[0] <= ratio <= _STRENGTH[1]
+            ok = _WEAKEST <= ratio <= _STRONGEST
             advice = "" if ok else "; check mesh.scale and the driver's unit (N), or fit medium.zeta with rft calibrate"
             yield Finding(ok, f"strength: measured over predicted force {ratio:.3g}{advice}")
 
@@ -250,7 +259,8 @@ class Checkup:
             found: _Array = ((predicted * force).sum(axis=0) / np.maximum(scale, 1e-12))[axes]
             return found
 
-        found, cell, place = alike(measured), self._estimator.settings.load_cell, self._of_place()
+        found, cell = alike(measured), self._estimator.settings.load_cell
+        to_set, to_check = self._of_place()
         shown = ", ".join(f"{name} {r:.2f}" for name, r in zip(np.array([*"xyz"])[axes], found, strict=True))
         if (found >= _ALIKE).all():
             return Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
@@ -262,8 +272,8 @@ class Checkup:
             turn = min(turns, key=lambda t: t.magnitude())
             turned = _listed((Rotation.from_quat(cell.quaternion) * turn).as_quat())
             by = f"as if the cell were turned by {np.degrees(turn.magnitude()):.0f} degrees"
-            advice.append(f"{place[0]}, such as {turned}, {by}")
-        advice = advice or [f"check {place[1]}, sensor.sign, mesh.origin, mesh.quaternion and surface_height"]
+            advice.append(f"{to_set}, such as {turned}, {by}")
+        advice = advice or [f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height"]
         which = "; a drag along x and y tells which" if len(advice) > 1 else ""
         off = f"measured and predicted force do not agree along each axis (correlation {shown})"
         return Finding(False, f"sign or quaternion: {off}; {', or '.join(advice)}{which}")
@@ -317,7 +327,7 @@ def _error_of_surface(rows: Rows) -> tuple[float, float] | None:
     if begins is None:
         return None
     metres = (0.0 if expected is None else float(depth[expected])) - float(depth[begins])
-    return metres, _CONTACT[0] + _CONTACT[1] * float(depth[-1] - depth[begins])
+    return metres, _CONTACT_ERROR + _CONTACT_SHARE * float(depth[-1] - depth[begins])
 
 
 def _onset(force: _Array, share: float) -> int | None:
