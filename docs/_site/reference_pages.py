@@ -7,7 +7,7 @@ from pathlib import Path
 
 from rft_ros.cli import parser
 from rft_ros.commands.options import BAG
-from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
+from rft_ros.estimator.quality import QualityFlag, Trust, sentences, trust
 from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import PARAMETERS, Parameter, Value
 
@@ -194,9 +194,7 @@ def node_page() -> str:
         "reasons": _table(
             *(f"- {', '.join(f'`{r.value}`' for r in reasons)}: {when}" for when, reasons in _reasons().items())
         ),
-        "quality flags": _table(
-            *(f"- `{flag_names(f)[0]}`: {sentences(f)}{_TRUST[trust(f)]}" for f in QualityFlag if f)
-        ),
+        "quality flags": _table(*(f"- `{f.label}`: {sentences(f)}{_TRUST[trust(f)]}" for f in QualityFlag if f)),
     }
     return _with_tables(ROOT / "docs" / "node.md", tables)
 

@@ -48,7 +48,8 @@ Rows = NDArray[np.void]
 """Rows of a replay, shape [n], of type `ROW`."""
 
 _REASONS = tuple(Reason)
-_PLACED = (-1, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
+_ESTIMATE, _NO_PHASE = -1, -1  # in place of the number of a reason or a phase
+_PLACED = (_ESTIMATE, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
 _HEAD, _WRENCH = struct.Struct("<4q29d"), struct.Struct("<6d")
 _NONE = (math.nan,) * 6
 _NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
@@ -73,11 +74,14 @@ class Run:
             learned = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
             self.issues.update(e.learning.issues())
         if isinstance(answer, Estimate):
-            codes, speed, wrenches = (-1, -1, answer.quality_flags), answer.speed, answer.predicted + answer.sigma
+            reason, flags, speed = _ESTIMATE, answer.quality_flags, answer.speed
+            predicted, sigma = answer.predicted, answer.sigma
         else:
-            codes, speed, wrenches = (_REASONS.index(answer.reason), -1, 0), math.nan, _NONE + _NONE
-        depth = e.surface.depth if codes[0] in _PLACED else math.nan
-        self._answers.write(_HEAD.pack(answer.stamp, *codes, depth, speed, *wrenches, *_NONE, *learned))
+            reason, flags, speed = _REASONS.index(answer.reason), 0, math.nan
+            predicted = sigma = _NONE
+        depth = e.surface.depth if reason in _PLACED else math.nan
+        numbers = (depth, speed, *predicted, *sigma, *_NONE, *learned)  # in the order of `ROW`
+        self._answers.write(_HEAD.pack(answer.stamp, reason, _NO_PHASE, flags, *numbers))
         self._answers.write(e.state.tobytes())
         self._write_measurements()
 
@@ -96,7 +100,7 @@ class Run:
             return np.empty(0, ROW)
         rows = np.memmap(self._answers, ROW, "r+")
         if self._measured.tell():
-            rows["compensated"][rows["reason"] == -1] = np.memmap(self._measured, "<f8", "r").reshape(-1, 6)
+            rows["compensated"][rows["reason"] == _ESTIMATE] = np.memmap(self._measured, "<f8", "r").reshape(-1, 6)
         known = np.flatnonzero(np.isin(rows["reason"], _PLACED))
         sinking = np.empty(len(known))
         for start in range(0, len(known), _BLOCK):

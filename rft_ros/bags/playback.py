@@ -79,8 +79,10 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
             raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(NAMES.values())}")
         topics[role] = _resolved(right, node)
     unused: set[Role] = {"pose"} if values["pose_source"] == "tf" else {"tf"}
-    unused |= {"twist"} if values["twist_source"] != "topic" else set()
-    unused |= {"surface"} if not values["ground.cell"] else set()
+    if values["twist_source"] != "topic":
+        unused.add("twist")
+    if not values["ground.cell"]:
+        unused.add("surface")
     return {role: topic for role, topic in topics.items() if role not in unused}
 
 
@@ -107,7 +109,8 @@ def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, _
     with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
             for pushed, answer in push_all(estimator, sample):
-                recording.counts["pose"] += from_transforms and answer is not None
+                if from_transforms and answer is not None:
+                    recording.counts["pose"] += 1
                 yield pushed, answer
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)

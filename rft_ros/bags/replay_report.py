@@ -13,7 +13,7 @@ from rft_ros.bags.phases import PHASES
 from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator
-from rft_ros.estimator.quality import QualityFlag, flag_names, sentences, trust
+from rft_ros.estimator.quality import QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, Table, write_page
@@ -195,7 +195,7 @@ def _flags(rows: Rows, time: _Array) -> Figure:
         _line(panels, (1, 1), f"trust: {level}", time, y, colour=level, width=9.0)
     _label(panels, (1, 1), x=_TIME)
     panels.update_xaxes(range=[time.min(), time.max()])
-    ticks = {"tickvals": list(range(len(flags))), "ticktext": [flag_names(flag)[0] for flag in flags]}
+    ticks = {"tickvals": list(range(len(flags))), "ticktext": [flag.label for flag in flags]}
     panels.update_yaxes(**ticks, range=[len(flags) - 0.5, -0.5])
     return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels)
 

@@ -17,7 +17,7 @@ from rft_ros.bags.estimates import AXES, Rows
 from rft_ros.bags.phases import PHASES
 from rft_ros.errors import InputError
 from rft_ros.estimator import Reason
-from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, trust
+from rft_ros.estimator.quality import QualityFlag, Trust, trust
 from rft_ros.files import read_yaml
 from rft_ros.messages import Role
 from rft_ros.parameters import Value
@@ -122,7 +122,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -
     """
     whole, phases = statistics(rows)
     flags = rows["quality_flags"][rows["reason"] < 0]
-    by_flag = {name: int(np.count_nonzero(flags & QualityFlag[name.upper()])) for name in flag_names(-1)}  # -1: all
+    by_flag = {flag.label: int(np.count_nonzero(flags & flag)) for flag in QualityFlag if flag}
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items()]

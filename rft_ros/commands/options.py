@@ -90,9 +90,12 @@ def values_of(arguments: argparse.Namespace) -> Values:
 
 def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path]) -> None:
     """Raise InputError if an output would overwrite an input: a path in another argument, or one of `also`."""
-    given = [value for name, value in vars(arguments).items() if name != "output"]
-    words = [word for value in given for word in (value if isinstance(value, list) else [value])]
-    refuse_overwriting(outputs, [*(word for word in words if isinstance(word, Path)), *also])
+    inputs = [*also]
+    for name, value in vars(arguments).items():
+        if name != "output":
+            words = value if isinstance(value, list) else [value]
+            inputs += [word for word in words if isinstance(word, Path)]
+    refuse_overwriting(outputs, inputs)
 
 
 def warn_of_law(law: Law) -> None:

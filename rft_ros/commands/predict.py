@@ -14,7 +14,7 @@ from rft_ros.report.page import Figure, write_page
 from rft_ros.rft import FORCE, SUBMERGED_AREA, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
-_MORE = ("--surface-height", "--integration", "--tolerance")
+_OF_EVALUATION = ("--surface-height", "--integration", "--tolerance")
 
 
 def predict_options(command: argparse.ArgumentParser) -> None:
@@ -22,7 +22,7 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("states", type=Path, metavar="STATES.csv", help=header)
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
-    options.share(command, *_MORE)
+    options.share(command, *_OF_EVALUATION)
     alone = "take the states as one motion in time, in grains with this memory [m] (default 0: each state alone)"
     command.add_argument("--mobilization-length", type=options.number, metavar="X", help=alone)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
@@ -58,7 +58,8 @@ def predict(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_OF_STATES = ("--mesh", *options.PLACED, *options.OF_LAW, "--mobilization-length", *_MORE)
+_SHARED_FOR_STATES = (*options.PLACED, *options.OF_LAW, "--mobilization-length", *_OF_EVALUATION)
+_FOR_STATES = ("--mesh", *_SHARED_FOR_STATES)
 
 
 def view_options(command: argparse.ArgumentParser) -> None:
@@ -66,7 +67,7 @@ def view_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("source", type=Path, metavar="STATES.csv|BAG", help=source)
     states = command.add_argument_group("for states")
     states.add_argument("--mesh", metavar="FILE", help=MESH)
-    options.share(states, *_OF_STATES[1:])
+    options.share(states, *_SHARED_FOR_STATES)
     options.share(command.add_argument_group("for a bag"), *options.OF_RECORDING)
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.html", help="page to write")
 
@@ -79,7 +80,7 @@ def view(arguments: argparse.Namespace) -> int:
     if output.suffix != ".html":
         raise InputError(f"'{output}' must end in .html")
     of_states = source.suffix.lower() == ".csv"
-    for option in options.OF_RECORDING if of_states else _OF_STATES:
+    for option in options.OF_RECORDING if of_states else _FOR_STATES:
         if getattr(arguments, option.strip("-").replace("-", "_")) not in (None, []):
             raise InputError(f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'")
     if of_states and arguments.mesh is None:

@@ -36,6 +36,11 @@ class QualityFlag(IntFlag):
         flag._value_, flag.sentence = value, sentence
         return flag
 
+    @property
+    def label(self) -> str:
+        """The flag's name in outputs, such as ``fast``."""
+        return str(self.name).lower()
+
     NONE = 0
     FAST = 1, "faster than the speed up to which the model was checked (0.025 m/s, or 1 m/s with medium.density)"
     INERTIAL = (
@@ -83,8 +88,8 @@ def trust(quality_flags: int) -> Trust:
 
 
 def flag_names(quality_flags: int) -> list[str]:
-    """The names of the flags in outputs: ``fast``, ``wake``."""
-    return [str(flag.name).lower() for flag in QualityFlag if quality_flags & flag]
+    """The labels of the flags."""
+    return [flag.label for flag in QualityFlag if quality_flags & flag]
 
 
 def sentences(quality_flags: int) -> str:

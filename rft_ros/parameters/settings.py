@@ -1,9 +1,9 @@
 """The estimator's settings, the load cell and the model of tool and grains, made from the values of parameters."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
@@ -131,8 +131,15 @@ def ground_of(values: Values) -> HeightMap | None:
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
 
 
+class _LoadedPart(NamedTuple):
+    """A part of a model that takes time to load: its parameters, and the function of their values that loads it."""
+
+    parameters: tuple[str, ...]
+    load: Callable[[Values], Tool | HeightMap | None]
+
+
 _OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance")
-_LOADED = {"tool": (_OF_TOOL, tool_of), "ground": (("ground.cell", "ground.file"), ground_of)}
+_LOADED = {"tool": _LoadedPart(_OF_TOOL, tool_of), "ground": _LoadedPart(("ground.cell", "ground.file"), ground_of)}
 
 
 def files_of(values: Values) -> dict[str, Values]:
@@ -140,12 +147,12 @@ def files_of(values: Values) -> dict[str, Values]:
 
     The keys are arguments of `model_of`.
     """
-    return {part: {name: values[name] for name in names} for part, (names, _) in _LOADED.items()}
+    return {name: {p: values[p] for p in part.parameters} for name, part in _LOADED.items()}
 
 
 def load_files(files: Mapping[str, Values]) -> dict[str, Any]:
     """Load parts of `files_of`. Raises InputError for what cannot be used."""
-    return {part: _LOADED[part][1](values) for part, values in files.items()}
+    return {name: _LOADED[name].load(values) for name, values in files.items()}
 
 
 def small_files_of(values: Values) -> dict[str, str]:

@@ -135,7 +135,17 @@ def tool_of_mesh(
     plates, reduction = facets, ""
     if tolerance > 0.0:
         plates, reduction = reduced_once(facets, corners, tolerance)
-    return Tool(name, file, plates, facets, vertices, faces, check_mesh(mesh), corners, reduction)
+    return Tool(
+        name=name,
+        file=file,
+        plates=plates,
+        facets=facets,
+        vertices=vertices,
+        faces=faces,
+        issues=check_mesh(mesh),
+        corners=corners,
+        reduction=reduction,
+    )
 
 
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
