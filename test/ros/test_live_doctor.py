@@ -3,9 +3,13 @@
 import os
 import subprocess
 import sys
+import threading
+import time
 from pathlib import Path
+from unittest import mock
 
 import pytest
+import rclpy
 import yaml
 from cells import MOUNT, PARAMETERS, loads, motion
 from geometry_msgs.msg import PoseStamped
@@ -14,9 +18,10 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from recordings import cdr, transforms_cdr
 from test_live_transforms import transform_publishers
 
-from rft_ros.doctor.running import _as_if_in_time, _of_losses
+from rft_ros.doctor.running import _as_if_in_time, _of_losses, _samples
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample
-from rft_ros.node.listen import Message, Publisher, Topic
+from rft_ros.node import listen
+from rft_ros.node.listen import Listener, Message, Publisher, Topic
 from rft_ros.rft import POSE, POSITION, QUATERNION, TWIST, VELOCITY
 
 _RATE = 100.0
@@ -116,6 +121,35 @@ def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
     ):
         assert any(line.startswith(sentence) for line in found), found
     assert any(line.startswith(f"FIX wrench: nothing on {rft.name}/wrench_measured") for line in found)
+
+
+@pytest.mark.parametrize("stop", [0.05, 0.4, 1.2])
+def test_a_message_arrives_when_the_middleware_receives_it_however_late_the_doctor_reads_its_queue(stop):
+    """The doctor stands still for so long [s] between two readings, as on a busy machine."""
+    topic, ended, sent = f"/doctor{round(1e3 * stop)}/pose", threading.Event(), {}
+    arm, listener = rclpy.create_node("arm"), Listener("/rft")
+    publisher = arm.create_publisher(PoseStamped, topic, 1000)
+    transform_publishers(arm)  # the listener waits until each of its topics has a publisher
+
+    def publish():
+        while not ended.wait(0.01):
+            stamp = time.time_ns()
+            publisher.publish(cdr("pose", stamp, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)))
+            sent[stamp] = time.time_ns()  # the middleware of this process has received it before `publish` returns
+
+    thread = threading.Thread(target=publish)
+    try:
+        thread.start()
+        with mock.patch.object(listen, "_PERIOD", stop):
+            messages, _ = listener.listen({"pose": topic}, seconds=1.2)
+    finally:
+        ended.set()
+        thread.join()
+        arm.destroy_node()
+        listener._node.destroy_node()
+    arrived = [(sample.stamp, received) for sample, received in _samples(messages) if sample.stamp in sent]
+    assert arrived
+    assert all(stamp <= received <= sent[stamp] for stamp, received in arrived)
 
 
 @pytest.mark.parametrize(("taken", "lost"), [(range(1, 1001), 0), (range(1, 1001, 2), 499), ([5], 0), ([], 0)])
