@@ -7,6 +7,7 @@ quaternions of another length, stamps that are 0, go back or lie far ahead, or s
 
 import math
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -34,7 +35,20 @@ NUMBERS = (
     *(math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 1e-310, 1e-200, 1e-12),
     *(1.0, -1.0, 1e3, -2e4, 1e12, 1e99, 1e101, -1e160, 1e200, 1e300, 1e308, -1.7e308),
 )
-NAMES = ("", "world", "tool", "ft_sensor", "base", "wörld", "世界", "a" * 256, "wor ld", "world/", "\u202eworld", "w\nd")
+NAMES = (
+    "",
+    "world",
+    "tool",
+    "ft_sensor",
+    "base",
+    "wörld",
+    "世界",
+    "a" * 256,
+    "wor ld",
+    "world/",
+    "\u202eworld",
+    "w\nd",
+)
 _PERIOD = 4_000_000  # ns between two poses
 _FIXED = ("mesh.file", "medium.file", "alpha_y.table", "ground.file", "tolerance", "executor")  # not random
 _ANSWER = 1e100  # greatest size of a component of an answer [N], [N m]
@@ -66,10 +80,8 @@ def random_values(random: Random, *, most: int = 5) -> dict[str, Any]:
     for parameter in random.choice(np.array(PARAMETERS, dtype=object), size=random.integers(most + 1)):
         if parameter.name in _FIXED or parameter.name == "alpha_y.model":
             continue
-        try:
+        with suppress(InputError):
             values[parameter.name] = checked(parameter.name, _value(random, parameter))
-        except InputError:
-            pass
     return values
 
 

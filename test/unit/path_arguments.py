@@ -98,7 +98,20 @@ def parameters_with(path: str) -> Iterator[tuple[str, str]]:
 def hostile_paths(folder: Path, suffix: str) -> dict[str, Path]:
     """Paths in a new folder that end in `suffix` and are no file of use, by what they are."""
     folder.mkdir()
-    names = ("loop", "pipe", "socket", "device", "system", "trace", "folder", "empty", "sparse", "zeros", "noise", "text")
+    names = (
+        "loop",
+        "pipe",
+        "socket",
+        "device",
+        "system",
+        "trace",
+        "folder",
+        "empty",
+        "sparse",
+        "zeros",
+        "noise",
+        "text",
+    )
     found = {name: folder / f"{name}{suffix}" for name in names}
     found["loop"].symlink_to(found["loop"].name)
     os.mkfifo(found["pipe"])
